@@ -41,9 +41,12 @@ docs: setup ## the documentation as a site in dist/site: guides, command line, P
 	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --quiet
 	@.venv/bin/python scripts/check_site.py dist/site
 
+# One target folder: what both are made of is compiled once, and not anew where a build stands.
+wheels: export CARGO_TARGET_DIR = $(CURDIR)/target
+wheels: export VIRTUAL_ENV = $(CURDIR)/.venv
 wheels: setup ## wheels and source distributions of gensim2 and gensim2-kpam in dist/wheels
-	@VIRTUAL_ENV=$$PWD/.venv .venv/bin/maturin build --quiet --release --sdist --out dist/wheels
-	@cd crates/python && VIRTUAL_ENV=$$OLDPWD/.venv $$OLDPWD/.venv/bin/maturin build --quiet --release --sdist --out $$OLDPWD/dist/wheels
+	@.venv/bin/maturin build --quiet --release --sdist --out dist/wheels
+	@cd crates/python && $(VIRTUAL_ENV)/bin/maturin build --quiet --release --sdist --out $(CURDIR)/dist/wheels
 	@ls -1 dist/wheels
 
 lock: ## pin what pyproject.toml asks for in requirements.lock, keeping pins that still fit

@@ -62,7 +62,7 @@ class Clock:
 
 
 def touching_pairs(arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, times: Array, q: Array) -> list[Pair]:
-    """Every pair that may touch somewhere along a motion, judged where it may; arguments as :func:`judged_pairs`.
+    """Every pair that may touch somewhere along a motion, judged where it may; arguments as :func:`checked_pairs`.
 
     What the hand holds is left out, and so is what moves by an amount that cannot be told.
     """
@@ -91,7 +91,7 @@ def touching_pairs(arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, 
     return pairs
 
 
-def judged_pairs(
+def checked_pairs(
     arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, times: Array, q: Array
 ) -> list[tuple[str, Pair]]:
     """Every pair that is judged somewhere along a motion, with its group: self, table or object.

@@ -3,7 +3,7 @@
     python benchmarks/episode_cost.py --episodes 10 [--physics original] [--core 1]
 
 Pinned to one core; times are ratios in one run. Rows add up to the whole: what is left of a part after its inner parts
-is its own. PhysX is ``PhysxCpuSystem.step`` alone, the still-arm check's apart.
+is its own. PhysX is ``PhysxCpuSystem.step`` alone, the no-op baseline's apart.
 """
 
 from __future__ import annotations
@@ -88,13 +88,13 @@ def instrument(watch: Stopwatch) -> None:
     building = HeadlessEnv.reset
     met: set[tuple[str, str]] = set()
 
-    def reset(lane: HeadlessEnv, *args: Any, **kwargs: Any) -> None:
-        building(lane, *args, **kwargs)
-        models = {(thing.model.asset_class, thing.model.id) for thing in lane.setup.objects.values()}
+    def reset(env: HeadlessEnv, *args: Any, **kwargs: Any) -> None:
+        building(env, *args, **kwargs)
+        models = {(thing.model.asset_class, thing.model.id) for thing in env.initial_state.objects.values()}
         if not models <= met:
             met.update(models)
             watch.rename("reset, an object for the first time")
-        lane._system = TimedSystem(lane._system, watch)
+        env._system = TimedSystem(env._system, watch)
 
     HeadlessEnv.reset = watch.timed("reset", reset)  # type: ignore[method-assign]
     HeadlessEnv.step = watch.timed("step, around PhysX", HeadlessEnv.step)  # type: ignore[method-assign]
@@ -104,7 +104,7 @@ def instrument(watch: Stopwatch) -> None:
     ChainController.reset = watch.timed("planning, around the solver", ChainController.reset)  # type: ignore[method-assign]
     ChainController._begin = watch.timed("planning, around the solver", ChainController._begin)  # type: ignore[method-assign]
     kpam.plan = watch.timed("planning, the solver", kpam.plan)
-    running.still_arm = watch.within("still arm: ", watch.timed("rest", running.still_arm))
+    running.no_op_baseline = watch.within("no-op baseline: ", watch.timed("rest", running.no_op_baseline))
 
 
 def main() -> None:
@@ -123,13 +123,13 @@ def main() -> None:
     instrument(watch)
     for name in names:
         task, strategies = load_task(name), load_strategies(name)
-        lane = HeadlessEnv(task, assets=options.assets, physics=options.physics)
+        env = HeadlessEnv(task, assets=options.assets, physics=options.physics)
         seeds = scene_seeds(0, task.name, "benchmark", options.episodes + 1)
-        run(lane, ChainController(task, strategies, lane.profile), seed=seeds[-1])  # imports, caches
+        run(env, ChainController(task, strategies, env.profile), seed=seeds[-1])  # imports, caches
         watch.is_running = True
         start = clock()
         for seed in seeds[:-1]:
-            episode = run(lane, ChainController(task, strategies, lane.profile), seed=seed).episode
+            episode = run(env, ChainController(task, strategies, env.profile), seed=seed).episode
             held += episode.held
             steps += episode.control_steps
         whole += clock() - start

@@ -137,7 +137,7 @@ class Mechanism:
         #: what may touch: the same, unless a joint carries that link, which makes it the arm's own
         own = self.links[self.index[self._holder()]].joint >= 0
         self.touching_links = self.below(hand) if own else self.holding_links
-        self.self_pairs = self._judged_pairs(srdf)
+        self.self_pairs = self._checked_pairs(srdf)
 
     def above(self, name: str) -> list[str]:
         """A link and those between it and the base, the base last."""
@@ -216,7 +216,7 @@ class Mechanism:
                 worst = max(worst, float(np.abs(data.oMf[model.getFrameId(name)].homogeneous - poses[row]).max()))
         return worst
 
-    def _judged_pairs(self, srdf: str | None) -> list[tuple[str, str]]:
+    def _checked_pairs(self, srdf: str | None) -> list[tuple[str, str]]:
         """Pairs of links that may not touch: they move against each other and nothing says that they may."""
         disabled: set[frozenset[str | None]] = set()
         if srdf is not None:

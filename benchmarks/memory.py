@@ -3,7 +3,7 @@
     python benchmarks/memory.py [--queries 1000000] [--plans 20000] [--reports 10]
 
 Prints the resident memory (MB) as it goes and, last, by how much it grew after the first tenth of each part, when
-caches are full. Ends with 1 where that is more than ``--most`` MB.
+caches are full. Ends with 1 where that is more than ``--max-growth`` MB.
 """
 
 from __future__ import annotations
@@ -98,11 +98,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--queries", type=int, default=1_000_000, help="inverse kinematics queries")
     parser.add_argument("--plans", type=int, default=20_000)
     parser.add_argument("--reports", type=int, default=10, help="lines printed a part")
-    parser.add_argument("--most", type=float, default=4.0, help="growth that is let pass, MB")
+    parser.add_argument("--max-growth", type=float, default=4.0, help="growth that is let pass, MB")
     options = parser.parse_args(arguments)
     # What leaks does so at every call: few starts make a million of them a matter of minutes.
     panda = robots.robot("panda").model
-    quick, whole = problems(panda, 50, {"starts": 4, "descents": 1}), problems(panda, 50, {})
+    quick, whole = problems(panda, 50, {"num_seeds": 4, "num_refinements": 1}), problems(panda, 50, {})
     grown = {
         "inverse kinematics": watch(
             "inverse kinematics", options.queries, options.reports, lambda k: kpam.ik(quick[k % len(quick)], 1)
@@ -111,7 +111,7 @@ def main(arguments: list[str] | None = None) -> int:
     }
     for name, megabytes in grown.items():
         print(f"{name:28s} grew by  {megabytes:8.1f} MB after the first tenth")
-    return 1 if max(grown.values()) > options.most else 0
+    return 1 if max(grown.values()) > options.max_growth else 0
 
 
 if __name__ == "__main__":

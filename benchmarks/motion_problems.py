@@ -220,7 +220,7 @@ def joints_at(
         pose[:3, 3] = place - (REACH + random.uniform(-0.015, 0.02)) * pose[:3, 2]
         q_from = random.uniform(np.maximum(robot.lower, -3.2), np.minimum(robot.upper, 3.2))
         q_from[7:] = FINGERS_OPEN
-        found = scene.ik(pose, q_from, most=4, seed=int(random.integers(1000)))
+        found = scene.ik(pose, q_from, max_solutions=4, seed=int(random.integers(1000)))
         if len(found):
             clear = np.asarray(scene.distance(found, CLEARANCE)) >= CLEARANCE
             if clear.any():

@@ -171,13 +171,13 @@ class Judge:
         return Candidate(each.label, {step.name: {step.strategies[0]: each.config()}}, each.provenance())
 
 
-def rounds(judge: Judge, way: str, most: int, results: list[CandidateResult]) -> Iterator[list[Manipulation]]:
+def rounds(judge: Judge, way: str, max_candidates: int, results: list[CandidateResult]) -> Iterator[list[Manipulation]]:
     """Yield what each round tries, given what ``results`` has by then."""
     every = judge.every
     order = seeding.rng(judge.seed, f"{judge.task.name}/order").permutation(len(every))
     generator = seeding.rng(judge.seed, f"{judge.task.name}/told")
     done = 0
-    for upto in (each for each in ROUNDS if each <= most):
+    for upto in (each for each in ROUNDS if each <= max_candidates):
         if way == "blindly" or not results:
             drawn = [every[index] for index in order[done:upto]]
         else:
@@ -191,13 +191,19 @@ def rounds(judge: Judge, way: str, most: int, results: list[CandidateResult]) ->
             yield drawn
 
 
-def loop(judge: Judge, way: str, draw: int, most: int) -> dict[str, Any]:
+def loop(judge: Judge, way: str, draw: int, max_candidates: int) -> dict[str, Any]:
     """One draw for one task: after how many candidates one was found that works."""
     results: list[CandidateResult] = []
     judge.cost = Cost()
-    told: dict[str, Any] = {"task": judge.task.name, "way": way, "draw": draw, "most": most, "found": None}
+    told: dict[str, Any] = {
+        "task": judge.task.name,
+        "way": way,
+        "draw": draw,
+        "max_candidates": max_candidates,
+        "found": None,
+    }
     told |= {"alignments": len(judge.every), "planned": 0, "moving": 0, "passed": 0}
-    for drawn in rounds(judge, way, most, results):
+    for drawn in rounds(judge, way, max_candidates, results):
         screened = judge.screen(drawn)
         told["planned"] += len(screened)
         told["moving"] += sum(each.plan_score > 0 for each in screened)
@@ -229,7 +235,7 @@ def table(lines: Sequence[dict[str, Any]]) -> str:
 
 def _cell(lines: Sequence[dict[str, Any]], count: int) -> str:
     """Tasks that have a config that works after so many candidates, mean of the draws, with a 95 % interval."""
-    if not lines or min(line["most"] for line in lines) < count:
+    if not lines or min(line["max_candidates"] for line in lines) < count:
         return "-"
     works = sum(line["found"] is not None and line["found"] <= count for line in lines)
     tasks = len({line["task"] for line in lines})
@@ -273,7 +279,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--draws", type=int, default=2, help="how many; they are numbered, which is their seed")
     parser.add_argument("--first", type=int, default=1, help="number of the first draw")
-    parser.add_argument("--most", type=int, default=ROUNDS[-1], choices=ROUNDS, help="candidates of a draw")
+    parser.add_argument("--max-candidates", type=int, default=ROUNDS[-1], choices=ROUNDS, help="candidates of a draw")
     single = [each for each in task_names("paper") if load_task(each).is_single_step]
     parser.add_argument("--tasks", nargs="*", default=single)
     parser.add_argument("--table", action="store_true", help="run nothing")
@@ -289,7 +295,7 @@ def main(arguments: list[str] | None = None) -> int:
         if missing := [way for way in WAYS if (name, way, draw) not in done]:
             judge = Judge(load_task(name), draw)
             for way in missing:
-                lines.append(loop(judge, way, draw, options.most))
+                lines.append(loop(judge, way, draw, options.max_candidates))
                 with options.out.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(lines[-1]) + "\n")
                 print(json.dumps(lines[-1]), file=sys.stderr, flush=True)

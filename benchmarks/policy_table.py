@@ -125,6 +125,7 @@ def _table(rows: Sequence[Row], *, others: bool) -> str:
                 row["policy"],
                 *([f"one of {row['together']} tasks"] if row["together"] > 1 else []),
                 row["objects"],
+                *([row["randomization"]] if row["randomization"] != "paper" else []),
             ]
             cells.append(", ".join(told))
         low, high = interval(row["held"], row["episodes"])

@@ -81,7 +81,7 @@ def run(minutes: float, rate: float, deadline: float, seed: int) -> dict[str, An
             )
             counts["goals"] += 1
         start = problem.with_start(state[0], state[1], seam, acceleration=state[2])
-        plan = kpam.plan(start, former=former)
+        plan = kpam.plan(start, warm_start=former)
         spent.append(plan.cpu_ms["total"])
         if plan.status != "solved":
             counts["not solved"] += 1

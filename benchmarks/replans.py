@@ -33,7 +33,7 @@ def again(question: kpam.KeypointProblem, plan: kpam.Plan, share: float, *, movi
     q, velocity, acceleration = plan.trajectory.sample(now)
     label = next(frame["label"] for frame in plan.keyframes if frame["time"] is not None and frame["time"] > now)
     start = question.with_start(q, velocity if moving else None, now, acceleration=acceleration if moving else None)
-    return kpam.plan(start, former=plan, resume=label)
+    return kpam.plan(start, warm_start=plan, resume=label)
 
 
 def fault(found: kpam.Plan, plan: kpam.Plan, share: float, *, moving: bool) -> str | None:

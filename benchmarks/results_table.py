@@ -47,7 +47,7 @@ def everything(rows: Sequence[Figure]) -> str:
 
 
 def short(rows: Sequence[Figure]) -> str:
-    """The paper's protocol alone, one verdict a cell: held in our physics, paper in the original's."""
+    """The paper's protocol alone, one verdict a cell: held in the default physics, paper in the original's."""
     return _tables([row for row in rows if row.condition.is_plain], _one_verdict, averages=_average_of_one)
 
 

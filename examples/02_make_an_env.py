@@ -8,7 +8,7 @@ hold_still = gensim2.robot("panda").rest_action  # seven joint targets in rad; 1
 world = env.unwrapped
 for seed in (0, 1):
     observation, _ = env.reset(seed=seed)
-    drawer = world.setup.objects["drawer"].model
+    drawer = world.initial_state.objects["drawer"].model
     print(
         f"seed {seed}: {drawer.asset_class}/{drawer.id}, {drawer.mass:.2f} kg, "
         f"openness {world.measure().openness['drawer']:.2f}, observation {tuple(observation.shape)}"

@@ -1,163 +1,52 @@
 """Run the commands of the README and of docs/ in their order, as a new user would; ends with 1 where one fails.
 
-    python scripts/first_hour.py                 # every command, made small, a minute each at the most
+    python scripts/first_hour.py                 # every command, made small; what takes over a minute is begun
     python scripts/first_hour.py --list          # what would be run, and what cannot be and why
     python scripts/first_hour.py --page docs/data.md --full     # as written, as long as it takes
+    python scripts/first_hour.py --state DIR     # keeps in DIR what was run; a second call goes on
 
-Commands are taken from the blocks of the pages themselves: lines that begin with ``gensim2``, ``python`` or ``make``.
-Those of a page run in one fresh folder, so that one may use what another left. A command fails where it ends with a
-code other than 0 and 1, prints a traceback, or prints nothing at all. Without ``--full`` numbers of episodes, tasks,
-seconds and the like are made small, and what has not ended in a minute is interrupted and must then end in order.
+Commands are taken from the blocks of the pages themselves. Those of a page run in one folder, so that one may use what
+another left. A command fails where it ends with a code other than 0 and 1, prints a traceback, or prints nothing at
+all. Without ``--full`` numbers of episodes, tasks, seconds and the like are made small, and what has not ended in a
+minute of CPU (ten for what later commands of the page read) is interrupted by Ctrl-C and must then end in order.
+``GENSIM2_ASSETS`` names the folder of real objects that some need. ``first_hour_pages.py`` names with the reason which
+commands are not run, and which take over a minute however small and are begun and interrupted.
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
+import contextlib
 import json
 import os
-import re
+import resource
 import shlex
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(Path(__file__).parent))
 
-#: Seconds after which a command is interrupted by default, and those in which it must then end.
-LIMIT, GRACE = 60.0, 30.0
-#: A line that is a command; what precedes it is its environment.
-_COMMAND = re.compile(r"^((?:[A-Z_0-9]+=\S+ )*)(gensim2|python|make) .*")
-_COMMENT = re.compile(r"\s{2,}#.*$|\s#\s.*$")
-_OPTIONAL = re.compile(r"\s*\[[^][]*\]")
-_CHOICE = re.compile(r"(?<=\s)([\w.-]+)(?:\|[\w.-]+)+")
-#: Options whose numbers are made small without ``--full``, and to what.
-SMALL = {
-    "--episodes": "2",
-    "--num-tasks": "1",
-    "--single": "1",
-    "--long": "0",
-    "--verify": "2",
-    "--attempts": "1",
-    "--random": "1",
-    "--points": "64",
-    "--minutes": "0.05",
-    "--rounds": "1",
-    "--steps": "5",
-    "--scenes": "2",
-    "--videos": "1",
-    "--control-episodes": "2",
-    "--trials": "1",
-    "--kills": "1",
-    "--objects": "2",
-}
-#: Words in commands that stand for something of the reader's, and what stands for it here.
-STANDS_FOR = {"TASK": "CloseBox", "NAME": "CloseBox", "CLASS": "drawer", "RAD": "0.02", "METRES": "0.01"}
-#: Why a command cannot be run everywhere, by what it holds.
-NEEDS: dict[str, str] = {
-    r"--designer (?!offline)": "a language model",
-    r"--base-url|OPENAI": "a language model",
-    r"\$GENSIM2_ASSETS|--assets (DIR|OBJECTS|ASSETS|FOLDER|[\w/]*gensim2-assets)|ASSETS=": "a folder of real objects",
-    r"--ray|ray_": "the extra ray",
-    r"^make (setup|demo|test|figures|lock|clean|lint|docs|wheels|api)": "the clone itself: part of its own checks",
-    r"^python (benchmarks|scripts|tests|examples)/": "the clone itself: tests and benchmarks run it",
-    r"replay_trajectory": "a renderer; tests/rollout/test_trajectory.py runs it",
-    r"maturin|cargo|pip ": "a build",
-    r"45001|mylibrary|arms\.yaml|robot-2027|--data more|tape|my_task": "files of the reader's",
-    r"mine\.py|--problems|runs/demo": "files of the reader's",
-    r"tasks remove": "a task of the reader's own",
-    r"^gensim2 view|--show": "a person before a browser; tests/pages/test_viewing.py opens one",
-}
-_PLACEHOLDER = re.compile(r"(?<![\w.\-/=])<?[A-Z]{3,}[A-Z_]*>?(?![\w=])")
+from first_hour_pages import ROOT, Command, all_commands, left_by, pages
+
+#: Seconds of CPU after which a command is interrupted, the factor for one that others wait for, and those to end in.
+LIMIT, AWAITED, GRACE = 60.0, 10.0, 30.0
+#: Wall time for each second of CPU: machines are shared, and a robot's line waits for its clock.
+IDLE = 10.0
+#: Share of the time for a command that takes longer however small.
+BEGUN = 1 / 3
 
 
-@dataclass
-class Command:
-    """One command of a page.
-
-    Attributes:
-        page: where it stands, with its line.
-        text: as it stands there, without comment and optional words.
-        run: as it is run; None where it is not.
-        why: it is not run.
-        code: exit code; None where it was interrupted.
-        seconds: wall time.
-        fault: what is wrong with how it ended.
-    """
-
-    page: str
-    text: str
-    run: str | None = None
-    why: str | None = None
-    code: int | None = None
-    seconds: float = 0.0
-    fault: str | None = None
-
-
-def pages() -> list[Path]:
-    """Return the pages in the order in which a reader meets them."""
-    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-
-
-def commands_of(page: Path) -> Iterator[Command]:
-    """Yield the commands of a page's fenced and indented blocks."""
-    fenced, language, joined, first = False, "", "", 0
-    for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), 1):
-        if line.lstrip().startswith("```"):
-            fenced, language = not fenced, line.strip().strip("`")
-            continue
-        in_block = (fenced and language in ("", "bash", "sh", "console")) or (not fenced and line.startswith("    "))
-        text = line.strip() if in_block else ""
-        if joined:
-            joined += " " + text
-        elif _COMMAND.match(text):
-            joined, first = text, number
-        else:
-            continue
-        if joined.endswith("\\"):
-            joined = joined[:-1].rstrip()
-            continue
-        plain = _COMMENT.sub("", joined).strip().rstrip(";")
-        joined = ""
-        yield Command(f"{page.relative_to(ROOT)}:{first}", _CHOICE.sub(r"\1", _OPTIONAL.sub("", plain)))
-
-
-def prepare(command: Command, full: bool) -> None:
-    """Decide how a command is run, or why it is not."""
-    for pattern, why in NEEDS.items():
-        if re.search(pattern, command.text):
-            command.why = f"needs {why}"
-            return
-    text = re.sub(r"\s?\.\.\.(?=\s|$)", "", command.text)
-    for word, stands in STANDS_FOR.items():
-        text = re.sub(rf"(?<![\w-])<?{word}>?(?![\w=])", stands, text)
-    if not full:
-        for option, small in SMALL.items():
-            text = re.sub(rf"(?<=\s){option} [\d.]+", f"{option} {small}", text)
-    left = _PLACEHOLDER.search(text)
-    if left:
-        command.why = f"{left[0]} stands for something of the reader's"
-        return
-    command.run = text
-
-
-def left_by(command: Command) -> str | None:
-    """Return the folder or file that a command leaves, if it says one."""
-    words = shlex.split(command.run or "")
-    return next((after for word, after in itertools.pairwise(words) if word == "--out"), None)
-
-
-def run(command: Command, folder: Path, limit: float | None) -> None:
+def run(command: Command, folder: Path, limit: float | None, grace: float = GRACE) -> None:
     """Run a command in a folder and note how it ended."""
     assert command.run is not None
-    begin = time.monotonic()
+    begin, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
     environment = {
-        **os.environ,
+        **{name: value for name, value in os.environ.items() if name != "GENSIM2_ASSETS"},  # a new user has none
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
         "GENSIM2_LIBRARY": str(folder / "library"),
     }
@@ -172,33 +61,153 @@ def run(command: Command, folder: Path, limit: float | None) -> None:
         env=environment,
         start_new_session=True,
     )
+    command.code = command.fault = None
     interrupted = False
     try:
-        said, _ = process.communicate(timeout=limit)
+        said = _wait(process, limit)
     except subprocess.TimeoutExpired:
         interrupted = True
         os.killpg(process.pid, signal.SIGINT)
         try:
-            said, _ = process.communicate(timeout=GRACE)
+            said = _wait(process, grace)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             said, _ = process.communicate()
-            command.fault = f"did not end {GRACE:.0f} s after Ctrl-C"
+            command.fault = f"did not end {grace:.0f} s after Ctrl-C"
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
     command.seconds = round(time.monotonic() - begin, 1)
-    command.code = None if interrupted else process.returncode
+    command.cpu_s = round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, 1)
+    command.code, command.interrupted = process.returncode, interrupted
+    command.said = "\n".join(said.strip().splitlines()[-5:])
     if command.fault is None:
-        command.fault = fault_of(said, command.code)
+        command.fault = fault_of(said, process.returncode, interrupted)
 
 
-def fault_of(said: str, code: int | None) -> str | None:
+def _wait(process: subprocess.Popen[str], limit: float | None) -> str:
+    """Return what a command said once it has ended.
+
+    Raises:
+        TimeoutExpired: its session has used ``limit`` seconds of CPU, or ten times as many have passed.
+    """
+    begin, before = time.monotonic(), _cpu_of_session(process.pid)
+    while True:
+        try:
+            return process.communicate(timeout=None if limit is None else min(limit, 1.0))[0]
+        except subprocess.TimeoutExpired:
+            assert limit is not None
+            if _cpu_of_session(process.pid) - before > limit or time.monotonic() - begin > IDLE * limit:
+                raise
+
+
+def _cpu_of_session(session: int) -> float:
+    """Return the seconds of CPU of the processes of a session that are there."""
+    ticks = 0
+    for file in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended
+            fields = file.read_text().rpartition(")")[2].split()
+            if int(fields[3]) == session:
+                ticks += sum(map(int, fields[11:15]))  # its own and those of children that have ended
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
+def fault_of(said: str, code: int, interrupted: bool = False) -> str | None:
     """Return what is wrong with how a command ended; None where nothing is."""
     if "Traceback (most recent call last)" in said:
         return "a traceback: " + said.strip().splitlines()[-1]
     if not said.strip():
         return "prints nothing"
-    if code not in (0, 1, None):  # 1 is a check that found something
+    if interrupted:
+        if code not in (0, 1, 130, -signal.SIGINT):  # it may have ended by itself in the meantime
+            return f"exit code {code} after Ctrl-C: " + said.strip().splitlines()[-1]
+        return None
+    if code not in (0, 1):  # 1 is a check that found something
         return f"exit code {code}: " + said.strip().splitlines()[-1]
     return None
+
+
+class State:
+    """A folder that keeps what was run, so that a second call goes on."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self._file = folder / "commands.jsonl"
+        self._known: dict[tuple[str, str], dict[str, object]] = {}
+        if self._file.exists():
+            for line in self._file.read_text(encoding="utf-8").splitlines():
+                each = json.loads(line)
+                self._known[each["page"].partition(":")[0], each["run"]] = each
+
+    def restore(self, command: Command) -> bool:
+        """Fill in what is known of a command; whether it was run without a fault."""
+        known = self._known.get((command.file, command.run or ""))
+        if known is None or known["fault"] is not None:
+            return False
+        for name in ("code", "interrupted", "seconds", "cpu_s", "fault", "said"):
+            setattr(command, name, known[name])
+        return True
+
+    def keep(self, command: Command) -> None:
+        """Keep how a command fared."""
+        with self._file.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps(asdict(command)) + "\n")
+
+    def page(self, name: str) -> Path:
+        """Return the folder in which the commands of a page run."""
+        folder = self.folder / name.replace("/", "_")
+        if not folder.exists():
+            folder.mkdir()
+            for each in ("examples", "plugins"):
+                (folder / each).symlink_to(ROOT / each)
+        return folder
+
+
+def run_all(found: list[Command], state: State, limit: float | None) -> None:
+    """Run commands, page after page, and print how each fares."""
+    missing: dict[str, Command] = {}
+    page = ""
+    for number, command in enumerate(found):
+        if command.run is None:
+            continue
+        if page != command.file:
+            page = command.file
+            missing.clear()
+        folder, out = state.page(page), left_by(command)
+        words = shlex.split(command.run)
+        waits = next((each for each in missing if each in words and each != out), None)
+        if waits is not None:
+            command.why, command.run = f"{waits} of {missing[waits].page} was not finished", None
+            continue
+        if not state.restore(command):
+            awaited = out is not None and any(
+                each.file == page and out in shlex.split(each.run or "") for each in found[number + 1 :]
+            )
+            if out is not None and "--resume" not in words and (folder / out).is_dir():
+                subprocess.run(["rm", "-r", "--", str(folder / out)], check=True)  # of a try before
+            share = BEGUN if command.long is not None else AWAITED if awaited else 1.0
+            run(command, folder, None if limit is None else limit * share)
+            state.keep(command)
+            ended = "interrupted" if command.interrupted else f"{command.code}"
+            print(f"{command.seconds:6.1f} s  {ended:12} {command.page}: {command.run}", flush=True)
+            if command.fault:
+                print(f"          FAILED: {command.fault}", flush=True)
+        if out is not None and (command.interrupted or command.fault):
+            missing[out] = command
+
+
+def summary(found: list[Command]) -> dict[str, object]:
+    """Return the figures of a walk."""
+    done = [command for command in found if command.run is not None]
+    return {
+        "pages": len({command.file for command in found}),
+        "commands": len(found),
+        "run": len(done),
+        "to_the_end": sum(not command.interrupted for command in done),
+        "interrupted": sum(command.interrupted for command in done),
+        "failed": sum(command.fault is not None for command in done),
+        "seconds": round(sum(command.seconds for command in done), 1),
+        "cpu_s": round(sum(command.cpu_s for command in done), 1),
+    }
 
 
 def main() -> int:
@@ -207,48 +216,28 @@ def main() -> int:
     parser.add_argument("--list", action="store_true", help="run nothing")
     parser.add_argument("--full", action="store_true", help="as written, without a limit")
     parser.add_argument("--page", action="append", type=Path, help="only this page; may be given again")
-    parser.add_argument("--limit", type=float, default=LIMIT, help="seconds a command may take without --full")
-    parser.add_argument("--json", type=Path, help="write how each fared")
+    parser.add_argument("--limit", type=float, default=LIMIT, help="seconds of CPU a command may take without --full")
+    parser.add_argument("--state", type=Path, help="folder that keeps what was run")
+    parser.add_argument("--json", type=Path, help="write the figures, and how each fared")
     given = parser.parse_args()
     # A background job of a shell ignores Ctrl-C, and so would the commands.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    chosen = [each.resolve() for each in given.page] if given.page else pages()
-    found = [command for page in chosen for command in commands_of(page)]
-    seen: dict[str, Command] = {}
-    for command in found:
-        prepare(command, given.full)
-        if command.run is not None and command.run in seen and left_by(command) is None:
-            command.why, command.run = f"as {seen[command.run].page}", None
-        elif command.run is not None:
-            seen[command.run] = command
-    with tempfile.TemporaryDirectory(prefix="first-hour-") as temporary:
-        unfinished: dict[str, Command] = {}
-        page = ""
+    found = all_commands([each.resolve() for each in given.page] if given.page else pages(), given.full)
+    if given.list:
         for command in found:
-            if page != (page := command.page.partition(":")[0]):
-                unfinished.clear()
-                folder = Path(temporary) / page.replace("/", "_")
-                folder.mkdir()
-                (folder / "examples").symlink_to(ROOT / "examples")
-            waits = next((out for out in unfinished if out in shlex.split(command.run or "")), None)
-            if waits is not None and waits != left_by(command):
-                command.why, command.run = f"{waits} of {unfinished[waits].page} was not finished", None
-            if command.run is not None and not given.list:
-                run(command, folder, None if given.full else given.limit)
-                if command.code is None and (out := left_by(command)) is not None:
-                    unfinished[out] = command
-                ended = "interrupted" if command.code is None else f"{command.code}"
-                print(f"{command.seconds:6.1f} s  {ended:14} {command.page}: {command.run}", flush=True)
-                if command.fault:
-                    print(f"          FAILED: {command.fault}", flush=True)
-            elif given.list:
-                print(f"{command.page}: {command.run or f'not run, {command.why}: {shlex.quote(command.text)}'}")
+            long = f"    # begun alone: {command.long}" if command.long and not given.full else ""
+            how = f"{command.run}{long}" if command.run else f"not run, {command.why}: {shlex.quote(command.text)}"
+            print(f"{command.page}: {how}")
+        print(f"{len(found)} commands, {sum(command.run is not None for command in found)} to run")
+        return 0
+    with tempfile.TemporaryDirectory(prefix="first-hour-") as temporary:
+        run_all(found, State(given.state or Path(temporary)), None if given.full else given.limit)
+    told = summary(found)
     if given.json:
-        given.json.write_text(json.dumps([asdict(command) for command in found], indent=1) + "\n", encoding="utf-8")
-    faults = [command for command in found if command.fault]
-    done = sum(command.run is not None for command in found)
-    print(f"{len(found)} commands of {len(chosen)} pages, {done} run, {len(faults)} failed")
-    return 1 if faults else 0
+        whole = {**told, "each": [asdict(command) for command in found]}
+        given.json.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+    print("; ".join(f"{name.replace('_', ' ')}: {value}" for name, value in told.items()))
+    return 1 if told["failed"] else 0
 
 
 if __name__ == "__main__":

@@ -22,8 +22,8 @@ x = 1
 class Lane:
     """Physics alone."""
 
-    def whether(self) -> bool:
-        """Whether it holds; somebody asks."""
+    def whether(self, most: int = 3) -> bool:
+        """Whether it holds with a still arm; somebody asks."""
         # nobody listens
         return "What else"
 '''
@@ -33,16 +33,42 @@ RUST = """//! How things go.
 pub struct Plan;
 
 /// The plan.
-pub fn former() {} // nobody
+pub fn former(plan: &Plan, hasty: bool) -> bool {} // nobody
+
+pub struct Options {
+    pub harvest: usize,
+    bad: f64,
+}
 """
 
 
 def test_offenders_of_both_languages_are_found() -> None:
     found = [(each.kind, each.line) for each in words.of_python(PYTHON, Path("python/gensim2/sim/a.py"))]
-    assert sorted(found) == [("name", 6), ("opening", 1), ("opening", 4), ("speaker", 10), ("speaker", 11)]
+    assert sorted(found) == [
+        ("house", 10),
+        ("name", 6),
+        ("name", 9),
+        ("opening", 1),
+        ("opening", 4),
+        ("speaker", 10),
+        ("speaker", 11),
+    ]
     found = [(each.kind, each.line) for each in words.of_rust(RUST, Path("crates/kpam/src/a.rs"))]
-    assert sorted(found) == [("name", 7), ("opening", 1), ("opening", 3)]
-    assert next(words.of_python(PYTHON, Path("python/gensim2/sim/a.py"))).room == "python/gensim2/sim"
+    assert sorted(found) == [("name", 7), ("name", 7), ("name", 10), ("opening", 1), ("opening", 3)]
+    assert [each.text for each in words.of_python('"""Of it."""', Path("benchmarks/still_arm.py"))] == [
+        "still_arm: no-op baseline"
+    ]
+    assert [each.text for each in words.of_python('option("--most")', Path("a.py"))] == ["most: max"]
+
+
+def test_two_classes_of_one_name_are_found(tmp_path: Path) -> None:
+    for name in ("one.py", "other.py"):
+        (tmp_path / "python").mkdir(exist_ok=True)
+        (tmp_path / "python" / name).write_text("class Picture: ...\n")
+    assert [each.text for each in words.twice(tmp_path)] == ["Picture is also in python/one.py"]
+
+
+def test_docstrings_are_counted() -> None:
     assert (words.docstrings(PYTHON, "py"), words.docstrings(RUST, "rs")) == (4, 3)
 
 
@@ -50,3 +76,4 @@ def test_the_house_keeps_the_bar() -> None:
     found, count = words.offences(words.ROOT)
     for suffix in words.SUFFIXES:
         assert sum(each.kind == "opening" and each.path.suffix == f".{suffix}" for each in found) < 0.02 * count[suffix]
+    assert [each for each in found if each.kind != "opening"] == []

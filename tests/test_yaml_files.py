@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gensim2.errors import InputError
-from gensim2.yaml_files import MOST_BYTES, MOST_DEPTH, parse_yaml, read_yaml
+from gensim2.yaml_files import MAX_BYTES, MAX_DEPTH, parse_yaml, read_yaml
 
 #: Nine words, nine times nine, ...: ten lines, three billion values.
 LAUGHS = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
@@ -76,11 +76,11 @@ def test_numbers_are_finite() -> None:
 
 
 def test_size_and_depth_end_where_they_say() -> None:
-    text = "a: " + "x" * (MOST_BYTES - 3)
+    text = "a: " + "x" * (MAX_BYTES - 3)
     assert parse_yaml(text.encode(), "f")["a"][:3] == "xxx"
     with pytest.raises(InputError, match="larger than 100 kB"):
         parse_yaml(text.encode() + b"x", "f")
-    inside = MOST_DEPTH - 1
+    inside = MAX_DEPTH - 1
     parse_yaml(f"a: {'[' * (inside - 1)}1{']' * (inside - 1)}".encode(), "f")
     with pytest.raises(InputError, match="inside each other"):
         parse_yaml(f"a: {'[' * inside}1{']' * inside}".encode(), "f")

@@ -257,9 +257,9 @@ fn options(whole: &Whole, n: usize) -> Options {
     options.allow_partial = flag(5);
     options.avoid_collisions = !flag(6);
     options.finger_width = whole.finger_width.map(Number::value);
-    options.starts = 1 + whole.budgets[0] as usize % 8;
+    options.num_seeds = 1 + whole.budgets[0] as usize % 8;
     options.candidates = 1 + whole.budgets[1] as usize % 4;
-    options.harvest = whole.budgets[2] as usize % 4;
+    options.extra_seeds = whole.budgets[2] as usize % 4;
     options.samples = whole.budgets[3] as usize % 32;
     options.contacts = whole.window.map(|w| vec![window(w)]);
     options.pick = if flag(7) { vec!["thing0".to_owned()] } else { Vec::new() };
@@ -291,7 +291,7 @@ fuzz_target!(|whole: Whole| {
     let Ok(problem) = builder.build() else { return };
     let resume = whole.resume.map(|k| ["pre_0", "actuation", "post_0", "let_go"][k as usize % 4]);
     let mut request = Request::default();
-    (request.resume, request.most_checks) = (resume, Some(2000));
+    (request.resume, request.max_checks) = (resume, Some(2000));
     let Ok((plan, _)) = plan_with(&problem, &request) else { return };
     let Some(trajectory) = plan.trajectory() else { return };
     let start = problem.q_start();

@@ -9,7 +9,7 @@ from typing import TypeVar
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from gensim2.errors import InputError
-from gensim2.foreign.tree import MOST_RECORD, read_regular, why
+from gensim2.foreign.tree import MAX_RECORD, read_regular, why
 
 SCHEMA_VERSION = 1
 """Of what commands print."""
@@ -26,7 +26,7 @@ def read_record(path: Path, model: type[Model], remedy: str) -> Model:
             wrong; with the ``remedy``.
     """
     try:
-        content = read_regular(path, MOST_RECORD)
+        content = read_regular(path, MAX_RECORD)
     except OSError as error:
         raise InputError(why(error), file=path, remedy=remedy) from error
     return parse_record(content, TypeAdapter(model), path, remedy)

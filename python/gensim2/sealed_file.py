@@ -19,7 +19,7 @@ from gensim2.foreign.tree import read_regular, why
 
 HEADER_SIZE = 512
 
-MOST_BYTES = 2**30
+MAX_BYTES = 2**30
 """Of one file: an episode has 20 kB, one with clouds and pictures of three cameras some 20 MB."""
 
 
@@ -58,7 +58,7 @@ class Seal:
             InputError: it cannot be read, or another version of gensim2 wrote it; ``damaged``: it is not whole.
         """
         try:
-            content = read_regular(path, MOST_BYTES)
+            content = read_regular(path, MAX_BYTES)
         except OSError as error:
             raise InputError(why(error), file=path, remedy=self.remedy) from error
         words = content[:HEADER_SIZE].split(b"\n")[0].split(b" ")

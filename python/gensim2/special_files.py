@@ -13,13 +13,13 @@ import stat
 from pathlib import Path
 
 #: Symbolic links that are followed before a name counts as a loop, as in the kernel.
-MOST_LINKS = 40
+MAX_LINKS = 40
 
 
 def descriptor(path: Path) -> int | None:
     """The open descriptor of this process that ``path`` stands for, or None: 1 for ``/dev/stdout``."""
     own = Path(f"/proc/{os.getpid()}/fd")
-    for _ in range(MOST_LINKS):
+    for _ in range(MAX_LINKS):
         folder = Path(os.path.realpath(path.parent))
         if folder == own and path.name.isdecimal():
             return int(path.name)

@@ -19,11 +19,11 @@ from gensim2.errors import InputError
 from gensim2.special_files import is_special
 
 #: A config of ours has 2 kB.
-MOST_BYTES = 100_000
+MAX_BYTES = 100_000
 #: Lists and mappings inside each other; ours have 4.
-MOST_DEPTH = 30
+MAX_DEPTH = 30
 #: Values, each as often as aliases repeat it.
-MOST_VALUES = 20_000
+MAX_VALUES = 20_000
 
 #: Characters; more cannot be 64 bits.
 LONGEST_WHOLE_NUMBER = 100
@@ -43,9 +43,10 @@ def read_yaml(path: Path) -> dict[str, Any]:
         if is_special(path):
             raise InputError("is not a regular file", file=path)
         with path.open("rb") as stream:
-            data = stream.read(MOST_BYTES + 1)
+            data = stream.read(MAX_BYTES + 1)
     except OSError as error:
-        raise InputError(f"cannot read: {error.strerror}", file=path) from error
+        remedy = "name a file that is there" if isinstance(error, FileNotFoundError) else None
+        raise InputError(f"cannot read: {error.strerror}", file=path, remedy=remedy) from error
     return parse_yaml(data, str(path))
 
 
@@ -60,8 +61,8 @@ def parse_yaml(data: bytes, file: str) -> dict[str, Any]:
     Raises:
         InputError: it is not UTF-8, not YAML, too large or too deep, or holds what JSON has not; names the line.
     """
-    if len(data) > MOST_BYTES:
-        raise InputError(f"is larger than {MOST_BYTES // 1000} kB", file=file)
+    if len(data) > MAX_BYTES:
+        raise InputError(f"is larger than {MAX_BYTES // 1000} kB", file=file)
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -116,8 +117,8 @@ class _PlainLoader(yaml.SafeLoader):
                 raise _refusal(f"*{event.anchor} stands inside itself", event.start_mark)
             self._count(self._repeats[node], event.start_mark)
             return node
-        if self._depth == MOST_DEPTH:
-            raise _refusal(f"more than {MOST_DEPTH} values inside each other", event.start_mark)
+        if self._depth == MAX_DEPTH:
+            raise _refusal(f"more than {MAX_DEPTH} values inside each other", event.start_mark)
         before = self._values
         self._depth += 1
         node = super().compose_node(parent, index)
@@ -129,8 +130,8 @@ class _PlainLoader(yaml.SafeLoader):
 
     def _count(self, values: int, mark: Any) -> None:
         self._values += values
-        if self._values > MOST_VALUES:
-            raise _refusal(f"more than {MOST_VALUES} values, repeated ones included", mark)
+        if self._values > MAX_VALUES:
+            raise _refusal(f"more than {MAX_VALUES} values, repeated ones included", mark)
 
     def construct_object(self, node: Node, deep: bool = False) -> Any:
         name = node.tag.removeprefix(_PREFIX)

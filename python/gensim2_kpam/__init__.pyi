@@ -53,39 +53,55 @@ class ProblemError(KpamError):
     """A problem whose parts do not fit each other: field, remedy."""
 
 class Robot:
-    """A URDF arm. Pickles."""
+    """Kinematics, dynamics and collision shapes of a URDF arm. Pickles.
+
+    Example:
+        ```python
+        robot = Robot.from_urdf("ur5.urdf", hand_link="flange")
+        T = robot.forward_kinematics([0.8, -1.2, 1.5, -1.9, -1.6, 0.0])  # (4, 4) flange in the base frame
+        ```
+    """
 
     @staticmethod
     def from_urdf(path: File, *, hand_link: str, srdf: File | None = None, base_link: str | None = None) -> Robot:
-        """Reads a URDF and its collision meshes (relative paths; ``package://`` is stripped).
+        """Read a URDF and its collision meshes.
 
-        ``hand_link`` carries the tool: the joints between ``base_link`` (default: the only link without a parent) and
-        it are planned, poses and tool keypoints are in its frame, moving joints below it are fingers.
-        ``srdf`` disables pairs of links; without one, neighbours and links that overlap at the middle of all joint
-        ranges are not judged. Raises UrdfError.
+        Args:
+            path: URDF file; paths of meshes are relative to it, ``package://`` is stripped.
+            hand_link: link that carries the tool. The joints between ``base_link`` and it are planned, poses and tool
+                keypoints are in its frame, moving joints below it are fingers.
+            srdf: SRDF file whose pairs of links are not checked for collision. Without one, neighbours and links that
+                overlap at the middle of all joint ranges are not.
+            base_link: link of the base frame; default: the only link without a parent.
+
+        Raises:
+            UrdfError: a file cannot be read, or is no robot of this kind.
         """
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name in the URDF."""
     @property
     def joint_names(self) -> list[str]:
         """Moving joints, in the order of joint vectors (that of the URDF); n of them."""
     @property
-    def link_names(self) -> list[str]: ...
+    def link_names(self) -> list[str]:
+        """Names of all links."""
     @property
     def unchecked_pairs(self) -> list[tuple[str, str]]:
         """Links that overlap at the middle of all joint ranges and are never checked against each other for that reason
         alone: an SRDF would say whether they may touch."""
     @property
     def lower(self) -> Array:
-        """(n,) rad or m; minus infinity for continuous joints."""
+        """(n,) lower joint limits, rad or m; minus infinity for continuous joints."""
     @property
     def upper(self) -> Array:
-        """(n,) rad or m."""
+        """(n,) upper joint limits, rad or m; infinity for continuous joints."""
     @property
     def velocity(self) -> Array:
-        """(n,) rad/s or m/s; infinity where the URDF gives no limit."""
+        """(n,) velocity limits, rad/s or m/s; infinity where the URDF gives no limit."""
     def surface(self, link: str) -> tuple[Array, Array]:
-        """(M, 3, 3) triangles of a link's collision shapes and (K, 4) centres and radii of its balls, m, link frame."""
+        """Return (M, 3, 3) triangles of a link's collision shapes and (K, 4) centres and radii of its balls, m, in the
+        link frame."""
     @property
     def effort(self) -> Array:
         """(n,) torque limits, N m or N; infinity where the URDF gives none."""
@@ -95,20 +111,54 @@ class Robot:
     def inverse_dynamics(
         self, q: Numbers, velocity: Numbers, acceleration: Numbers, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)
     ) -> Array:
-        """Torques (N m; N for sliding joints) that move the links so, by the URDF's masses: three (n,) -> (n,), three
-        (N, n) -> (N, n). ``gravity`` is (3,) m/s^2 in the base frame. Friction and motors' inertia are left out."""
+        """Compute joint torques from a motion by the URDF's masses; friction and motors' inertia are left out.
+
+        Args:
+            q: (n,) or (N, n) joints, rad or m.
+            velocity: the same shape, rad/s or m/s.
+            acceleration: the same shape, rad/s^2 or m/s^2.
+            gravity: (3,) in the base frame, m/s^2.
+
+        Returns:
+            Torques of the same shape, N m (N for sliding joints).
+        """
     def forward_kinematics(self, q: Numbers, link: str | None = None) -> Array:
-        """Pose of ``link`` (default: the hand) in the base frame: (n,) -> (4, 4), (N, n) -> (N, 4, 4)."""
+        """Compute the pose of ``link`` (default: the hand) in the base frame: (n,) -> (4, 4), (N, n) -> (N, 4, 4)."""
     def jacobian(self, q: Numbers, link: str | None = None) -> Array:
-        """(6, n): linear, then angular velocity of the link's origin, in base axes. (N, n) -> (N, 6, n)."""
+        """Compute the Jacobian of ``link`` (default: the hand): linear, then angular velocity of its origin, base axes.
+
+        (n,) -> (6, n), (N, n) -> (N, 6, n); m or rad per rad or m.
+        """
 
 class SolverConfig:
-    """A validated solver config. What it does not know, and numbers that are not finite, raise ConfigError by field."""
+    """A validated solver config: constraints at the actuation pose, and motions before and after it.
 
-    def __init__(self, config: Mapping[str, Any]) -> None: ...
-    def to_dict(self) -> dict[str, Any]: ...
+    Example:
+        ```python
+        config = SolverConfig({
+            "constraint_list": [
+                {"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "handle",
+                 "tolerance": 0.001},
+            ],
+            "pre_actuation_motions": [["translate_z", -0.1]],
+        })
+        ```
+    """
+
+    def __init__(self, config: Mapping[str, Any]) -> None:
+        """Validate a config.
+
+        Args:
+            config: fields as docs/solver.md lists them.
+
+        Raises:
+            ConfigError: a field is unknown, or its value is not finite or of another type.
+        """
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields as plain data."""
     @property
-    def gripper(self) -> Gripper: ...
+    def gripper(self) -> Gripper:
+        """Finger mode."""
     @property
     def let_go(self) -> float | None:
         """Retreat (m) of the hand along its own z axis at the end, once it has let go; None where it stays."""
@@ -117,15 +167,17 @@ class Shape:
     """A collision shape in the body frame. Pickles."""
 
     @staticmethod
-    def box(half_extents: Numbers, pose: Numbers | None = None) -> Shape: ...
+    def box(half_extents: Numbers, pose: Numbers | None = None) -> Shape:
+        """Box with (3,) half extents (m) along the axes of ``pose`` (4, 4), default: those of the body."""
     @staticmethod
-    def sphere(radius: float, center: Numbers | None = None) -> Shape: ...
+    def sphere(radius: float, center: Numbers | None = None) -> Shape:
+        """Ball of a radius (m) about ``center`` (3,), default: the body's origin."""
     @staticmethod
     def capsule(radius: float, length: float, pose: Numbers | None = None) -> Shape:
-        """Along z of ``pose``; ``length`` between the centres of its caps (m)."""
+        """Capsule along z of ``pose``; ``length`` (m) is between the centres of its caps."""
     @staticmethod
     def cylinder(radius: float, length: float, pose: Numbers | None = None) -> Shape:
-        """Along z of ``pose``, as a prism of 32 sides around it."""
+        """Cylinder along z of ``pose``, as a prism of 32 sides around it; lengths in m."""
     @staticmethod
     def convex_hull(points: Numbers) -> Shape:
         """Hull of (N, 3) points in the body frame; flat sets are fine."""
@@ -134,7 +186,7 @@ class Shape:
         """Triangles (M, 3) over (N, 3) vertices: a surface; what lies wholly inside it does not touch it."""
     @staticmethod
     def point_cloud(points: Numbers, radius: float) -> Shape:
-        """(N, 3) points, each a ball of ``radius`` (m)."""
+        """Point cloud: (N, 3) points, each a ball of ``radius`` (m)."""
 
 class Body:
     """A body of the scene. Pickles."""
@@ -148,23 +200,35 @@ class Body:
         *,
         keypoints: Mapping[str, Numbers] | None = None,
     ) -> None:
-        """``pose``: (4, 4) body in the robot base frame; of an attached body, in the hand frame. ``keypoints``: (3,)
-        each, in the body frame (m); scenes hand them to problems.
+        """Put shapes into the scene as one rigid body.
 
-        Hand, fingers and what they hold may touch a ``target``; an ``attached`` body rides on the hand.
+        Args:
+            name: unique in its scene.
+            role: what the body is to the hand. Hand, fingers and what they hold may touch a ``target``; an ``attached``
+                body rides on the hand.
+            shapes: collision shapes in the body frame.
+            pose: (4, 4) body in the robot base frame; of an attached body, in the hand frame.
+            keypoints: (3,) each, in the body frame, m; scenes hand them to problems.
+
+        Raises:
+            ProblemError: the pose is not rigid, or a number is not finite.
         """
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name in its scene."""
     @property
-    def role(self) -> str: ...
+    def role(self) -> str:
+        """Role, e.g. "rigid"."""
     def surface(self) -> tuple[Array, Array]:
-        """(M, 3, 3) triangles of its surface and (K, 4) centres and radii of its balls (points of clouds among them),
-        m, body frame."""
+        """Return (M, 3, 3) triangles of the surface and (K, 4) centres and radii of balls (points of clouds among
+        them), m, in the body frame."""
     @property
     def pose(self) -> Array:
-        """(4, 4)"""
+        """(4, 4) body in the robot base frame; of an attached body, in the hand frame."""
 
 class Joint:
+    """A joint of an object: an axis, its present value and its range."""
+
     def __init__(
         self,
         kind: Literal["revolute", "prismatic"],
@@ -174,34 +238,69 @@ class Joint:
         lower: float,
         upper: float,
     ) -> None:
-        """The object's moving joint; ``origin`` and ``axis`` are (3,) in the robot base frame."""
+        """Describe a joint.
+
+        Args:
+            kind: "revolute" or "prismatic".
+            origin: (3,) point on the axis in the robot base frame, m.
+            axis: (3,) direction in the robot base frame.
+            value: present value, rad or m.
+            lower: lower end of the range, rad or m.
+            upper: upper end of the range, rad or m.
+        """
 
 class SceneJoint:
     """A joint of an object and the names of the bodies that it moves. Pickles."""
 
-    def __init__(self, name: str, joint: Joint, moves: Sequence[str]) -> None: ...
+    def __init__(self, name: str, joint: Joint, moves: Sequence[str]) -> None:
+        """Name a joint and the bodies that it moves."""
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name in its scene."""
     @property
     def value(self) -> float:
         """Present value, rad or m."""
     @property
-    def moves(self) -> list[str]: ...
+    def moves(self) -> list[str]:
+        """Names of the bodies that it moves."""
 
 class Scene:
-    """A robot and what stands about it, built once; every problem on it shares its shapes and its tree. What changes a
-    scene returns another one. Pickles."""
+    """A robot and its surroundings, built once; every problem on it shares its shapes and its tree. Methods that change
+    a scene return another one. Pickles.
 
-    def __init__(self, robot: Robot, bodies: Sequence[Body] = ..., joints: Sequence[SceneJoint] = ...) -> None: ...
+    Example:
+        ```python
+        post = Body("post", "rigid", [Shape.capsule(0.05, 1.0)], T_base_post)
+        scene = Scene(robot, [post])
+        motion = scene.plan_to(q_start, q_goal)
+        if motion.trajectory is not None:
+            position, velocity, acceleration = motion.trajectory.sample(0.5)
+        ```
+    """
+
+    def __init__(self, robot: Robot, bodies: Sequence[Body] = ..., joints: Sequence[SceneJoint] = ...) -> None:
+        """Build a scene.
+
+        Args:
+            robot: the arm.
+            bodies: obstacles, targets and held bodies; names are unique.
+            joints: joints of objects, each with the names of the bodies that it moves.
+
+        Raises:
+            ProblemError: two bodies or joints have one name, or a joint moves a body that is not there.
+        """
     def own_points(self, q: Numbers, points: npt.ArrayLike, clearance: float = 0.02) -> npt.NDArray[np.bool_]:
         """Mark which of (N, 3) points (m, base frame) lie within ``clearance`` (m) of the robot at joints ``q`` (n,) or
         of what it holds: (N,). They are no obstacle: ``points[~scene.own_points(q, points)]`` is what stands about."""
     @property
-    def robot(self) -> Robot: ...
+    def robot(self) -> Robot:
+        """The arm."""
     @property
-    def bodies(self) -> list[Body]: ...
+    def bodies(self) -> list[Body]:
+        """Bodies in their order."""
     @property
-    def joints(self) -> list[SceneJoint]: ...
+    def joints(self) -> list[SceneJoint]:
+        """Joints of objects in their order."""
     @property
     def tool_keypoints(self) -> dict[str, Array]:
         """Keypoints of the attached bodies in the hand frame, named "body/keypoint"."""
@@ -209,14 +308,15 @@ class Scene:
     def object_keypoints(self) -> dict[str, Array]:
         """Keypoints of the standing bodies in the base frame, named "body/keypoint"."""
     def with_joint(self, name: str, value: float) -> Scene:
-        """The joint at another value (rad or m, within its range); the bodies that it moves go with it."""
+        """Return the scene with a joint at another value (rad or m, within its range); the bodies that it moves go with
+        it."""
     def with_pose(self, body: str, pose: Numbers) -> Scene:
-        """A body elsewhere: (4, 4) in the base frame, or in the hand frame where it is attached."""
+        """Return the scene with a body at another pose: (4, 4) in the base frame, in the hand frame if attached."""
     def attached(self, body: str, q: Numbers) -> Scene:
-        """A body held by the hand at joints ``q`` (n,): it rides from there on, and no joint moves it."""
+        """Return the scene with a body that the hand holds at joints ``q`` (n,); no joint moves it any more."""
     def detached(self, body: str, q: Numbers, on: str | None = None) -> Scene:
-        """An attached body left where the hand at joints ``q`` (n,) holds it: a rigid obstacle from there on, which the
-        joint ``on`` moves where it lies on something that moves."""
+        """Return the scene with an attached body left where the hand at joints ``q`` (n,) holds it: a rigid obstacle,
+        which the joint ``on`` moves where the body lies on something that moves."""
     def problem(
         self,
         config: SolverConfig,
@@ -231,8 +331,15 @@ class Scene:
         T_base_world: Numbers | None = None,
         options: Options | None = None,
     ) -> KeypointProblem:
-        """A problem on this scene, as KeypointProblem makes it; the keypoints of its bodies are added to those given.
-        ``joint`` names the joint that the config is about: what that moves is the moving link."""
+        """Make a problem on this scene.
+
+        Arguments are those of :class:`KeypointProblem`, with two differences: the keypoints of the scene's bodies are
+        added to those given, and ``joint`` is the name of the joint that the config is about. The bodies that this
+        joint moves are the moving link.
+
+        Raises:
+            ProblemError: the parts do not fit each other.
+        """
     def grasps(
         self,
         body: str,
@@ -240,13 +347,21 @@ class Scene:
         center_of_mass: Numbers | None = None,
         options: GraspOptions | None = None,
     ) -> list[Grasp]:
-        """Grasps of a body (convex hulls, or closed meshes) where it stands among the others, best first.
+        """Search for grasps of a body where it stands among the others; the same arguments give the same grasps.
 
-        The same question has the same answer. What rides on the hand is left out.
+        Bodies that ride on the hand are left out.
 
-        ``center_of_mass`` (3,) in the body frame, m; default: the centre of its volume (of a mesh: of its box).
+        Args:
+            body: name of the body, of convex hulls or closed meshes.
+            gripper: the robot's gripper.
+            center_of_mass: (3,) in the body frame, m; default: the centre of its volume (of a mesh: of its box).
+            options: :class:`GraspOptions`.
 
-        ``options``: :class:`GraspOptions`; unknown keys raise ProblemError.
+        Returns:
+            Grasps, best first; none where there are none.
+
+        Raises:
+            ProblemError: there is no such body, or an option is unknown or out of its range.
         """
     def plan_grasp(
         self,
@@ -260,9 +375,9 @@ class Scene:
         lift: Numbers | None = None,
         options: Options | None = None,
     ) -> GraspPlan | None:
-        """The first of the grasps with which a body can be picked and brought to every target; None where none will do.
+        """Plan with the first of the grasps by which a body can be picked and brought to every target.
 
-        Each is tried as it is and with the fingers swapped. While it is carried, the body is judged as part of the
+        Each is tried as it is and with the fingers swapped. While it is carried, the body is checked as part of the
         hand: targets are to be free, so a little above what it is put on.
 
         Args:
@@ -275,7 +390,13 @@ class Scene:
             approach: straight way of the open hand, m.
             lift: (3,) way of the hand right after the grasp, base frame, m; also how it comes to targets. Default: up
                 0.1.
-            options: of every plan.
+            options: options of every plan.
+
+        Returns:
+            The grasp with its motions; None where no grasp will do.
+
+        Raises:
+            ProblemError: an argument does not fit the scene.
         """
     def plan_to(
         self,
@@ -323,19 +444,39 @@ class Scene:
             max_checks: most configurations to be looked at.
             deadline_ms: wall time after which the search ends; without one, the same question has the same answer.
             cancel: ends the search from another thread.
+
+        Returns:
+            The motion, or in ``status`` and ``reason`` why there is none.
+
+        Raises:
+            ProblemError: an argument does not fit the robot.
         """
-    def ik(self, pose: Numbers, q_start: Numbers, *, link: str | None = None, most: int = 16, seed: int = 0) -> Array:
-        """Distinct joint vectors (K, n) that bring ``link`` (default: the hand) to a pose (4, 4) in the base frame,
-        nearest to ``q_start`` first, at most ``most`` (1 to 256); samples where the arm is redundant. Obstacles are
-        left out."""
+    def ik(
+        self, pose: Numbers, q_start: Numbers, *, link: str | None = None, max_solutions: int = 16, seed: int = 0
+    ) -> Array:
+        """Solve inverse kinematics; obstacles are left out.
+
+        Args:
+            pose: (4, 4) of ``link`` in the base frame.
+            q_start: (n,) joints that solutions are to be near.
+            link: link that the pose is of; default: the hand.
+            max_solutions: largest number of solutions, 1 to 256.
+            seed: number of the sequence of start values, 0 to 1,000,000.
+
+        Returns:
+            Distinct joint vectors (K, n), nearest to ``q_start`` first; samples where the arm is redundant.
+        """
     def in_collision(self, q: Numbers) -> bool | npt.NDArray[np.bool_]:
-        """Whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool. No contact rules; links that
-        no joint moves, pairs that the SRDF disables and what the hand holds against it are left out."""
-    def distance(self, q: Numbers, most: float = 1.0) -> float | Array:
-        """Smallest signed distance (m) of the same pairs, ``most`` where none is nearer: (n,) -> float, (N, n) ->
-        (N,)."""
+        """Check whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool.
+
+        There are no contact rules. Links that no joint moves, pairs that the SRDF disables and held bodies against the
+        hand are left out.
+        """
+    def distance(self, q: Numbers, max_distance: float = 1.0) -> float | Array:
+        """Measure the smallest signed distance (m) of the pairs of :meth:`in_collision`, ``max_distance`` where none is
+        nearer: (n,) -> float, (N, n) -> (N,)."""
     def check(self, q: Numbers, reach: float = 0.0) -> list[Any]:
-        """Pairs that come within ``reach`` (m), nearest first, each a :class:`CheckedPair`: for
+        """List the pairs that come within ``reach`` (m), nearest first, each a :class:`CheckedPair`: for
         (n,) a list of them, for (N, n) a list of such lists."""
 
 class Motion:
@@ -370,13 +511,30 @@ class Motion:
 class Cancel:
     """Ends planning from another thread: pass it to ``plan`` and call ``cancel``. Once set it stays set."""
 
-    def __init__(self) -> None: ...
-    def cancel(self) -> None: ...
+    def __init__(self) -> None:
+        """Make a flag that is not set."""
+    def cancel(self) -> None:
+        """Set the flag."""
     @property
-    def is_cancelled(self) -> bool: ...
+    def is_cancelled(self) -> bool:
+        """Whether it is set."""
 
 class KeypointProblem:
-    """Everything one plan needs; checked on construction. Pickles."""
+    """Robot, config, keypoints and obstacles of one plan; checked on construction. Pickles.
+
+    Example:
+        ```python
+        problem = KeypointProblem(
+            robot,
+            config,
+            q_start,
+            tool_keypoints={"tip": [0.0, 0.0, 0.1]},  # hand frame, m
+            object_keypoints={"handle": [0.5, 0.0, 0.3]},  # base frame, m
+            T_base_object=np.eye(4),
+        )
+        result = plan(problem)
+        ```
+    """
 
     def __init__(
         self,
@@ -394,20 +552,42 @@ class KeypointProblem:
         bodies: Sequence[Body] = (),
         options: Options | None = None,
     ) -> None:
-        """``q_start`` (n,); ``tool_keypoints`` in the hand frame, ``object_keypoints`` in the base frame, each (3,).
+        """Put the parts of a problem together.
 
-        ``options``: :class:`Options`; unknown keys raise ProblemError.
+        Args:
+            robot: the arm.
+            config: constraints and motions.
+            q_start: (n,) joints at the start, rad or m.
+            tool_keypoints: (3,) each, in the hand frame, m.
+            object_keypoints: (3,) each, in the base frame, m.
+            T_base_object: (4, 4) object frame in the base frame.
+            joint: the object's joint, which moves the bodies of the role ``moving_link``.
+            object_axis: axis of the object frame about which "rotate" turns.
+            object_yaw: yaw that the scene's randomization drew, rad; ``frames="original"`` reads motions by it.
+            T_base_world: (4, 4) world frame in the base frame; default: the same axes.
+            bodies: obstacles, targets and held bodies.
+            options: :class:`Options`.
+
+        Raises:
+            ProblemError: parts do not fit each other, or an option is unknown or out of its range.
         """
     def with_start(
         self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0, *, acceleration: Numbers | None = None
     ) -> KeypointProblem:
-        """Return the same problem from another state: joints (n,), their velocity and acceleration (n,), each zero
-        where it is not given, and the time (s) on the motion's clock.
-        A motion that goes on from a sample of another one is
-        continuous in position, velocity and acceleration where all three are given. Shares everything else."""
+        """Return the same problem from another state; it shares everything else.
+
+        A motion that goes on from a sample of another one is continuous in position, velocity and acceleration where
+        all three are given.
+
+        Args:
+            q: (n,) joints, rad or m.
+            velocity: (n,) rad/s or m/s; default: at rest.
+            time: time on the motion's clock, s.
+            acceleration: (n,) rad/s^2 or m/s^2; default: zero.
+        """
     @property
     def scene(self) -> Scene:
-        """The scene that it is asked of; its joint is named "joint" there."""
+        """The problem's scene; its joint is named "joint" there."""
 
 class Trajectory:
     """Timed joint motion. Pickles."""
@@ -419,9 +599,17 @@ class Trajectory:
     def positions(self) -> Array:
         """(N, n) joint positions at ``times``."""
     @property
-    def duration(self) -> float: ...
+    def duration(self) -> float:
+        """Length in time, s."""
     def sample(self, t: npt.ArrayLike) -> tuple[Array, Array, Array]:
-        """Position, velocity, acceleration at time t (s), each (n,); (N, n) for (N,) times. At rest after the end."""
+        """Sample the motion; it is at rest after its end.
+
+        Args:
+            t: time, or (N,) times, s.
+
+        Returns:
+            Position, velocity and acceleration, (n,) each; (N, n) for (N,) times.
+        """
     def sample_into(self, t: float, position: Array, velocity: Array, acceleration: Array) -> None:
         """Write position, velocity and acceleration at time t (s) into contiguous float64 arrays (n,), for control
         loops: nothing is allocated. Raises ProblemError where an array does not fit."""
@@ -438,7 +626,7 @@ class Trajectory:
         1e-6.
         """
     def sample_every(self, dt: float) -> Array:
-        """(ceil(duration / dt) + 1, n) positions; at most a million."""
+        """Return positions every ``dt`` (s), (ceil(duration / dt) + 1, n); at most a million rows."""
 
 class Plan:
     """Result of planning: motion, residuals, failures. Pickles."""
@@ -454,14 +642,15 @@ class Plan:
     def reason(self) -> str:
         """One sentence for a person: which constraint misses by how much, which keyframe, which two bodies where."""
     @property
-    def warnings(self) -> list[str]: ...
+    def warnings(self) -> list[str]:
+        """Sentences about what was assumed or left out."""
     @property
     def margin(self) -> float:
         """Clearance that the motion keeps from what it may not touch, m, but for what is ``tight``."""
     @property
     def tight(self) -> list[TightPair]:
-        """Pairs nearer than the margin at the start or at a keyframe, though it may not touch: ``bodies`` (two names),
-        ``at`` ("start" or a keyframe), ``distance`` (m). Legs that begin or end there keep that instead."""
+        """Pairs nearer than the margin at the start or at a keyframe, though they may not touch: ``bodies`` (two
+        names), ``at`` ("start" or a keyframe), ``distance`` (m). Segments that begin or end there keep that instead."""
     @property
     def touches(self) -> list[Touch]:
         """Permitted overlaps at keyframes: ``bodies`` (two names), ``at`` (keyframe), ``depth`` (m)."""
@@ -510,44 +699,65 @@ class Plan:
         overlapping), ``point`` (3,)."""
     @property
     def start_overlap(self) -> float:
-        """Deepest judged overlap at the start, m."""
+        """Deepest overlap of a checked pair at the start, m."""
     @property
     def cpu_ms(self) -> CpuTimes:
         """Thread CPU time of planning: ``setup``, ``actuation``, ``trajectory``, ``total``. Does not pickle."""
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, as JSON holds them."""
+        """Return plain values, as JSON holds them."""
 
 def plan(
     problem: KeypointProblem,
     *,
-    former: Plan | None = None,
+    warm_start: Plan | None = None,
     resume: str | None = None,
     max_checks: int | None = None,
     deadline_ms: float | None = None,
     cancel: Cancel | None = None,
     explain: bool = False,
 ) -> Plan:
-    """Plans one problem with the GIL released; Ctrl-C ends it.
+    """Plan a timed motion that meets a problem's constraints. The GIL is released; Ctrl-C ends it.
+
+    Example:
+        ```python
+        result = plan(problem)
+        if result.trajectory is None:
+            print(result.status, result.reason)
+        ```
 
     Args:
-        problem: the problem.
-        former: an earlier plan of this or a similar problem; its pose and its way are tried first.
+        problem: robot, config, keypoints and obstacles.
+        warm_start: an earlier plan of this or a similar problem; its pose and its way are tried first.
         resume: label of the keyframe that the motion goes to first. What comes before it is done: ``q_start`` and
             ``start_velocity`` are the present state, everything else is as before the motion. Past the actuation pose
-            it needs ``former``.
+            it needs ``warm_start``.
         max_checks: most states that are checked for collisions; the same on every machine.
         deadline_ms: wall time after which planning ends with the best so far, or why there is none; without one, the
             same question has the same answer.
         cancel: ends planning when set.
         explain: whether ``Plan.tried_poses`` says what became of each pose that was tried.
+
+    Returns:
+        The plan; where ``status`` is neither "solved" nor "partial", ``reason`` says which constraint, keyframe or pair
+        of bodies stands in the way.
+
+    Raises:
+        ProblemError: ``warm_start`` or ``resume`` does not fit the problem.
     """
 
-def ik(problem: KeypointProblem, most: int = 10) -> list[ActuationPose]:
-    """The cheapest distinct poses that meet the constraints, cheapest first: ``q`` (n,), ``cost``. Obstacles are left
-    out; ``Scene.check`` says what a pose touches."""
+def ik(problem: KeypointProblem, max_solutions: int = 10) -> list[ActuationPose]:
+    """Find the cheapest distinct poses that meet the constraints; obstacles are left out.
+
+    Args:
+        problem: robot, config and keypoints.
+        max_solutions: largest number of poses.
+
+    Returns:
+        Poses, cheapest first: ``q`` (n,) and ``cost``. ``Scene.check`` says what a pose touches.
+    """
 
 def joint_travel(problem: KeypointProblem, plan: Plan, times: Numbers) -> Array:
-    """Travel (rad or m) that the planner assumes of the object's joint at times (N,) of a plan's motion: (N,)."""
+    """Return the travel (N,), rad or m, that the planner assumes of the object's joint at times (N,), s, of a plan."""
 
 class ParallelGripper:
     """A gripper with two flat pads that move towards each other equally far. Pickles."""
@@ -563,15 +773,26 @@ class ParallelGripper:
         palm: Sequence[Shape] = (),
         fingers: tuple[Sequence[Shape], Sequence[Shape]] = ((), ()),
     ) -> None:
-        """Keypoints (3,) in the hand frame: the middle between the pads, one behind it against the way the fingers
-        point, and one to a side in which a finger opens. ``pad`` (2,): extent of a pad across and along the fingers,
-        m. ``stroke`` (2,): smallest and largest opening, m. ``palm`` and ``fingers`` (on the side away from
-        ``tool_side``, and towards it) in the hand frame, the fingers as they would be at opening zero.
+        """Describe a gripper; keypoints and shapes are in the hand frame, m.
+
+        Args:
+            tool_head: (3,) middle between the pads.
+            tool_tail: (3,) point behind it, against the direction in which the fingers point.
+            tool_side: (3,) point to a side in which a finger opens.
+            pad: (2,) extents of a pad, across and along the fingers, m.
+            stroke: (2,) smallest and largest opening, m.
+            palm: shapes that do not move.
+            fingers: shapes of the finger away from ``tool_side`` and of the one towards it, at opening zero.
         """
     @staticmethod
     def of_robot(robot: Robot, tool_head: Numbers, tool_tail: Numbers, tool_side: Numbers) -> ParallelGripper:
-        """The gripper of a robot whose fingers slide along the axis from ``tool_head`` to ``tool_side``: pads and
-        stroke follow from shapes and limits. Raises ProblemError where it has no such fingers."""
+        """Derive the gripper of a robot whose fingers slide along the axis from ``tool_head`` to ``tool_side``.
+
+        Pads and stroke follow from shapes and limits.
+
+        Raises:
+            ProblemError: the robot has no such fingers.
+        """
     @property
     def T_hand_grip(self) -> Array:
         """(4, 4): x along the closing axis, z as the fingers point, origin midway between the pads' middles."""
@@ -626,13 +847,26 @@ class GraspPlan:
         """One a target, each from where the last plan ends."""
 
 def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) -> list[Plan]:
-    """Plans many on ``threads`` threads, 1 to 256 (default: all cores); the same results as ``plan``, in order. Ctrl-C
-    ends it."""
+    """Plan many problems in parallel; Ctrl-C ends it.
+
+    Args:
+        problems: independent problems.
+        threads: number of threads, 1 to 256; default: one a core.
+
+    Returns:
+        The same plans as :func:`plan` makes, in order.
+    """
 
 def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> Clearances | None:
-    """Smallest signed distance (m) of judged pairs along the motion, every ``step`` s: "self", "table", "object".
+    """Measure the smallest signed distances (m) of checked pairs along a plan's motion.
 
-    ``step`` is at least a 100,000th of the motion.
+    Args:
+        problem: the problem that was planned.
+        plan: a plan of it.
+        step: interval of the samples, s; at least a 100,000th of the motion.
+
+    Returns:
+        Distances by kind of pair: "self", "table", "object"; None where the plan has no motion.
     """
 
 def retime(
@@ -676,7 +910,7 @@ def retime(
 def refine(
     problem: KeypointProblem, plan: Plan, *, times: npt.ArrayLike | None = None, keep_paths: bool = False
 ) -> Refined:
-    """A plan's whole waypoint path made shorter by sequential quadratic programming on Clarabel.
+    """Shorten a plan's whole waypoint path by sequential quadratic programming on Clarabel.
 
     The cost is the original's: squared joint steps between waypoints, 10 times for the first joint. Hand poses of
     keyframes stay (position exactly, orientation within 0.03 rad), joint limits hold, straight steps that were free

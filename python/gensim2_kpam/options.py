@@ -57,7 +57,7 @@ class Options(TypedDict, total=False):
     """(n,) weights of the joints' squared ways to the actuation pose in its cost, 0.001 to 1e6; default 1 each."""
     margin: float
     """Clearance that the whole motion keeps from what it may not touch, 0 to 0.2 m (0.005). Two bodies that are nearer
-    to each other where a leg begins or ends keep what they have there: ``Plan.tight``."""
+    to each other where a segment begins or ends keep what they have there: ``Plan.tight``."""
     least_margin: float | None
     """Clearance that will do where no motion keeps ``margin``, 0 to that, m; default: none will."""
     contact_depth: float | None
@@ -70,7 +70,7 @@ class Options(TypedDict, total=False):
     status is "start_in_collision"."""
     reach_clearance: float | None
     """Clearance kept from what the hand reaches for (the moving link, targets, what it picks) on the way to the
-    actuation pose and at it, 0 to 0.05 m; default: hand and fingers may touch it in the last leg before. Not with
+    actuation pose and at it, 0 to 0.05 m; default: hand and fingers may touch it in the last segment before. Not with
     ``contacts``."""
     avoid_collisions: bool
     """False only reports them (True)."""
@@ -79,13 +79,13 @@ class Options(TypedDict, total=False):
     finger_width: float | None
     """Value of the finger joints (those below the hand) while planning, m or rad, within their limits; mimic joints
     among them follow; default as in q_start."""
-    starts: int
+    num_seeds: int
     """Start values of the actuation pose, 1 to 1,000 (48)."""
-    descents: int
+    num_refinements: int
     """Poses on the constraints that are moved to their optimum, 1 to 1,000 (3)."""
     candidates: int
     """Most poses that are tried for the whole motion, 1 to 1,000 (40)."""
-    harvest: int
+    extra_seeds: int
     """Further start values where none of those allows the motion, at most 100,000 (200)."""
     samples: int
     """Most samples of the free-space planner a pose, at most 1,000,000 (2,000)."""

@@ -88,7 +88,7 @@ class Collision(TypedDict):
     time: float | None
     """s; None where the motion has no time there."""
     toward: str
-    """Keyframe of the leg."""
+    """Keyframe of the segment."""
     distance: float
     """m, negative where they overlap."""
     point: Array

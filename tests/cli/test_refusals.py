@@ -58,7 +58,7 @@ def _broken_tasks(folder: Path) -> dict[str, tuple[str, str]]:
         (folder / name / PULL).write_text(config_text)
     (folder / "no_files").mkdir()
     return {name: (file, words) for name, (_, _, file, words) in cases.items()} | {
-        "no_files": ("task.yaml", "cannot read: No such file")
+        "no_files": ("task.yaml", "is not there (give a folder with")
     }
 
 

@@ -1,6 +1,6 @@
-"""Programs that a model might write, by chance or because somebody told it to: none may do anything outside the box.
+"""Programs that a model might write, by chance or because it was told to: none may do anything outside the box.
 
-``{secret}`` stands for a file, ``{folder}`` for its folder, ``{port}`` for a TCP port that somebody listens on and
+``{secret}`` stands for a file, ``{folder}`` for its folder, ``{port}`` for a TCP port that a server listens on and
 ``{parent}`` for the process that runs the tests. What a program gets hold of it raises, so that its answer shows it.
 """
 

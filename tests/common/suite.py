@@ -109,6 +109,7 @@ LONGEST = (
     "tasks/test_library_strategies.py",
     "sim/test_headless.py",
     "pages/test_pages.py",
+    "processes/test_ray.py",
     "sim/test_env.py",
     "deploy/test_processes.py",
     "policy/test_train.py",

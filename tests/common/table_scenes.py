@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from gensim2.objects import RigidObject
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.robots import robot
 
@@ -22,14 +22,14 @@ TABLE = np.array([[x, y, z] for x in (-0.65, 0.65) for y in (-0.65, 0.65) for z 
 class Stands:
     """One object, its root (of a rigid one: its frame) in the world, and how far it is open."""
 
-    model: Instance | RigidObject
+    model: ArticulatedObject | RigidObject
     T_world_root: Array
     openness: float = 0.0
     yaw: float = 0.0
     default_pose: str | None = None
 
 
-def placed(model: Instance, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, openness: float = 0.5) -> Stands:
+def placed(model: ArticulatedObject, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, openness: float = 0.5) -> Stands:
     """An articulated object at its default placement, shifted and turned."""
     pose = _turned(yaw)
     pose[:3, :3] = pose[:3, :3] @ model.placement.rotation

@@ -60,6 +60,13 @@ def test_states_of_failures_are_kept_where_that_is_asked_for(tmp_path: Path, gat
     assert all(store.read(row).recording is not None for row in failures)
 
 
+def test_a_collection_of_one_strategy_is_read_again_and_gone_on_with(tmp_path: Path, gather: Gather) -> None:
+    gather("CloseBox", episodes=2, strategy=["close_box"])
+    spec = DataSet.open(tmp_path / "set").task("CloseBox").spec()
+    assert spec.steps[0].strategies == ("close_box",)
+    assert gather("CloseBox", episodes=3, strategy=["close_box"], resume=True).status.ran == 1
+
+
 def test_workers_and_the_order_of_tasks_change_no_episode(
     tmp_path: Path, gather: Gather, undisturbed: dict[str, Any]
 ) -> None:

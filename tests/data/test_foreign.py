@@ -396,7 +396,7 @@ def test_what_a_killed_export_left_is_removed_by_the_next(dataset: DataSet, tmp_
 def test_an_export_at_work_is_not_removed_by_another_of_its_name(
     dataset: DataSet, to: Format, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The lock is the folder's own: a library that makes the folder anew makes one that nobody holds."""
+    """The lock is the folder's own: a library that makes the folder anew makes one that no process holds."""
     out = tmp_path / "out"
     described = exporting.write_card
 

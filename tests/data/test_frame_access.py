@@ -65,7 +65,7 @@ def test_frames_are_those_of_the_episodes_whatever_the_order(dataset: DataSet) -
         number, step = divmod(index, STEPS)
         recording, frame = kept[number], frames[index]
         lane.reset(recording.seed, recording.reset_options)
-        models = {name: placed.model for name, placed in lane.setup.objects.items()}
+        models = {name: placed.model for name, placed in lane.initial_state.objects.items()}
         observer = Observer(lane.profile, models, SPEC, recording.seed, lane.task.description)
         seen = list(observer.recorded(recording.env_states, recording.actions))[step]
         assert set(seen) < set(frame)

@@ -64,7 +64,7 @@ def test_on_a_full_disk_the_log_ends_and_is_whole(tmp_path: Path) -> None:
 
 
 def test_files_are_begun_anew_and_the_oldest_go(tmp_path: Path) -> None:
-    log = Log(tmp_path, {"n": 1}, segment=1_000_000, most=4_000_000)
+    log = Log(tmp_path, {"n": 1}, segment=1_000_000, max_bytes=4_000_000)
     for number in range(60):
         log.frame(frame(number))
     log.close()

@@ -154,7 +154,7 @@ def test_what_is_too_large_is_refused_on_both_sides(serving: Callable[..., Polic
         connection.send(encode({"kind": "hello", "protocol": 1, "token": TOKEN}))
         assert decode(connection.recv())["kind"] == "welcome"
         with contextlib.suppress(ConnectionClosed):  # it may be closed before all is sent
-            connection.send(bytes(protocol.MOST_BYTES + 1))
+            connection.send(bytes(protocol.MAX_BYTES + 1))
         with pytest.raises(ConnectionClosed):
             connection.recv(timeout=10)
     RemoteController(server.url).close()  # it serves on

@@ -27,7 +27,7 @@ def a_record(**changes: Any) -> dict[str, Any]:
     """A made-up record of a generated drawer, half open before the robot."""
     env = HeadlessEnv("PushDrawerClose", assets="builtin", robot=ROBOT)
     env.reset(5)
-    thing = env.setup.objects["drawer"]
+    thing = env.initial_state.objects["drawer"]
     scene = env.scene_state().objects["drawer"]
     joint = thing.model.joint  # type: ignore[union-attr]
     times = ("actuation_time", "pre_actuation_times", "post_actuation_times")

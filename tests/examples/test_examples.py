@@ -36,7 +36,7 @@ def _solved(said: str, _: Path) -> None:
 
 
 def _stepped(said: str, _: Path) -> None:
-    """Two seeds, two scenes; a still arm opens no drawer."""
+    """Two seeds, two scenes; the no-op baseline opens no drawer."""
     before = [float(value) for value in re.findall(r"kg, openness (\S+),", said)]
     after = [float(value) for value in re.findall(r"after a second: openness (\S+),", said)]
     assert len(before) == len(after) == 2

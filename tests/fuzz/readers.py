@@ -30,7 +30,7 @@ from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.records import Verification, VerificationRecord
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.data.store import TaskStore
-from gensim2.data.trajectory import Provenance, write_trajectory
+from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
 from gensim2.design.designs import CandidateRecord, Design, DesignRecord, StageRecord
 from gensim2.design.report import write_report
 from gensim2.record_files import read_record
@@ -233,8 +233,8 @@ def _resuming(folder: Path) -> list[str]:
     return ["demo", TASK, "--episodes", "2", "--assets", "builtin", *run]
 
 
-def _provenance() -> Provenance:
-    return Provenance(load_task(TASK), load_strategies(TASK), "builtin", {"drawer/3": "CC0"}, 0)
+def _provenance() -> TrajectoryMetadata:
+    return TrajectoryMetadata(load_task(TASK), load_strategies(TASK), "builtin", {"drawer/3": "CC0"}, 0)
 
 
 def problem_line() -> str:

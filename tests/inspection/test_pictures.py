@@ -14,7 +14,7 @@ from PIL import Image
 from gensim2.errors import InputError
 from gensim2.inspection import pictures
 from gensim2.inspection.gallery import build_gallery
-from gensim2.objects import Instance, Library, RigidObject, open_library
+from gensim2.objects import ArticulatedObject, Library, RigidObject, open_library
 from gensim2.objects.library.articulated import GeneratedShelf
 from gensim2.objects.library.rigid import GeneratedRigidShelf
 from gensim2.objects.types import Hulls
@@ -30,7 +30,7 @@ class Pretend:
         self.size = size
         self.keypoint = ""
 
-    def put(self, instance: Instance, openness: object = (), azimuths: object = ()) -> None:
+    def put(self, instance: ArticulatedObject, openness: object = (), azimuths: object = ()) -> None:
         """Any object will do."""
         self.keypoint = "articulated_object_head"
 

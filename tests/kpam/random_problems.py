@@ -117,9 +117,9 @@ class RandomProblem:
                 "acceleration_limits": np.full(count, self.acceleration),
                 "jerk_limits": np.full(count, self.jerk),
                 "workspace": None,
-                "starts": 12,
+                "num_seeds": 12,
                 "candidates": 6,
-                "harvest": 12,
+                "extra_seeds": 12,
                 "samples": 200,
                 **({"start_velocity": self.start_velocity} if self.start_velocity.any() else {}),
                 **self.options,
@@ -270,11 +270,11 @@ def at(point: Any) -> Array:
     return pose
 
 
-def solid(draw: np.random.Generator, least: float, most: float) -> Solid:
+def solid(draw: np.random.Generator, least: float, limit: float) -> Solid:
     """A random shape."""
     kind = str(draw.choice(["box", "sphere", "capsule", "cylinder"]))
     count = {"box": 3, "sphere": 1, "capsule": 2, "cylinder": 2}[kind]
-    return Solid(kind, draw.uniform(least, most, count).tolist())
+    return Solid(kind, draw.uniform(least, limit, count).tolist())
 
 
 def ranges(mechanism: Mechanism) -> tuple[Array, Array]:
@@ -296,7 +296,7 @@ def configuration(draw: np.random.Generator, mechanism: Mechanism) -> Array:
 
 
 def free(mechanism: Mechanism, q: Array, things: list[Thing], room: float) -> bool:
-    """Whether nothing that is judged is nearer than ``room``; attached things are left out."""
+    """Whether nothing that is checked is nearer than ``room``; attached things are left out."""
     placed = {name: poses[0] for name, poses in mechanism.place(q[None]).items()}
 
     def apart(ones: list[Part], at_one: Array, twos: list[Part], at_two: Array) -> bool:

@@ -72,7 +72,7 @@ ARMS = {
         before=[["rotate", 0.2]],
         after=[["rotate", -0.15], ["rotate", 0.3]],
         # Five joints leave a plane of poses about the place, and one in thirty of them passes the post on both sides.
-        budget={"candidates": 200, "harvest": 1000},
+        budget={"candidates": 200, "extra_seeds": 1000},
     ),
     "fetch": ArmCase(
         "fetch/fetch.urdf",

@@ -118,7 +118,7 @@ def test_what_was_held_stays_where_the_hand_let_go(panda: kpam.Robot) -> None:
     # Two walls beside the hand, above the held bar as it stands: the fingers pass between them, the bar does not.
     walls = [box(f"wall {x}", "rigid", [0.5 + x, 0.1, 0.26], [0.006, 0.2, 0.01]) for x in (-0.06, 0.06)]
     into = config(gripper="hold", pre_actuation_motions=[["translate_y", -0.25]], post_actuation_motions=[])
-    settings: dict[str, Any] = {"bodies": [table(), *held.bodies, *walls], "options": {"starts": 96}}
+    settings: dict[str, Any] = {"bodies": [table(), *held.bodies, *walls], "options": {"num_seeds": 96}}
     leaves = kpam.plan(problem(panda, config={**into, "let_go": 0.1}, **settings))
     assert leaves.status == "solved", leaves.reason
     carries = kpam.plan(problem(panda, config={**into, "post_actuation_motions": [["translate_z", -0.1]]}, **settings))
@@ -131,13 +131,13 @@ def test_letting_go_can_be_resumed(panda: kpam.Robot) -> None:
     assert plan.trajectory is not None
     begin, end = (frame["time"] for frame in plan.keyframes[-2:])
     position, velocity, _ = plan.trajectory.sample(0.5 * (begin + end))
-    rest = kpam.plan(question.with_start(position, velocity), former=plan, resume="let_go")
+    rest = kpam.plan(question.with_start(position, velocity), warm_start=plan, resume="let_go")
     assert rest.status == "solved", rest.reason
     assert rest.trajectory is not None
     np.testing.assert_allclose(
         panda.forward_kinematics(rest.trajectory.positions[-1]), plan.keyframes[-1]["T_base_hand"], atol=1e-3
     )
-    with pytest.raises(kpam.ProblemError, match="former"):
+    with pytest.raises(kpam.ProblemError, match="warm_start"):
         kpam.plan(question, resume="let_go")
     with pytest.raises(kpam.ProblemError, match=r"resume.*pre_0, actuation, post_0"):
         kpam.plan(problem(panda), resume="let_go")

@@ -104,7 +104,7 @@ def test_a_start_inside_something_is_said(panda: kpam.Robot) -> None:
 def test_poses_are_met_and_solutions_are_distinct(panda: kpam.Robot) -> None:
     scene = kpam.Scene(panda)
     goal = panda.forward_kinematics(np.array([0.4, 0.2, -0.3, -2.0, 0.2, 2.2, 0.5, 0.04, 0.04]))
-    found = scene.ik(goal, Q_START, most=12)
+    found = scene.ik(goal, Q_START, max_solutions=12)
     assert len(found) == 12
     np.testing.assert_allclose(panda.forward_kinematics(found), np.broadcast_to(goal, (12, 4, 4)), atol=1e-6)
     assert (found >= panda.lower - 1e-9).all()

@@ -111,7 +111,7 @@ def test_plans_go_on_from_their_own_samples(tmp_path: Path) -> None:
             state = plan.trajectory.sample(now)
             label = next(f["label"] for f in plan.keyframes if f["time"] is not None and f["time"] > now)
             start = question.with_start(state[0], state[1], now, acceleration=state[2])
-            assert_continues(state, kpam.plan(start, former=plan, resume=label), now)
+            assert_continues(state, kpam.plan(start, warm_start=plan, resume=label), now)
             again += 1
     assert again > 200
 
@@ -137,4 +137,4 @@ def test_replanning_on_the_way_is_continuous(panda: kpam.Robot) -> None:
         state = plan.trajectory.sample(now)
         label = next(f["label"] for f in plan.keyframes if f["time"] is not None and f["time"] > now)
         start = question.with_start(state[0], state[1], now, acceleration=state[2])
-        assert_continues(state, kpam.plan(start, former=plan, resume=label), now)
+        assert_continues(state, kpam.plan(start, warm_start=plan, resume=label), now)

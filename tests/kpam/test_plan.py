@@ -295,7 +295,7 @@ def test_values_pickle(panda: kpam.Robot) -> None:
         ({"options": {"velocity_scale": float("nan")}}, r"options\.velocity_scale"),
         ({"options": {"contacts": [{"links": 3}]}}, r"options\.contacts\[0\]\.links"),
         ({"options": {"candidates": 0}}, r"options\.candidates"),
-        ({"options": {"harvest": 10**9}}, r"options\.harvest"),
+        ({"options": {"extra_seeds": 10**9}}, r"options\.extra_seeds"),
         ({"options": {"samples": 10**9}}, r"options\.samples"),
         ({"options": {"seed": 10**7}}, r"options\.seed"),
         ({"options": {"jerk_limits": [1e-9] * 9}}, r"options\.jerk_limits\[0\]"),
@@ -307,7 +307,7 @@ def test_values_pickle(panda: kpam.Robot) -> None:
         ({"options": {"start_time": 1e300}}, "start_time"),
         ({"options": {"finger_width": 1e300}}, "finger_width"),
         ({"options": {"margin": 1e300}}, "margin"),
-        ({"options": {"starts": 10**9}}, r"options\.starts"),
+        ({"options": {"num_seeds": 10**9}}, r"options\.num_seeds"),
         ({"object_keypoints": {"edge": [1e300, 0, 0]}}, "object_keypoints"),
         ({"tool_keypoints": {**TOOL, "tool_head": [1e300, 0, 0]}}, "tool_keypoints"),
         ({"options": {"workspace": [[1, 1, 1], [0, 0, 0]]}}, "workspace"),
@@ -375,3 +375,29 @@ def test_other_arms_reach(robots: Path, urdf: str, hand: str, at: list[float]) -
     assert plan.start_overlap == 0.0
     end = robot.forward_kinematics(plan.trajectory.positions[-1])[:3, 3]
     assert np.abs(end - at).max() < 1.1e-3
+
+
+def test_options_load_by_the_names_of_the_release_before(panda: kpam.Robot) -> None:
+    with pytest.warns(FutureWarning, match=r"options\.starts is called options\.num_seeds"):
+        problem(panda, options={"starts": 3})
+    with pytest.warns(FutureWarning), pytest.raises(kpam.ProblemError, match=r"options\.extra_seeds"):
+        problem(panda, options={"harvest": 10**9})
+    with pytest.raises(kpam.ProblemError, match=r"options\.descents: is called num_refinements"):
+        problem(panda, options={"descents": 3, "num_refinements": 3})
+
+
+def test_keywords_work_by_the_names_of_the_release_before(panda: kpam.Robot) -> None:
+    scene = problem(panda)
+    first = kpam.plan(scene)
+    calls = (
+        (lambda **given: kpam.plan(scene, **given).status, {"former": first}, {"warm_start": first}),
+        (lambda **given: len(kpam.ik(scene, **given)), {"most": 1}, {"max_solutions": 1}),
+        (lambda **given: kpam.Scene(panda).distance(Q_START, **given), {"most": 0.5}, {"max_distance": 0.5}),
+    )
+    for call, before, today in calls:
+        with pytest.warns(FutureWarning, match=f"{next(iter(before))} is called {next(iter(today))}"):
+            assert call(**before) == call(**today)  # type: ignore[no-untyped-call]
+        with pytest.raises(TypeError, match="which is given too"):
+            call(**before, **today)  # type: ignore[no-untyped-call]
+        with pytest.raises(TypeError, match="unexpected keyword argument 'other'"):
+            call(other=1)  # type: ignore[no-untyped-call]

@@ -120,7 +120,7 @@ def test_replans_keep_it_as_well(panda: kpam.Robot) -> None:
         q_start=q,
         options={"reach_clearance": CLEARANCE, "start_velocity": velocity},
     )
-    plan = kpam.plan(question, former=first)
+    plan = kpam.plan(question, warm_start=first)
     assert plan.status == "solved", plan.reason
     assert least_before_actuation(panda, shifted, plan) >= CLEARANCE - SLACK
 

@@ -33,7 +33,7 @@ def damaged(data: bytes, draw: np.random.Generator) -> bytes:
 
 def cases(panda: kpam.Robot) -> dict[str, tuple[Any, Callable[[Any], Any]]]:
     """Values, and what is done with what is read."""
-    question = problem(panda, config=config(gripper="hold", let_go=0.05), options={"samples": 20, "harvest": 2})
+    question = problem(panda, config=config(gripper="hold", let_go=0.05), options={"samples": 20, "extra_seeds": 2})
     plan = kpam.plan(question)
     scene = kpam.Scene(panda, [table()])
     gripper = kpam.ParallelGripper.of_robot(panda, **TOOL)
@@ -44,7 +44,7 @@ def cases(panda: kpam.Robot) -> dict[str, tuple[Any, Callable[[Any], Any]]]:
         "joint": (kpam.Joint("revolute", [0, 0, 0], [0, 0, 1], 0.1, 0.0, 1.0), lambda j: problem(panda, joint=j)),
         "scene": (scene, lambda scene: scene.check(Q_START, 0.1)),
         "problem": (question, lambda question: kpam.plan(question, max_checks=100)),
-        "plan": (plan, lambda former: kpam.plan(question, former=former, resume="let_go", max_checks=100)),
+        "plan": (plan, lambda former: kpam.plan(question, warm_start=former, resume="let_go", max_checks=100)),
         "trajectory": (plan.trajectory, lambda trajectory: trajectory.sample(0.5)),
         "gripper": (gripper, lambda gripper: scene.grasps("table", gripper, options={"samples": 4, "trials": 4})),
     }

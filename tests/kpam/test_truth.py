@@ -112,7 +112,7 @@ def test_a_damaged_former_plan_is_not_believed(panda: kpam.Robot) -> None:
         q = trajectory.sample(trajectory.times[0] + share * trajectory.duration)[0]
         hand = panda.forward_kinematics(q)
         thing = ball("thing", "rigid", hand[:3, 3] + 0.11 * hand[:3, 2], 0.012)
-        again = kpam.plan(problem(panda, object_keypoints=low, bodies=[thing]), former=former)
+        again = kpam.plan(problem(panda, object_keypoints=low, bodies=[thing]), warm_start=former)
         assert has_motion(again), told(again)
         if again.trajectory is not None:
             least = kpam.min_clearance(problem(panda, object_keypoints=low, bodies=[thing]), again, 0.002)

@@ -97,7 +97,9 @@ def test_a_ball_under_a_bare_tool_frame_is_judged_against_the_arm(robots: Path, 
 
 def test_margins_of_any_size_end(panda: kpam.Robot) -> None:
     for margin in (0.1, 0.12, 0.15, 0.2):
-        plan = kpam.plan(problem(panda, options={"margin": margin, "least_margin": 0.0, "samples": 50, "harvest": 5}))
+        plan = kpam.plan(
+            problem(panda, options={"margin": margin, "least_margin": 0.0, "samples": 50, "extra_seeds": 5})
+        )
         assert plan.status == "solved", plan.reason
 
 
@@ -194,7 +196,7 @@ def test_checks_tell_distances(panda: kpam.Robot) -> None:
     scene = kpam.Scene(panda, [ball("ball", "rigid", [0.0, 0.0, 3.0], 0.5)])
     near = scene.check(np.stack([Q_START, Q_START]), reach=5.0)
     assert next([pair["bodies"] for pair in row] for row in near) == [pair["bodies"] for pair in near[1]]
-    assert near[0][0]["distance"] == pytest.approx(scene.distance(Q_START, most=5.0))
+    assert near[0][0]["distance"] == pytest.approx(scene.distance(Q_START, max_distance=5.0))
     assert any("ball" in pair["bodies"] for pair in near[0])
     assert scene.distance(np.stack([Q_START] * 3)).shape == (3,)
     assert scene.check(Q_START) == []
@@ -211,7 +213,7 @@ def test_scenes_pickle(panda: kpam.Robot) -> None:
 
 def test_poses_alone(panda: kpam.Robot) -> None:
     question = problem(panda)
-    found = kpam.ik(question, most=3)
+    found = kpam.ik(question, max_solutions=3)
     plan = kpam.plan(question)
     assert 1 <= len(found) <= 3
     np.testing.assert_allclose(found[0]["q"], plan.q_actuation)
@@ -226,7 +228,7 @@ def resumed(panda: kpam.Robot, share: float, **changes: Any) -> tuple[kpam.Plan,
     now = share * plan.trajectory.duration
     q, _, _ = plan.trajectory.sample(now)
     label = next(frame["label"] for frame in plan.keyframes if frame["time"] > now)
-    again = kpam.plan(problem(panda, **(changes | {"q_start": q})), former=plan, resume=label)
+    again = kpam.plan(problem(panda, **(changes | {"q_start": q})), warm_start=plan, resume=label)
     return plan, again
 
 
@@ -258,14 +260,14 @@ def test_the_rest_follows_the_joint(panda: kpam.Robot) -> None:
 def test_what_cannot_be_resumed_is_refused(panda: kpam.Robot) -> None:
     with pytest.raises(kpam.ProblemError, match="resume"):
         kpam.plan(problem(panda), resume="post_7")
-    with pytest.raises(kpam.ProblemError, match="former"):
+    with pytest.raises(kpam.ProblemError, match="warm_start"):
         kpam.plan(problem(panda), resume="post_0")
 
 
 def test_an_earlier_plan_comes_first(panda: kpam.Robot) -> None:
     question = problem(panda)
     plan = kpam.plan(question)
-    again = kpam.plan(question, former=plan)
+    again = kpam.plan(question, warm_start=plan)
     assert again.status == "solved"
     assert again.tried == 1
     np.testing.assert_allclose(again.q_plan, plan.q_plan)

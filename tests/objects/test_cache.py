@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gensim2.cli import main as cli
-from gensim2.objects import Instance, open_library
+from gensim2.objects import ArticulatedObject, open_library
 
 Change = Callable[[Path], object]
 
@@ -27,7 +27,7 @@ def filled(chest: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory)
     return library, cache
 
 
-def load(filled: tuple[Path, Path], cache: Path, monkeypatch: pytest.MonkeyPatch) -> Instance:
+def load(filled: tuple[Path, Path], cache: Path, monkeypatch: pytest.MonkeyPatch) -> ArticulatedObject:
     monkeypatch.setenv("GENSIM2_CACHE", str(cache))
     return open_library(filled[0]).load("box_rotate", "1")
 

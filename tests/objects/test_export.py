@@ -10,11 +10,11 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from gensim2.errors import InputError
-from gensim2.objects import Instance, Library, open_library
+from gensim2.objects import ArticulatedObject, Library, open_library
 from gensim2.objects.library.export import export
 
 
-def same_hulls(a: Instance, b: Instance) -> None:
+def same_hulls(a: ArticulatedObject, b: ArticulatedObject) -> None:
     """Both have the same convex parts, whatever the order of their corners."""
     assert list(a.hulls) == list(b.hulls)
     for link, hulls in a.hulls.items():
@@ -26,7 +26,7 @@ def same_hulls(a: Instance, b: Instance) -> None:
             assert outside.max() < 1e-7
 
 
-def same_object(a: Instance, b: Instance) -> None:
+def same_object(a: ArticulatedObject, b: ArticulatedObject) -> None:
     assert (a.asset_class, a.id, a.object_axis, a.license) == (b.asset_class, b.id, b.object_axis, b.license)
     assert (a.joint.name, a.joint.type, a.joint.child_link) == (b.joint.name, b.joint.type, b.joint.child_link)
     for name in ("origin", "axis", "T_root_child"):

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from gensim2.inspection.checks import clearance_of, geometric_findings
-from gensim2.objects import AssetError, Instance, open_library
+from gensim2.objects import ArticulatedObject, AssetError, open_library
 from gensim2.objects.meshwork.convexes import Block, depth_inside
 
-Load = Callable[..., Instance]
+Load = Callable[..., ArticulatedObject]
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def load(chest: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyP
     """Write a chest with changed ``info.json`` fields and load it."""
     monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path / "cache"))
 
-    def write_and_load(change: Callable[[Path], object] = lambda folder: None, **info: object) -> Instance:
+    def write_and_load(change: Callable[[Path], object] = lambda folder: None, **info: object) -> ArticulatedObject:
         folder = chest(tmp_path / "assets" / "articulated_objs" / "box_rotate" / "1", **info)
         change(folder)
         return open_library(tmp_path / "assets").load("box_rotate", "1")

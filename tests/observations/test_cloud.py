@@ -7,12 +7,12 @@ import numpy.typing as npt
 import pytest
 
 from gensim2.errors import InputError
-from gensim2.observations import Camera, CloudSettings, DepthNoise, EmptyCloudError, Picture, Robot, point_cloud
+from gensim2.observations import Camera, CloudSettings, DepthNoise, EmptyCloudError, Picture, RobotSegments, point_cloud
 from gensim2.observations.cloud import from_steps, to_steps
 from gensim2.observations.sampling import farthest_points, inlier_mask, uniform_stride
 
 GRIPPER, ARM, THING = 1, 2, 3
-ROBOT = Robot(gripper=frozenset({GRIPPER}), arm=frozenset({ARM}))
+ROBOT = RobotSegments(gripper=frozenset({GRIPPER}), arm=frozenset({ARM}))
 Points = npt.NDArray[np.float32]
 
 

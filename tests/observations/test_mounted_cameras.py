@@ -41,7 +41,7 @@ def states(lane: HeadlessEnv) -> dict[str, Any]:
 def test_it_goes_with_its_link_and_sees_what_a_fixed_camera_there_would() -> None:
     lane = HeadlessEnv("OpenDrawer", assets="builtin", robot=FILE)
     lane.reset(seed=3)
-    models = {name: thing.model for name, thing in lane.setup.objects.items()}
+    models = {name: thing.model for name, thing in lane.initial_state.objects.items()}
     observer = Observer(lane.profile, models, SPEC, seed=3)
     (carried,) = lane.profile.cameras
     for step in range(4):
@@ -105,7 +105,7 @@ def test_pictures_are_those_of_the_renderer() -> None:
     seen = lane.observe(SPEC)
     config = SceneOptions("builtin", robot=FILE).with_task(lane.task)
     pictures = StatePictures(config, ("depth", "segmentation"))
-    instances = {name: thing.model.id for name, thing in lane.setup.objects.items()}
+    instances = {name: thing.model.id for name, thing in lane.initial_state.objects.items()}
     pictures.show(instances, 6, {"instance": instances})
     theirs = pictures.at(states(lane), 0)["wrist"]
     pictures.close()

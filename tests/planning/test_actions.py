@@ -14,7 +14,7 @@ from gensim2.planning.actions import (
     GRAVITY,
     LEAST_GRIP_FORCE,
     LEAST_GRIP_WEIGHTS,
-    MOST_GRIP_WEIGHTS,
+    MAX_GRIP_WEIGHTS,
     OPEN,
     Acts,
     Schedule,
@@ -176,7 +176,7 @@ def test_what_weighs_more_is_pressed_harder() -> None:
 
 def test_sloping_faces_are_pressed_harder() -> None:
     parallel, sloping, steep = (grip_force(0.256, margin) for margin in (0.5, 0.12, 0.001))
-    assert parallel < sloping < steep == pytest.approx(MOST_GRIP_WEIGHTS * 0.256 * GRAVITY)
+    assert parallel < sloping < steep == pytest.approx(MAX_GRIP_WEIGHTS * 0.256 * GRAVITY)
 
 
 def test_what_is_held_beside_its_centre_of_mass_is_pressed_harder() -> None:

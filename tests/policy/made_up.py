@@ -70,10 +70,10 @@ class MadeUpSource:
         rows = rng.integers(self._frames, size=size)
         return {name: values[rows] for name, values in self._kept.items()}
 
-    def some_clouds(self, most: int) -> Shuffled:
+    def some_clouds(self, max_clouds: int) -> Shuffled:
         """Return random clouds."""
         rng = np.random.default_rng(6)
-        points = rng.uniform(0, 1, (min(most, 3), POINTS, 3)).astype(np.float32)
+        points = rng.uniform(0, 1, (min(max_clouds, 3), POINTS, 3)).astype(np.float32)
         return Shuffled(points, np.zeros(points.shape, np.uint8))
 
     def _make(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:

@@ -6,6 +6,7 @@ import os
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 from gensim2.errors import InputError
 
@@ -70,6 +71,13 @@ def fail_by_a_bug(value: int) -> int:
 
 def panic(value: int) -> int:
     raise BaseException("not even an Exception")
+
+
+def evaluated(config: Any, spec: Any, seed: int, stop: str, keep: Any, index: int) -> Any:
+    """Take the place of an episode of ``gensim2 evaluate`` in the made-up world."""
+    import fake_world
+
+    return fake_world.episode(config, {}, seed)
 
 
 def die_at_first(value: int, tries: str, needed: int) -> tuple[int, int]:

@@ -179,7 +179,7 @@ def test_a_job_that_does_not_pickle_is_refused_at_once() -> None:
 
 
 def _runs(pid: int) -> bool:
-    """Whether the process still does something: a zombie that nobody reaped does not."""
+    """Whether the process still does something: a zombie that was not reaped does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):

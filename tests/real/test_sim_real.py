@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gensim2.rollout.motion import changes
-from gensim2.rollout.still import still_arm
+from gensim2.rollout.no_op import no_op_baseline
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import task_names
 
@@ -18,14 +18,14 @@ pytestmark = pytest.mark.real
 @pytest.mark.parametrize("name", task_names("paper"))
 def test_a_real_object_stands_still_for_five_seconds_and_can_be_planned_for(name: str, real_assets: Path) -> None:
     lane = HeadlessEnv(name, assets=real_assets)
-    result = still_arm(lane, 1, steps=100)
+    result = no_op_baseline(lane, 1, steps=100)
     assert not result.success
     for moved in changes(result.start, result.end).values():
         assert not moved.exceeds(0.01, 0.01)
     lane.reset(1)
     scene = lane.scene_state()
     for role, thing in scene.objects.items():
-        placed = lane.setup.objects[role]
+        placed = lane.initial_state.objects[role]
         assert placed.model.source == "real" or placed.model.asset_class == "gold_bar"  # its mesh is absent there
         # Nothing reaches below the table's top, nothing floats.
         heights = [

@@ -83,7 +83,7 @@ def test_the_hand_reaches_the_table_as_far_as_stated(any_robot: str) -> None:
             object_keypoints={"there": [distance * np.cos(angle), distance * np.sin(angle), height]},
             T_base_object=np.eye(4),
         )
-        return bool(kpam.ik(problem, most=1))
+        return bool(kpam.ik(problem, max_solutions=1))
 
     assert all(is_reached(profile.reach, angle) for angle in (-0.5, 0.0, 0.5))
     assert not any(is_reached(profile.reach + 0.1, angle) for angle in (-0.5, 0.0, 0.5))

@@ -44,10 +44,10 @@ class KinematicWorld:
         #: Called before each step: what happens to the scene.
         self.mischief: Callable[[KinematicWorld], None] = lambda _: None
 
-    def run(self, controller: Controller, most: int = 1200) -> None:
+    def run(self, controller: Controller, max_steps: int = 1200) -> None:
         """One episode."""
         controller.reset(self.observation(), 0)
-        for _ in range(most):
+        for _ in range(max_steps):
             action = controller.act(self.observation())
             if action is None:
                 return

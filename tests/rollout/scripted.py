@@ -80,7 +80,7 @@ def instant(
     speed: tuple[float, float] = (0.0, 0.0),
     cup: Sequence[float] = (0.3, 0.4, 0.05, 1.0, 0.0, 0.0, 0.0),
 ) -> Measurement:
-    """One instant of the drawer, the ball and a cup that nobody is to touch."""
+    """One instant of the drawer, the ball and a cup that is not to be touched."""
     at, place = np.asarray(ball, dtype=np.float64), np.asarray(hand, dtype=np.float64)
     standing = np.asarray(cup, dtype=np.float64)
     moved = openness * WAY
@@ -173,7 +173,7 @@ class ScriptedWorld:
     """Name of the drawer's last keypoint."""
 
     @property
-    def setup(self) -> Any:
+    def initial_state(self) -> Any:
         point = SimpleNamespace(link="tray", position=np.array([0.0, 0.0, 0.1]))
         joint = SimpleNamespace(type="prismatic", lower=0.0, upper=0.2)
         common = {"id": "0", "source": "generated", "content_hash": "ab"}

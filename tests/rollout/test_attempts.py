@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from fake_world import episode_of
 
-from gensim2.rollout.attempts import STARTS, Attempt, attempted
+from gensim2.rollout.attempts import NUM_SEEDS, Attempt, attempted
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.record import Cause, Episode
 from gensim2.rollout.run import EpisodeResult
@@ -23,7 +23,7 @@ def _failed(step: str | None = None, **changes: Any) -> Episode:
     return replace(episode_of(SINGLE, 7, held=False), **given)
 
 
-def _make(*episodes: Episode, most: int = 8) -> tuple[Episode, list[Attempt]]:
+def _make(*episodes: Episode, max_attempts: int = 8) -> tuple[Episode, list[Attempt]]:
     """The episode that counts where attempts end as ``episodes`` do, and what was attempted."""
     asked: list[Attempt] = []
 
@@ -31,18 +31,18 @@ def _make(*episodes: Episode, most: int = 8) -> tuple[Episode, list[Attempt]]:
         asked.append(attempt)
         return EpisodeResult(episodes[min(len(asked), len(episodes)) - 1])
 
-    return attempted(TASK, run, most).episode, asked
+    return attempted(TASK, run, max_attempts).episode, asked
 
 
 def test_one_attempt_is_an_episode_as_it_is() -> None:
     failed = _failed("place")
-    found, asked = _make(failed, most=1)
+    found, asked = _make(failed, max_attempts=1)
     assert found is failed
     assert asked == [Attempt()]
 
 
 def test_the_step_to_blame_begins_with_its_next_strategy_and_the_solver_with_its_next_seed() -> None:
-    found, asked = _make(_failed("place"), _failed("open"), _failed("place"), _failed("grasp"), most=5)
+    found, asked = _make(_failed("place"), _failed("open"), _failed("place"), _failed("grasp"), max_attempts=5)
     ways = {step.name: step.strategies for step in TASK.steps}
     assert [attempt.seed for attempt in asked] == [0, 1, 2, 3, 4]
     assert [attempt.first for attempt in asked] == [
@@ -63,7 +63,7 @@ def test_the_solvers_options_change_with_the_seed() -> None:
     spec = ControllerSpec("module:Class", {"strategies": {}})
     assert Attempt().controller(spec) == spec
     options = Attempt(3).controller(spec).arguments["options"]
-    assert options == {"allow_partial": True, "seed": 3, "starts": STARTS}
+    assert options == {"allow_partial": True, "seed": 3, "num_seeds": NUM_SEEDS}
 
 
 def test_attempts_end_with_the_first_that_holds() -> None:
@@ -81,7 +81,7 @@ def test_attempts_end_with_the_first_that_holds() -> None:
 @pytest.mark.parametrize("paper", [[False, False, False], [False, True, True], [True, False, True]])
 def test_where_none_holds_the_first_that_the_paper_counts_does(paper: list[bool]) -> None:
     episodes = [_failed("open", paper=each, control_steps=number) for number, each in enumerate(paper)]
-    found, asked = _make(*episodes, most=3)
+    found, asked = _make(*episodes, max_attempts=3)
     assert len(asked) == 3
     assert found.control_steps == (paper.index(True) if any(paper) else 0)
     assert (found.paper, found.held) == (any(paper), False)

@@ -13,7 +13,7 @@ from gensim2.objects import open_library
 from gensim2.planning.scene import Scene
 from gensim2.planning.step_plan import StepPlan
 from gensim2.planning.steps import StepPlanner
-from gensim2.rollout.chain import MOST_ROUNDS, ChainController
+from gensim2.rollout.chain import MAX_ROUNDS, ChainController
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.spec import TaskSpec
 
@@ -167,7 +167,7 @@ def test_what_never_comes_true_ends_with_its_budget(world: KinematicWorld) -> No
     world.run(controller)
     assert [turn.name for turn in controller.history] == ["open"]
     assert triggers(controller) == [("open", "start"), ("open", "not done")]
-    assert len(controller.history[0].plans) <= MOST_ROUNDS
+    assert len(controller.history[0].plans) <= MAX_ROUNDS
 
 
 def test_a_ball_out_of_reach_is_no_motion(scene: Scene) -> None:
@@ -187,7 +187,7 @@ def test_what_a_grasp_foresees_is_tried_first_in_the_next_step(
     plan = StepPlanner.plan
 
     def noted(self: StepPlanner, scene: Scene, step: Any, strategy: Any, **given: Any) -> StepPlan:
-        formers.setdefault(step.name, []).append(given["former"])
+        formers.setdefault(step.name, []).append(given["warm_start"])
         return plan(self, scene, step, strategy, **given)
 
     monkeypatch.setattr(StepPlanner, "plan", noted)

@@ -9,13 +9,13 @@ import numpy.typing as npt
 import pytest
 
 from gensim2.objects import open_library
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 from gensim2.rollout.container import InnerBox, inner_box
 
 Array = npt.NDArray[np.float64]
 
 
-def _box(instance: Instance) -> tuple[InnerBox | None, tuple[Array, ...], Array]:
+def _box(instance: ArticulatedObject) -> tuple[InnerBox | None, tuple[Array, ...], Array]:
     """The room, the hulls around it and the vertical, in the containing link's frame."""
     point = list(instance.keypoints.values())[-1]
     moving = point.link == instance.joint.child_link
@@ -25,7 +25,7 @@ def _box(instance: Instance) -> tuple[InnerBox | None, tuple[Array, ...], Array]
     return inner_box(hulls, point.position, up), hulls, up
 
 
-def _check(instance: Instance) -> None:
+def _check(instance: ArticulatedObject) -> None:
     box, hulls, up = _box(instance)
     assert box is not None, instance.id
     corners = np.concatenate(hulls)

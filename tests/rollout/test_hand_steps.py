@@ -10,7 +10,7 @@ pytest.importorskip("mani_skill")
 from tests.common.pushing_config import CONFIG
 
 from gensim2.robots import robot
-from gensim2.rollout.hand_steps import MOST_STEPS, HandStepsController, control_steps
+from gensim2.rollout.hand_steps import MAX_STEPS, HandStepsController, control_steps
 from gensim2.rollout.run import run
 from gensim2.rollout.turns import told_turns
 from gensim2.sim.headless import HeadlessEnv
@@ -49,7 +49,7 @@ def test_an_episode_ends_with_the_first_step_at_whose_end_the_goal_holds(env: He
         episode = run(env, HandStepsController(TASK, profile, config=CONFIG), seed=seed, every=steps).episode
         ran = episode.steps[0].plans[0].ran
         assert ran % steps == 0
-        assert episode.paper or ran == MOST_STEPS * steps
+        assert episode.paper or ran == MAX_STEPS * steps
 
 
 def test_what_has_no_pose_ends_at_once(env: HeadlessEnv) -> None:

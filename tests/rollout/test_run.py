@@ -13,10 +13,10 @@ from jobs import HALFWAY, ROLE, Actions, hold, push
 from gensim2.errors import InputError
 from gensim2.objects.types import Hulls
 from gensim2.planning.scene import Scene
+from gensim2.rollout.no_op import NoOpController, NoOpResult, no_op_baseline
 from gensim2.rollout.record import Cause, StrictMiss
 from gensim2.rollout.run import run
 from gensim2.rollout.settling import SETTLE_SECONDS
-from gensim2.rollout.still import StillController, StillResult, still_arm
 from gensim2.rollout.world import World
 from gensim2.sim.headless import HeadlessEnv
 
@@ -68,19 +68,19 @@ def test_a_lane_is_a_world(lane: HeadlessEnv) -> None:
     assert world.task.max_episode_steps == 120
 
 
-def test_a_still_arm_fails_where_the_object_stays(lane: HeadlessEnv) -> None:
-    result = still_arm(lane, 0, steps=50)
+def test_the_no_op_baseline_fails_where_the_object_stays(lane: HeadlessEnv) -> None:
+    result = no_op_baseline(lane, 0, steps=50)
     assert not result.success
     assert result.end.openness[ROLE] == pytest.approx(result.start.openness[ROLE], abs=0.005)
     lane.reset(seed=0)
     assert result.start.openness == lane.measure().openness
-    episode = run(lane, StillController(lane.profile, 30), seed=0).episode
+    episode = run(lane, NoOpController(lane.profile, 30), seed=0).episode
     assert not episode.held
     assert episode.cause is Cause.NO_CONTACT
     assert episode.still is None  # there was nothing to find out
 
 
-def test_an_object_that_moves_by_itself_shows_with_a_still_arm() -> None:
+def test_an_object_that_moves_by_itself_shows_in_the_no_op_baseline() -> None:
     """The lid of a box without friction falls shut: closing it counts for nothing."""
     from gensim2.scenes.arguments import as_library
 
@@ -102,22 +102,22 @@ def test_an_object_that_moves_by_itself_shows_with_a_still_arm() -> None:
             return dataclasses.replace(instance, joint=dataclasses.replace(instance.joint, friction=1e-4, damping=0.0))
 
     slippery = HeadlessEnv("CloseBox", assets=Slippery())
-    assert still_arm(slippery, 1).success
+    assert no_op_baseline(slippery, 1).success
     normal = HeadlessEnv("CloseBox", assets="builtin", instances=[Slippery().instances("box_rotate")[0]])
-    assert not still_arm(normal, 1).success
-    episode = run(slippery, StillController(slippery.profile, 100), seed=1).episode
+    assert not no_op_baseline(normal, 1).success
+    episode = run(slippery, NoOpController(slippery.profile, 100), seed=1).episode
     assert episode.paper
     assert episode.still
     assert not episode.held
     assert episode.cause is Cause.HAPPENS_BY_ITSELF
 
 
-def test_the_still_arm_is_asked_for_only_where_the_goal_holds(lane: HeadlessEnv) -> None:
+def test_the_no_op_baseline_is_asked_for_only_where_the_goal_holds(lane: HeadlessEnv) -> None:
     asked = []
 
-    def still() -> StillResult:
+    def still() -> NoOpResult:
         asked.append(True)
-        return still_arm(lane, 0)
+        return no_op_baseline(lane, 0)
 
     run(lane, Actions(hold), seed=0, still=still)
     assert not asked

@@ -18,7 +18,7 @@ from pydantic import TypeAdapter
 
 from gensim2.data.episode_file import episode_digest, write_episode
 from gensim2.data.store import TaskStore
-from gensim2.data.trajectory import H5_NAME, Provenance, write_trajectory
+from gensim2.data.trajectory import H5_NAME, TrajectoryMetadata, write_trajectory
 from gensim2.errors import InputError
 from gensim2.processes import WorkerPool, enumerated
 from gensim2.rollout.record import Episode, ObjectRecord
@@ -33,8 +33,8 @@ from gensim2.tasks.spec import TaskSpec
 SEEDS = (0, 1, 2)
 
 
-def _provenance(task: TaskSpec | None = None) -> Provenance:
-    return Provenance(
+def _provenance(task: TaskSpec | None = None) -> TrajectoryMetadata:
+    return TrajectoryMetadata(
         task=task or parse_task(HALFWAY),
         strategies={"push": {"gripper": "open"}},
         assets="builtin",
@@ -44,7 +44,7 @@ def _provenance(task: TaskSpec | None = None) -> Provenance:
     )
 
 
-def _merge(store: TaskStore, provenance: Provenance, digests: dict[int, str | None] | None = None) -> None:
+def _merge(store: TaskStore, provenance: TrajectoryMetadata, digests: dict[int, str | None] | None = None) -> None:
     """Merge the episodes with these digests, or all that there are."""
     found = {each.index: each.episode_digest for each in store.logged()} if digests is None else digests
     write_trajectory(store.folder, provenance, [(store.path(index), digest) for index, digest in found.items()])

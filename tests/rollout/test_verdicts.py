@@ -102,7 +102,7 @@ def test_what_moves_before_the_actuation_pose_is_named() -> None:
         episode = _put(ScriptedWorld(PUT_BALL_AWAY, course))
         assert episode.held
         assert episode.strict_misses == misses
-    # Where nobody tells of an actuation pose, nobody can say what was too early.
+    # Without an event of the actuation pose nothing counts as too early.
     course = glide((0, BEFORE), (4, shifted), (10, shifted), (30, {**PLACED, "opening": 0.04}), (31, PLACED))
     assert _put(ScriptedWorld(PUT_BALL_AWAY, course), events=()).strict
 

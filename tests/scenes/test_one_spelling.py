@@ -29,7 +29,7 @@ SPELLING = {"physics", "randomization", "open_loop", "instances", "robot", "asse
 #: Where it is defined and drawn from, and the rows of figures, whose fields are compared below.
 DEFINED = {"scenes/config.py", "scenes/initial_state.py", "rollout/config.py", "tasks/figures.py"}
 #: Few words are enough to be another spelling.
-MOST = 2
+MAX_SPELLED = 2
 
 
 def words_of(node: ast.AST) -> set[str]:
@@ -51,7 +51,7 @@ def test_no_signature_and_no_class_spells_it_again() -> None:
         for path in PYTHON.rglob("*.py")
         if str(path.relative_to(PYTHON)) not in DEFINED
         for node in ast.walk(ast.parse(path.read_text()))
-        if len(words_of(node) & SPELLING) > MOST
+        if len(words_of(node) & SPELLING) > MAX_SPELLED
     }
     assert found == {}
 

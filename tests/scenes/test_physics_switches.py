@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gensim2.errors import InputError
-from gensim2.objects import Instance, Library, RigidObject, open_library
+from gensim2.objects import ArticulatedObject, Library, RigidObject, open_library
 from gensim2.objects.types import Hulls
 from gensim2.scenes.physics import PRESETS, SWITCHES, physics_name, physics_switches
 from gensim2.scenes.sampler import SceneSampler
@@ -103,7 +103,7 @@ def test_hulls_are_taken_as_the_physics_says() -> None:
     asked = []
 
     class Asked(Library):  # a library that notes what was asked of it
-        def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> Instance | RigidObject:
+        def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject | RigidObject:
             asked.append(hulls)
             return super().load(asset_class, instance_id, hulls)
 

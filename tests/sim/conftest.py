@@ -12,7 +12,7 @@ import pytest
 
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
-from gensim2.objects.types import Hulls, Instance
+from gensim2.objects.types import ArticulatedObject, Hulls
 from gensim2.scenes.arguments import as_library
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -28,7 +28,7 @@ _SPEC.loader.exec_module(tiny_object)
 class CrateLibrary:
     """Crates, in the place of an object library; other classes are the generated ones."""
 
-    def __init__(self, *crates: Instance) -> None:
+    def __init__(self, *crates: ArticulatedObject) -> None:
         self._crates = {crate.id: crate for crate in crates}
         self._others = as_library("builtin")
 
@@ -47,7 +47,7 @@ class CrateLibrary:
             raise InputError(f"{asset_class} has no instance {which}", field="instance")
         return splits.get(which, (which,))
 
-    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default", /) -> Instance | RigidObject:
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default", /) -> ArticulatedObject | RigidObject:
         if asset_class == "crate":
             return self._crates[instance_id]
         return self._others.load(asset_class, instance_id, hulls)

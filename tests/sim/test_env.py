@@ -56,7 +56,7 @@ def test_every_library_task_makes_steps_and_describes_its_scene(name: str) -> No
     assert len(thing.joint.moves) == 1
     assert set(thing.joint.moves) <= {body.name for body in thing.bodies}
     assert all(body.name.startswith(f"{role}/") for body in thing.bodies)
-    assert list(thing.keypoints) == list(base.setup.objects[role].model.keypoints)
+    assert list(thing.keypoints) == list(base.initial_state.objects[role].model.keypoints)
     assert all(0.15 < np.linalg.norm(point) < 1.2 for point in thing.keypoints.values())
     assert thing.joint.openness == pytest.approx(base.measure().openness[role])
     assert scene.held is None
@@ -130,7 +130,7 @@ if sys.argv[1] == "after others":
     env.reset(seed=11)
     env.step(np.array([0, 0.4, 0, -2, 0, 2.4, 0.7, 1], dtype=np.float32))
 env.reset(seed=3)
-digest = hashlib.sha256(env.setup.objects["drawer"].model.id.encode())
+digest = hashlib.sha256(env.initial_state.objects["drawer"].model.id.encode())
 for _ in range(40):
     env.step(np.array([0, 0.45, 0, -2, 0, 2.45, 0.785, 1], dtype=np.float32))
     digest.update(np.asarray(env.get_state()).tobytes())
@@ -182,7 +182,7 @@ def test_reset_options_replace_what_would_be_drawn(crates: Callable[..., Any], c
     env = GenSim2Env(crate_task, assets=crates(2))
     half = np.sqrt(0.5)
     env.reset(seed=0, options={"instance": "1", "openness": 0.9, "pose": [-0.1, 0.05, 0.02, half, 0.0, 0.0, half]})
-    assert env.setup.objects["crate"].model.id == "1"
+    assert env.initial_state.objects["crate"].model.id == "1"
     assert env.measure().openness["crate"] == pytest.approx(0.9)
     assert env.parts["crate"].observed()["pose"] == pytest.approx([-0.1, 0.05, 0.02, half, 0.0, 0.0, half], abs=1e-6)
 
@@ -260,7 +260,7 @@ def test_splits_and_lists_limit_what_is_drawn(crates: Callable[..., Any], crate_
         drawn = set()
         for seed in range(12):
             env.reset(seed=seed)
-            drawn.add(env.setup.objects["crate"].model.id)
+            drawn.add(env.initial_state.objects["crate"].model.id)
         assert drawn == expected
 
 
@@ -279,7 +279,7 @@ def test_instances_are_chosen_as_the_library_does() -> None:
         GenSim2Env(small, assets=library, instances="test")
     env = GenSim2Env("OpenDrawer", assets=library, instances="777777")
     env.reset(seed=0)
-    assert env.setup.objects["drawer"].model.id == "777777"
+    assert env.initial_state.objects["drawer"].model.id == "777777"
 
 
 def test_openness_and_success_follow_the_joint(crates: Callable[..., Any], crate_task: TaskSpec) -> None:

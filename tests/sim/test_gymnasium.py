@@ -1,4 +1,4 @@
-"""gymnasium's own checker passes, and what nobody should pass to an environment is refused in one typed line."""
+"""gymnasium's own checker passes, and what an environment does not take is refused in one typed line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The lane for episodes that nobody watches gives the states of the registered environment, bit for bit."""
+"""The headless environment gives the states of the registered environment, bit for bit."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def test_a_nudge_moves_one_object_and_nothing_else() -> None:
         lane.step(HOLD)
     settled = lane.measure()
     assert settled.poses["golf_ball"][:2] == pytest.approx(after.poses["golf_ball"][:2], abs=2e-3)
-    root = lane.setup.objects["drawer"]
+    root = lane.initial_state.objects["drawer"]
     turned = lane.scene_state().objects["drawer"].T_base_object
     assert not np.allclose(turned[:3, :3], np.eye(3))
     assert lane.parts["drawer"].observed()["pose"][0] == pytest.approx(root.position[0] + 0.02, abs=1e-6)

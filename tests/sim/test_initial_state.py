@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.distance import cdist
 
 from gensim2.errors import InputError
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import robot
 from gensim2.scenes.arguments import as_library, chosen_instances
 from gensim2.scenes.footprint import hulls_in_root, keep_apart, outline, swept_points
@@ -123,7 +123,7 @@ def test_no_room_is_an_error_that_names_the_objects() -> None:
     task = _task({"bowl": {"class": "bowl", **there}, "mug": {"class": "mug", **there}})
     with pytest.raises(PlacementError, match=r"100 draws of seed 5 found no room for bowl \(bowl\), mug \(mug\)"):
         _set_up(task, 5)
-    # Unless somebody puts one of them elsewhere, or both where they please.
+    # Unless options put one of them elsewhere, or both.
     away = _set_up(task, 5, {"offset": {"mug": [0.0, 0.3, 0.0]}})
     assert away.draws == 1
     both = _set_up(task, 5, {"offset": {"mug": [0.0, 0.0, 0.0], "bowl": [0.0, 0.0, 0.0]}})
@@ -138,7 +138,7 @@ def test_an_option_for_one_object_shifts_nothing_of_the_others() -> None:
     assert np.array_equal(plain.objects["ball"].position, other.objects["ball"].position)
     assert other.objects["drawer"].openness == 0.9
     model = other.objects["drawer"].model
-    assert isinstance(model, Instance)
+    assert isinstance(model, ArticulatedObject)
     assert model.id == "3"
 
 
@@ -210,7 +210,7 @@ def test_an_object_in_another_lies_on_its_floor_and_stays(crates: Callable[..., 
     lane = HeadlessEnv(task, assets=crates(friction=2.0))
     for seed in range(3):
         lane.reset(seed)
-        placed = lane.setup.objects["ball"]
+        placed = lane.initial_state.objects["ball"]
         bottom = np.concatenate([placed.in_world(hull) for hull in hulls_in_root(placed.model, 0.0)])[:, 2].min()
         assert bottom == pytest.approx(0.01, abs=0.001)
         before = lane.measure()

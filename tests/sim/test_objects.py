@@ -18,7 +18,7 @@ LID_MASS, LID_ARM, GRAVITY = 0.3, 0.1, 9.81  # of the crate's lid
 
 
 def _lid(env: GenSim2Env, seconds: float, torque: float = 0.0) -> list[float]:
-    """Joint values of the lid while a torque acts on it, with nobody near."""
+    """Joint values of the lid while a torque acts on it, with no robot near."""
     values = []
     crate = env.parts["crate"]
     joint_force = np.array([torque], dtype=np.float32)

@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject, open_library
-from gensim2.objects.types import Hulls, Instance
+from gensim2.objects.types import ArticulatedObject, Hulls
 from gensim2.robots import robot
 from gensim2.scenes.default_pose import DefaultPose, released_pose
 from gensim2.sim import original
@@ -93,7 +93,9 @@ def test_ours_stays_ours_beside_it() -> None:
     for link in (*articulation.links, *robot.links):
         for shape in link.collision_shapes:
             assert shape.physical_material.restitution == 0.0
-    assert sum(link.mass for link in articulation.links) == pytest.approx(lane.setup.objects["object"].model.mass, 1e-4)
+    assert sum(link.mass for link in articulation.links) == pytest.approx(
+        lane.initial_state.objects["object"].model.mass, 1e-4
+    )
     fingers = [link for link in robot.links if "finger" in link.name and link.collision_shapes]
     assert {shape.physical_material.static_friction for link in fingers for shape in link.collision_shapes} == {2.0}
 
@@ -130,8 +132,8 @@ def test_fingers_are_soft_where_there_is_something_to_pick_up() -> None:
 )
 def test_masses_and_friction_are_those_of_the_class(asset_class: str, density: float, coefficient: float) -> None:
     lane = lane_on(asset_class)
-    model = lane.setup.objects["object"].model
-    assert isinstance(model, Instance)
+    model = lane.initial_state.objects["object"].model
+    assert isinstance(model, ArticulatedObject)
     articulation = articulation_in(lane)
     for link in articulation.links:
         volume = sum(ConvexHull(hull).volume for hull in model.hulls[link.name])
@@ -206,7 +208,7 @@ def test_a_toaster_s_lever_stays_up_and_yields_to_a_push() -> None:
 def test_every_row_is_a_pose_and_none_stands_twice() -> None:
     text = (files("gensim2.scenes") / "default_poses.csv").read_text()
     box = dataclasses.replace(open_library("builtin").load("box_rotate", "0"), source="real")
-    assert isinstance(box, Instance)
+    assert isinstance(box, ArticulatedObject)
     rows = list(csv.DictReader(text.splitlines()))
     assert len(rows) == len({(row["class"], row["id"]) for row in rows}) == 169
     for row in rows:
@@ -222,7 +224,7 @@ def test_every_row_is_a_pose_and_none_stands_twice() -> None:
 class _Renamed:
     """The built-in box 0, said to be a released model."""
 
-    def __init__(self, instance: Instance) -> None:
+    def __init__(self, instance: ArticulatedObject) -> None:
         self._instance = instance
 
     def source(self, asset_class: str, /) -> str:
@@ -234,20 +236,20 @@ class _Renamed:
     def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]:
         return (self._instance.id,)
 
-    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default", /) -> Instance:
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default", /) -> ArticulatedObject:
         return self._instance
 
 
 def test_a_released_model_stands_at_the_original_s_pose_and_others_at_ours() -> None:
-    generated = lane_on("box_rotate").setup.objects["object"].model
-    assert isinstance(generated, Instance)
+    generated = lane_on("box_rotate").initial_state.objects["object"].model
+    assert isinstance(generated, ArticulatedObject)
     released = dataclasses.replace(generated, source="real", id="100141")
     unknown = dataclasses.replace(generated, source="real", id="1")
     still = {"offset": [0.0, 0.0, 0.0]}
     row = released_pose(released)
     assert row is not None
     own = generated.placement.position
-    cases: list[tuple[Any, Instance, Any, str]] = [
+    cases: list[tuple[Any, ArticulatedObject, Any, str]] = [
         ("original", released, row.position, "original"),
         ("default", released, own, "default"),
         ("original", unknown, own, "default"),
@@ -256,18 +258,18 @@ def test_a_released_model_stands_at_the_original_s_pose_and_others_at_ours() -> 
     for physics, model, position, origin in cases:
         lane = HeadlessEnv(task_on("box_rotate"), assets=_Renamed(model), physics=physics)
         lane.reset(0, still)
-        thing = lane.setup.objects["object"]
+        thing = lane.initial_state.objects["object"]
         assert thing.position == pytest.approx(position)
         assert thing.default_pose == origin
         assert articulation_in(lane).pose.p == pytest.approx(position, abs=1e-6)
     lane.reset(0, {"pose": [0.0, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0]})
-    assert lane.setup.objects["object"].default_pose is None
+    assert lane.initial_state.objects["object"].default_pose is None
 
 
 def test_a_pose_that_has_what_moves_in_the_table_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     """1 cm in the table, SAPIEN 3 holds a toaster against any push; SAPIEN 2 lets it slide."""
-    generated = lane_on("toaster_move").setup.objects["object"].model
-    assert isinstance(generated, Instance)
+    generated = lane_on("toaster_move").initial_state.objects["object"].model
+    assert isinstance(generated, ArticulatedObject)
     place = generated.placement
     sunk = DefaultPose(place.position - [0.0, 0.0, 0.01], place.quaternion, 0.0, "original")
     monkeypatch.setattr("gensim2.scenes.default_pose.released_pose", lambda _: sunk)
@@ -275,7 +277,7 @@ def test_a_pose_that_has_what_moves_in_the_table_is_raised(monkeypatch: pytest.M
         task_on("toaster_move"), assets=_Renamed(dataclasses.replace(generated, source="real")), physics="original"
     )
     lane.reset(0, {"offset": [0.0, 0.0, 0.0], "openness": 0.0}, robot=False)
-    thing = lane.setup.objects["object"]
+    thing = lane.initial_state.objects["object"]
     assert thing.default_pose == "original"
     assert thing.position == pytest.approx(place.position, abs=1e-4)
     toaster = articulation_in(lane).links[-1]

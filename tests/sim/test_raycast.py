@@ -53,7 +53,7 @@ def states(lane: HeadlessEnv) -> dict[str, Any]:
 
 
 def models(lane: HeadlessEnv) -> dict[str, Any]:
-    return {name: placed.model for name, placed in lane.setup.objects.items()}
+    return {name: placed.model for name, placed in lane.initial_state.objects.items()}
 
 
 def test_a_ball_and_a_box_are_met_where_geometry_says() -> None:

@@ -10,8 +10,8 @@ import pytest
 
 from gensim2.data.trajectory import env_kwargs
 from gensim2.robots import robot
+from gensim2.rollout.no_op import NoOpController
 from gensim2.rollout.run import run
-from gensim2.rollout.still import StillController
 from gensim2.scenes.config import SceneOptions
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.parts import ArticulatedPart, Part
@@ -50,8 +50,8 @@ def test_what_is_drawn_reaches_physics(physics: str) -> None:
     for seed in range(3):
         plain.reset(seed)
         wide.reset(seed)
-        assert plain.setup.start == PANDA.reset_qpos
-        assert wide.q == pytest.approx(wide.setup.start, abs=1e-6)
+        assert plain.initial_state.start == PANDA.reset_qpos
+        assert wide.q == pytest.approx(wide.initial_state.start, abs=1e-6)
         assert np.abs(wide.q - plain.q)[:7].max() > 0.01
         for name, part in wide.parts.items():
             before, factors = plain.parts[name], part.thing.factors
@@ -71,19 +71,19 @@ def test_no_preset_shifts_what_another_draws() -> None:
     for seed in range(5):
         for lane in lanes.values():
             lane.reset(seed)
-        paper, half = (lanes[name].setup for name in ("paper", "paper-half"))
+        paper, half = (lanes[name].initial_state for name in ("paper", "paper-half"))
         if (paper.draws, half.draws) != (1, 1):
             continue
         for name, thing in paper.objects.items():
             assert half.objects[name].yaw == pytest.approx(thing.yaw / 2)
-            assert lanes["wide"].setup.objects[name].model.id == thing.model.id
+            assert lanes["wide"].initial_state.objects[name].model.id == thing.model.id
 
 
 def test_the_record_tells_every_draw() -> None:
     lane = HeadlessEnv("OpenDrawer", assets="builtin", randomization="wide")
-    episode = run(lane, StillController(PANDA, 2), seed=3).episode
-    thing, record = lane.setup.objects["drawer"], episode.objects["drawer"]
-    assert (episode.randomization, tuple(episode.start)) == ("wide", lane.setup.start)
+    episode = run(lane, NoOpController(PANDA, 2), seed=3).episode
+    thing, record = lane.initial_state.objects["drawer"], episode.objects["drawer"]
+    assert (episode.randomization, tuple(episode.start)) == ("wide", lane.initial_state.start)
     assert (record.id, record.yaw, record.pose[:3]) == (thing.model.id, thing.yaw, list(thing.position))
     assert record.openness_start == pytest.approx(thing.openness, abs=1e-6)
     told = (record.mass_factor, record.contact_friction_factor, record.joint_friction_factor)
@@ -98,12 +98,12 @@ def test_a_wide_scene_is_replayed_by_what_travels_with_a_trajectory() -> None:
     moves = np.random.default_rng(0).normal(0.0, 0.2, (40, 8)).astype(np.float32)
     for seed in (1, 2):
         lane.reset(seed)
-        ids = {name: [thing.model.id] for name, thing in lane.setup.objects.items()}
+        ids = {name: [thing.model.id] for name, thing in lane.initial_state.objects.items()}
         env = gym.make(env_id(lane.task), **env_kwargs(lane.task, "builtin", ids, environment))
         observed, _ = env.reset(seed=seed, options={"instance": {name: each for name, (each,) in ids.items()}})
         assert np.array_equal(observed[0].numpy(), lane.observation())
         for move in moves:
-            action = np.append(lane.setup.start[:7], 1.0).astype(np.float32) + move
+            action = np.append(lane.initial_state.start[:7], 1.0).astype(np.float32) + move
             observed, *_ = env.step(action)
             lane.step(action)
         assert np.array_equal(observed[0].numpy(), lane.observation())

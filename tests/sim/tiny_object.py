@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import trimesh
 
-from gensim2.objects.types import Instance, Keypoint, MovingJoint, Placement
+from gensim2.objects.types import ArticulatedObject, Keypoint, MovingJoint, Placement
 
 LID_MASS = 0.3
 LID_LENGTH = 0.2
@@ -30,7 +30,7 @@ def make_crate(
     friction: float = 0.5,
     damping: float = 0.0,
     number: int = 0,
-) -> Instance:
+) -> ArticulatedObject:
     """Write the URDF and meshes below ``folder`` and return the instance.
 
     The lid's hinge runs along y at the back edge, 0.102 m above the table; opening lifts the lid's front
@@ -77,7 +77,7 @@ def make_crate(
     T_root_child[:3, 3] = origin
     frame = np.eye(4)  # y up, z out of the front
     frame[:3, :3] = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    return Instance(
+    return ArticulatedObject(
         asset_class="crate",
         id=str(number),
         source="generated",

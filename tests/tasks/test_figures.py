@@ -56,17 +56,17 @@ def test_a_row_is_counted_from_the_episodes(tmp_path: Path) -> None:
     assert row.deviation == 0.25  # 1.0 and 0.5
     assert row.causes == {"object did not move": 2}
     assert row.condition.is_plain
-    assert row.condition.in_words == "our physics, generated objects"
+    assert row.condition.in_words == "default physics, generated objects"
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"assets": "/some/folder"}, "our physics, real objects"),
+        ({"assets": "/some/folder"}, "default physics, real objects"),
         ({"physics": "original"}, "the original's physics, generated objects"),
-        ({"instances": "test"}, "our physics, generated objects, instances test"),
-        ({"randomization": "wide", "attempts": 8}, "our physics, generated objects, ranges wide, 8 attempts"),
-        ({"open_loop": True, "disturbance": "push"}, "our physics, generated objects, open loop, disturbed: push"),
+        ({"instances": "test"}, "default physics, generated objects, instances test"),
+        ({"randomization": "wide", "attempts": 8}, "default physics, generated objects, ranges wide, 8 attempts"),
+        ({"open_loop": True, "disturbance": "push"}, "default physics, generated objects, open loop, disturbed: push"),
     ],
 )
 def test_a_condition_says_what_is_not_the_papers_protocol(
@@ -142,7 +142,7 @@ def test_a_row_says_where_it_comes_from_and_how_each_instance_did(tmp_path: Path
     with pytest.raises(ValueError, match="held of the instances are not those of the row"):
         type(row).model_validate({**row.model_dump(), "instances": {k: v.model_dump() for k, v in wrong.items()}})
     page = page_by_instance([row, *figures_of("OpenBox")[:2]])
-    assert "OpenDrawer: our physics, generated objects" in page
+    assert "OpenDrawer: default physics, generated objects" in page
     assert all(f"<td>{name}</td>" in page for name in row.instances)
 
 

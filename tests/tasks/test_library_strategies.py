@@ -1,4 +1,4 @@
-"""Each stored task is done by its strategies: in physics, on generated objects, where a still arm does not do it."""
+"""Each stored task is done by its strategies: in physics, on generated objects, and not in the no-op baseline."""
 
 from __future__ import annotations
 

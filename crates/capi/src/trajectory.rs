@@ -126,7 +126,7 @@ pub unsafe extern "C" fn kpam_retime(
     out: *mut *mut kpam_trajectory,
 ) -> kpam_status {
     guarded(|| {
-        if !(1..=1_000_000).contains(&count) || !(1..=gensim2_kpam::MOST_JOINTS).contains(&joints) {
+        if !(1..=1_000_000).contains(&count) || !(1..=gensim2_kpam::MAX_JOINTS).contains(&joints) {
             return Err(Fault::invalid(format!("count, joints: {count} waypoints of {joints} joints cannot be timed")));
         }
         // SAFETY: as this function's.

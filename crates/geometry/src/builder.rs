@@ -133,8 +133,8 @@ impl RobotBuilder {
         self
     }
 
-    /// Leaves a pair of links unjudged, as neighbours are, and links that overlap at the middle of all joint ranges.
-    pub fn never_judged(mut self, one: impl Into<String>, other: impl Into<String>) -> Self {
+    /// Leaves a pair of links unchecked, as neighbours are, and links that overlap at the middle of all joint ranges.
+    pub fn disabled_collisions(mut self, one: impl Into<String>, other: impl Into<String>) -> Self {
         self.free.push((one.into(), other.into()));
         self
     }
@@ -175,7 +175,7 @@ impl RobotBuilder {
         let hand = index(hand, "hand")?;
         let mut pairs = Vec::with_capacity(self.free.len());
         for (one, other) in &self.free {
-            let (a, b) = (index(one, "never_judged")?, index(other, "never_judged")?);
+            let (a, b) = (index(one, "disabled_collisions")?, index(other, "disabled_collisions")?);
             pairs.push((a.min(b), a.max(b)));
         }
         Robot::of_parts(self.name, links, joints, hand, pairs)

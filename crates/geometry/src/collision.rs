@@ -49,7 +49,7 @@ pub struct Scratch {
     nearest: Vec<Option<Contact>>,
     /// Directions from pieces to what is near them, as last found; none where they are not remembered.
     hints: Vec<Vector3<f64>>,
-    hasty: bool,
+    early_exit: bool,
 }
 
 /// Directions are remembered in a table of this size. Pairs may share a place there: any direction is a guess.
@@ -64,8 +64,8 @@ impl Scratch {
 
     /// Whether any shapes within reach will do for what is visited, in place of the nearest: where all that matters is
     /// that there are some.
-    pub fn be_hasty(&mut self, hasty: bool) {
-        self.hasty = hasty;
+    pub fn set_early_exit(&mut self, early_exit: bool) {
+        self.early_exit = early_exit;
     }
 
     /// Poses of the groups as last placed.
@@ -193,8 +193,8 @@ impl<'a> MovingShapes<'a> {
     }
 
     /// Calls `visit` for those of `groups` that come within `reach(group, body)` of an obstacle: once a group and body,
-    /// with the nearest shapes. A negative infinite reach means that the two are not judged. `visit` returns whether to
-    /// go on; the result is false where it stopped. Where the memory is hasty, it is called for the first shapes of a
+    /// with the nearest shapes. A negative infinite reach means that the two are not checked. `visit` returns whether to
+    /// go on; the result is false where it stopped. Where `early_exit` is set, it is called for the first shapes of a
     /// group that come within reach of anything, and no more of that group. Shapes whose boxes are more than `coarse` (m) apart are not
     /// measured: the distance of their boxes, which is never more than theirs, stands in for it.
     pub fn near_bodies(
@@ -222,12 +222,12 @@ impl<'a> MovingShapes<'a> {
             }
             let mut any = false;
             for piece in pieces {
-                if any && scratch.hasty {
+                if any && scratch.early_exit {
                     break;
                 }
                 let bounds = scratch.boxes[piece];
                 obstacles.tree.near(&bounds, furthest.max(0.0), |e| {
-                    if any && scratch.hasty {
+                    if any && scratch.early_exit {
                         return;
                     }
                     let element = &obstacles.elements[e];
@@ -355,7 +355,7 @@ impl<'a> MovingShapes<'a> {
                 {
                     limit = contact.distance;
                     nearest = Some(contact);
-                    if scratch.hasty {
+                    if scratch.early_exit {
                         return nearest;
                     }
                 }
@@ -372,10 +372,10 @@ fn between_boxes(a: &Aabb, b: &Aabb, apart: f64) -> Contact {
     Contact { distance: apart, on_first, on_second, normal }
 }
 
-/// Pairs of links (lower index first) that are judged against each other where `changes` says that one can move
+/// Pairs of links (lower index first) that are checked against each other where `changes` says that one can move
 /// against the other: those with shapes that the robot does not allow to touch.
 #[must_use]
-pub fn judged_pairs(robot: &Robot, changes: impl Fn(usize, usize) -> bool) -> Vec<(usize, usize)> {
+pub fn checked_pairs(robot: &Robot, changes: impl Fn(usize, usize) -> bool) -> Vec<(usize, usize)> {
     let links = robot.links();
     let allowed = robot.allowed_pairs();
     let mut pairs = Vec::new();
@@ -393,7 +393,7 @@ pub fn judged_pairs(robot: &Robot, changes: impl Fn(usize, usize) -> bool) -> Ve
 /// Pairs of links that overlap where `poses` puts them.
 pub(crate) fn overlapping_pairs(robot: &Robot, poses: Vec<Pose>) -> Vec<(usize, usize)> {
     let shapes = MovingShapes::new(robot.links().iter().map(|l| l.shapes.as_slice()));
-    let pairs = judged_pairs(robot, |_, _| true);
+    let pairs = checked_pairs(robot, |_, _| true);
     let all: Vec<usize> = (0..shapes.len()).collect();
     let every: Vec<usize> = (0..pairs.len()).collect();
     let mut scratch = Scratch::default();

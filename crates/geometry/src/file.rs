@@ -5,27 +5,27 @@ use std::io::Read;
 use std::path::Path;
 
 /// Bytes of the largest URDF or SRDF.
-pub(crate) const MOST_XML: u64 = 16 << 20;
+pub(crate) const MAX_XML: u64 = 16 << 20;
 /// Bytes of the largest mesh.
-pub(crate) const MOST_MESH: u64 = 256 << 20;
+pub(crate) const MAX_MESH: u64 = 256 << 20;
 
 /// The file's content, or why it cannot be had.
-pub(crate) fn read(path: &Path, most: u64) -> Result<Vec<u8>, String> {
+pub(crate) fn read(path: &Path, max_bytes: u64) -> Result<Vec<u8>, String> {
     let unreadable = |e: std::io::Error| format!("cannot be read: {e}");
     if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
         return Err("is not a regular file".to_owned());
     }
     let mut content = Vec::new();
-    File::open(path).and_then(|file| file.take(most + 1).read_to_end(&mut content)).map_err(unreadable)?;
-    if content.len() as u64 > most {
-        return Err(format!("is larger than {} MiB", most >> 20));
+    File::open(path).and_then(|file| file.take(max_bytes + 1).read_to_end(&mut content)).map_err(unreadable)?;
+    if content.len() as u64 > max_bytes {
+        return Err(format!("is larger than {} MiB", max_bytes >> 20));
     }
     Ok(content)
 }
 
 /// As [`read`], of text.
 pub(crate) fn read_text(path: &Path) -> Result<String, String> {
-    String::from_utf8(read(path, MOST_XML)?).map_err(|e| format!("cannot be read: {e}"))
+    String::from_utf8(read(path, MAX_XML)?).map_err(|e| format!("cannot be read: {e}"))
 }
 
 #[cfg(test)]

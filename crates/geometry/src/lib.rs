@@ -46,7 +46,7 @@ mod xml;
 pub use builder::{JointBuilder, LinkBuilder, RobotBuilder};
 pub use bvh::{Aabb, Bvh};
 pub use chain::{Chain, ChainFrames};
-pub use collision::{MovingShapes, Proximity, Scratch, Target, judged_pairs};
+pub use collision::{MovingShapes, Proximity, Scratch, Target, checked_pairs};
 pub use convex::Convex;
 pub use corners::Corners;
 pub use distance::{Contact, signed_distance};

@@ -8,7 +8,7 @@ use crate::file;
 
 /// Reads the vertices of a mesh, or says why not.
 pub(crate) fn read(path: &Path) -> Result<Vec<Point3<f64>>, String> {
-    let bytes = file::read(path, file::MOST_MESH).map_err(|e| format!("mesh {} {e}", path.display()))?;
+    let bytes = file::read(path, file::MAX_MESH).map_err(|e| format!("mesh {} {e}", path.display()))?;
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     let vertices = match extension.as_str() {
         "stl" => stl(&bytes),

@@ -1,4 +1,4 @@
-//! The kinematic tree: poses of links, and which of them are judged against each other.
+//! The kinematic tree: poses of links, and which of them are checked against each other.
 
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -20,7 +20,7 @@ pub struct Robot {
     joints: Vec<Joint>,
     hand: usize,
     chain: Chain,
-    /// Pairs of links (lower index first) that are never judged, sorted.
+    /// Pairs of links (lower index first) that are never checked, sorted.
     allowed: Vec<(usize, usize)>,
     /// Those among them that are there for no better reason than that they overlap at the middle of all joint ranges.
     #[serde(default)]
@@ -45,7 +45,7 @@ impl Robot {
     /// Reads a URDF with its collision meshes, and the pairs that an SRDF disables.
     ///
     /// Mesh paths are taken relative to the URDF's folder (`package://` is stripped). Without an SRDF, neighbouring
-    /// links are not judged against each other, nor pairs that overlap at the middle of all joint ranges.
+    /// links are not checked against each other, nor pairs that overlap at the middle of all joint ranges.
     ///
     /// # Errors
     /// An unreadable or malformed file, an unknown link, a loop, inverted limits, a zero axis, or a missing mesh.
@@ -108,7 +108,7 @@ impl Robot {
         Self { name, links, joints, hand, chain, allowed: Vec::new(), unchecked, cover: Covered::default() }
     }
 
-    /// The same of parts that may not fit; `allowed` are pairs of links that are never judged, beside neighbours and what
+    /// The same of parts that may not fit; `allowed` are pairs of links that are never checked, beside neighbours and what
     /// overlaps at the middle of all joint ranges.
     pub(crate) fn of_parts(
         name: String,
@@ -255,14 +255,14 @@ impl Robot {
         (link < self.links.len()).then(|| Chain::new(&self.links, &self.joints, link))
     }
 
-    /// Pairs of links (lower index first) that overlap at the middle of all joint ranges, and are never judged for that
+    /// Pairs of links (lower index first) that overlap at the middle of all joint ranges, and are never checked for that
     /// reason alone: an SRDF would say whether they may touch.
     #[must_use]
     pub fn unchecked_pairs(&self) -> &[(usize, usize)] {
         &self.unchecked
     }
 
-    /// Pairs of links that are never judged against each other.
+    /// Pairs of links that are never checked against each other.
     #[must_use]
     pub fn allowed_pairs(&self) -> &[(usize, usize)] {
         &self.allowed

@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// Links per robot: beyond this a file is taken for damaged.
-const MOST_LINKS: usize = 10_000;
+const MAX_LINKS: usize = 10_000;
 
 pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> Result<Robot, UrdfError> {
     let file = path.display().to_string();
@@ -20,8 +20,8 @@ pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> 
     let fail = |field: &str, message: String| UrdfError::new(file, field, message);
     let plain = xml::plain(&xml::parse(text, file)?);
     let model = urdf_rs::read_from_string(&plain).map_err(|e| fail("XML", format!("is not a URDF: {e}")))?;
-    if model.links.is_empty() || model.links.len() > MOST_LINKS {
-        return Err(fail("robot", format!("has {} links; expected 1 to {MOST_LINKS}", model.links.len())));
+    if model.links.is_empty() || model.links.len() > MAX_LINKS {
+        return Err(fail("robot", format!("has {} links; expected 1 to {MAX_LINKS}", model.links.len())));
     }
     let mut names = HashSet::new();
     if let Some(twice) = model.links.iter().find(|l| !names.insert(l.name.as_str())) {

@@ -28,22 +28,27 @@ fn apart(a: &[Ball], b: &[Ball]) -> f64 {
 }
 
 /// Memory in which the groups lie where their balls say.
-fn placed(moving: &MovingShapes<'_>, hasty: bool) -> Scratch {
+fn placed(moving: &MovingShapes<'_>, early_exit: bool) -> Scratch {
     let all: Vec<usize> = (0..moving.len()).collect();
     let mut scratch = Scratch::remembering();
-    scratch.be_hasty(hasty);
+    scratch.set_early_exit(early_exit);
     moving.place(&all, &mut scratch, |poses| *poses = vec![Pose::identity(); moving.len()]);
     scratch
 }
 
 /// Distances visited of groups and bodies.
-fn near_bodies(moving: &MovingShapes<'_>, still: &Obstacles, reach: f64, hasty: bool) -> BTreeMap<(usize, usize), f64> {
+fn near_bodies(
+    moving: &MovingShapes<'_>,
+    still: &Obstacles,
+    reach: f64,
+    early_exit: bool,
+) -> BTreeMap<(usize, usize), f64> {
     let all: Vec<usize> = (0..moving.len()).collect();
     let mut seen = BTreeMap::new();
     moving.near_bodies(
         &all,
         still,
-        &mut placed(moving, hasty),
+        &mut placed(moving, early_exit),
         f64::INFINITY,
         |_, _| reach,
         |near| {
@@ -56,13 +61,18 @@ fn near_bodies(moving: &MovingShapes<'_>, still: &Obstacles, reach: f64, hasty: 
 }
 
 /// Distances visited of pairs of groups, by number of the pair.
-fn near_pairs(moving: &MovingShapes<'_>, pairs: &[(usize, usize)], reach: f64, hasty: bool) -> BTreeMap<usize, f64> {
+fn near_pairs(
+    moving: &MovingShapes<'_>,
+    pairs: &[(usize, usize)],
+    reach: f64,
+    early_exit: bool,
+) -> BTreeMap<usize, f64> {
     let every: Vec<usize> = (0..pairs.len()).collect();
     let mut seen = BTreeMap::new();
     moving.near_pairs(
         pairs,
         &every,
-        &mut placed(moving, hasty),
+        &mut placed(moving, early_exit),
         f64::INFINITY,
         |_| reach,
         |pair, near| {
@@ -81,7 +91,7 @@ proptest! {
         let (mine, theirs, origin) = (shapes(&groups), shapes(&bodies), Pose::identity());
         let moving = MovingShapes::new(mine.iter().map(Vec::as_slice));
         let still = Obstacles::new(theirs.iter().map(|s| (s.as_slice(), &origin)));
-        let (all, hasty) = (near_bodies(&moving, &still, reach, false), near_bodies(&moving, &still, reach, true));
+        let (all, early_exit) = (near_bodies(&moving, &still, reach, false), near_bodies(&moving, &still, reach, true));
         for (g, group) in groups.iter().enumerate() {
             let mut any = false;
             for (b, body) in bodies.iter().enumerate() {
@@ -92,11 +102,11 @@ proptest! {
                 if let Some(told) = all.get(&(g, b)) {
                     prop_assert!((told - truth).abs() < 1e-7, "{told} is told, {truth} is true");
                 }
-                if let Some(told) = hasty.get(&(g, b)) {
+                if let Some(told) = early_exit.get(&(g, b)) {
                     prop_assert!((truth - 1e-7..reach).contains(told), "{told} is told, {truth} is true");
                 }
             }
-            prop_assert_eq!(hasty.keys().any(|(group, _)| *group == g), any);
+            prop_assert_eq!(early_exit.keys().any(|(group, _)| *group == g), any);
         }
     }
 
@@ -105,13 +115,13 @@ proptest! {
         let mine = shapes(&groups);
         let moving = MovingShapes::new(mine.iter().map(Vec::as_slice));
         let pairs: Vec<(usize, usize)> = (0..groups.len()).flat_map(|a| (0..a).map(move |b| (b, a))).collect();
-        let (all, hasty) = (near_pairs(&moving, &pairs, reach, false), near_pairs(&moving, &pairs, reach, true));
+        let (all, early_exit) = (near_pairs(&moving, &pairs, reach, false), near_pairs(&moving, &pairs, reach, true));
         for (number, &(a, b)) in pairs.iter().enumerate() {
             let truth = apart(&groups[a], &groups[b]);
             prop_assume!((truth - reach).abs() > 1e-6);
             prop_assert_eq!(all.contains_key(&number), truth < reach);
-            prop_assert_eq!(hasty.contains_key(&number), truth < reach);
-            if let (Some(told), Some(quick)) = (all.get(&number), hasty.get(&number)) {
+            prop_assert_eq!(early_exit.contains_key(&number), truth < reach);
+            if let (Some(told), Some(quick)) = (all.get(&number), early_exit.get(&number)) {
                 prop_assert!((told - truth).abs() < 1e-7, "{told} is told, {truth} is true");
                 prop_assert!((truth - 1e-7..reach).contains(quick), "{quick} is told, {truth} is true");
             }

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 use gensim2_geometry::{
-    Aabb, Bvh, ChainFrames, Convex, Corners, MovingShapes, Obstacles, Pose, Robot, Scratch, judged_pairs,
+    Aabb, Bvh, ChainFrames, Convex, Corners, MovingShapes, Obstacles, Pose, Robot, Scratch, checked_pairs,
     pose_from_matrix, rotation_about, rotation_log, screw_about, signed_distance,
 };
 use nalgebra::{Matrix4, Point3, Rotation3, Translation3, Vector3};
@@ -74,7 +74,7 @@ proptest! {
             prop_assert_eq!(chain.angular(&frames, i).is_some(), there);
         }
         let _ = robot.joints()[0].motion(point.x);
-        let _ = judged_pairs(&robot, |_, _| true);
+        let _ = checked_pairs(&robot, |_, _| true);
     }
 
     #[test]

@@ -94,7 +94,7 @@ proptest! {
                 let least = &mut said[s.group][body][lane];
                 *least = least.min(f64::from(s.gap[lane]));
                 let upper = &mut most[s.group][body][lane];
-                *upper = upper.min(f64::from(s.most[lane]));
+                *upper = upper.min(f64::from(s.max_gap[lane]));
             }
             true
         });
@@ -154,7 +154,7 @@ fn what_lies_in_the_middle_of_another_is_surely_too_near() {
     let mut sure = [false; 2];
     screen.survey(&mut batch, &needs, 0.0, |s| {
         if let (1, Some(body)) = (s.group, screen.body(s.other)) {
-            sure[body] |= s.most.iter().all(|m| *m < 0.0);
+            sure[body] |= s.max_gap.iter().all(|m| *m < 0.0);
         }
         true
     });

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use criterion::{Criterion, criterion_group, criterion_main};
 use gensim2_geometry::{Convex, Pose, Robot};
 use gensim2_kpam::qp::{ActiveSet, Bound, InteriorPoint, Qp, QpSolver};
-use gensim2_kpam::{Body, KeypointProblem, MOST_JOINTS, Role, Row, SolverConfig, plan};
+use gensim2_kpam::{Body, KeypointProblem, MAX_JOINTS, Role, Row, SolverConfig, plan};
 use nalgebra::Vector3;
 
 /// A step of the actuation pose: three point rows, a cone of sixteen sides, seven joints within a trust region.
@@ -16,7 +16,7 @@ fn step() -> (Vec<Row>, Row, Vec<Bound>) {
     let row = |k: usize| std::array::from_fn(|v| if v < 7 { wave(k, v) } else { 0.0 });
     let hessian: Vec<Row> = (0..7)
         .map(|i| {
-            let mut h = [0.0; MOST_JOINTS];
+            let mut h = [0.0; MAX_JOINTS];
             for (j, value) in h.iter_mut().enumerate().take(7) {
                 *value = 0.3 * (0..7).map(|k| wave(i, k) * wave(j, k)).sum::<f64>() + if i == j { 2.0 } else { 0.0 };
             }
@@ -26,7 +26,7 @@ fn step() -> (Vec<Row>, Row, Vec<Bound>) {
     let mut bounds: Vec<Bound> = (0..3).map(|k| Bound { row: row(k), low: -0.011, high: -0.009 }).collect();
     bounds.extend((3..19).map(|k| Bound { row: row(k), low: f64::NEG_INFINITY, high: 0.05 }));
     bounds.extend((0..7).map(|v| {
-        let mut row = [0.0; MOST_JOINTS];
+        let mut row = [0.0; MAX_JOINTS];
         row[v] = 1.0;
         Bound { row, low: -0.5, high: 0.5 }
     }));

@@ -1,7 +1,7 @@
 //! Acceleration and jerk limits where none are given: a URDF holds neither.
 
 use crate::ProblemError;
-use crate::model::{MOST_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row};
 use crate::options::{LimitSet, Options};
 use crate::timing::{Braking, Envelope};
 
@@ -41,7 +41,7 @@ pub(crate) fn greatest_velocity(options: &Options) -> Option<[f64; 7]> {
 
 /// Acceleration and jerk limits of the variables that hold where the options give none.
 pub(crate) fn default_limits(options: &Options) -> (Row, Row) {
-    let (mut acceleration, mut jerk) = ([ACCELERATION; MOST_JOINTS], [JERK; MOST_JOINTS]);
+    let (mut acceleration, mut jerk) = ([ACCELERATION; MAX_JOINTS], [JERK; MAX_JOINTS]);
     if options.limits == Some(LimitSet::Panda) {
         acceleration[..7].copy_from_slice(&PANDA_ACCELERATION);
         jerk[..7].copy_from_slice(&PANDA_JERK);

@@ -3,8 +3,8 @@
 
 use gensim2_geometry::{JointKind, Robot};
 
-use crate::model::{MOST_JOINTS, Model, Row};
-use crate::world::{Hit, Leg, Margins, State, TOUCH, World};
+use crate::model::{MAX_JOINTS, Model, Row};
+use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, World};
 
 /// Longest edge that a tree grows by (weighted rad).
 const EDGE: f64 = 0.6;
@@ -51,7 +51,7 @@ struct Metric {
 
 impl Metric {
     fn of(robot: &Robot, model: &Model) -> Self {
-        let mut weights = [1.0; MOST_JOINTS];
+        let mut weights = [1.0; MAX_JOINTS];
         let slides = |joint: usize| robot.joints()[joint].kind() == JointKind::Prismatic;
         let own: Vec<usize> = model.map().indices().to_vec();
         if own.iter().any(|j| slides(*j)) {
@@ -115,7 +115,7 @@ pub(crate) enum NoWay {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sampling {
     /// Most samples.
-    pub most: usize,
+    pub max_samples: usize,
     /// Which of them.
     pub seed: usize,
 }
@@ -126,33 +126,33 @@ pub(crate) fn connect(
     model: &Model,
     a: &Row,
     b: &Row,
-    leg: Leg,
+    segment: MotionSegment,
     margins: &Margins,
     sampling: Sampling,
 ) -> Result<Vec<Row>, NoWay> {
     for end in [b, a] {
-        if let Some(hit) = world.hit_at(State::still(end), leg, margins) {
+        if let Some(hit) = world.hit_at(State::still(end), segment, margins) {
             return Err(NoWay::Blocked(hit));
         }
     }
-    let Some(hit) = world.sweep(a, b, leg, margins) else { return Ok(vec![*a, *b]) };
+    let Some(hit) = world.sweep(a, b, segment, margins) else { return Ok(vec![*a, *b]) };
     let (n, metric) = (model.n(), Metric::of(&world.problem.robot, model));
     let mut draws = Draws::of(0x6b70_616d, sampling.seed);
     let mut trees = [Tree { nodes: vec![(*a, 0)] }, Tree { nodes: vec![(*b, 0)] }];
     let mut active = 0;
-    for _ in 0..sampling.most {
+    for _ in 0..sampling.max_samples {
         if world.is_over() {
             break;
         }
-        let mut goal = [0.0; MOST_JOINTS];
+        let mut goal = [0.0; MAX_JOINTS];
         for (v, value) in goal.iter_mut().enumerate().take(n) {
             let (low, high) = model.range(v);
             *value = low + (high - low) * draws.unit();
         }
-        if let Some(new) = grow(world, &metric, &mut trees[active], &goal, leg, margins) {
+        if let Some(new) = grow(world, &metric, &mut trees[active], &goal, segment, margins) {
             let target = trees[active].nodes[new].0;
             let other = 1 - active;
-            while let Some(reached) = grow(world, &metric, &mut trees[other], &target, leg, margins) {
+            while let Some(reached) = grow(world, &metric, &mut trees[other], &target, segment, margins) {
                 if metric.squared(&trees[other].nodes[reached].0, &target) < 1e-18 {
                     let mut path = trees[active].path_from_root(new);
                     let mut rest = trees[other].path_from_root(reached);
@@ -162,7 +162,7 @@ pub(crate) fn connect(
                     if active == 1 {
                         path.reverse();
                     }
-                    shorten(world, &metric, &mut path, leg, margins, &mut draws);
+                    shorten(world, &metric, &mut path, segment, margins, &mut draws);
                     return Ok(path);
                 }
             }
@@ -173,13 +173,19 @@ pub(crate) fn connect(
 }
 
 /// For a start that overlaps something: a pose near it that is free, straight to which the overlap only lessens.
-pub(crate) fn way_out(world: &mut World<'_>, model: &Model, start: &Row, leg: Leg, seed: usize) -> Option<Row> {
+pub(crate) fn way_out(
+    world: &mut World<'_>,
+    model: &Model,
+    start: &Row,
+    segment: MotionSegment,
+    seed: usize,
+) -> Option<Row> {
     let (n, metric) = (model.n(), Metric::of(&world.problem.robot, model));
     let mut draws = Draws::of(0x6578_6974, seed);
     let free = Margins::plain(2.0 * TOUCH).parted();
     for k in 0..EXITS {
         let length = EDGE * (k + 1) as f64 / EXITS as f64;
-        let mut way = [0.0; MOST_JOINTS];
+        let mut way = [0.0; MAX_JOINTS];
         for value in way.iter_mut().take(n) {
             *value = 2.0 * draws.unit() - 1.0;
         }
@@ -191,13 +197,13 @@ pub(crate) fn way_out(world: &mut World<'_>, model: &Model, start: &Row, leg: Le
         for v in 0..n {
             end[v] = (start[v] + way[v] * length / (norm * metric.weights[v])).clamp(model.lower[v], model.upper[v]);
         }
-        if world.hit_at(State::still(&end), leg, &free).is_some() {
+        if world.hit_at(State::still(&end), segment, &free).is_some() {
             continue;
         }
         let steps = (length / EXIT_STEP).ceil() as usize;
         let mut depth = f64::INFINITY;
         let lessens = (0..=steps).all(|i| {
-            let next = world.overlap(State::still(&between(n, start, &end, i as f64 / steps as f64)), leg);
+            let next = world.overlap(State::still(&between(n, start, &end, i as f64 / steps as f64)), segment);
             let less = next <= depth + 0.1 * TOUCH;
             depth = next;
             less
@@ -210,9 +216,9 @@ pub(crate) fn way_out(world: &mut World<'_>, model: &Model, start: &Row, leg: Le
 }
 
 /// Whether the straight segment between two free joint vectors is free. What blocks one mostly shows at a few places.
-fn is_free(world: &mut World<'_>, n: usize, a: &Row, b: &Row, leg: Leg, margins: &Margins) -> bool {
-    let blocked = |s: &f64| world.hit_at(State::still(&between(n, a, b, *s)), leg, margins).is_some();
-    ![0.5, 0.25, 0.75].iter().any(blocked) && world.sweep(a, b, leg, margins).is_none()
+fn is_free(world: &mut World<'_>, n: usize, a: &Row, b: &Row, segment: MotionSegment, margins: &Margins) -> bool {
+    let blocked = |s: &f64| world.hit_at(State::still(&between(n, a, b, *s)), segment, margins).is_some();
+    ![0.5, 0.25, 0.75].iter().any(blocked) && world.sweep(a, b, segment, margins).is_none()
 }
 
 /// Grows a tree one edge towards `goal`; the new node, or `None` where it is blocked.
@@ -221,7 +227,7 @@ fn grow(
     metric: &Metric,
     tree: &mut Tree,
     goal: &Row,
-    leg: Leg,
+    segment: MotionSegment,
     margins: &Margins,
 ) -> Option<usize> {
     let (n, from) = (metric.n, tree.nearest(metric, goal));
@@ -231,7 +237,9 @@ fn grow(
         return None;
     }
     let end = if length <= EDGE { *goal } else { between(n, &start, goal, EDGE / length) };
-    if world.hit_at(State::still(&end), leg, margins).is_some() || !is_free(world, n, &start, &end, leg, margins) {
+    if world.hit_at(State::still(&end), segment, margins).is_some()
+        || !is_free(world, n, &start, &end, segment, margins)
+    {
         return None;
     }
     tree.nodes.push((end, from));
@@ -243,7 +251,7 @@ fn shorten(
     world: &mut World<'_>,
     metric: &Metric,
     path: &mut Vec<Row>,
-    leg: Leg,
+    segment: MotionSegment,
     margins: &Margins,
     draws: &mut Draws,
 ) {
@@ -252,7 +260,7 @@ fn shorten(
     while i + 2 < path.len() {
         let mut j = path.len() - 1;
         while j > i + 1 {
-            if is_free(world, n, &path[i], &path[j], leg, margins) {
+            if is_free(world, n, &path[i], &path[j], segment, margins) {
                 path.drain(i + 1..j);
                 break;
             }
@@ -277,7 +285,7 @@ fn shorten(
         let along: f64 = metric.length(&a, &path[i + 1])
             + (i + 1..j).map(|k| metric.length(&path[k], &path[k + 1])).sum::<f64>()
             + metric.length(&path[j], &b);
-        if metric.length(&a, &b) < 0.98 * along && is_free(world, n, &a, &b, leg, margins) {
+        if metric.length(&a, &b) < 0.98 * along && is_free(world, n, &a, &b, segment, margins) {
             path.splice(i + 1..=j, [a, b]);
         }
     }
@@ -300,7 +308,7 @@ mod tests {
         let model = Model::new(&robot, &[0.0, 0.0]).unwrap();
         let metric = Metric::of(&robot, &model);
         let at = |slide: f64, turn: f64| {
-            let mut x = [0.0; MOST_JOINTS];
+            let mut x = [0.0; MAX_JOINTS];
             (x[0], x[1]) = (slide, turn);
             x
         };

@@ -5,7 +5,7 @@ use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::Vector3;
 
 use crate::KeypointProblem;
-use crate::model::{MOST_JOINTS, Model, Placed, Row};
+use crate::model::{MAX_JOINTS, Model, Placed, Row};
 use crate::motion::HandPath;
 use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver, smallest_step};
 use crate::timing::Spline;
@@ -99,7 +99,7 @@ impl<'p> Follower<'p> {
         let push = PUSH * (1.0 - keep) / finer as f64;
         let mut waypoints = vec![*x];
         let mut last = *x;
-        let mut drift = [0.0; MOST_JOINTS];
+        let mut drift = [0.0; MAX_JOINTS];
         for k in 1..=steps {
             let s = k as f64 / steps as f64;
             let goal = path.at(if backwards { 1.0 - s } else { s });
@@ -151,7 +151,7 @@ impl<'p> Follower<'p> {
             let [roll, pitch, yaw] = [0, 1, 2].map(|k| self.placed.angular_row(&Vector3::ith(k, 1.0)));
             let rows = [x_row, y_row, z_row, roll, pitch, yaw];
             let values = [way.x, way.y, way.z, turn.x, turn.y, turn.z];
-            let mut gradient = [0.0; MOST_JOINTS];
+            let mut gradient = [0.0; MAX_JOINTS];
             if round == 0 {
                 for v in 0..n {
                     gradient[v] = -drift[v] - push * self.limit_push(v, &x);
@@ -190,7 +190,7 @@ impl<'p> Follower<'p> {
     fn limited_step(&mut self, x: &Row, rows: &[Row; 6], values: &[f64; 6], gradient: &Row) -> Option<Row> {
         let n = self.model.n();
         let few = n < rows.len();
-        let mut hessian = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+        let mut hessian = [[0.0; MAX_JOINTS]; MAX_JOINTS];
         let mut slope = *gradient;
         self.bounds.clear();
         if few {
@@ -207,7 +207,7 @@ impl<'p> Follower<'p> {
         for v in 0..n {
             hessian[v][v] += if few { FREE_WEIGHT } else { 1.0 };
             let (low, high) = self.room(v, x);
-            let mut row = [0.0; MOST_JOINTS];
+            let mut row = [0.0; MAX_JOINTS];
             row[v] = 1.0;
             self.bounds.push(Bound { row, low, high });
         }

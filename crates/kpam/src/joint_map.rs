@@ -4,7 +4,7 @@
 use gensim2_geometry::Robot;
 use serde::{Deserialize, Serialize};
 
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// A joint of the robot that a variable drives: `q[joint] = factor * x[variable] + offset`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -57,7 +57,7 @@ impl JointMap {
         let drives = |d: &DrivenJoint| {
             d.joint < joints && d.variable < variables && d.factor.is_finite() && d.offset.is_finite()
         };
-        variables <= MOST_JOINTS
+        variables <= MAX_JOINTS
             && self.rest.iter().all(|v| v.is_finite())
             && self.indices.iter().all(|j| *j < joints)
             && self.driven.iter().all(drives)
@@ -90,7 +90,7 @@ impl JointMap {
     /// Variables of a full joint vector, of positions or of rates.
     #[must_use]
     pub fn pick(&self, full: &[f64]) -> Row {
-        let mut x = [0.0; MOST_JOINTS];
+        let mut x = [0.0; MAX_JOINTS];
         for (value, j) in x.iter_mut().zip(&self.indices) {
             *value = full[*j];
         }
@@ -131,7 +131,7 @@ impl JointMap {
     /// joint of the full vector.
     #[must_use]
     pub fn least(&self, limit: impl Fn(usize) -> f64) -> Row {
-        let mut out = [f64::INFINITY; MOST_JOINTS];
+        let mut out = [f64::INFINITY; MAX_JOINTS];
         for d in &self.driven {
             out[d.variable] = out[d.variable].min(limit(d.joint) / d.factor.abs());
         }

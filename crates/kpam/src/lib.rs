@@ -5,6 +5,18 @@
 //! solved and what was not. Metres, radians, seconds; poses are in the robot base frame. No function panics: what does
 //! not fit is an error that names the field, or a plan's status.
 //!
+//! The actuation pose `q` solves
+//!
+//! ```text
+//! minimize    (q - q0)' W (q - q0) + |p(q) - p(q0)|^2 + 1 - cos(angle(R(q0), R(q))) + costs of the config
+//! subject to  lower <= q <= upper
+//!             |p_tool(q) - p_target| <= tolerance, by coordinate            for each point constraint
+//!             |angle(a_tool(q), a_target) - arccos(d)| <= tolerance         for each axis constraint
+//! ```
+//!
+//! with `q0` the start, `W` the joint weights, `p` and `R` the hand's origin and orientation. The motion through it is
+//! the fastest found within velocity, acceleration, jerk and torque limits, and keeps a margin to everything.
+//!
 //! ```
 //! use std::sync::Arc;
 //!
@@ -81,11 +93,11 @@ pub use cancel::Cancel;
 pub use config::{Gripper, SolverConfig, SolverConfigBuilder};
 pub use error::{ConfigError, ProblemError};
 pub use grasp::{Grasp, GraspOptions, GraspPlan, GraspTask, ParallelGripper};
-pub use model::{MOST_JOINTS, Row};
+pub use model::{MAX_JOINTS, Row};
 pub use object_joint::{ObjectJoint, ObjectJointKind};
 pub use options::Options;
 pub use plan::{
-    Collision, Guess, IkSolution, KeyframeReport, Lack, MOST_CHECKS, MOST_THREADS, Outcome, Plan, Request, Residual,
+    Collision, Guess, IkSolution, KeyframeReport, Lack, MAX_CHECKS, MAX_THREADS, Outcome, Plan, Request, Residual,
     StageTimes, Status, Tight, Touch, TriedPose, ik, joint_travel, min_clearance, plan, plan_batch, plan_timed,
     plan_with,
 };

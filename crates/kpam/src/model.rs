@@ -9,10 +9,10 @@ use crate::ProblemError;
 pub(crate) use crate::joint_map::{DrivenJoint, JointMap};
 
 /// Most joints that planning moves at once; buffers of this length live on the stack.
-pub const MOST_JOINTS: usize = 12;
+pub const MAX_JOINTS: usize = 12;
 
 /// Joint values, velocities or a Jacobian row of the moving joints; entries past their number are zero.
-pub type Row = [f64; MOST_JOINTS];
+pub type Row = [f64; MAX_JOINTS];
 
 /// The joints that move the hand, as independent variables. Mimic joints are none: they follow the variables, through
 /// [`Model::map`], and their limits bind the variables that drive them.
@@ -26,7 +26,7 @@ pub struct Model {
     /// Velocity limits (rad/s or m/s), those of joints that follow included.
     pub velocity: Row,
     /// Variables of which a whole turn changes nothing, so that they count modulo one turn.
-    endless: [bool; MOST_JOINTS],
+    endless: [bool; MAX_JOINTS],
     /// Half of the range drawn from where limits are open (rad or m).
     reach: Row,
     /// Joints of the chain to the hand that variables drive: place in the chain, variable and factor.
@@ -37,7 +37,7 @@ impl Model {
     /// Variables of `robot`; joints that do not move the hand stay as in the full joint vector `rest`.
     ///
     /// # Errors
-    /// No joint moves the hand, more than [`MOST_JOINTS`] do, `rest` has another length than the robot's joint vectors,
+    /// No joint moves the hand, more than [`MAX_JOINTS`] do, `rest` has another length than the robot's joint vectors,
     /// or a variable whose own limits and those of its mimics contradict each other.
     pub fn new(robot: &Robot, rest: &[f64]) -> Result<Self, ProblemError> {
         let joints = robot.joints();
@@ -51,9 +51,9 @@ impl Model {
                 indices.push(drive.source);
             }
         }
-        if indices.is_empty() || indices.len() > MOST_JOINTS {
+        if indices.is_empty() || indices.len() > MAX_JOINTS {
             let message = format!(
-                "has {} independent joints that move its hand; 1 to {MOST_JOINTS} can be planned",
+                "has {} independent joints that move its hand; 1 to {MAX_JOINTS} can be planned",
                 indices.len()
             );
             return Err(ProblemError::new("robot", message));
@@ -64,8 +64,8 @@ impl Model {
             columns.extend(variable.map(|v| (i, v, drive.multiplier)));
         }
         let map = JointMap::new(robot, indices, rest);
-        let (mut lower, mut upper, mut reach) = ([0.0; MOST_JOINTS], [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]);
-        let mut endless = [false; MOST_JOINTS];
+        let (mut lower, mut upper, mut reach) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+        let mut endless = [false; MAX_JOINTS];
         for (v, j) in map.indices().iter().enumerate() {
             (lower[v], upper[v]) = robot.range(*j).unwrap_or((joints[*j].lower(), joints[*j].upper()));
             if lower[v] > upper[v] {
@@ -179,7 +179,7 @@ struct Column {
 impl Default for Placed {
     fn default() -> Self {
         Self {
-            x: [f64::NAN; MOST_JOINTS],
+            x: [f64::NAN; MAX_JOINTS],
             hand: Pose::identity(),
             columns: Vec::new(),
             q: Vec::new(),
@@ -213,7 +213,7 @@ impl Placed {
     #[must_use]
     pub fn linear_row(&self, point: &Vector3<f64>, direction: &Vector3<f64>) -> Row {
         let moment = point.cross(direction);
-        let mut row = [0.0; MOST_JOINTS];
+        let mut row = [0.0; MAX_JOINTS];
         for c in &self.columns {
             row[c.variable] += direction.dot(&c.shift) + moment.dot(&c.turn);
         }
@@ -223,7 +223,7 @@ impl Placed {
     /// Gradients of the three coordinates of a point fixed to the hand, given in the base frame (m).
     #[must_use]
     pub fn point_rows(&self, point: &Vector3<f64>) -> [Row; 3] {
-        let mut rows = [[0.0; MOST_JOINTS]; 3];
+        let mut rows = [[0.0; MAX_JOINTS]; 3];
         for c in &self.columns {
             let velocity = c.shift + c.turn.cross(point);
             for k in 0..3 {
@@ -236,7 +236,7 @@ impl Placed {
     /// Gradient of the angle turned about `direction` by the hand.
     #[must_use]
     pub fn angular_row(&self, direction: &Vector3<f64>) -> Row {
-        let mut row = [0.0; MOST_JOINTS];
+        let mut row = [0.0; MAX_JOINTS];
         for c in &self.columns {
             row[c.variable] += direction.dot(&c.turn);
         }
@@ -251,7 +251,7 @@ impl Placed {
         &self,
         points: &[(Vector3<f64>, Vector3<f64>)],
         axes: &[(Vector3<f64>, Vector3<f64>)],
-        h: &mut [Row; MOST_JOINTS],
+        h: &mut [Row; MAX_JOINTS],
     ) {
         for (j, moving) in self.columns.iter().enumerate() {
             let mut w = Vector3::zeros();

@@ -5,7 +5,7 @@ use nalgebra::{Rotation3, Translation3, Vector3};
 
 use crate::config::Motion;
 use crate::options::{Frames, RotatePath};
-use crate::world::{Course, joint_steps};
+use crate::world::{Schedule, joint_steps};
 use crate::{KeypointProblem, ObjectJointKind};
 
 /// A named hand pose.
@@ -84,9 +84,9 @@ impl Motions {
 /// Motions around an actuation pose of the hand.
 pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
     let config = &problem.config;
-    let course = Course::of(config);
-    let before = course.actuation();
-    let mut keyframes = vec![Keyframe { label: course.label(before), hand: *actuation }];
+    let schedule = Schedule::of(config);
+    let before = schedule.actuation();
+    let mut keyframes = vec![Keyframe { label: schedule.label(before), hand: *actuation }];
     let mut paths = Vec::new();
     // Pre-actuation motions chain outwards from the actuation pose, backwards in time.
     for (i, motion) in config.pre.iter().enumerate() {
@@ -110,7 +110,7 @@ pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
                 (next, HandPath::Line { from: next, to: next })
             }
         };
-        keyframes.insert(0, Keyframe { label: course.label(before - 1 - i), hand });
+        keyframes.insert(0, Keyframe { label: schedule.label(before - 1 - i), hand });
         paths.insert(0, path);
     }
     let steps = joint_steps(problem);
@@ -132,16 +132,16 @@ pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
             Motion::FollowJoint(_) | Motion::FollowJointTo(_) => follow(problem, last, steps[i].unwrap_or(0.0), true),
             Motion::TraceJoint(_) | Motion::TraceJointTo(_) => follow(problem, last, steps[i].unwrap_or(0.0), false),
         };
-        keyframes.push(Keyframe { label: course.label(keyframes.len()), hand: path.at(1.0) });
+        keyframes.push(Keyframe { label: schedule.label(keyframes.len()), hand: path.at(1.0) });
         paths.push(path);
     }
     if let Some(distance) = config.let_go {
         let from = keyframes[keyframes.len() - 1].hand;
         let hand = shifted(&from, &(from.rotation * Vector3::z() * -distance));
-        keyframes.push(Keyframe { label: course.label(keyframes.len()), hand });
+        keyframes.push(Keyframe { label: schedule.label(keyframes.len()), hand });
         paths.push(HandPath::Line { from, to: hand });
     }
-    Motions { keyframes, paths, actuation: before, lets_go_at: course.lets_go_at() }
+    Motions { keyframes, paths, actuation: before, lets_go_at: schedule.lets_go_at() }
 }
 
 fn shifted(pose: &Pose, by: &Vector3<f64>) -> Pose {

@@ -116,13 +116,13 @@ pub struct Options {
     /// Weight of each joint's squared way to the actuation pose in its cost, a full joint, 0.001 to 1e6; by default 1.
     pub joint_weights: Option<Vec<f64>>,
     /// Start values of the actuation pose, the present joints included: 1 to 1,000.
-    pub starts: usize,
+    pub num_seeds: usize,
     /// Poses on the constraints, cheapest first, that are moved to their optimum: 1 to 1,000.
-    pub descents: usize,
+    pub num_refinements: usize,
     /// Box of the hand's origin at the actuation pose: lower and upper corner in the base frame (m); null for none.
     pub workspace: Option<[[f64; 3]; 2]>,
     /// Clearance (m) that the whole motion keeps from what it may not touch, 0 to 0.2. Two bodies that are nearer to each
-    /// other where a leg begins or ends keep what they have there; the plan says so.
+    /// other where a segment begins or ends keep what they have there; the plan says so.
     pub margin: f64,
     /// Clearance (m) that will do where no motion keeps `margin`, 0 to that; by default none will.
     pub least_margin: Option<f64>,
@@ -136,7 +136,7 @@ pub struct Options {
     pub start_depth: f64,
     /// Clearance (m) that robot and held bodies keep from what the hand reaches for (the moving link, targets, what it
     /// picks) on the way to the actuation pose and at it, 0 to 0.05. By default hand and fingers may touch it in the
-    /// last leg before the actuation pose, and a target always.
+    /// last segment before the actuation pose, and a target always.
     pub reach_clearance: Option<f64>,
     /// Take the longest part of the motion where the whole is out of reach or blocked after the actuation pose.
     pub allow_partial: bool,
@@ -145,8 +145,8 @@ pub struct Options {
     pub finger_width: Option<f64>,
     /// Most actuation poses that are tried for the whole motion: 1 to 1,000.
     pub candidates: usize,
-    /// Further start values that are spent where no pose from `starts` allows the whole motion: at most 100,000.
-    pub harvest: usize,
+    /// Further start values that are spent where no pose from `num_seeds` allows the whole motion: at most 100,000.
+    pub extra_seeds: usize,
     /// Most samples of the free-space planner a candidate: at most 1,000,000.
     pub samples: usize,
     /// Which start values and samples are drawn, 0 to 1,000,000: other ones lead to other motions where there are several.
@@ -182,8 +182,8 @@ impl Default for Options {
             frames: Frames::Object,
             rotate_path: RotatePath::Arc,
             joint_weights: None,
-            starts: 48,
-            descents: 3,
+            num_seeds: 48,
+            num_refinements: 3,
             workspace: None,
             margin: 0.005,
             least_margin: None,
@@ -194,7 +194,7 @@ impl Default for Options {
             allow_partial: false,
             finger_width: None,
             candidates: 40,
-            harvest: 200,
+            extra_seeds: 200,
             samples: 2000,
             seed: 0,
             avoid_collisions: true,
@@ -222,10 +222,10 @@ impl Options {
             within(name, value, &range)?;
         }
         let counts = [
-            ("starts", self.starts, 1..=1000),
-            ("descents", self.descents, 1..=1000),
+            ("num_seeds", self.num_seeds, 1..=1000),
+            ("num_refinements", self.num_refinements, 1..=1000),
             ("candidates", self.candidates, 1..=1000),
-            ("harvest", self.harvest, 0..=100_000),
+            ("extra_seeds", self.extra_seeds, 0..=100_000),
             ("samples", self.samples, 0..=1_000_000),
             ("seed", self.seed, 0..=1_000_000),
         ];

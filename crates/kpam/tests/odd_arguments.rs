@@ -8,7 +8,7 @@ use gensim2_kpam::config::{Constraint, Frame, Motion, TargetAxis};
 use gensim2_kpam::grasp::GripperKeypoints;
 use gensim2_kpam::qp::{ActiveSet, Bound, InteriorPoint, Qp, QpOutcome, QpSolver};
 use gensim2_kpam::{
-    Body, Cancel, GraspOptions, GraspTask, KeypointProblem, Limits, MOST_JOINTS, ObjectJoint, ObjectJointKind, Options,
+    Body, Cancel, GraspOptions, GraspTask, KeypointProblem, Limits, MAX_JOINTS, ObjectJoint, ObjectJointKind, Options,
     ParallelGripper, Plan, RefineOptions, Request, RetimeOptions, Role, Row, Scene, SceneJoint, SolverConfig, Status,
     ik, joint_travel, min_clearance, plan, plan_batch, plan_with, refine, retime,
 };
@@ -72,7 +72,7 @@ fn problem() -> KeypointProblem {
         .build()
         .unwrap();
     let mut options = Options::default();
-    (options.starts, options.candidates, options.harvest) = (4, 2, 0);
+    (options.num_seeds, options.candidates, options.extra_seeds) = (4, 2, 0);
     (options.samples, options.workspace) = (20, None);
     KeypointProblem::builder(robot(), config, vec![0.1; 3])
         .tool_keypoint("tip", Vector3::new(0.1, 0.0, 0.0))
@@ -181,7 +181,7 @@ proptest! {
                 odd_one.options(options)
             }
             6 => {
-                (options.starts, options.candidates, options.descents) = (counts[0], counts[1], counts[2]);
+                (options.num_seeds, options.candidates, options.num_refinements) = (counts[0], counts[1], counts[2]);
                 odd_one.options(options)
             }
             7 => {
@@ -202,7 +202,7 @@ proptest! {
         let _ = plan_batch(&[&wrong], Some(counts[1]), &Cancel::new());
         let (right, former) = solved();
         let mut request = Request::default();
-        (request.former, request.resume, request.most_checks) = (Some(former), Some(label.as_str()), Some(50));
+        (request.warm_start, request.resume, request.max_checks) = (Some(former), Some(label.as_str()), Some(50));
         let _ = plan_with(&wrong, &request);
         let _ = right.with_start(q.clone(), velocity.clone(), velocity.clone(), odd[3]).map(|p| plan(&p));
         let _ = wrong.scene();
@@ -230,7 +230,7 @@ proptest! {
         other.keyframes[0].time = Some(step * 1e9);
         other.q_plan = Some(q.clone());
         let mut request = Request::default();
-        (request.former, request.resume, request.most_checks) = (Some(&other), Some("actuation"), Some(50));
+        (request.warm_start, request.resume, request.max_checks) = (Some(&other), Some("actuation"), Some(50));
         let _ = plan_with(problem, &request);
         (other.q_plan, other.keyframes) = (Some(q), Vec::new());
         let _ = refine(problem, &other, &RefineOptions::default());
@@ -328,7 +328,7 @@ proptest! {
 
     #[test]
     fn programs_take_anything(
-        n in prop_oneof![4 => 0..4usize, 1 => Just(MOST_JOINTS + 1), 1 => Just(usize::MAX)],
+        n in prop_oneof![4 => 0..4usize, 1 => Just(MAX_JOINTS + 1), 1 => Just(usize::MAX)],
         rows in 0..5usize,
         values in prop::collection::vec(number(), 64),
         bounds in prop::collection::vec((numbers(4), number(), number()), 0..4),

@@ -31,7 +31,7 @@ fn robot() -> Robot {
         .link(link("l1", "l2").moved_by(slide("j1", Vector3::y())))
         .link(link("l2", "l3").moved_by(slide("j2", Vector3::z())))
         .link(link("l3", "finger").moved_by(slide("j3", Vector3::x()).follows("j2", 0.01, 0.0)))
-        .never_judged("l0", "l3")
+        .disabled_collisions("l0", "l3")
         .build("l3")
         .unwrap()
 }
@@ -56,7 +56,7 @@ fn problem() -> KeypointProblem {
         .build()
         .unwrap();
     let mut options = Options::default();
-    (options.starts, options.candidates, options.harvest, options.samples) = (4, 2, 2, 20);
+    (options.num_seeds, options.candidates, options.extra_seeds, options.samples) = (4, 2, 2, 20);
     options.workspace = None;
     let builder = scene().problem(config, vec![0.1, 0.1, 0.1, 0.001], Some("rail")).unwrap();
     builder
@@ -119,9 +119,9 @@ fn read_damaged<T: Serialize + DeserializeOwned>(value: &T, rounds: usize, with:
 #[test]
 fn damaged_problems_are_refused_or_planned() {
     let mut request = Request::default();
-    request.most_checks = Some(300);
+    request.max_checks = Some(300);
     let counts = read_damaged(&problem(), 2000, |p| {
-        let few = p.options().starts <= 64 && p.options().harvest <= 64 && p.options().descents <= 64;
+        let few = p.options().num_seeds <= 64 && p.options().extra_seeds <= 64 && p.options().num_refinements <= 64;
         if few {
             let _ = plan_with(p, &request);
         }
@@ -154,12 +154,12 @@ fn damaged_plans_are_refused_or_looked_at() {
     let plan = plan(&problem);
     assert_eq!(plan.status(), Status::Solved, "{}", plan.reason);
     let mut request = Request::default();
-    request.most_checks = Some(300);
+    request.max_checks = Some(300);
     let counts = read_damaged(&plan, 1500, |former: &Plan| {
         let _ = joint_travel(&problem, former, &[0.0, 0.5]);
         for label in ["actuation", "post_0", "let_go"] {
             let mut request = request.clone();
-            (request.former, request.resume) = (Some(former), Some(label));
+            (request.warm_start, request.resume) = (Some(former), Some(label));
             let _ = plan_with(&problem, &request);
         }
     });

@@ -8,6 +8,7 @@ mod interrupt;
 mod plan;
 mod planning;
 mod problem;
+mod renamed;
 mod scene;
 mod timing;
 mod transit;

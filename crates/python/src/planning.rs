@@ -11,53 +11,58 @@ use crate::errors::from_problem;
 use crate::interrupt::interruptible;
 use crate::plan::PyPlan;
 use crate::problem::PyKeypointProblem;
+use crate::renamed;
 use crate::scene::PyCancel;
 use crate::transit::deadline;
 
-/// Plans one problem; the GIL is released meanwhile, and Ctrl-C ends it. `former` is an earlier plan, tried first; `resume` the keyframe to go
+/// Plans one problem; the GIL is released meanwhile, and Ctrl-C ends it. `warm_start` is an earlier plan, tried first; `resume` the keyframe to go
 /// on to from q_start in the middle of that plan's motion; `max_checks` ends planning after so many collision checks,
 /// `deadline_ms` after so much wall time, `cancel` from another thread; with `explain` the plan says what became of each pose that was tried.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
-#[pyo3(signature = (problem, *, former = None, resume = None, max_checks = None, deadline_ms = None, cancel = None, explain = false))]
+#[pyo3(signature = (problem, *, warm_start = None, resume = None, max_checks = None, deadline_ms = None, cancel = None, explain = false, **former))]
 pub(crate) fn plan(
     py: Python<'_>,
     problem: &Bound<'_, PyKeypointProblem>,
-    former: Option<&Bound<'_, PyPlan>>,
+    warm_start: Option<&Bound<'_, PyPlan>>,
     resume: Option<&str>,
     max_checks: Option<u64>,
     deadline_ms: Option<f64>,
     cancel: Option<&Bound<'_, PyCancel>>,
     explain: bool,
+    former: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<PyPlan> {
     let problem = Arc::clone(&problem.get().0);
-    let former = former.map(|plan| plan.clone().unbind());
+    let warm_start = warm_start.map(|plan| plan.clone().unbind());
+    let warm_start = renamed::keyword(py, warm_start, former, ("former", "warm_start"))?;
     let resume = resume.map(str::to_owned);
     let cancel = cancel.map_or_else(Cancel::new, |c| c.get().0.clone());
     let deadline = deadline_ms.map(deadline).transpose()?;
     let planned = interruptible(py, cancel, move |cancel| {
         let mut request = Request::default();
-        request.former = former.as_ref().map(|plan| &plan.get().0);
-        (request.resume, request.most_checks, request.deadline) = (resume.as_deref(), max_checks, deadline);
+        request.warm_start = warm_start.as_ref().map(|plan| &plan.get().0);
+        (request.resume, request.max_checks, request.deadline) = (resume.as_deref(), max_checks, deadline);
         (request.cancel, request.explain) = (Some(cancel.clone()), explain);
         let planned = gensim2_kpam::plan_with(&problem, &request);
-        (planned, former) // which goes where the GIL is held
+        (planned, warm_start) // which goes where the GIL is held
     })?
     .0;
     planned.map(|(plan, times)| PyPlan(plan, times)).map_err(|e| from_problem(&e))
 }
 
-/// The cheapest distinct poses that meet the problem's constraints, cheapest first and `most` of them: dicts `q` (n,)
+/// The cheapest distinct poses that meet the problem's constraints, cheapest first, at most `max_solutions`: dicts `q` (n,)
 /// and `cost`. Obstacles are left out.
 #[pyfunction]
-#[pyo3(signature = (problem, most = 10))]
+#[pyo3(signature = (problem, max_solutions = None, **former), text_signature = "(problem, max_solutions=10)")]
 pub(crate) fn ik<'py>(
     py: Python<'py>,
     problem: &Bound<'py, PyKeypointProblem>,
-    most: usize,
+    max_solutions: Option<usize>,
+    former: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyList>> {
+    let max_solutions = renamed::keyword(py, max_solutions, former, ("most", "max_solutions"))?.unwrap_or(10);
     let problem = Arc::clone(&problem.get().0);
-    let found = py.detach(|| gensim2_kpam::ik(&problem, most)).map_err(|e| from_problem(&e))?;
+    let found = py.detach(|| gensim2_kpam::ik(&problem, max_solutions)).map_err(|e| from_problem(&e))?;
     let out = PyList::empty(py);
     for pose in found {
         let d = PyDict::new(py);
@@ -102,7 +107,7 @@ pub(crate) fn plan_batch(
     Ok(plans.into_iter().map(|(plan, times)| PyPlan(plan, times)).collect())
 }
 
-/// Smallest signed distances (m) of the judged pairs along a plan's motion, sampled every `step` seconds: `self`,
+/// Smallest signed distances (m) of the checked pairs along a plan's motion, sampled every `step` seconds: `self`,
 /// `table`, `object`. None where the plan has no motion.
 #[pyfunction]
 pub(crate) fn min_clearance<'py>(

@@ -14,6 +14,7 @@ use crate::KpamError;
 use crate::convert;
 use crate::errors::{config_error, from_config, from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
+use crate::renamed;
 use crate::scene::PyScene;
 
 /// A validated solver config. Unknown fields, unknown types and non-finite numbers raise ConfigError naming the field.
@@ -64,14 +65,14 @@ impl PySolverConfig {
 
 /// Names of bodies with their roles; the first of many.
 pub(crate) fn bodies_listed(bodies: &[Body]) -> String {
-    const MOST: usize = 10;
+    const MAX_LISTED: usize = 10;
     if bodies.is_empty() {
         return "none".to_owned();
     }
     let mut listed: Vec<String> =
-        bodies.iter().take(MOST).map(|b| format!("{} ({})", b.name(), b.role().name())).collect();
-    if bodies.len() > MOST {
-        listed.push(format!("{} more", bodies.len() - MOST));
+        bodies.iter().take(MAX_LISTED).map(|b| format!("{} ({})", b.name(), b.role().name())).collect();
+    if bodies.len() > MAX_LISTED {
+        listed.push(format!("{} more", bodies.len() - MAX_LISTED));
     }
     listed.join(", ")
 }
@@ -93,7 +94,8 @@ pub(crate) fn read_options<O: DeserializeOwned + Default>(value: Option<&Bound<'
     match value {
         None => Ok(O::default()),
         Some(o) => {
-            let value = convert::json(o, "options", 0, problem_error)?;
+            let mut value = convert::json(o, "options", 0, problem_error)?;
+            renamed::options(o.py(), &mut value)?;
             serde_path_to_error::deserialize(value).map_err(|e| match e.path().to_string().as_str() {
                 "." => problem_error("options", e.inner()),
                 path => problem_error(&format!("options.{path}"), e.inner()),

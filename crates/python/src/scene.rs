@@ -14,6 +14,7 @@ use crate::geometry::{LONG, PyBody, PyJoint, PyRobot};
 use crate::grasps::{PyGrasp, PyGraspPlan, PyParallelGripper};
 use crate::interrupt::interruptible;
 use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, keypoints, read_options};
+use crate::renamed;
 use crate::transit::{Asked, PyMotion, limit_set};
 
 /// So many configurations are checked without a thread of their own.
@@ -255,18 +256,21 @@ impl PyScene {
     }
 
     /// Distinct joint vectors that bring `link` (default: the hand) to a pose (4, 4) in the base frame, nearest to
-    /// `q_start` first and `most` of them at most: (K, n). Obstacles are left out.
-    #[pyo3(signature = (pose, q_start, *, link = None, most = 16, seed = 0))]
+    /// `q_start` first, at most `max_solutions`: (K, n). Obstacles are left out.
+    #[allow(clippy::too_many_arguments)]
+    #[pyo3(signature = (pose, q_start, *, link = None, max_solutions = None, seed = 0, **former))]
     fn ik<'py>(
         &self,
         py: Python<'py>,
         pose: &Bound<'py, PyAny>,
         q_start: &Bound<'py, PyAny>,
         link: Option<&str>,
-        most: usize,
+        max_solutions: Option<usize>,
         seed: usize,
+        former: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        self.solutions(py, pose, q_start, link, most, seed)
+        let max_solutions = renamed::keyword(py, max_solutions, former, ("most", "max_solutions"))?.unwrap_or(16);
+        self.solutions(py, pose, q_start, link, max_solutions, seed)
     }
 
     /// Whether the robot overlaps a body or itself at each configuration: (n,) -> bool, (N, n) -> (N,) bool.
@@ -280,14 +284,21 @@ impl PyScene {
         Ok(PyArray1::from_vec(py, hits).into_any())
     }
 
-    /// Smallest signed distance (m) of the robot to a body or itself, `most` where nothing is nearer: (n,) -> float,
+    /// Smallest signed distance (m) of the robot to a body or itself, `max_distance` where nothing is nearer: (n,) -> float,
     /// (N, n) -> (N,).
-    #[pyo3(signature = (q, most = 1.0))]
-    fn distance<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, most: f64) -> PyResult<Bound<'py, PyAny>> {
-        is_reach(most, "most")?;
+    #[pyo3(signature = (q, max_distance = None, **former))]
+    fn distance<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        max_distance: Option<f64>,
+        former: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let max_distance = renamed::keyword(py, max_distance, former, ("most", "max_distance"))?.unwrap_or(1.0);
+        is_reach(max_distance, "max_distance")?;
         let q = self.rows(q)?;
         let single = q.count.is_none();
-        let found: Vec<f64> = self.each(py, q, false, move |checker, row| checker.distance(row, most))?;
+        let found: Vec<f64> = self.each(py, q, false, move |checker, row| checker.distance(row, max_distance))?;
         if single {
             return Ok(found[0].into_pyobject(py)?.into_any());
         }

@@ -14,7 +14,7 @@ use crate::plan::PyPlan;
 use crate::problem::PyKeypointProblem;
 
 /// Most rows that a motion is sampled into.
-const MOST_ROWS: f64 = 1e6;
+const MAX_ROWS: f64 = 1e6;
 
 /// Timed joint motion. Pickles.
 #[pyclass(name = "Trajectory", module = "gensim2_kpam", frozen)]
@@ -72,11 +72,11 @@ impl PyTrajectory {
     fn sample_every<'py>(&self, py: Python<'py>, dt: f64) -> PyResult<Bound<'py, PyAny>> {
         let (start, end) = (self.0.start(), self.0.end());
         let steps = ((end - start) / dt - 1e-9).ceil();
-        if !(dt > 0.0 && steps < MOST_ROWS) {
-            let least = (end - start) / MOST_ROWS;
+        if !(dt > 0.0 && steps < MAX_ROWS) {
+            let least = (end - start) / MAX_ROWS;
             return Err(problem_error(
                 "dt",
-                format!("must be above {least:.3e} s here, for {MOST_ROWS:e} rows, not {dt}"),
+                format!("must be above {least:.3e} s here, for {MAX_ROWS:e} rows, not {dt}"),
             ));
         }
         let rows: Vec<Vec<f64>> =

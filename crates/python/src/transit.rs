@@ -146,13 +146,13 @@ impl PyScene {
         pose: &Bound<'py, PyAny>,
         q_start: &Bound<'py, PyAny>,
         link: Option<&str>,
-        most: usize,
+        max_solutions: usize,
         seed: usize,
     ) -> PyResult<Bound<'py, PyAny>> {
         let joints = self.0.robot().joints().len();
         let q_start = convert::vector(q_start, "q_start", Some(joints))?;
         let pose = convert::pose(pose, "pose")?;
-        let found = py.detach(|| gensim2_kpam::solutions(&self.0, &pose, link, &q_start, most, seed));
+        let found = py.detach(|| gensim2_kpam::solutions(&self.0, &pose, link, &q_start, max_solutions, seed));
         Ok(convert::array2(py, &found.map_err(|e| from_problem(&e))?, joints).into_any())
     }
 }

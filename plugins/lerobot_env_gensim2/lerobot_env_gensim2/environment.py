@@ -78,7 +78,7 @@ class GenSim2Gym(gym.Env[Seen, npt.NDArray[np.float32]]):
         """Return a picture (H, W, 3), ray-cast: no renderer is needed."""
         profile = self._env.profile
         if self._pictures is None:
-            models = {name: thing.model for name, thing in self._env.setup.objects.items()}
+            models = {name: thing.model for name, thing in self._env.initial_state.objects.items()}
             self._pictures = RaycastScene(profile, models, [film_camera(profile)])
         rows = {kind: {name: row[None] for name, row in group.items()} for kind, group in self._env.state().items()}
         return shaded(self._pictures.see(self._pictures.poses(rows)[0])[0])

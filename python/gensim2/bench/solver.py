@@ -115,7 +115,17 @@ def bench_solver(
 ) -> BenchSummary:
     """Solve every problem of a file and write what was found to ``out``, as JSON Lines in the order of the input.
 
-    The other arguments are those of :func:`solve_problems`.
+    Args:
+        problems: JSON Lines file of planning problems, see ``gensim2.bench.problems``.
+        out: file to write.
+        assets: folder of real objects, which are then obstacles; None plans with the table alone.
+        frames: reading of list-type translations.
+        threads: number of solver threads; the result does not depend on it.
+        sample_dt: interval of the joint positions that are also written, s; None: none are.
+        progress: listener for stages and steps.
+
+    Returns:
+        Counts of the problems by status.
 
     Raises:
         InputError: as there, or ``out`` cannot be written.

@@ -126,10 +126,14 @@ def _show_motion(result: dict[str, Any]) -> None:
 @bench.command("policy", cls=options.Command, short_help="Time policies from observation to action.")
 @click.option("--head", "heads", multiple=True, metavar="NAME", help="Only this one; may be given again.")
 @click.option("--encoder", "encoders", multiple=True, metavar="NAME", help="May be given again.  [default: mlp]")
-@click.option("--points", type=options.count(49152), default=512, show_default=True, help="Of a cloud.")
-@click.option("--decisions", type=options.count(), default=100, show_default=True, help="Of each policy.")
-@click.option("--threads", type=options.count(1024), default=1, show_default=True, help="Of PyTorch.")
-@click.option("--device", default="cpu", show_default=True, help="As PyTorch names it.")
+@click.option(
+    "--points", type=options.count(49152), default=512, show_default=True, help="Number of points of a cloud."
+)
+@click.option(
+    "--decisions", type=options.count(), default=100, show_default=True, help="Number of decisions of each policy."
+)
+@click.option("--threads", type=options.count(1024), default=1, show_default=True, help="Number of PyTorch's threads.")
+@click.option("--device", default="cpu", show_default=True, help="Device by PyTorch's name.")
 @options.assets
 @options.json_file
 def policy(heads: tuple[str, ...], encoders: tuple[str, ...], json_file: str | None, **given: Any) -> None:

@@ -15,7 +15,13 @@ from gensim2.cli.output import line, report, table
 @click.command("benchmark", cls=options.Command, short_help="Measure how often tasks succeed.")
 @click.argument("tasks", nargs=-1)
 @click.option("--runs", type=options.count(1000), default=5, show_default=True, help="Repetitions.")
-@click.option("--episodes", type=options.count(), default=50, show_default=True, help="Of each task in each run.")
+@click.option(
+    "--episodes",
+    type=options.count(),
+    default=50,
+    show_default=True,
+    help="Number of episodes of each task in each run.",
+)
 @options.origin
 @options.library
 @options.scenes
@@ -56,18 +62,19 @@ from gensim2.cli.output import line, report, table
     "scenes",
     type=click.Choice(("recorded", "drawn")),
     default=None,
-    help="Of original-configs: every scene of the file once, or --episodes of each task.  [default: recorded]",
+    help="With original-configs: every scene of the file once, or --episodes of each task.  [default: recorded]",
 )
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")
 @options.processes
+@options.ray
 @options.resume
 @options.json_file
 def benchmark(tasks: tuple[str, ...], json_file: str | None, **given: Any) -> None:
     """Run TASKS (the paper's suite, or all of --origin, where none is named) on random scenes, in the paper's protocol.
 
-    Three verdicts stand beside each other: paper (what the paper counts), held (true at the end, at rest, and not with
-    a still arm) and strict, each with its 95 % interval. The JSON holds every episode, from which the table follows.
-    Tasks for which these objects do not do are named and left out.
+    Three verdicts stand beside each other: paper (what the paper counts), held (true at the end, at rest, and not in
+    the no-op baseline) and strict, each with its 95 % interval. The JSON holds every episode, from which the table
+    follows. Tasks for which these objects do not do are named and left out.
     """
     method = given.pop("method")
     if method == "original-configs":
@@ -80,15 +87,16 @@ def benchmark(tasks: tuple[str, ...], json_file: str | None, **given: Any) -> No
         give(function(tasks, one_plan=method == "one-plan", progress=progress, **given).to_dict())
 
 
-_OF_CONFIGS = ("configs", "scenes", "episodes", "seed", "assets", "physics", "out", "workers", "resume", "time_limit")
+_RUN = ("out", "resume", "workers", "ray", "time_limit", "jobs_per_worker")
+_OF_CONFIGS = ("configs", "scenes", "episodes", "seed", "assets", "physics", *_RUN)
 """Options that ``original-configs`` takes; others are refused where they were given."""
 
 
 def _configs(tasks: tuple[str, ...], json_file: str | None, given: dict[str, Any]) -> None:
-    _refuse(given, [name for name in given if name not in (*_OF_CONFIGS, "jobs_per_worker")], "is of our own method")
+    _refuse(given, [name for name in given if name not in _OF_CONFIGS], "is of our own method")
     if given["configs"] is None:
         raise click.UsageError("--method original-configs needs --configs FILE.jsonl")
-    chosen = {name: given[name] for name in (*_OF_CONFIGS, "jobs_per_worker")}
+    chosen = {name: given[name] for name in _OF_CONFIGS}
     chosen["scenes"] = chosen["scenes"] or "recorded"
     if not _was_given("physics"):
         chosen["physics"] = "original"

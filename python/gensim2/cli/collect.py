@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from gensim2.cli import options
 from gensim2.cli.output import line, report, table
@@ -14,7 +13,9 @@ from gensim2.cli.output import line, report, table
 
 @click.command("collect", cls=options.Command, short_help="Collect a data set of many tasks.")
 @click.argument("tasks", nargs=-1)
-@click.option("--episodes", type=options.count(999_999_999), required=True, help="To try of each task.")
+@click.option(
+    "--episodes", type=options.count(999_999_999), required=True, help="Number of episodes to try of each task."
+)
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Folder of the data set.")
 @options.scenes
 @click.option("--keep-failures", is_flag=True, help="Keep the states of episodes that do not hold, too.")
@@ -34,25 +35,16 @@ from gensim2.cli.output import line, report, table
     help="Do a step that has it in no other way; may be given again, for other steps.",
 )
 @options.processes
-@click.option(
-    "--ray",
-    metavar="local|ADDRESS",
-    default=None,
-    help="Run on Ray (extra gensim2[ray]): on this machine, or on a cluster whose nodes all have --out at the same "
-    "path. --workers is then the most environments at a time, one a CPU where it is not given.",
-)
+@options.ray
 @click.option("--resume", is_flag=True, help="Go on with the data set in --out, if there is one.")
 @options.json_file
-@click.pass_context
-def collect(ctx: click.Context, /, tasks: tuple[str, ...], json_file: str | None, **given: Any) -> None:
+def collect(tasks: tuple[str, ...], json_file: str | None, **given: Any) -> None:
     """Try --episodes episodes of each of TASKS (all of the suite where none is named) and keep them.
 
     Every episode that was tried has its record; those that hold have their states and actions. What the folder holds at
     the end follows from the arguments alone, whatever happened on the way. With --resume it may get more --episodes and
     more TASKS. `gensim2 render` makes observations of it.
     """
-    if given["ray"] is not None and ctx.get_parameter_source("workers") is ParameterSource.DEFAULT:
-        given["workers"] = None
     with report(json_file, _show) as (_, give):
         from gensim2.cli.collect_view import CollectionView
         from gensim2.data import collect as function

@@ -41,15 +41,15 @@ _OPTIONS = (
     click.option(
         "--base-url", metavar="URL", help="OpenAI-compatible endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]"
     ),
-    click.option("--temperature", type=click.FloatRange(0, 2), help="Of the model's answers."),
+    click.option("--temperature", type=click.FloatRange(0, 2), help="Temperature of the model's answers."),
     click.option(
         "--budget",
         type=click.FloatRange(0, min_open=True),
         metavar="USD",
-        help="That the model's answers may cost; needs both prices.",
+        help="Largest cost of the model's answers; needs both prices.",
     ),
-    click.option("--price-in", type=click.FloatRange(0), metavar="USD", help="For a million tokens of questions."),
-    click.option("--price-out", type=click.FloatRange(0), metavar="USD", help="For a million tokens of answers."),
+    click.option("--price-in", type=click.FloatRange(0), metavar="USD", help="Price of a million tokens of questions."),
+    click.option("--price-out", type=click.FloatRange(0), metavar="USD", help="Price of a million tokens of answers."),
     click.option("--concurrency", type=options.count(64), help="Questions under way at once.  [default: 4]"),
 )
 

@@ -15,7 +15,7 @@ from gensim2.cli.output import report, table
 @click.command("doctor", cls=options.Command, short_help="Say what works here and what is missing.")
 @options.assets
 @click.option("--designer", "model", metavar="MODEL", help="A language model that is asked for one word.")
-@click.option("--base-url", metavar="URL", help="Of its endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]")
+@click.option("--base-url", metavar="URL", help="URL of its endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]")
 @click.option("--model-config", type=click.Path(path_type=Path), metavar="FILE", help="How it is asked (YAML).")
 @options.json_file
 @click.pass_context

@@ -46,9 +46,19 @@ from gensim2.errors import InputError
     "controller says None, and one that never does is cut.",
 )
 @click.option("--runs", type=options.count(1000), default=1, show_default=True, help="Repetitions.")
-@click.option("--episodes", type=options.count(), default=50, show_default=True, help="Of each task in each run.")
 @click.option(
-    "--videos", type=click.IntRange(0, 1000), default=0, show_default=True, help="Of each task, to be filmed."
+    "--episodes",
+    type=options.count(),
+    default=50,
+    show_default=True,
+    help="Number of episodes of each task in each run.",
+)
+@click.option(
+    "--videos",
+    type=click.IntRange(0, 1000),
+    default=0,
+    show_default=True,
+    help="Number of episodes of each task to film.",
 )
 @options.library
 @options.seed
@@ -59,6 +69,7 @@ from gensim2.errors import InputError
 @options.robot
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")
 @options.processes
+@options.ray
 @options.resume
 @options.json_file
 def evaluate(

@@ -36,10 +36,20 @@ from gensim2.cli.output import line, report, table
     show_default=True,
     help="Most of each task to plan; of episodes at most 200.",
 )
-@click.option("--episodes", type=options.count(), default=50, show_default=True, help="Of each task to evaluate.")
+@click.option(
+    "--episodes",
+    type=options.count(),
+    default=50,
+    show_default=True,
+    help="Number of episodes of each task to evaluate.",
+)
 @options.controls("all")
 @click.option(
-    "--videos", type=click.IntRange(0, 1000), default=3, show_default=True, help="Of each task, for the page's films."
+    "--videos",
+    type=click.IntRange(0, 1000),
+    default=3,
+    show_default=True,
+    help="Number of episodes of each task to film for the page.",
 )
 @click.option(
     "--objects",

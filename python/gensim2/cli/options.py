@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from gensim2.seeding import LARGEST_SEED
 
@@ -80,13 +81,13 @@ def _set_redraw(ctx: click.Context, _: click.Parameter, redraw: str | None) -> N
         ctx.params["physics"] = physics_name(f"{ctx.params['physics']}+redraw={redraw}")
 
 
-def count(most: int = 1_000_000) -> click.IntRange:
-    """A whole number from 1 to ``most``: what could never end is refused, not begun."""
-    return click.IntRange(1, most)
+def count(max_count: int = 1_000_000) -> click.IntRange:
+    """A whole number from 1 to ``max_count``: what could never end is refused, not begun."""
+    return click.IntRange(1, max_count)
 
 
 seed = click.option(
-    "--seed", type=click.IntRange(0, LARGEST_SEED), default=0, show_default=True, help="Of everything that is drawn."
+    "--seed", type=click.IntRange(0, LARGEST_SEED), default=0, show_default=True, help="Seed of every draw."
 )
 
 assets = click.option(
@@ -96,12 +97,28 @@ assets = click.option(
     help="Folder of objects, 'builtin' for the generated ones, or 'ycb' for ManiSkill's download; a rigid object that "
     "a folder lacks is the generated one.  [default: $GENSIM2_ASSETS, else builtin]",
 )
+
+
+def _workers(ctx: click.Context, _: click.Parameter, count: int) -> int | None:
+    """Return None, one for each CPU of the cluster, where ``--ray`` is given and ``--workers`` is not."""
+    default = ctx.get_parameter_source("workers") is ParameterSource.DEFAULT
+    return None if default and ctx.params.get("ray") is not None else count
+
+
 workers = click.option(
     "--workers",
     type=count(1024),
     default=_cores,
     show_default="number of cores",
+    callback=_workers,
     help="Simulator processes; the result does not depend on their number.",
+)
+ray = click.option(
+    "--ray",
+    metavar="local|ADDRESS",
+    default=None,
+    help="Run on Ray (extra gensim2[ray]): on this machine, or on a cluster whose nodes all have --out at the same "
+    "path. --workers is then the most environments at a time, one a CPU where it is not given.",
 )
 resume = click.option("--resume", is_flag=True, help="Go on with the run that --out holds.")
 time_limit = click.option(
@@ -110,7 +127,7 @@ time_limit = click.option(
     default=900.0,
     show_default=True,
     metavar="SECONDS",
-    help="After which an episode counts as hung and is tried again in a fresh process.",
+    help="Time after which an episode counts as hung and is tried again in a fresh process.",
 )
 jobs_per_worker = click.option(
     "--jobs-per-worker",
@@ -154,7 +171,7 @@ robot = click.option(
     default="panda",
     show_default=True,
     metavar="NAME|FILE.py",
-    help="Who does it: panda, fetch, or a Python file that registers a robot of your own.",
+    help="Robot: panda, fetch, or a Python file that registers a robot of your own.",
 )
 open_loop = click.option(
     "--open-loop",
@@ -217,7 +234,11 @@ def controls(default: str) -> Callable[[_F], _F]:
         help="What a policy is measured beside: blind, shuffled (clouds of other scenes), no-op, expert (the planner).",
     )
     episodes = click.option(
-        "--control-episodes", type=count(), default=30, show_default=True, help="Of each task and control."
+        "--control-episodes",
+        type=count(),
+        default=30,
+        show_default=True,
+        help="Number of episodes of each task and control.",
     )
     return _all(which, episodes)
 

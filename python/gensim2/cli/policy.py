@@ -84,7 +84,7 @@ def _show_export(result: dict[str, Any]) -> None:
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address that is listened at.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8321, show_default=True, help="0: any that is free.")
 @click.option(
-    "--argument", "arguments", multiple=True, metavar="NAME=JSON", help="Of module:Class; may be given again."
+    "--argument", "arguments", multiple=True, metavar="NAME=JSON", help="Argument of module:Class; may be given again."
 )
 @options.robot
 def serve(controller: str, host: str, port: int, arguments: tuple[str, ...], **given: Any) -> None:
@@ -106,11 +106,11 @@ def serve(controller: str, host: str, port: int, arguments: tuple[str, ...], **g
         from gensim2.policy.evaluating import policy_controller
 
         spec = policy_controller(Path(controller))
-    token = os.environ.get(TOKEN)
-    if not token:
-        token = secrets.token_urlsafe(24)
-        line(f"export {TOKEN}={token}")
+    given_token = os.environ.get(TOKEN)
+    token = given_token or secrets.token_urlsafe(24)
     server = PolicyServer(spec, given["robot"], token, host=host, port=port, said=line)
+    if not given_token:
+        line(f"export {TOKEN}={token}")
     line(f"{spec.target} at {server.url}")
     try:
         server.serve()

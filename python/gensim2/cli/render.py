@@ -19,10 +19,12 @@ from gensim2.errors import InputError
     default="pointcloud",
     show_default=True,
     metavar="LIST",
-    help="Of pointcloud, rgb, depth, segmentation; rgb needs a Vulkan driver.",
+    help="Observations to make, of pointcloud, rgb, depth, segmentation; rgb needs a Vulkan driver.",
 )
 @click.option("--cameras", default="left,right,front", show_default=True, metavar="LIST", help="Those that are used.")
-@click.option("--points", type=options.count(49152), default=1024, show_default=True, help="Of a point cloud.")
+@click.option(
+    "--points", type=options.count(49152), default=1024, show_default=True, help="Number of points of a cloud."
+)
 @click.option(
     "--keep-robot",
     type=click.Choice(("gripper", "all", "none")),
@@ -50,7 +52,7 @@ from gensim2.errors import InputError
     type=options.count(),
     default=None,
     metavar="N",
-    help="Of each task the first N that held.  [default: all]",
+    help="Number of episodes of each task, the first that held.  [default: all]",
 )
 @options.workers
 @click.option("--resume", is_flag=True, help="Go on with the observations that DIR holds.")

@@ -49,13 +49,14 @@ if TYPE_CHECKING:
 @click.option(
     "--designer",
     metavar="offline|MODEL",
-    help="Who proposes tasks and writes configs: the search, or a language model by its name.  [default: offline]",
+    help="Designer of tasks and configs: the search, or a language model by its name.  [default: offline]",
 )
 @designer_options
 @options.scenes
 @options.library
 @options.out("Run folder.  [default: runs/<date>-<time>]")
 @options.processes
+@options.ray
 @options.resume
 @options.video
 @options.json_file
@@ -69,8 +70,8 @@ def run_pipeline(
     """Propose new tasks, find strategies that solve them, verify them in physics and record demonstrations.
 
     Leaves the tasks, their strategies, how they fared, the demonstrations, a video each and report.html in the
-    run folder. A task is kept if enough of its fresh episodes hold that do not with a still arm, on objects that the
-    search never saw; it goes into your own library. With a language model the folder also holds every question, its
+    run folder. A task is kept if enough of its fresh episodes hold that do not in the no-op baseline, on objects that
+    the search never saw; it goes into your own library. With a language model the folder also holds every question, its
     answer and what it cost (docs/pipeline.md).
     """
     with report(json_file, _show) as (progress, give):

@@ -15,7 +15,11 @@ from gensim2.cli.output import line, report
 @click.command("add", cls=options.Command, short_help="Add what a run kept, or a task of your own, to your library.")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option(
-    "--episodes", type=options.count(), default=20, show_default=True, help="To verify a task of your own by."
+    "--episodes",
+    type=options.count(),
+    default=20,
+    show_default=True,
+    help="Number of episodes that verify a task of your own.",
 )
 @options.library
 @options.scenes
@@ -35,7 +39,9 @@ def add(folder: Path, json_file: str | None, **given: Any) -> None:
             remembered = add_task(folder, progress=progress, **given)
         else:
             from gensim2.design.remembering import remember
+            from gensim2.tasks.memory import Memory
 
+            _ = Memory().folder  # there must be one, for this command has nothing else to do
             remembered = remember(folder)
         give({"schema_version": 1, **asdict(remembered)})
 

@@ -84,10 +84,14 @@ def _option(each: Any) -> dict[str, Any]:
     "pose, and train on with these labels, too.",
 )
 @click.option(
-    "--dagger-episodes", type=options.count(), default=20, show_default=True, help="Of each task and round of --dagger."
+    "--dagger-episodes",
+    type=options.count(),
+    default=20,
+    show_default=True,
+    help="Number of episodes of each task and round of --dagger.",
 )
 @options.workers
-@click.option("--device", default="auto", show_default=True, help="As PyTorch names it.")
+@click.option("--device", default="auto", show_default=True, help="Device by PyTorch's name.")
 @settings(PolicyConfig, TrainConfig)
 @options.json_file
 def train(

@@ -11,15 +11,15 @@ from gensim2.cli import options
 
 @click.command("view", cls=options.Command, short_help="Watch an episode in the browser.")
 @click.argument("what", metavar="TASK|EPISODE|DATA")
-@click.option("--task", metavar="NAME", default=None, help="Of a data set.  [default: its first]")
+@click.option("--task", metavar="NAME", default=None, help="Task of a data set.  [default: its first]")
 @click.option(
     "--episode",
     type=click.IntRange(0),
     metavar="N",
     default=None,
-    help="Of a data set.  [default: the first that held]",
+    help="Episode of a data set.  [default: the first that held]",
 )
-@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Of the page.")
+@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port of the page.")
 @options.library
 @options.scenes
 def view(what: str, **given: Any) -> None:

@@ -16,7 +16,7 @@ from pydantic import Field, TypeAdapter
 
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
-from gensim2.foreign.tree import MOST_RECORD, read_regular, why
+from gensim2.foreign.tree import MAX_RECORD, read_regular, why
 from gensim2.record_files import parse_record
 from gensim2.rollout.record import Episode
 
@@ -143,7 +143,7 @@ def read_log(path: Path) -> list[LoggedEpisode]:
 def _read(path: Path) -> tuple[list[LoggedEpisode], bool]:
     """The entries in the order of the lines, and whether a last line was cut off."""
     try:
-        content = read_regular(path, MOST_RECORD) if path.exists() else b""
+        content = read_regular(path, MAX_RECORD) if path.exists() else b""
     except OSError as error:
         raise InputError(why(error), file=path, remedy=_REMEDY) from error
     *lines, torn = content.split(b"\n")

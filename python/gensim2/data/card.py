@@ -71,9 +71,9 @@ class Described:
     """Counts of one task's episodes, for a card.
 
     Attributes:
-        store: of the task.
-        episodes, steps: how many.
-        objects: classes and ids.
+        store: episodes of the task.
+        episodes, steps: number of demonstrations, and of their control steps.
+        objects: class and id of each object.
     """
 
     store: TaskStore

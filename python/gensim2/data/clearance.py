@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.objects import Library, ObjectModel
-from gensim2.objects.types import Hulls, Instance
+from gensim2.objects.types import ArticulatedObject, Hulls
 from gensim2.raycast.kinematics import Tree, pose_matrices, read_urdf, state_rows
 from gensim2.robots import RobotProfile
 from gensim2.rollout.recording import Recording
@@ -137,7 +137,7 @@ class ClearanceMeter:
         asset_class = self._task.objects[name].asset_class
         model: ObjectModel = self._library.load(asset_class, recording.instances[name], self._hulls)
         T_base_world = np.linalg.inv(self._profile.T_world_base)
-        if not isinstance(model, Instance):
+        if not isinstance(model, ArticulatedObject):
             rows = state_rows(recording.env_states, "actors", name, 13)
             (hulls,) = model.hulls.values()
             return {f"{name}/": _Body(hulls, T_base_world @ pose_matrices(rows[:, :7]))}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -26,7 +25,7 @@ class CollectionResult:
         folder: of the data set.
         status: at the end.
         skipped: tasks that could not be run on these objects, with the reason.
-        cpu_s: CPU of all processes in this call, their start apart; of this one alone on Ray.
+        cpu_s: CPU of all processes in this call, their start apart.
     """
 
     folder: Path
@@ -69,14 +68,20 @@ def collect(
     listener: Listener | None = None,
     **scene: Unpack[RolloutArguments],
 ) -> CollectionResult:
-    """Try episodes of tasks and keep each as soon as it is finished.
+    """Collect a data set of demonstrations; each episode is kept as soon as it is finished.
+
+    Example:
+        ```python
+        gensim2.collect(["OpenDrawer"], episodes=100, out="night", assets="builtin")
+        frames = gensim2.DataSet.open("night").frames()
+        ```
 
     Args:
-        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: the whole suite. Those that
-            these objects do not do for are named and left out.
-        episodes: tried of each task.
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/. None given: the whole suite.
+            A task whose classes the objects lack is named in the result and left out.
+        episodes: number of episodes that are tried of each task.
         out: folder of the data set.
-        seed: of the scenes; nothing else draws from the same ones.
+        seed: seed of the scenes; nothing else draws from the same ones.
         keep_failures: keep the states of episodes that do not hold, too; their records are kept in any case.
         noise: standard deviation, rad, of what the arm is sent elsewhere by now and then; what was meant is recorded
             beside what was sent (:mod:`gensim2.rollout.noise`).
@@ -87,8 +92,12 @@ def collect(
             this machine.
         resume: go on with the data set that ``out`` holds, if it does; it may get more episodes and more tasks.
         time_limit, jobs_per_worker: as for ``demo``.
-        listener: is told how far it is.
-        scene: see :class:`~gensim2.rollout.config.RolloutArguments`.
+        listener: listener for the state of every task.
+        scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``, as
+            :class:`~gensim2.rollout.config.RolloutArguments` has them.
+
+    Returns:
+        Counts of the episodes by task, and the tasks that were left out.
 
     Raises:
         InputError: an argument cannot be used, or what an earlier run left.
@@ -96,13 +105,9 @@ def collect(
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` tries them again.
     """
     check_counts(episodes=episodes)
-    check_workers(time_limit, jobs_per_worker)
+    check_workers(time_limit, jobs_per_worker, workers, ray)
     given, skipped = read_task_inputs(tasks, seed=seed, **scene)
     given = [replace(one, rollout=replace(one.rollout, noise=noise)) for one in only_strategies(given, strategy)]
-    if ray is not None:
-        from gensim2.processes.ray import check_address
-
-        check_address(ray)
     # Only now what takes long to import.
     from gensim2.data.folder import ERRORS_LOG, CollectionFolder
     from gensim2.data.queue import Queue
@@ -121,20 +126,10 @@ def collect(
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.path / ERRORS_LOG,
-            pool=_pool(ray),
+            ray=ray,
         ) as evaluator:
             status = queue.run(evaluator)
             return CollectionResult(folder.path, status, skipped, evaluator.cpu_s)
-
-
-def _pool(ray: str | None) -> Any:
-    from gensim2.processes import WorkerPool
-
-    if ray is None:
-        return WorkerPool
-    from gensim2.processes.ray import RayPool
-
-    return partial(RayPool, ray)
 
 
 def _description(given: Sequence[TaskInput], seed: int, episodes: int, keep_failures: bool) -> DatasetRecord:

@@ -25,10 +25,16 @@ DATASET_JSON = "dataset.json"
 
 
 class DataSet:
-    """A data set on disk.
+    """A data set on disk, opened by :meth:`open`.
+
+    Example:
+        ```python
+        data = gensim2.DataSet.open("night")
+        frames = data.frames()  # by number; frames.torch() is a torch.utils.data.Dataset
+        ```
 
     Args:
-        path: its folder.
+        path: folder of the data set.
         record: its ``dataset.json``.
     """
 

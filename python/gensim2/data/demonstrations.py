@@ -8,7 +8,7 @@ from pathlib import Path
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.data.store import TaskStore
 from gensim2.data.task_queue import Quota, TaskQueue, run_queues
-from gensim2.data.trajectory import Provenance, write_trajectory
+from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
 from gensim2.data.video import Replay, film
 from gensim2.errors import GenSim2Error
 from gensim2.objects import Library
@@ -107,7 +107,7 @@ def collect(
     names = sorted({f"{thing.asset_class}/{thing.id}" for entry in kept for thing in entry.objects.values()})
     write_trajectory(
         files.path,
-        Provenance(
+        TrajectoryMetadata(
             task=task,
             strategies=strategies,
             assets=evaluator.scene.assets,

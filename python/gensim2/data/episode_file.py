@@ -31,10 +31,10 @@ _ARRAYS = ("obs", "actions", "terminated", "truncated", "success", "rewards")
 
 STATES_DEPTH = 2
 """Levels of groups below ``env_states``: kinds, and things by name."""
-MOST_ARRAY = 128 * 2**20
+MAX_ARRAY = 128 * 2**20
 """Bytes of one array of a recording."""
 
-MOST_ROW = 64 * 2**20
+MAX_ROW = 64 * 2**20
 """Bytes of the record of an episode."""
 
 _EPISODE = TypeAdapter(Episode)
@@ -159,7 +159,7 @@ def open_episode(path: Path) -> Iterator[tuple[EpisodeRow, h5py.Group | None]]:
     digest, content = _SEAL.read(path)
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            plain = json.loads(array_in(file, "episode", np.uint8, (None,), MOST_ROW).tobytes())
+            plain = json.loads(array_in(file, "episode", np.uint8, (None,), MAX_ROW).tobytes())
             episode = _EPISODE.validate_json(json.dumps(plain["episode"], allow_nan=False), strict=True)
             recorded = plain["recording"]
             if recorded is not None:
@@ -224,7 +224,7 @@ def read_recording(group: h5py.Group, recorded: Mapping[str, Any]) -> Recording:
         control_mode=recorded["control_mode"],
         env_states=_read_tree(group_in(group, "env_states"), STATES_DEPTH),
         reference=_read_tree(group_in(group, "reference"), 1) if "reference" in group else {},
-        **{name: array_in(group, name, most=MOST_ARRAY) for name in _ARRAYS},
+        **{name: array_in(group, name, max_bytes=MAX_ARRAY) for name in _ARRAYS},
     )
 
 
@@ -234,6 +234,6 @@ def _read_tree(group: h5py.Group, depth: int) -> Tree:
     return {
         name: _read_tree(group_in(group, name), depth - 1)
         if is_group(group, name)
-        else array_in(group, name, most=MOST_ARRAY)
+        else array_in(group, name, max_bytes=MAX_ARRAY)
         for name in members(group)
     }

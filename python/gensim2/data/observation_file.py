@@ -27,7 +27,7 @@ CLOUD = f"{CLOUDS}xyz"
 
 DESCRIPTION = "observation"
 """Name of what the file is of, as JSON."""
-MOST_DESCRIPTION = 2**20  # bytes
+MAX_DESCRIPTION = 2**20  # bytes
 DEPTH = 2  # groups inside each other: cameras/left/rgb
 
 _ONE_FRAME: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
@@ -189,7 +189,7 @@ def _opened(path: Path) -> h5py.File:
 
 def _description(file: h5py.File, path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(array_in(file, DESCRIPTION, np.uint8, (None,), MOST_DESCRIPTION).tobytes())
+        found = json.loads(array_in(file, DESCRIPTION, np.uint8, (None,), MAX_DESCRIPTION).tobytes())
     except (ValueError, OSError, RuntimeError) as error:
         raise _SEAL.broken(path) from error
     if not isinstance(found, dict):

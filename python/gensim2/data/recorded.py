@@ -14,7 +14,7 @@ from gensim2.foreign.hdf5 import fits, shown_shape
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 
-MOST_STEPS = 100_000
+MAX_STEPS = 100_000
 """Control steps of an episode: at 20 a second, 83 minutes. Tasks allow a few hundred."""
 
 ROOT = 13
@@ -36,8 +36,8 @@ def check_recording(recording: Recording, episode: Episode, file: Path | str, at
     def refuse(field: str, wrong: str) -> InputError:
         return InputError(wrong, file=file, field=f"{at}.{field}" if at else field, remedy="export or collect it again")
 
-    if not 1 <= steps <= MOST_STEPS:
-        raise refuse("actions", f"has {steps} steps, not 1 to {MOST_STEPS}")
+    if not 1 <= steps <= MAX_STEPS:
+        raise refuse("actions", f"has {steps} steps, not 1 to {MAX_STEPS}")
     if steps != episode.control_steps:
         raise refuse("actions", f"has {steps} steps, the record of the episode {episode.control_steps}")
     if recording.seed != episode.seed:

@@ -85,17 +85,25 @@ def render(
 ) -> RenderingResult:
     """Observe every episode of a data set that held, one atomic file each.
 
-    What a file holds follows from the episode and the spec alone.
+    A file follows from the episode and the spec alone.
+
+    Example:
+        ```python
+        gensim2.render("night", spec=gensim2.ObservationSpec.of({"points": 512}))
+        ```
 
     Args:
-        folder: of a finished collection.
-        spec: what is observed; None: point clouds.
-        tasks: names; none: all of the data set.
-        episodes: of each task the first that held, so many; None: all.
-        workers: processes; what they leave does not depend on their number.
+        folder: data set of a finished collection.
+        spec: modalities, cameras and settings of the cloud; None: point clouds of 1,024 points.
+        tasks: names of tasks; none: all of the data set.
+        episodes: number of episodes of each task, the first that held; None: all.
+        workers: number of processes; the files do not depend on it.
         resume: go on with observations that are there, all of the same spec.
         time_limit, jobs_per_worker: as for ``collect``.
-        progress: is told how far it is.
+        progress: listener for stages and steps.
+
+    Returns:
+        Counts of episodes and frames, bytes and CPU seconds.
 
     Raises:
         InputError: an argument cannot be used, the collection is not finished, or there are other observations.

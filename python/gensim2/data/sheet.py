@@ -19,7 +19,7 @@ from gensim2.robots import robot
 
 Frame = npt.NDArray[np.uint8]
 
-MOST = 12
+MAX_PICTURES = 12
 """Demonstrations of a task on its sheet."""
 
 _DOT = 2
@@ -43,7 +43,7 @@ class Shot:
 
 
 def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]:
-    """Write pictures of up to ``MOST`` demonstrations that are spread evenly over those that have observations.
+    """Write pictures of up to ``MAX_PICTURES`` demonstrations that are spread evenly over those that have observations.
 
     Args:
         store: of the task.
@@ -55,7 +55,7 @@ def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]
         WriteError: the folder cannot be written to.
     """
     seen = [row.index for row in store.rows() if row.held and store.observation_path(row.index).exists()]
-    chosen = {seen[round(place)] for place in np.linspace(0, len(seen) - 1, min(MOST, len(seen)))}
+    chosen = {seen[round(place)] for place in np.linspace(0, len(seen) - 1, min(MAX_PICTURES, len(seen)))}
     shots = []
     for row in store.rows():
         if row.index not in chosen:

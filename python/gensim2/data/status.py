@@ -49,7 +49,7 @@ class Status:
 
     @property
     def total(self) -> int:
-        """Episodes to try of all tasks."""
+        """Number of episodes to try, of all tasks together."""
         return sum(task.total for task in self.tasks)
 
     @property

@@ -29,7 +29,7 @@ from gensim2.tasks.spec import TaskSpec
 ROWS, OBSERVATIONS = "episodes.jsonl", "observations"
 
 LAST_INDEX = 999_999_999
-MOST_LINE = 64 * 2**20  # bytes of the record of one episode; ours have a few kB
+MAX_LINE = 64 * 2**20  # bytes of the record of one episode; ours have a few kB
 
 _EPISODE_FILE = re.compile(r"^(\d{6,9})\.h5$")
 _ROWS_REMEDY = "delete the file and collect with --resume: it is made again from the episodes"
@@ -115,10 +115,10 @@ class TaskStore:
         try:
             with open_regular(self._inside(path)) as stream:
                 number = 0
-                while line := stream.readline(MOST_LINE + 1):
+                while line := stream.readline(MAX_LINE + 1):
                     number += 1
-                    if len(line) > MOST_LINE:
-                        wrong = f"has over {MOST_LINE // 2**20} MiB"
+                    if len(line) > MAX_LINE:
+                        wrong = f"has over {MAX_LINE // 2**20} MiB"
                         raise InputError(wrong, file=path, field=f"line {number}", remedy=_ROWS_REMEDY)
                     row = parse_line(line.rstrip(b"\n"), path, number, _ROWS_REMEDY)
                     if not last < row.index <= LAST_INDEX:

@@ -219,10 +219,12 @@ def run_queues(
     evaluator: PoolEvaluator,
     finished: Callable[[TaskQueue], None],
 ) -> None:
-    """Run what the queues lack, task by task, and count each episode as it is finished.
+    """Run the missing episodes of the queues, task by task, and count each as it is finished.
 
     Args:
-        finished: is called with an episode's queue after each.
+        queues: one a task, in order.
+        evaluator: pool of workers that runs the episodes.
+        finished: callback after each episode, with the episode's queue.
 
     Raises:
         WriteError: no room is left; what was finished is kept.

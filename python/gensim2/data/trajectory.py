@@ -38,7 +38,7 @@ H5_NAME, JSON_NAME = "trajectory.h5", "trajectory.json"
 
 
 @dataclass(frozen=True)
-class Provenance:
+class TrajectoryMetadata:
     """Task, strategies and sources of demonstrations, written into ``trajectory.json``.
 
     Attributes:
@@ -62,7 +62,7 @@ class Provenance:
     controller: str = CHAIN
 
 
-def write_trajectory(folder: Path, provenance: Provenance, episodes: Sequence[tuple[Path, str | None]]) -> None:
+def write_trajectory(folder: Path, provenance: TrajectoryMetadata, episodes: Sequence[tuple[Path, str | None]]) -> None:
     """Write ``trajectory.h5`` and ``trajectory.json`` from files of episodes, one of which is in memory at a time.
 
     Args:
@@ -162,7 +162,7 @@ def _source(controller: str) -> str:
     return "gensim2 keypoint planner" if controller == CHAIN else f"controller {controller}"
 
 
-def _document(provenance: Provenance, instances: dict[str, list[str]]) -> dict[str, Any]:
+def _document(provenance: TrajectoryMetadata, instances: dict[str, list[str]]) -> dict[str, Any]:
     """The JSON file without its episodes."""
     task = provenance.task
     names = [f"{task.objects[name].asset_class}/{id}" for name, ids in instances.items() for id in ids]

@@ -13,7 +13,7 @@ import numpy as np
 
 from gensim2.deploy.arm_limits import CYCLE, ArmLimits
 from gensim2.deploy.limits import RefusedError, begin, limit
-from gensim2.deploy.log import MOST
+from gensim2.deploy.log import MAX_BYTES
 from gensim2.errors import GenSim2Error
 from gensim2.robots import robot
 
@@ -34,7 +34,9 @@ def check(robot_name: str, folder: Path) -> list[dict[str, Any]]:
         there = importlib.util.find_spec(module) is not None
         found.append(_said(module, there, "installed" if there else f"pip install 'gensim2[{extra}]'"))
     room = shutil.disk_usage(folder).free
-    found.append(_said("room for the log", room > MOST, f"{room / 2**30:.1f} GiB free, {MOST / 2**30:.0f} wanted"))
+    found.append(
+        _said("room for the log", room > MAX_BYTES, f"{room / 2**30:.1f} GiB free, {MAX_BYTES / 2**30:.0f} wanted")
+    )
     late = _lateness()
     worst = max(late)
     found.append(

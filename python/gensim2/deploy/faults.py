@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, cast, get_args
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 
 FaultName = Literal[
     "camera-frozen",
@@ -55,7 +55,7 @@ class Fault:
         """
         name, _, at = text.partition("@")
         if name not in FAULTS:
-            raise InputError(f"no fault {name!r}", field="--fault", remedy=f"one of {', '.join(FAULTS)}")
+            raise InputError(f"no fault {name!r}", field="--fault", remedy=near(name, FAULTS))
         try:
             seconds = float(at)
         except ValueError:

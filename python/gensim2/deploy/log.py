@@ -27,7 +27,7 @@ from gensim2.errors import InputError, MissingExtraError
 ENCODING = "gensim2-pack"
 SEGMENT = 256 << 20
 """Bytes of a file."""
-MOST = 4 << 30
+MAX_BYTES = 4 << 30
 """Bytes of a run's files together."""
 DAYS = 30.0
 """Age at which the files of former runs in the same folder go."""
@@ -97,7 +97,7 @@ class Log:
     Args:
         folder: of the run; made, must be empty.
         about: what a replay needs to know.
-        most: bytes of all files together.
+        max_bytes: bytes of all files together.
         segment: bytes of one.
         opener: opens files.
 
@@ -114,7 +114,7 @@ class Log:
         folder: Path,
         about: Mapping[str, Any],
         *,
-        most: int = MOST,
+        max_bytes: int = MAX_BYTES,
         segment: int = SEGMENT,
         opener: Opener = _open,
     ) -> None:
@@ -128,7 +128,7 @@ class Log:
         if any(folder.glob("*.mcap")):
             raise InputError("holds a log already", file=folder, remedy="choose another folder with --log")
         self.folder, self._about, self._opener = folder, dict(about), opener
-        self._most, self._segment = most, segment
+        self._max_bytes, self._segment = max_bytes, segment
         self.trouble: str | None = None
         self._reserve = folder / ".reserve"
         with self._reserve.open("wb") as kept:
@@ -253,7 +253,7 @@ class Log:
         files = sorted(self.folder.glob("log_*.mcap"))
         total = sum(path.stat().st_size for path in files)
         for path in files[:-2]:
-            if total <= self._most:
+            if total <= self._max_bytes:
                 return
             total -= path.stat().st_size
             path.unlink()

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.errors import GenSim2Error
-from gensim2.observations import Camera, Picture, Robot
+from gensim2.observations import Camera, Picture, RobotSegments
 from gensim2.raycast.caster import Caster, Solid
 from gensim2.raycast.kinematics import Tree, read_urdf
 from gensim2.raycast.shapes import read_links
@@ -60,7 +60,7 @@ class OwnPoints:
             if parent >= 0 and self._tree.names[parent] in hanging:
                 hanging.add(name)
         hand = frozenset(number + 1 for number, name in enumerate(self._tree.names) if name in hanging)
-        self.robot = Robot(hand, frozenset(range(1, len(self._tree.names) + 1)) - hand)
+        self.robot = RobotSegments(hand, frozenset(range(1, len(self._tree.names) + 1)) - hand)
 
     def placed(self, camera: Camera, q: Array) -> Camera:
         """A camera in the base frame, where the (n,) joints stand at ``q``."""

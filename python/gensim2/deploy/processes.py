@@ -227,7 +227,7 @@ class ProcessTruth:
         self._pipe = pipe
 
     def measure(self) -> Measurement:
-        """Of the objects and the gripper, now."""
+        """Measure objects and gripper at the present instant, in the world frame."""
         found: Measurement = self._ask("measure")
         return found
 

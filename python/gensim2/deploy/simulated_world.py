@@ -115,7 +115,7 @@ class SimulatedWorld:
         states = {
             kind: {name: row[None].copy() for name, row in group.items()} for kind, group in self._env.state().items()
         }
-        models = {name: thing.model for name, thing in self._env.setup.objects.items()}
+        models = {name: thing.model for name, thing in self._env.initial_state.objects.items()}
         return Rows(now, self.episode, states, models, self._env.q)
 
     def measure(self) -> Measurement:

@@ -8,9 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gensim2.design.pictures import Picture
+from gensim2.design.pictures import LazyPicture
 from gensim2.objects import RigidObject
-from gensim2.objects.types import Instance, Kind
+from gensim2.objects.types import ArticulatedObject, Kind
 from gensim2.objects.words import noun
 
 JointType = Literal["revolute", "prismatic"]
@@ -56,7 +56,7 @@ class Affordance:
     joint_axis: Literal["vertical", "level"] | None = None
     default_openness: float | None = None
     grip_width: float | None = None
-    picture: Picture | None = field(default=None, compare=False)
+    picture: LazyPicture | None = field(default=None, compare=False)
 
     @property
     def measured(self) -> str:
@@ -75,9 +75,9 @@ class Affordance:
 
     @staticmethod
     def of(
-        objects: Sequence[Instance | RigidObject],
+        objects: Sequence[ArticulatedObject | RigidObject],
         description: str = "",
-        picture: Picture | None = None,
+        picture: LazyPicture | None = None,
     ) -> Affordance:
         """Return what ``objects`` of one class have in common."""
         first = objects[0]
@@ -98,7 +98,7 @@ class Affordance:
         }
         if isinstance(first, RigidObject):
             return Affordance(kind="rigid", lever_arms={}, grip_width=first.grip.width, **common)
-        instances = [each for each in objects if isinstance(each, Instance)]
+        instances = [each for each in objects if isinstance(each, ArticulatedObject)]
         joint = instances[0].joint
         moving = [
             name for name in shared if all(each.keypoints[name].link == each.joint.child_link for each in instances)
@@ -117,16 +117,16 @@ class Affordance:
         )
 
 
-def _lever_arm(instance: Instance, keypoint: str) -> float:
+def _lever_arm(instance: ArticulatedObject, keypoint: str) -> float:
     return instance.lever_arm(keypoint) if instance.joint.type == "revolute" else 0.0
 
 
-def _extents(model: Instance | RigidObject) -> np.ndarray[Any, Any]:
+def _extents(model: ArticulatedObject | RigidObject) -> np.ndarray[Any, Any]:
     """(3,) as it stands before its randomization, m."""
     corners = []
     for link, hulls in model.hulls.items():
         turn = np.eye(4)
-        if isinstance(model, Instance) and link == model.joint.child_link:
+        if isinstance(model, ArticulatedObject) and link == model.joint.child_link:
             turn = model.joint.T_root_child
         corners += [hull @ turn[:3, :3].T + turn[:3, 3] for hull in hulls]
     return np.asarray(np.ptp(np.concatenate(corners) @ model.placement.rotation.T, axis=0))

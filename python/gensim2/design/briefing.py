@@ -11,7 +11,7 @@ from gensim2.design.base import RobotSummary
 from gensim2.design.unseen import seen_by_search
 from gensim2.design.views import view_of
 from gensim2.errors import InputError
-from gensim2.objects import Instance, Library, RigidObject
+from gensim2.objects import ArticulatedObject, Library, RigidObject
 from gensim2.progress import Progress
 from gensim2.robots import robot
 from gensim2.rollout.inputs import has_instances
@@ -81,7 +81,7 @@ class Classes(Mapping[str, Affordance]):
         """
         ids = seen_by_search(self._library, name)
         order = seeding.rng(self._seed, f"{name}/affordance").permutation(len(ids))
-        found: list[Instance | RigidObject] = []
+        found: list[ArticulatedObject | RigidObject] = []
         failed: InputError | None = None
         self._progress.start(f"{name}: look at objects", min(AFFORDANCE_INSTANCES, len(ids)))
         for index in order:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Picture:
+class LazyPicture:
     """A PNG.
 
     Attributes:

@@ -49,7 +49,8 @@ def run_pipeline(
     episodes: int = 5,
     seed: int = 0,
     out: Path | None = None,
-    workers: int = 2,
+    workers: int | None = 2,
+    ray: str | None = None,
     target_task: str | None = None,
     stored_tasks: Sequence[str] = (),
     resume: bool = False,
@@ -63,28 +64,41 @@ def run_pipeline(
 ) -> PipelineResult:
     """Design new tasks, verify them in physics and collect demonstrations of those that hold.
 
+    Example:
+        ```python
+        result = gensim2.run_pipeline(num_tasks=1, episodes=2, assets="builtin")
+        [task.name for task in result.tasks if task.kept]
+        ```
+
     Args:
-        num_tasks: how many tasks to keep; fewer if the library affords fewer, and the notes say so. ``single`` and
+        num_tasks: number of tasks to keep; fewer if the library affords fewer, and the notes say so. ``single`` and
             ``long`` take its place where one of them is given.
-        single, long: how many tasks of one step, and of several.
-        verify: fresh episodes that decide of each task whether it is kept.
+        single, long: number of tasks of one step, and of several.
+        verify: number of fresh episodes that decide whether a task is kept.
         from_empty: the designer knows of no task; else of all that are stored, and proposes none of them again. What
             repeats the paper's suite is then made as a piece of longer tasks at best, and not counted.
-        episodes: demonstrations to keep of each task; 0: none.
-        seed: of everything that is drawn.
+        episodes: number of demonstrations to keep of each task; 0: none.
+        seed: seed of every draw.
         out: run folder; default ``runs/<date>-<time>``.
-        workers: simulator processes; the result does not depend on their number.
+        workers: simulator processes, 0 for this one; the result does not depend on their number. On Ray the most at a
+            time; None: one a CPU of the cluster.
+        ray: ``"local"``, or the address of a cluster whose nodes all have ``out`` at the same path; None: processes of
+            this machine.
         target_task: design this task of the task library anew, with that task hidden from the designer.
         stored_tasks: tasks of the library that are also verified and demonstrated, with the strategies stored there.
         resume: go on with the run that ``out`` holds.
-        designer: ``"offline"``, or a designer.
+        designer: ``"offline"``, or a :class:`~gensim2.design.base.Designer`.
         video: film each kept task where this machine can render.
-        budget: of the search.
+        budget: episodes and rounds of the search of each task; None: the usual ones.
         time_limit: seconds after which an episode, or the planning on one scene, counts as hung and is tried again.
         jobs_per_worker: jobs after which a simulator process is renewed.
-        progress: listener.
-        scene: see :class:`~gensim2.rollout.config.RolloutArguments`. Demonstrations draw from ``instances``, search and
-            verification keep theirs apart; only tasks on objects that have such instances are proposed.
+        progress: listener for stages and steps.
+        scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``, as
+            :class:`~gensim2.rollout.config.RolloutArguments` has them. Demonstrations draw from ``instances``, search
+            and verification keep theirs apart; only tasks on objects that have such instances are proposed.
+
+    Returns:
+        The run folder, every task that was designed with its verification, and the proposals that were rejected.
 
     Raises:
         InputError: an argument cannot be used.
@@ -92,10 +106,10 @@ def run_pipeline(
             ``resume`` goes on.
     """
     wanted = Wanted(num_tasks) if single is None and long is None else _by_kind(single or 0, long or 0)
-    check_counts(num_tasks=wanted.total, verify=verify, workers=workers)
+    check_counts(num_tasks=wanted.total, verify=verify)
     if episodes < 0:
         raise InputError(f"must be at least 0, not {episodes}", field="episodes")
-    check_workers(time_limit, jobs_per_worker)
+    check_workers(time_limit, jobs_per_worker, workers, ray)
     by = _designer(designer)
     target = redesigned(load_task(target_task)) if target_task is not None else None
     seeding.check_seed(seed)
@@ -127,6 +141,7 @@ def run_pipeline(
                 "target_task": target_task,
                 "stored_tasks": [given.spec.name for given in stored],
                 "workers": workers,
+                "ray": ray,
             },
             {
                 "budget": digest([asdict(each) for each in ((budget,) if budget else (Budget(), LONG_BUDGET))]),
@@ -145,6 +160,7 @@ def run_pipeline(
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
+            ray=ray,
         ) as evaluator,
     ):
         extent = Extent(verify, episodes, instances, video)

@@ -59,24 +59,24 @@ class Budget:
         rounds: (candidates, episodes each) of successive physics rounds of the first generation.
         refine_episodes: episodes of each refined candidate.
         comparison: (candidates at once, episodes each) of the comparisons before and after each refinement.
-        most_episodes: of a candidate; leaders with so many that are still within the noise are called equal.
+        max_episodes: of a candidate; leaders with so many that are still within the noise are called equal.
         enough, enough_strict: a candidate that holds and that meets the strict verdict at these rates over at least
             ``enough_episodes`` episodes ends the search. For the strict verdict's sake there is one refinement at most.
         enough_episodes: see ``enough``; a candidate with fewer neither ends the search nor wins it.
         hopeless: where after a refinement no candidate holds at a greater rate than this, there is no other.
-        most: episodes of physics after which candidates are neither compared nor refined any further.
+        max_physics_episodes: episodes of physics after which candidates are neither compared nor refined any further.
     """
 
     screen_scenes: int = 3
     rounds: tuple[tuple[int, int], ...] = ((10, 1), (5, 2))
     refined: tuple[int, int] = (10, 2)
     comparison: tuple[int, int] = (3, 6)
-    most_episodes: int = 24
+    max_episodes: int = 24
     enough: float = 0.9
     enough_strict: float = 0.75
     enough_episodes: int = 14
     hopeless: float = 0.3
-    most: int = 150
+    max_physics_episodes: int = 150
 
 
 #: Of a task of several steps, whose episodes take ten times as long and whose candidates are few.
@@ -85,11 +85,11 @@ LONG_BUDGET = Budget(
     rounds=((3, 1), (2, 2)),
     refined=(3, 2),
     comparison=(2, 4),
-    most_episodes=16,
+    max_episodes=16,
     enough=0.8,
     enough_strict=0.0,
     enough_episodes=7,
-    most=40,
+    max_physics_episodes=40,
 )
 
 
@@ -230,7 +230,7 @@ class Search:
             proven = [result for result in leaders if result.episodes >= self.budget.enough_episodes]
             if proven and self._enough(proven[0], strictly=False):
                 return [proven[0], *(result for result in ranked if result is not proven[0])]
-            short = [result for result in leaders if result.episodes < self.budget.most_episodes][:count]
+            short = [result for result in leaders if result.episodes < self.budget.max_episodes][:count]
             if not short or (len(leaders) == 1 and proven) or self._spent:
                 return ranked
             for result in self._physics(short, episodes, f"comparison {round_index + 1}"):
@@ -256,7 +256,7 @@ class Search:
 
     @property
     def _spent(self) -> bool:
-        return sum(self._episodes_run.values()) >= self.budget.most
+        return sum(self._episodes_run.values()) >= self.budget.max_physics_episodes
 
     @staticmethod
     def _sorted(results: list[CandidateResult]) -> list[CandidateResult]:

@@ -66,18 +66,28 @@ def demo(
 ) -> DemoResult:
     """Record demonstrations of a task with its stored strategies.
 
+    Example:
+        ```python
+        result = gensim2.demo("OpenDrawer", episodes=2, assets="builtin")
+        result.run_dir, result.demos
+        ```
+
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/.
-        episodes: successful demonstrations to keep.
-        seed: of the scenes.
+        episodes: number of successful demonstrations to keep.
+        seed: seed of the scenes.
         out: run folder; default ``runs/<date>-<time>``.
         workers: simulator processes.
         resume: go on with the run that ``out`` holds.
         video: film the first demonstration where this machine can render.
         time_limit: seconds after which an episode counts as hung and is tried again.
         jobs_per_worker: jobs after which a simulator process is renewed.
-        progress: listener.
-        scene: see :class:`~gensim2.rollout.config.RolloutArguments`.
+        progress: listener for stages and steps.
+        scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``, as
+            :class:`~gensim2.rollout.config.RolloutArguments` has them.
+
+    Returns:
+        The run folder, the number of demonstrations, and counts over the episodes that were run for them.
 
     Raises:
         InputError: an argument cannot be used.

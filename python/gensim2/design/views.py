@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gensim2.design.pictures import Picture
+from gensim2.design.pictures import LazyPicture
 from gensim2.errors import GenSim2Error
 from gensim2.objects import open_library
 from gensim2.planning.strategies import KeypointStrategy
@@ -46,9 +46,9 @@ EYE, TARGET, FIELD_OF_VIEW = (-0.55, -1.3, 0.8), (-0.13, -0.07, 0.23), np.deg2ra
 _STARTING = Lock()
 
 
-def view_of(location: str, asset_class: str, instance: str) -> Picture:
+def view_of(location: str, asset_class: str, instance: str) -> LazyPicture:
     """An object at three stages of its joint, or from three sides; its keypoints named."""
-    return Picture(f"{asset_class}/{instance}", cache(lambda: _drawn(draw_thing, location, asset_class, instance)))
+    return LazyPicture(f"{asset_class}/{instance}", cache(lambda: _drawn(draw_thing, location, asset_class, instance)))
 
 
 class SceneViews:
@@ -61,15 +61,15 @@ class SceneViews:
     def __init__(self, options: SceneOptions) -> None:
         self.options = options
 
-    def start(self, task: TaskSpec, step: str) -> Picture:
+    def start(self, task: TaskSpec, step: str) -> LazyPicture:
         """A scene at its start, marked for ``step``."""
         return self.actuation(task, {}, step)
 
-    def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> Picture:
+    def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> LazyPicture:
         """The scene with the arm at the actuation pose of ``step``; at its start where the solver finds none."""
         told = {"task": task.model_dump(mode="json"), "steps": steps, "step": step, **self.options.to_record()}
         given = (self.options, task, {name: dict(each) for name, each in steps.items()}, step)
-        return Picture(json.dumps(told, sort_keys=True), cache(lambda: _drawn(draw_scene, *given)))
+        return LazyPicture(json.dumps(told, sort_keys=True), cache(lambda: _drawn(draw_scene, *given)))
 
 
 @cache

@@ -70,38 +70,52 @@ def benchmark(
     one_plan: bool = False,
     disturbance: Disturbance | None = None,
     out: Path | None = None,
-    workers: int = 2,
+    workers: int | None = 2,
+    ray: str | None = None,
     resume: bool = False,
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[RolloutArguments],
 ) -> BenchmarkResult:
-    """Run every task on random scenes; each episode is kept as soon as it is finished.
+    """Run the planner on random scenes of every task; each episode is kept as soon as it is finished.
+
+    Example:
+        ```python
+        result = gensim2.benchmark(["OpenDrawer"], runs=1, episodes=10, assets="builtin", out=Path("runs/drawer"))
+        result.rows[0].rates("held")  # share of the episodes, by run
+        ```
 
     Args:
-        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: all of ``origin``. Those
-            that these objects do not do for are named and left out.
-        origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/. None given: all tasks of
+            ``origin``. A task whose classes the objects lack is named in the result and left out.
+        origin: proposer of the tasks, where none is named; None: the paper's suite.
         runs: repetitions, for the deviation between them.
-        episodes: of each task in each run.
-        seed: of the scenes; no search draws from the same ones.
-        attempts: that an episode has at most from its start, until one holds.
+        episodes: number of episodes of each task in each run.
+        seed: seed of the scenes; no search draws from the same ones.
+        attempts: largest number of attempts of an episode from its start, until one holds.
         one_plan: each step is planned once, at its turn, by its first strategy: the paper's method with our solver.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment.
         out: run folder; default ``runs/<date>-<time>``.
-        workers: simulator processes; the table does not depend on their number.
+        workers: simulator processes, 0 for this one; the table does not depend on their number. On Ray the most at a
+            time; None: one a CPU of the cluster.
+        ray: ``"local"``, or the address of a cluster whose nodes all have ``out`` at the same path; None: processes of
+            this machine.
         resume: go on with the run that ``out`` holds.
         time_limit, jobs_per_worker: as for ``demo``.
-        progress: listener.
-        scene: see :class:`~gensim2.rollout.config.RolloutArguments`.
+        progress: listener for stages and steps.
+        scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``, as
+            :class:`~gensim2.rollout.config.RolloutArguments` has them.
+
+    Returns:
+        The table: one row a task with its three verdicts and their 95 % intervals.
 
     Raises:
         InputError: an argument cannot be used.
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
-    check_counts(runs=runs, episodes=episodes, attempts=attempts, workers=workers)
-    check_workers(time_limit, jobs_per_worker)
+    check_counts(runs=runs, episodes=episodes, attempts=attempts)
+    check_workers(time_limit, jobs_per_worker, workers, ray)
     if disturbance is not None and disturbance not in DISTURBANCES:
         raise InputError(
             f"no disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}"
@@ -137,6 +151,7 @@ def benchmark(
                 "stored_tasks": names,
                 **arguments,
                 "workers": workers,
+                "ray": ray,
             },
             identity(given),
             resume,
@@ -149,6 +164,7 @@ def benchmark(
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
+            ray=ray,
         ) as evaluator,
     ):
         rows, speeds = [], {}

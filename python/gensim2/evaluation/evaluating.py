@@ -59,7 +59,7 @@ class EvaluationResult:
 
     @property
     def held_mean(self) -> float:
-        """Share of episodes that held, each task counted once."""
+        """Mean over the tasks of the share of episodes that held, 0 to 1."""
         rates = [rate for row in self.rows for rate in row.rates("held")]
         return sum(rates) / len(rates)
 
@@ -92,7 +92,8 @@ def evaluate(
     seed: int = 0,
     videos: int = 0,
     out: Path | None = None,
-    workers: int = 2,
+    workers: int | None = 2,
+    ray: str | None = None,
     resume: bool = False,
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
@@ -101,25 +102,34 @@ def evaluate(
 ) -> EvaluationResult:
     """Run a controller on the scenes that a benchmark with this seed has, and judge its episodes as it does.
 
+    Example:
+        ```python
+        result = gensim2.evaluate("mine.py:Policy", ["CloseBox"], arguments={"weights": "policy.pt"}, episodes=50)
+        result.held_mean
+        ```
+
     Args:
         controller: ``module:Class``, ``FILE.py:Class``, or a class that another process can import
             (docs/controllers.md).
         tasks: names of library tasks, or folders that hold task.yaml and strategies/.
-        arguments: keywords that it is made with, plain data.
-        data: a rendered data set that it was trained on: observations must be of the same spec.
+        arguments: keyword arguments of the controller, plain data.
+        data: rendered data set that the controller was trained on: its observations must be of the same spec.
         stop: ``"goal"``: an episode ends where the controller says None, where the goal has held for half a second, or
             at the step limit, and is judged. ``"controller"``: one that never says None is cut and has not held.
-        runs, episodes, seed, out, workers, resume, time_limit, jobs_per_worker, progress, scene: as for
+        runs, episodes, seed, out, workers, ray, resume, time_limit, jobs_per_worker, progress, scene: as for
             :func:`~gensim2.evaluation.benchmark`.
-        videos: episodes of each task that are filmed by ray casting, beside the cloud that the controller is given.
+        videos: number of episodes of each task that are filmed by ray casting, beside the controller's point cloud.
+
+    Returns:
+        The table: one row a task with its three verdicts and their 95 % intervals, and the films.
 
     Raises:
         ControllerError: the controller cannot be made, fails, or gives no action that can be used.
         InputError: an argument cannot be used.
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
-    check_counts(runs=runs, episodes=episodes, workers=workers)
-    check_workers(time_limit, jobs_per_worker)
+    check_counts(runs=runs, episodes=episodes)
+    check_workers(time_limit, jobs_per_worker, workers, ray)
     if stop not in STOPS:
         raise InputError(f"no way to stop {stop!r}", field="stop", remedy=f"one of {', '.join(STOPS)}")
     given, skipped = read_task_inputs((tasks,) if isinstance(tasks, str) else tasks, seed=seed, **scene)
@@ -142,7 +152,13 @@ def evaluate(
     with (
         RunFolder(
             Path(out) if out is not None else default_run_dir(),
-            {"command": "evaluate", "stored_tasks": [one.spec.name for one in given], **asked, "workers": workers},
+            {
+                "command": "evaluate",
+                "stored_tasks": [one.spec.name for one in given],
+                **asked,
+                "workers": workers,
+                "ray": ray,
+            },
             {**identity(given), "controller": spec.digest, "stop": stop},
             resume,
         ) as folder,
@@ -153,6 +169,7 @@ def evaluate(
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
+            ray=ray,
         ) as evaluator,
     ):
         rows, speeds, films = [], {}, {}
@@ -235,7 +252,7 @@ def _film(
 ) -> list[str]:
     """Film the episodes of a task whose states were kept, with the cloud that the controller is given."""
     from gensim2.data.store import TaskStore
-    from gensim2.data.trajectory import Provenance, write_trajectory
+    from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
     from gensim2.evaluation.films import film_episode, film_path
     from gensim2.processes import Job
     from gensim2.rollout.identity import versions
@@ -245,7 +262,7 @@ def _film(
     episodes = [(each.path, each.row.digest) for _, each in sorted(kept.items()) if each.row is not None]
     if not episodes:
         return []
-    provenance = Provenance(
+    provenance = TrajectoryMetadata(
         task=task,
         strategies={},
         assets=evaluator.scene.assets,

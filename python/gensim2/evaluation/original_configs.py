@@ -15,7 +15,7 @@ from gensim2.errors import InputError
 from gensim2.evaluation.benchmark_table import by_instance
 from gensim2.evaluation.comparison import Rate, differ
 from gensim2.evaluation.running import finish_table, run_episodes
-from gensim2.objects import Instance, Library, open_library
+from gensim2.objects import ArticulatedObject, Library, open_library
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
@@ -152,7 +152,8 @@ def benchmark_configs(
     assets: str | Path | None = None,
     physics: str = "original",
     out: Path | None = None,
-    workers: int = 2,
+    workers: int | None = 2,
+    ray: str | None = None,
     resume: bool = False,
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
@@ -169,14 +170,14 @@ def benchmark_configs(
         assets: folder of the original's objects.
         physics: of the scenes.
         out: run folder; default ``runs/<date>-<time>``.
-        workers, resume, time_limit, jobs_per_worker, progress: as for the benchmark.
+        workers, ray, resume, time_limit, jobs_per_worker, progress: as for the benchmark.
 
     Raises:
         InputError: an argument cannot be used, or the file holds nothing that can be run.
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
-    check_counts(episodes=episodes, workers=workers)
-    check_workers(time_limit, jobs_per_worker)
+    check_counts(episodes=episodes)
+    check_workers(time_limit, jobs_per_worker, workers, ray)
     if scenes not in SCENES:
         raise InputError(f"no scenes {scenes!r}", field="scenes", remedy=f"one of {', '.join(SCENES)}")
     problems = read_problems(configs)
@@ -198,7 +199,7 @@ def benchmark_configs(
         "episodes": episodes,
         **options.to_record(),
     }
-    told = {"command": "benchmark", "stored_tasks": list(groups), **arguments, "workers": workers}
+    told = {"command": "benchmark", "stored_tasks": list(groups), **arguments, "workers": workers, "ray": ray}
     identity = {
         "tasks": digest([group.spec.model_dump(mode="json") for group in groups.values()]),
         "configs": digest([[one.model_dump(mode="json") for one in group.problems] for group in groups.values()]),
@@ -216,6 +217,7 @@ def benchmark_configs(
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
+            ray=ray,
         ) as evaluator,
     ):
         for name, group in groups.items():
@@ -331,11 +333,11 @@ def _check_tool(problem: PlanProblem, file: Path) -> None:
 
 def _with_time(spec: TaskSpec) -> TaskSpec:
     """The task with as many control steps as an episode of the original has."""
-    from gensim2.rollout.hand_steps import MOST_STEPS, control_steps
+    from gensim2.rollout.hand_steps import MAX_STEPS, control_steps
     from gensim2.rollout.settling import MAX_SETTLE_SECONDS
 
     profile = robot(ROBOT)
-    most = MOST_STEPS * control_steps(profile) + profile.steps(MAX_SETTLE_SECONDS)
+    most = MAX_STEPS * control_steps(profile) + profile.steps(MAX_SETTLE_SECONDS)
     return spec.model_copy(update={"max_episode_steps": most})
 
 
@@ -343,7 +345,7 @@ def _recorded(spec: TaskSpec, problem: PlanProblem, library: Library) -> ConfigE
     """The record's scene: its object as it stood, raised until nothing that moves is in the table."""
     record = problem.objects.articulated
     model = library.load(record.cls, record.id)
-    assert isinstance(model, Instance)
+    assert isinstance(model, ArticulatedObject)
     position, quaternion = np.array(record.root_p), np.array(record.root_q)
     quaternion = quaternion / np.linalg.norm(quaternion)
     sunk = max(0.0, -lowest_of_moving_link(model, position, quaternion))

@@ -12,8 +12,8 @@ from pathlib import Path
 from gensim2.errors import InputError
 from gensim2.foreign.tree import NotRegularError, open_regular
 
-MOST_ARCHIVE = 256 * 2**20  # bytes of the file
-MOST_ENTRIES = 100_000
+MAX_ARCHIVE = 256 * 2**20  # bytes of the file
+MAX_ENTRIES = 100_000
 
 #: What ``zipfile`` raises of a damaged archive: an unknown method is not implemented, a password is a runtime error.
 DAMAGED = (
@@ -39,26 +39,26 @@ def open_archive(path: Path) -> zipfile.Path:
     try:
         with open_regular(path) as stream:
             stream.seek(0, 2)
-            if stream.tell() > MOST_ARCHIVE:
-                raise NotRegularError(f"it is larger than {MOST_ARCHIVE // 2**20} MiB")
+            if stream.tell() > MAX_ARCHIVE:
+                raise NotRegularError(f"it is larger than {MAX_ARCHIVE // 2**20} MiB")
         archive = zipfile.Path(path)
     except DAMAGED as error:
         raise InputError(f"cannot be read as an archive of tasks: {error}", file=path) from error
     entries = archive.root.infolist()
-    if len(entries) > MOST_ENTRIES:
-        raise InputError(f"holds over {MOST_ENTRIES} entries", file=path, remedy="give an archive of tasks")
+    if len(entries) > MAX_ENTRIES:
+        raise InputError(f"holds over {MAX_ENTRIES} entries", file=path, remedy="give an archive of tasks")
     return archive
 
 
-def read_member(file: Traversable, most: int) -> bytes:
-    """The first ``most`` bytes of a file in an archive.
+def read_member(file: Traversable, max_bytes: int) -> bytes:
+    """The first ``max_bytes`` bytes of a file in an archive.
 
     Raises:
         InputError: it is damaged, encrypted, or compressed in an unknown way.
     """
     try:
         with file.open("rb") as stream:
-            return stream.read(most)
+            return stream.read(max_bytes)
     except DAMAGED as error:
         remedy = "write the archive anew with `gensim2 tasks export`"
         raise InputError(f"cannot be read: {error}", file=str(file), remedy=remedy) from error

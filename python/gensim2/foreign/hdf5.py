@@ -13,8 +13,8 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-MOST_ARRAY = 2**30  # bytes of one array in memory
-MOST_MEMBERS = 10_000  # of one group; trajectories of ManiSkill are asked for by name
+MAX_ARRAY = 2**30  # bytes of one array in memory
+MAX_MEMBERS = 10_000  # of one group; trajectories of ManiSkill are asked for by name
 
 #: deflate, shuffle, fletcher32 and lzf: what h5py writes. Others would be looked for in plug-ins.
 _FILTERS = {1, 2, 3, 32000}
@@ -43,10 +43,10 @@ def array_in(
     name: str,
     dtype: npt.DTypeLike | None = None,
     shape: tuple[int | None, ...] | None = None,
-    most: int = MOST_ARRAY,
+    max_bytes: int = MAX_ARRAY,
 ) -> Array:
     """Return the array ``name`` of a group; arguments and errors as of :func:`dataset_in`."""
-    values: Array = dataset_in(parent, name, dtype, shape, most)[()]
+    values: Array = dataset_in(parent, name, dtype, shape, max_bytes)[()]
     return values
 
 
@@ -55,14 +55,14 @@ def dataset_in(
     name: str,
     dtype: npt.DTypeLike | None = None,
     shape: tuple[int | None, ...] | None = None,
-    most: int = MOST_ARRAY,
+    max_bytes: int = MAX_ARRAY,
 ) -> h5py.Dataset:
     """Return the array ``name`` of a group, of which parts may be read.
 
     Args:
         dtype: that it must have; None: any numbers or truth values.
         shape: that it must have, None for any length of an axis.
-        most: bytes that it may take in memory.
+        max_bytes: bytes that it may take in memory.
 
     Raises:
         ForeignHdf5Error: there is none, its data lie elsewhere, or it is of another type, shape or size.
@@ -76,8 +76,8 @@ def dataset_in(
     if shape is not None and not fits(size, shape):
         raise ForeignHdf5Error(f"{path} has the shape {size}, not {shown_shape(shape)}")
     chunk = item.chunks or ()
-    if any(_bytes(each, found) > most for each in (size, chunk)):
-        raise ForeignHdf5Error(f"{path} has the shape {size}: more than {most // 2**20} MiB")
+    if any(_bytes(each, found) > max_bytes for each in (size, chunk)):
+        raise ForeignHdf5Error(f"{path} has the shape {size}: more than {max_bytes // 2**20} MiB")
     if item.external is not None or item.is_virtual:
         raise ForeignHdf5Error(f"{path} keeps its numbers in another file")
     plist = item.id.get_create_plist()
@@ -92,8 +92,8 @@ def members(group: h5py.Group) -> Iterator[str]:
     Raises:
         ForeignHdf5Error: there are too many.
     """
-    if len(group) > MOST_MEMBERS:
-        raise ForeignHdf5Error(f"{group.name} has {len(group)} members, more than {MOST_MEMBERS}")
+    if len(group) > MAX_MEMBERS:
+        raise ForeignHdf5Error(f"{group.name} has {len(group)} members, more than {MAX_MEMBERS}")
     yield from group
 
 

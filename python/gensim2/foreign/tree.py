@@ -11,10 +11,10 @@ from typing import BinaryIO, ClassVar, NamedTuple
 
 from gensim2.errors import InputError
 
-MOST_FILES = 1_000_000  # of an export: one of 10,000 episodes with pictures has some 140,000
-MOST_DEPTH = 12  # folders inside each other; ours have 5
-MOST_FILE_BYTES = 64 * 2**30  # of one file; ManiSkill's trajectories hold all episodes of a task
-MOST_RECORD = 512 * 2**20  # bytes of one JSON file
+MAX_FILES = 1_000_000  # of an export: one of 10,000 episodes with pictures has some 140,000
+MAX_DEPTH = 12  # folders inside each other; ours have 5
+MAX_FILE_BYTES = 64 * 2**30  # of one file; ManiSkill's trajectories hold all episodes of a task
+MAX_RECORD = 512 * 2**20  # bytes of one JSON file
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -53,8 +53,8 @@ def open_regular(path: Path) -> BinaryIO:
     return stream
 
 
-def read_regular(path: Path, most: int) -> bytes:
-    """Content of a regular file of at most ``most`` bytes.
+def read_regular(path: Path, max_bytes: int) -> bytes:
+    """Content of a regular file of at max_bytes ``max_bytes`` bytes.
 
     Raises:
         NotRegularError, TooLargeError: it is none, or larger.
@@ -62,11 +62,13 @@ def read_regular(path: Path, most: int) -> bytes:
     """
     with open_regular(path) as stream:
         size = os.fstat(stream.fileno()).st_size
-        content = b"" if size > most else stream.read(size + 1)  # not most: as much memory would be taken first
-        while size < len(content) <= most and (block := stream.read(_BLOCK)):  # it grows, or has no size (/proc)
+        content = (
+            b"" if size > max_bytes else stream.read(size + 1)
+        )  # not max_bytes: as much memory would be taken first
+        while size < len(content) <= max_bytes and (block := stream.read(_BLOCK)):  # it grows, or has no size (/proc)
             content += block
-    if max(size, len(content)) > most:
-        raise TooLargeError(f"is larger than {megabytes(most)}")
+    if max(size, len(content)) > max_bytes:
+        raise TooLargeError(f"is larger than {megabytes(max_bytes)}")
     return content
 
 
@@ -103,20 +105,20 @@ class ForeignTree:
 
     ERROR: ClassVar[type[InputError]] = InputError
     MISSING: ClassVar[type[InputError]] = InputError
-    MOST_FILES: ClassVar[int] = MOST_FILES
+    MAX_FILES: ClassVar[int] = MAX_FILES
 
-    def read(self, name: str, most: int = MOST_RECORD, named_by: Reference | None = None) -> bytes:
+    def read(self, name: str, max_bytes: int = MAX_RECORD, named_by: Reference | None = None) -> bytes:
         """Content of the file ``name``, relative to the folder.
 
         Args:
-            most: bytes that it may have.
+            max_bytes: bytes that it may have.
             named_by: where the name was found, for errors.
 
         Raises:
             InputError: there is none, it lies outside the folder, is no regular file, is larger, or cannot be read.
         """
         try:
-            return read_regular(self.inside(name, named_by), most)
+            return read_regular(self.inside(name, named_by), max_bytes)
         except (FileNotFoundError, NotADirectoryError) as error:
             missing = self._error(why(error), name, named_by)
             raise self.MISSING(missing.message, file=missing.file, field=missing.field) from error
@@ -146,14 +148,14 @@ class ForeignTree:
         except (OSError, ValueError):
             return False
 
-    def copy(self, name: str, to: Path, most: int) -> None:
+    def copy(self, name: str, to: Path, max_bytes: int) -> None:
         """Copy the file ``name`` to ``to``, a file in a folder that is there.
 
         Raises:
             InputError: as for :meth:`read`.
             OSError: it cannot be written.
         """
-        content = self.read(name, most)
+        content = self.read(name, max_bytes)
         to.write_bytes(content)
 
     def names(self, under: str = "") -> list[str]:
@@ -165,9 +167,9 @@ class ForeignTree:
         found: list[tuple[str, ...]] = []
         for path in self._walk(self.path / under):
             found.append(path.relative_to(self.path).parts)
-            if len(found) > self.MOST_FILES:
+            if len(found) > self.MAX_FILES:
                 raise self.ERROR(
-                    f"holds over {self.MOST_FILES} files", file=self.path, remedy="remove what is not its own"
+                    f"holds over {self.MAX_FILES} files", file=self.path, remedy="remove what is not its own"
                 )
         return [str(Path(*parts)) for parts in sorted(found)]
 
@@ -190,19 +192,19 @@ class ForeignTree:
                         name = prefix + entry.name
                         status = entry.stat(follow_symlinks=False)
                         if stat.S_ISDIR(status.st_mode):
-                            if depth >= MOST_DEPTH:
-                                raise self._error(f"has over {MOST_DEPTH} folders inside each other", name, None)
+                            if depth >= MAX_DEPTH:
+                                raise self._error(f"has over {MAX_DEPTH} folders inside each other", name, None)
                             waiting.append((folder / entry.name, f"{name}/", depth + 1))
                             continue
                         if not stat.S_ISREG(status.st_mode):
                             kind = _KINDS.get(stat.S_IFMT(status.st_mode), "something else")
                             raise self._error(f"is {kind}, not a file", name, None, _PUT_A_FILE)
-                        if status.st_size > MOST_FILE_BYTES:
-                            raise self._error(f"is larger than {megabytes(MOST_FILE_BYTES)}", name, None)
+                        if status.st_size > MAX_FILE_BYTES:
+                            raise self._error(f"is larger than {megabytes(MAX_FILE_BYTES)}", name, None)
                         found[name] = status.st_size
-                        if len(found) > self.MOST_FILES:
+                        if len(found) > self.MAX_FILES:
                             remedy = "remove what is not its own"
-                            raise self.ERROR(f"holds over {self.MOST_FILES} files", file=self.path, remedy=remedy)
+                            raise self.ERROR(f"holds over {self.MAX_FILES} files", file=self.path, remedy=remedy)
             except OSError as error:
                 raise self.ERROR(f"cannot be read: {error.strerror or error}", file=folder) from error
         return found
@@ -225,7 +227,7 @@ class ForeignTree:
 
 
 def shortened(text: str) -> str:
-    """The beginning of a text, of at most 100 characters."""
+    """The beginning of a text, of at max_bytes 100 characters."""
     return text if len(text) <= 100 else f"{text[:97]}..."
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from gensim2.objects.meshwork.convexes import Block, depth_inside, surface_samples
 from gensim2.objects.meshwork.overlap import OPENNESS, links_overlap
 from gensim2.objects.shapes import transform
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 
 Array = npt.NDArray[np.float64]
 
@@ -20,7 +20,7 @@ FREE_GAP = 10.0  # mm between a keypoint in free space and either link, the obje
 SURFACE_GAP = 10.0  # mm between a surface keypoint and its link
 MASS = (0.02, 80.0)  # kg
 PUSH = 40.0  # N at the keypoint to overcome friction
-MOST_HULLS = 64  # a link
+MAX_HULLS = 64  # a link
 FREE = ("above", "inside", "base")  # parts of the names of keypoints in free space
 
 
@@ -33,7 +33,7 @@ class Finding:
     limit: float | str
 
 
-def distance_to_link(instance: Instance, name: str) -> float:
+def distance_to_link(instance: ArticulatedObject, name: str) -> float:
     """Distance in metres of a keypoint from its link's hulls, 0 inside; the least distance to their surface samples."""
     keypoint = instance.keypoints[name]
     hulls = list(instance.hulls.get(keypoint.link, ()))
@@ -46,12 +46,12 @@ def distance_to_link(instance: Instance, name: str) -> float:
     return float(np.linalg.norm(samples - point, axis=1).min())
 
 
-def world_rotation(instance: Instance) -> Array:
+def world_rotation(instance: ArticulatedObject) -> Array:
     """(3, 3) root to world of the default placement."""
     return instance.placement.rotation
 
 
-def geometric_findings(instance: Instance) -> list[Finding]:
+def geometric_findings(instance: ArticulatedObject) -> list[Finding]:
     """Checks that need no physics, and what the reader noted."""
     joint = instance.joint
     found = [Finding("note", warning, "none") for warning in instance.warnings]
@@ -61,7 +61,7 @@ def geometric_findings(instance: Instance) -> list[Finding]:
             found.append(Finding(check, round(value, 4), limit))
 
     for link, hulls in instance.hulls.items():
-        at_most(f"hulls of {link}", len(hulls), MOST_HULLS)
+        at_most(f"hulls of {link}", len(hulls), MAX_HULLS)
     found += overlap_findings(instance)
     R, position = world_rotation(instance), instance.placement.position
     still = [h for link, hulls in instance.hulls.items() if link != joint.child_link for h in hulls]
@@ -88,7 +88,7 @@ def geometric_findings(instance: Instance) -> list[Finding]:
     return found
 
 
-def overlap_findings(instance: Instance) -> list[Finding]:
+def overlap_findings(instance: ArticulatedObject) -> list[Finding]:
     """Links that reach into each other off the hinge: the model's own meshes, or what convex parts add to them."""
     overlap = links_overlap(instance, OVERLAP / 1000)
     found = []
@@ -101,7 +101,7 @@ def overlap_findings(instance: Instance) -> list[Finding]:
     return found
 
 
-def clearance_of(instance: Instance, name: str) -> float:
+def clearance_of(instance: ArticulatedObject, name: str) -> float:
     """Distance in metres of a keypoint from the hulls of both links of the open object; negative inside one."""
     keypoint, child = instance.keypoints[name], instance.joint.child_link
     T = instance.link_pose(1.0)

@@ -19,7 +19,7 @@ from gensim2.objects.library.catalogue import KINDS, Library
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.selection import wanted_classes
 from gensim2.objects.rigid import BODY, RigidObject
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 from gensim2.pages import template
 from gensim2.progress import NULL_PROGRESS, Progress
 
@@ -176,7 +176,7 @@ class _Maker:
         return picture
 
 
-def _card(instance: Instance, picture: str) -> _Card:
+def _card(instance: ArticulatedObject, picture: str) -> _Card:
     joint = instance.joint
     unit, scale = ("°", 57.29578) if joint.type == "revolute" else ("mm", 1000.0)
     hulls = sum(len(hulls) for hulls in instance.hulls.values())

@@ -13,7 +13,7 @@ from gensim2.errors import GenSim2Error, MissingExtraError
 from gensim2.inspection.checks import world_rotation
 from gensim2.objects.rigid import BODY, RigidObject
 from gensim2.objects.shapes import transform
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -55,7 +55,7 @@ def short_name(keypoint: str) -> str:
     return keypoint.removeprefix("articulated_object_").removeprefix("rigidbody_object_")
 
 
-def mark_colour(instance: Instance | RigidObject, keypoint: str) -> str:
+def mark_colour(instance: ArticulatedObject | RigidObject, keypoint: str) -> str:
     """Colour of a keypoint in all pictures of an object, as ``#rrggbb``."""
     return MARK_COLOURS[sorted(instance.keypoints).index(keypoint) % len(MARK_COLOURS)]
 
@@ -97,12 +97,15 @@ class Studio:
         pixels = size * OVERSAMPLING
         self._camera = self._scene.add_camera("camera", pixels, pixels, float(FIELD_OF_VIEW), 0.02, 50)
         self._object: Any = None
-        self._subject: Instance | RigidObject | None = None
+        self._subject: ArticulatedObject | RigidObject | None = None
         self._center = np.zeros(3)
         self._distance = 1.0
 
     def put(
-        self, instance: Instance, openness: Sequence[float] = OPENNESS, azimuths: Sequence[float] = (THREE_QUARTER,)
+        self,
+        instance: ArticulatedObject,
+        openness: Sequence[float] = OPENNESS,
+        azimuths: Sequence[float] = (THREE_QUARTER,),
     ) -> None:
         """Take the last object away and put this one where it stands by default.
 
@@ -137,7 +140,7 @@ class Studio:
     def _clear(self) -> None:
         if self._object is None:
             return
-        if isinstance(self._subject, Instance):
+        if isinstance(self._subject, ArticulatedObject):
             self._scene.remove_articulation(self._object)
         else:
             self._scene.remove_actor(self._object)
@@ -159,7 +162,7 @@ class Studio:
         subject = self._subject
         if subject is None:
             raise ValueError("put an object into the studio first")
-        if isinstance(subject, Instance):
+        if isinstance(subject, ArticulatedObject):
             joint = subject.joint
             self._object.set_qpos(np.array([joint.lower + openness * (joint.upper - joint.lower)], np.float32))
         R, eye = _camera_pose(self._center, self._distance, azimuth, elevation)
@@ -201,7 +204,7 @@ def _clear_distance(points: Array, azimuth: float) -> float:
     return float((np.maximum(np.abs(left), np.abs(up)) / np.tan(FIELD_OF_VIEW / 2) - ahead).max())
 
 
-def _world_points(instance: Instance, openness: float) -> Array:
+def _world_points(instance: ArticulatedObject, openness: float) -> Array:
     """(N, 3) hull vertices and keypoints in the world frame."""
     R, position = world_rotation(instance), instance.placement.position
     T = instance.link_pose(openness)
@@ -211,7 +214,7 @@ def _world_points(instance: Instance, openness: float) -> Array:
     return np.concatenate([in_root, np.array(list(_keypoints(instance, openness).values())).reshape(-1, 3)])
 
 
-def _keypoints(instance: Instance | RigidObject, openness: float) -> dict[str, Array]:
+def _keypoints(instance: ArticulatedObject | RigidObject, openness: float) -> dict[str, Array]:
     """(3,) keypoints in the world frame by name."""
     if isinstance(instance, RigidObject):
         place = instance.placement
@@ -229,7 +232,7 @@ def _keypoints(instance: Instance | RigidObject, openness: float) -> dict[str, A
     return found
 
 
-def annotated(shot: Shot, instance: Instance | RigidObject, names: bool) -> Image.Image:
+def annotated(shot: Shot, instance: ArticulatedObject | RigidObject, names: bool) -> Image.Image:
     """The picture with its keypoints: a disc, a ring where something is in front; beside it the name if ``names``."""
     from PIL import Image, ImageDraw, ImageFont
 
@@ -265,7 +268,7 @@ def annotated(shot: Shot, instance: Instance | RigidObject, names: bool) -> Imag
     return picture
 
 
-def turntable(studio: Studio, instance: Instance, views: int) -> Image.Image:
+def turntable(studio: Studio, instance: ArticulatedObject, views: int) -> Image.Image:
     """All views of an object on one sheet: a row an openness, a column an azimuth, the robot's side first."""
     from PIL import Image
 
@@ -291,7 +294,7 @@ def rigid_turntable(studio: Studio, rigid: RigidObject, views: int) -> Image.Ima
     return sheet
 
 
-def strip(studio: Studio, model: Instance | RigidObject) -> Image.Image:
+def strip(studio: Studio, model: ArticulatedObject | RigidObject) -> Image.Image:
     """An object at openness 0, 0.5 and 1 beside each other, or a rigid one from three sides; its keypoints named."""
     from PIL import Image, ImageDraw, ImageFont
 
@@ -314,7 +317,7 @@ def strip(studio: Studio, model: Instance | RigidObject) -> Image.Image:
     return sheet
 
 
-def contact_sheet(studio: Studio, models: Iterable[Instance | RigidObject], columns: int) -> Image.Image:
+def contact_sheet(studio: Studio, models: Iterable[ArticulatedObject | RigidObject], columns: int) -> Image.Image:
     """One picture of each object in a grid, half open where it has a joint, the class's name under it."""
     from PIL import Image, ImageDraw, ImageFont
 

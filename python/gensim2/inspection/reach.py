@@ -9,7 +9,7 @@ import numpy as np
 import gensim2_kpam as kpam
 from gensim2.inspection.checks import Finding, world_rotation
 from gensim2.objects.shapes import transform
-from gensim2.objects.types import Array, Instance
+from gensim2.objects.types import Array, ArticulatedObject
 from gensim2.robots import RobotProfile
 from gensim2.sim.table import HALF_SIZE
 
@@ -19,11 +19,11 @@ HEAD = "articulated_object_head"
 BUDGET: kpam.Options = {
     "candidates": 4,
     "samples": 50,
-    "harvest": 0,
+    "extra_seeds": 0,
 }  # none is used up: every motion is short or hopeless
 
 
-def reach_findings(instance: Instance, robot: RobotProfile) -> list[Finding]:
+def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Finding]:
     """Openness at which no motion that is clear of the table brings the fingertips to the head keypoint.
 
     The head is ``articulated_object_head``, or the first keypoint where there is none. What is said is by how many
@@ -46,7 +46,7 @@ def reach_findings(instance: Instance, robot: RobotProfile) -> list[Finding]:
     return found
 
 
-def in_base(instance: Instance, name: str, openness: float, robot: RobotProfile) -> Array:
+def in_base(instance: ArticulatedObject, name: str, openness: float, robot: RobotProfile) -> Array:
     """(3,) keypoint of an instance at its default placement in the robot's base frame, metres."""
     keypoint = instance.keypoints[name]
     point = keypoint.position

@@ -9,7 +9,7 @@ from gensim2.inspection.checks import Finding
 from gensim2.objects.rigid import BODY, RigidObject
 from gensim2.robots import robot
 
-MOST_HULLS = 64
+MAX_HULLS = 64
 MASSES = (0.002, 2.0)  # kg
 REST_SECONDS = 5.0
 REST_DRIFT, REST_TURN = 0.005, np.radians(5)  # m, rad
@@ -27,7 +27,7 @@ def geometric_findings(rigid: RigidObject) -> list[Finding]:
         if value > limit:
             findings.append(Finding(check, float(value), limit))
 
-    at_most("hull_count", len(rigid.hulls[BODY]), MOST_HULLS)
+    at_most("hull_count", len(rigid.hulls[BODY]), MAX_HULLS)
     at_most("mass", rigid.mass, MASSES[1])
     at_most("mass_least", MASSES[0], rigid.mass)
     at_most("grip_width", rigid.grip.width, robot().gripper.widest - SPARE)

@@ -17,7 +17,7 @@ from gensim2.inspection.checks import Finding, geometric_findings, world_rotatio
 from gensim2.objects.library.catalogue import Library
 from gensim2.objects.physics import GRAVITY, class_rule, inertial
 from gensim2.objects.rigid import RigidObject
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 from gensim2.processes import WorkerPool, enumerated, in_order
 
 REST_SECONDS = 5.0
@@ -66,7 +66,7 @@ def check_object(library: Library, asset_class: str, instance_id: str, physics: 
     return ObjectReport(asset_class, instance_id, tuple(findings), time.perf_counter() - started)
 
 
-def _findings(model: Instance | RigidObject, physics: bool) -> list[Finding]:
+def _findings(model: ArticulatedObject | RigidObject, physics: bool) -> list[Finding]:
     if isinstance(model, RigidObject):
         return rigid.geometric_findings(model) + (rigid.physical_findings(model) if physics else [])
     return geometric_findings(model) + (physical_findings(model) + reaching(model) if physics else [])
@@ -96,7 +96,7 @@ def validate(
                 yield outcome.unwrap()
 
 
-def reaching(instance: Instance) -> list[Finding]:
+def reaching(instance: ArticulatedObject) -> list[Finding]:
     """Return the findings about scenes in which the robot does not reach the head keypoint; needs the robot's model,
     which comes with the simulator."""
     from gensim2.inspection.reach import reach_findings
@@ -122,7 +122,7 @@ def family(check: str) -> str:
     return re.sub(r"\b(openness|from|hull) [\d.]+", r"\1 X", check)
 
 
-def physical_findings(instance: Instance) -> list[Finding]:
+def physical_findings(instance: ArticulatedObject) -> list[Finding]:
     """Loads whole; stays where it is left; moves through its whole range under 1.5 times its load.
 
     Raises:
@@ -148,7 +148,7 @@ def physical_findings(instance: Instance) -> list[Finding]:
 class _Stage:
     """One object in an empty SAPIEN scene, physics only."""
 
-    def __init__(self, instance: Instance) -> None:
+    def __init__(self, instance: ArticulatedObject) -> None:
         try:
             import sapien
             from sapien.physx import PhysxCpuSystem

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 from gensim2.lazy import lazy_names
 from gensim2.objects.errors import AssetError
 from gensim2.objects.rigid import Grip, RigidObject
-from gensim2.objects.types import Instance, Keypoint, Kind, MovingJoint, ObjectModel, Placement, Source
+from gensim2.objects.types import ArticulatedObject, Keypoint, Kind, MovingJoint, ObjectModel, Placement, Source
 
 if TYPE_CHECKING:
     from gensim2.objects.library.catalogue import ClassListing, Library, listing, open_library
 
 __all__ = [
+    "ArticulatedObject",
     "AssetError",
     "ClassListing",
     "Grip",
-    "Instance",
     "Keypoint",
     "Kind",
     "Library",

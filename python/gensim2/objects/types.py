@@ -139,7 +139,7 @@ class ObjectModel(Protocol):
 
 
 @dataclass(frozen=True)
-class Instance:
+class ArticulatedObject:
     """An articulated object ready to be simulated and planned for.
 
     ``urdf`` is scaled, has inertials, limits and joint dynamics, and one convex mesh a collision element: SAPIEN and

@@ -14,7 +14,7 @@ from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.observations.camera import Camera
-    from gensim2.observations.cloud import CloudSettings, EmptyCloudError, PointCloud, Robot, point_cloud
+    from gensim2.observations.cloud import CloudSettings, EmptyCloudError, PointCloud, RobotSegments, point_cloud
     from gensim2.observations.encoder import Encoder
     from gensim2.observations.noise import D435, CameraError, DepthNoise
     from gensim2.observations.observation import Observation
@@ -33,7 +33,7 @@ __all__ = [
     "ObservationSpec",
     "Picture",
     "PointCloud",
-    "Robot",
+    "RobotSegments",
     "View",
     "point_cloud",
 ]
@@ -52,7 +52,7 @@ __getattr__ = lazy_names(
         "ObservationSpec": "gensim2.observations.spec",
         "Picture": "gensim2.observations.view",
         "PointCloud": "gensim2.observations.cloud",
-        "Robot": "gensim2.observations.cloud",
+        "RobotSegments": "gensim2.observations.cloud",
         "View": "gensim2.observations.view",
         "point_cloud": "gensim2.observations.cloud",
     },

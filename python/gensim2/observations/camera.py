@@ -67,8 +67,8 @@ class Camera:
 
     @cached_property
     def rays(self) -> npt.NDArray[np.float32]:
-        """(H, W, 3) way of each pixel's middle in the base frame, per metre of depth: a point is the camera's place
-        plus depth times this."""
+        """(H, W, 3) rays through the pixel centres in the base frame, at unit depth: a point is the camera's position
+        plus its depth (m) times its ray."""
         columns, rows = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
         pixels = np.stack([columns, rows, np.ones_like(columns)], axis=-1)
         turn = self.T_base_camera[:3, :3] @ np.linalg.inv(self.intrinsic)

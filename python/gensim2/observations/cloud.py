@@ -15,7 +15,7 @@ from gensim2.observations.sampling import farthest_points, inlier_mask, uniform_
 from gensim2.observations.view import View
 
 ROBOT_PARTS = ("gripper", "all", "none")
-MOST_POINTS = 49152
+MAX_POINTS = 49152
 
 RESOLUTION = np.float32(1e-4)
 """Metres to which coordinates are rounded, so that a stored point is the seen one: 16 bits reach 3.2 m."""
@@ -27,7 +27,7 @@ class EmptyCloudError(GenSim2Error):
 
 
 @dataclass(frozen=True)
-class Robot:
+class RobotSegments:
     """Segmentation ids of the robot's links: the hand with its fingers, and all others."""
 
     gripper: frozenset[int]
@@ -117,7 +117,7 @@ class PointCloud:
     segmentation: npt.NDArray[np.int16] | None
 
 
-def point_cloud(views: Sequence[View], settings: CloudSettings, robot: Robot | None = None) -> PointCloud:
+def point_cloud(views: Sequence[View], settings: CloudSettings, robot: RobotSegments | None = None) -> PointCloud:
     """Fuse pictures into one cloud: crop, sample evenly, drop outliers, sample farthest points. Nothing is drawn.
 
     Args:
@@ -145,7 +145,7 @@ def point_cloud(views: Sequence[View], settings: CloudSettings, robot: Robot | N
     return _gather(views, parts, points, rows)
 
 
-def _inside(view: View, settings: CloudSettings, robot: Robot | None) -> npt.NDArray[np.int64]:
+def _inside(view: View, settings: CloudSettings, robot: RobotSegments | None) -> npt.NDArray[np.int64]:
     """Numbers of the pixels that are kept of a picture."""
     depth, camera = view.depth, view.camera
     inside = depth > 0
@@ -204,5 +204,5 @@ def from_steps(steps: npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
 
 
 def _check_count(value: Any, name: str, least: int) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= MOST_POINTS:
-        raise InputError(f"must be a whole number from {least} to {MOST_POINTS}, is {value!r}", field=name)
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= MAX_POINTS:
+        raise InputError(f"must be a whole number from {least} to {MAX_POINTS}, is {value!r}", field=name)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.errors import GenSim2Error
-from gensim2.observations.cloud import Robot, point_cloud
+from gensim2.observations.cloud import RobotSegments, point_cloud
 from gensim2.observations.columns import DEPTH, IMAGE, SEGMENTATION, depth_column
 from gensim2.observations.observation import Observation
 from gensim2.observations.proprioception import Proprioception
@@ -29,7 +29,7 @@ class Encoder:
     """
 
     def __init__(
-        self, spec: ObservationSpec, profile: RobotProfile, language: str = "", robot: Robot | None = None
+        self, spec: ObservationSpec, profile: RobotProfile, language: str = "", robot: RobotSegments | None = None
     ) -> None:
         self.spec, self._profile, self._language, self._robot = spec, profile, language, robot
 

@@ -19,7 +19,7 @@ CLOSING_SPEED = 0.06
 #: Weights of what was taken up by which each finger presses: at least, so that its lever and its inertia are carried,
 #: too; and at most. In some solvers a contact gives the more, the lighter a body is: pads that are pressed by many
 #: times its weight sink into it, and a ball of a few grams is shot out of the fingers.
-LEAST_GRIP_WEIGHTS, MOST_GRIP_WEIGHTS = 6.0, 15.0
+LEAST_GRIP_WEIGHTS, MAX_GRIP_WEIGHTS = 6.0, 15.0
 
 #: Times its weight that the friction of both fingers is to carry.
 CARRIED_WEIGHTS = 3.0
@@ -97,7 +97,7 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
         lever: distance (m) of the centre of mass from the line between the pads, about which it may turn.
     """
     weights = max(LEAST_GRIP_WEIGHTS, CARRIED_WEIGHTS * hypot(1.0, lever / PAD_ARM) / (2.0 * tan(margin)))
-    return max(LEAST_GRIP_FORCE, min(weights, MOST_GRIP_WEIGHTS) * mass * GRAVITY)
+    return max(LEAST_GRIP_FORCE, min(weights, MAX_GRIP_WEIGHTS) * mass * GRAVITY)
 
 
 def grip_on(pad_distance: float, force: float, profile: RobotProfile, stiffness: float | None = None) -> float:

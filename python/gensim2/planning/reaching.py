@@ -34,27 +34,27 @@ class Reach:
 def reach(
     problem_with: Callable[[kpam.Options], kpam.KeypointProblem],
     clearances: Sequence[float | None] = REACH_CLEARANCES,
-    former: kpam.Plan | None = None,
+    warm_start: kpam.Plan | None = None,
     explain: bool = False,
 ) -> Reach:
     """Plan a motion that keeps clear of what the hand reaches for until it is at the actuation pose.
 
     The clearances are asked for in turn; the first whole motion is taken. Where none of them allows one, the last
-    (None) lets hand and fingers touch what they reach for in the last leg before the actuation pose: a motion that gets
-    it done comes before one that is gentle. Where that is no whole motion either, the gentlest of the longest parts is
-    taken.
+    (None) lets hand and fingers touch what they reach for in the last segment before the actuation pose: a motion that
+    gets it done comes before one that is gentle. Where that is no whole motion either, the gentlest of the longest
+    parts is taken.
 
     Args:
         problem_with: the problem with options that take the place of its own.
         clearances: m; None for none.
-        former: an earlier plan of the same step; its pose and its way are tried first.
+        warm_start: an earlier plan of the same step; its pose and its way are tried first.
         explain: whether the plan says what became of every pose that was tried.
     """
     lacks: str | None = None
     best: Reach | None = None
     for clearance in clearances:
         problem = problem_with({"reach_clearance": clearance})
-        plan = kpam.plan(problem, former=former, explain=explain)
+        plan = kpam.plan(problem, warm_start=warm_start, explain=explain)
         found = Reach(problem, plan, clearance, None if clearance else lacks)
         if found.plan.status == "solved":
             return found

@@ -38,7 +38,7 @@ class StepPlan:
         force: with which each finger presses on it, N.
         T_object_hand: (4, 4) hand in its frame as it is grasped.
         touches: what stands in the way of a motion that touches nothing before the actuation pose, where this one does.
-        whole: where ``plan`` is the longest part of a motion and then lets go: the plan that says what the rest lacks.
+        whole: the plan of the whole motion, where ``plan`` is its longest part; it says why the rest fails.
         foreseen: of a grasp the step that it is for, with the plan of it that was found on the scene as it will be.
     """
 

@@ -28,7 +28,7 @@ AT_REST = 0.01
 EXECUTED: kpam.Options = {"least_margin": 0.0, "contact_depth": None, "start_depth": 1.0}
 
 #: Share of the joints' velocity limits with which a motion starts at most: somewhat less than the solver plans with.
-STARTS_AT_MOST = 0.45
+MAX_START_VALUES = 0.45
 
 
 class StepProblems:
@@ -107,7 +107,7 @@ class StepProblems:
             tool |= _held_keypoints(world, scene.held, step.tool)
         q = self._start(scene, fingers)
         # The arm may swing faster than its limits, from which no motion that keeps them could begin.
-        fastest = STARTS_AT_MOST * self._profile.model.velocity
+        fastest = MAX_START_VALUES * self._profile.model.velocity
         velocity = np.clip(scene.qvel, -fastest, fastest)
         velocity[self._fingers] = 0.0
         if np.abs(velocity).max() > AT_REST:

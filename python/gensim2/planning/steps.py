@@ -52,7 +52,7 @@ class StepPlanner:
         strategy: Strategy,
         *,
         following: Sequence[Ways] = (),
-        former: kpam.Plan | None = None,
+        warm_start: kpam.Plan | None = None,
         lost: Sequence[Array] = (),
         explain: bool = False,
     ) -> StepPlan:
@@ -63,7 +63,7 @@ class StepPlanner:
             step: what is acted on, and with what.
             strategy: how.
             following: the steps after it; a grasp looks ahead to the first that uses the object as its tool.
-            former: an earlier plan of the same step, or one that was foreseen; its pose and its way are tried first.
+            warm_start: an earlier plan of the same step, or one that was foreseen; its pose and its way come first.
             lost: (4, 4) hand poses in the frame of the step's object from which it slipped; they are tried last.
             explain: whether the plan says what became of every pose that was tried.
 
@@ -76,7 +76,7 @@ class StepPlanner:
             found = reach(
                 lambda options: self.problem(scene, step, strategy, options),
                 self._problems.clearances(scene, step, strategy),
-                former,
+                warm_start,
                 explain,
             )
             part = self._letting_go(scene, step, strategy, found)

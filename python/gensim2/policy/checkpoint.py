@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 CONFIG_JSON = "config.json"
 KIND: Literal["gensim2-policy"] = "gensim2-policy"
 VERSION = 1
-MOST_WEIGHTS = 8 * 2**30  # bytes
+MAX_WEIGHTS = 8 * 2**30  # bytes
 
 _REMEDY = "give the folder of a policy that `gensim2 train` made"
 _NETWORK, _TABLE = "network.", "sentences"
@@ -200,7 +200,7 @@ class PolicyCheckpoint:
         record = read_record(file, _Record, _REMEDY)
         path = folder / record.weights.file
         try:
-            content = read_regular(path, MOST_WEIGHTS)
+            content = read_regular(path, MAX_WEIGHTS)
         except OSError as error:
             raise CheckpointError(why(error), file=path, remedy=_REMEDY) from error
         if hashlib.sha256(content).hexdigest() != record.weights.sha256:

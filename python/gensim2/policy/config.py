@@ -35,6 +35,7 @@ class PolicyConfig(Settings):
     points: int | None = setting(None, "Points of a cloud.  [default: as the data have]", low=1, high=49152)
     colour: bool = setting(True, "See the colours of the points.")
     tool_frame: bool = setting(True, "See each point in the tool's frame, too.")
+    joints: bool = setting(True, "See the joints' angles beside the tool's pose.")
     velocity: bool = setting(False, "See the joints' velocities.")
     history: int = setting(1, "Frames that are seen, the present one included.", low=1, high=4)
     stride: int = setting(4, "Control steps between the frames of the history.", low=1, high=100)
@@ -43,11 +44,14 @@ class PolicyConfig(Settings):
     attention: int = setting(4, "Attention heads of the trunk and of the decoders.", low=1, high=64)
     decoder_layers: int = setting(2, "Layers of the decoders of transformer, diffusion and flow.", low=1, high=48)
     hidden: int = setting(384, "Width of the MLP of the chunk head.", low=8, high=8192)
-    horizon: int = setting(16, "Actions that are foretold at once.", low=1, high=256)
+    horizon: int = setting(16, "Actions that are predicted at once.", low=1, high=256)
     execute: int = setting(8, "Actions of them that are executed before the policy looks again.", low=1, high=256)
     noise_levels: int = setting(100, "Noise levels of diffusion in training.", low=2, high=10000)
     ways: int = setting(2, "Strategies that the keypose head tells apart, and one for done.", low=1, high=10000)
-    seen_points: int = setting(128, "Points that the keypose head makes a heatmap over.", low=1, high=49152)
+    seen_points: int = setting(128, "Points that the keypose head makes a heatmap over: any.", low=1, high=49152)
+    spread_points: int = setting(
+        0, "Points beside them that lie far from each other, so that small things have some.", low=0, high=49152
+    )
     denoise_steps: int = setting(4, "Steps of DDIM, or of Euler's rule for flow, at inference.", low=1, high=1000)
 
     def __post_init__(self) -> None:

@@ -16,7 +16,7 @@ from gensim2.seeding import rng
 
 CLOUDS = "clouds.npz"
 """Clouds of scenes that were trained on, beside a checkpoint."""
-MOST_CLOUDS = 64
+MAX_CLOUDS = 64
 
 Sees = Literal["all", "nothing", "other"]
 """Ablation of the clouds: none, points at the origin, or the cloud of another scene."""

@@ -89,10 +89,10 @@ class Demonstrations:
         found[SENTENCE] = self._sentence[rows]
         return {name: torch.from_numpy(np.ascontiguousarray(values)) for name, values in found.items()}
 
-    def some_clouds(self, most: int) -> Shuffled:
+    def some_clouds(self, max_clouds: int) -> Shuffled:
         """Clouds of the first frames of episodes evenly through the data."""
         firsts = np.unique(self._first)
-        rows = firsts[np.unique(np.linspace(0, len(firsts) - 1, most).astype(np.int64))]
+        rows = firsts[np.unique(np.linspace(0, len(firsts) - 1, max_clouds).astype(np.int64))]
         return Shuffled(from_steps(self._arrays[XYZ][rows]), np.array(self._arrays[RGB][rows]))
 
     def _chunks(self, rows: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:

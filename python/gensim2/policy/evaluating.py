@@ -28,7 +28,7 @@ CONTROL_EPISODES = 30
 """Episodes of each task that a control is measured by, the first of the policy's own."""
 
 KEYPOSE, CHUNKS = "gensim2.policy.keypose.controller:KeyposeController", "gensim2.policy.controller:PolicyController"
-STANDS_STILL = "gensim2.policy.standing:StandStill"
+NO_OP = "gensim2.policy.no_op:NoOpPolicy"
 
 
 def read_controls(text: str) -> tuple[Control, ...]:
@@ -119,7 +119,8 @@ def evaluate_policy(
     arguments: Mapping[str, Any] | None = None,
     runs: int = 1,
     out: Path | None = None,
-    workers: int = 2,
+    workers: int | None = 2,
+    ray: str | None = None,
     resume: bool = False,
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
@@ -134,8 +135,8 @@ def evaluate_policy(
         control_episodes: of each task; at most ``episodes``.
         arguments: of the policy's controller, beside its checkpoint.
         out: folder; each control has one in it.
-        tasks, episodes, stop, data, videos, seed, runs, workers, resume, time_limit, jobs_per_worker, progress, scene:
-            as for :func:`~gensim2.evaluation.evaluate`.
+        tasks, episodes, stop, data, videos, seed, runs, workers, ray, resume, time_limit, jobs_per_worker, progress,
+        scene: as for :func:`~gensim2.evaluation.evaluate`.
 
     Raises:
         CheckpointError: the checkpoint cannot be used with this robot or these tasks.
@@ -157,6 +158,7 @@ def evaluate_policy(
     shared: dict[str, Any] = {
         "seed": seed,
         "workers": workers,
+        "ray": ray,
         "resume": resume,
         "time_limit": time_limit,
         "jobs_per_worker": jobs_per_worker,
@@ -186,7 +188,7 @@ def evaluate_policy(
             )
         else:
             spec = (
-                ControllerSpec(STANDS_STILL, {"arm": policy.action.arm})
+                ControllerSpec(NO_OP, {"arm": policy.action.arm})
                 if control == "no-op"
                 else policy_controller(checkpoint, sees="nothing" if control == "blind" else "other")
             )

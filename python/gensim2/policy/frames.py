@@ -33,8 +33,9 @@ class Inputs:
     Attributes:
         cloud: (B, T, N, C): x, y, z (m), then with ``colour`` red, green, blue (0 to 1), then with ``tool_frame`` the
             point in the tool's frame (m).
-        proprio: (B, T, P): the arm's joints (of the first one what it has turned until the present frame), with
-            ``velocity`` their velocities, the tool's position and 6-D rotation, the gripper's width and last command.
+        proprio: (B, T, P): with ``joints`` the arm's (of the first one what it has turned until the present frame),
+            with ``velocity`` their velocities, the tool's position and 6-D rotation, the gripper's width and last
+            command.
     """
 
     cloud: torch.Tensor
@@ -48,7 +49,7 @@ def cloud_size(config: PolicyConfig) -> int:
 
 def proprio_size(config: PolicyConfig, arm: int) -> int:
     """P, numbers of proprioception, of a robot whose arm has ``arm`` joints."""
-    return arm * (1 + config.velocity) + 3 + 6 + 2
+    return arm * (config.joints + config.velocity) + 3 + 6 + 2
 
 
 def turn_matrix(angle: torch.Tensor) -> torch.Tensor:
@@ -83,7 +84,7 @@ def inputs_of(seen: Mapping[str, torch.Tensor], config: PolicyConfig, arm: int) 
     pose = seen[TOOL_POSE]
     position = torch.einsum("bij,btj->bti", R, pose[..., :3])
     rotation = torch.einsum("bij,btjk->btik", R, matrix_of_quaternion(pose[..., 3:]))
-    own = [joints]
+    own = [joints] if config.joints else []
     if config.velocity:
         own.append(seen[VELOCITY][..., :arm])
     own += [position, six_of_matrix(rotation), seen[GRIPPER]]

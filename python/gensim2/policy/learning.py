@@ -39,7 +39,7 @@ OBJECTS = 200
 """Generated ones of each class that a keypose policy learns from, where there are as many as are wanted."""
 DATA_SHARE = 0.4
 """Of the CPU time, at most, that goes into data."""
-LEAST_STEPS, MOST_STEPS = 20, 10_000
+LEAST_STEPS, MAX_STEPS = 20, 10_000
 """Gradient steps for one task; of several tasks as many times more."""
 LEARN_JSON, RESULT_JSON = "learn.json", "result.json"
 PROBES = 3
@@ -336,7 +336,7 @@ def _decide_steps(
     if key not in record.steps:
         left = 60.0 * record.minutes - record.data_cpu_s[key]
         each = seconds()
-        record.steps[key] = max(LEAST_STEPS, min(int(left / each), MOST_STEPS * tasks))
+        record.steps[key] = max(LEAST_STEPS, min(int(left / each), MAX_STEPS * tasks))
         progress.message(f"training: {record.steps[key]} steps of {1000 * each:.0f} ms of CPU")
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))
 

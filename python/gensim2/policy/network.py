@@ -9,6 +9,7 @@ import torch
 from torch import nn
 
 from gensim2.policy.encoders import make_encoder
+from gensim2.policy.encoders.grouping import farthest_points, gathered
 from gensim2.policy.frames import cloud_size, proprio_size
 from gensim2.policy.heads import Context, make_head
 from gensim2.policy.text import make_text_encoder
@@ -77,8 +78,12 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         frames = self.config.history
         flat = cloud.flatten(0, 1)  # (B T, N, C)
         features = None
+        points = batch[CLOUD][:, -1, :, :3]
+        seen_points = points
         if self.head.wants_features:
-            flat = flat[:, : self.config.seen_points]
+            rows = self._first_look(batch[CLOUD][..., :3].flatten(0, 1))
+            flat = gathered(flat, rows)
+            seen_points = gathered(points, rows.unflatten(0, (-1, frames))[:, -1])
             pooled, every = self.encoder.with_features(flat)
             features = every.unflatten(0, (-1, frames))[:, -1]
         else:
@@ -87,9 +92,14 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         tokens = [seen, self.proprio(own)]
         if self.text is not None:
             tokens.append(self.text(batch[TEXT])[:, None])
-        points = batch[CLOUD][:, -1, :, :3]
-        seen_points = points if features is None else points[:, : features.shape[1]]
         return Context(self.trunk(torch.cat(tokens, 1)), points, seen_points, features)
+
+    def _first_look(self, points: torch.Tensor) -> torch.Tensor:
+        """(B, K) rows of points (B, N, 3): the first ``seen_points``, and ``spread_points`` far from each other."""
+        count = points.shape[1]
+        rows = torch.arange(min(self.config.seen_points, count), device=points.device).expand(len(points), -1)
+        spread = min(self.config.spread_points, count)
+        return rows if spread == 0 else torch.cat([rows, farthest_points(points, spread)], 1)
 
     def loss(self, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
         """Return the loss of a batch of inputs and targets, a scalar."""

@@ -114,7 +114,7 @@ def _label(
     """(H, m + 2): what the planner does from here by the same strategy and pose; None where it would not."""
     scene = env.scene_state()
     try:
-        planned = planner.plan(scene, env.task.steps[0], ways[way], former=began.plan)
+        planned = planner.plan(scene, env.task.steps[0], ways[way], warm_start=began.plan)
     except kpam.ProblemError:
         return None
     if planned.rank > 0 or not same_pose(began, planned):
@@ -246,9 +246,9 @@ class RelabelledSource:
         found[SENTENCE] = torch.cat([found[SENTENCE], torch.tensor(sentences, dtype=found[SENTENCE].dtype)])
         return found
 
-    def some_clouds(self, most: int) -> Any:
+    def some_clouds(self, max_clouds: int) -> Any:
         """Clouds of the demonstrations."""
-        return self._demonstrations.some_clouds(most)
+        return self._demonstrations.some_clouds(max_clouds)
 
     def _digest(self) -> str:
         import hashlib

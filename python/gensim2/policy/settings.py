@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, Self
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 
 
 def setting(
@@ -54,7 +54,7 @@ class Settings:
         known = {each.name for each in fields(cls)}
         for name in values:
             if name not in known:
-                remedy = f"one of {', '.join(sorted(known))}"
+                remedy = near(name, sorted(known))
                 raise InputError(f"{cls.of_what} have no such field", file=file, field=str(name), remedy=remedy)
         try:
             return cls(**values)

@@ -42,6 +42,6 @@ class Source(Protocol):
         """
         ...
 
-    def some_clouds(self, most: int) -> Shuffled:
+    def some_clouds(self, max_clouds: int) -> Shuffled:
         """Clouds of at most so many scenes, evenly through the data."""
         ...

@@ -18,7 +18,7 @@ from gensim2.errors import InputError
 from gensim2.policy.augment import augmented
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
-from gensim2.policy.control import MOST_CLOUDS
+from gensim2.policy.control import MAX_CLOUDS
 from gensim2.policy.curves import Curves, read_curves
 from gensim2.policy.frames import SEEN, check_turns, inputs_of
 from gensim2.policy.network import CLOUD, PROPRIO, TEXT, PolicyNetwork, fresh_network
@@ -159,7 +159,7 @@ def _train(
     elif (out / "config.json").exists() or (folder / STATE_JSON).exists():
         raise InputError("holds a policy already", file=out, remedy="choose another --out, or go on with --resume")
     out.mkdir(parents=True, exist_ok=True)
-    source.some_clouds(MOST_CLOUDS).save(out)
+    source.some_clouds(MAX_CLOUDS).save(out)
     loss = _run(state, source, table.to(where), config, training, folder, identity, progress)
     checkpoint = PolicyCheckpoint(
         copy.deepcopy(state.average).cpu().eval(),

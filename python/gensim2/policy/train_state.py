@@ -17,7 +17,7 @@ from gensim2.foreign.tree import read_regular, why
 from gensim2.record_files import read_record
 
 STATE_JSON = "state.json"
-MOST_BYTES = 32 * 2**30
+MAX_BYTES = 32 * 2**30
 _REMEDY = "delete the folder and train again"
 
 
@@ -96,7 +96,7 @@ class TrainState:
             )
         path = folder / record.file
         try:
-            content = read_regular(path, MOST_BYTES)
+            content = read_regular(path, MAX_BYTES)
         except OSError as error:
             raise InputError(why(error), file=path, remedy=_REMEDY) from error
         if hashlib.sha256(content).hexdigest() != record.sha256:

@@ -10,6 +10,7 @@ from gensim2.processes.executor import (
     in_order,
     results,
 )
+from gensim2.processes.place import executor_at
 from gensim2.processes.pool import JOBS_PER_WORKER, TIME_LIMIT, WorkerPool
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "WorkerPool",
     "WorkerStartError",
     "enumerated",
+    "executor_at",
     "in_order",
     "results",
 ]

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
+import os
 import signal
 from multiprocessing import forkserver, resource_tracker
+
+_registered_in: int | None = None
+"""The process that ends its server when it ends; one that is forked of it does not."""
 
 
 def start_fork_server() -> None:
@@ -12,12 +18,24 @@ def start_fork_server() -> None:
     It ignores SIGINT itself only once it has imported what it preloads: until then Ctrl-C, which reaches the whole
     group, would end it with a traceback. The signal is blocked while it starts, not ignored: the caller gets it after.
     """
+    global _registered_in
+    if _registered_in != os.getpid():
+        _registered_in = os.getpid()
+        atexit.register(_end_server, _registered_in)
     resource_tracker.ensure_running()  # on its own: as it starts, it unblocks what is blocked here
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
     try:
         forkserver.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_server(registered: int) -> None:
+    """End the server with the program: while it imports it sees no end, and holds open what the program writes to."""
+    server: int | None = getattr(forkserver._forkserver, "_forkserver_pid", None)
+    if server is not None and os.getpid() == registered:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(server, signal.SIGTERM)
 
 
 def ignore_interrupts() -> None:

@@ -272,6 +272,7 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
     where: dict[str, Any] = {"address": address}
     if address == "local":  # said so, for without an address Ray looks for a cluster that another user has begun
         where |= {"num_cpus": workers or len(os.sched_getaffinity(0)), "include_dashboard": False}
+        where["_system_config"] = {"worker_niceness": 0}  # Ray's 15 leaves them nothing of a busy machine
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         for number in range(TRIES):

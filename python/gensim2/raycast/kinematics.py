@@ -52,10 +52,14 @@ class Tree:
 
     @staticmethod
     def of(urdf: Urdf, active: Sequence[str]) -> Tree:
-        """The tree of a URDF whose ``active`` joints are the coordinates, in their order.
+        """Build the kinematic tree of a URDF.
+
+        Args:
+            urdf: the parsed file.
+            active: names of the joints that are the tree's coordinates, in their order.
 
         Raises:
-            InputError: a joint moves that is not among them, or is none that turns or slides.
+            InputError: a joint that moves is not among ``active``, or is neither revolute nor prismatic.
         """
         below: dict[str, list[UrdfJoint]] = {name: [] for name in urdf.links}
         for joint in urdf.joints:

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.objects import ObjectModel, RigidObject
-from gensim2.objects.types import Instance
-from gensim2.observations import Camera, Robot, View
+from gensim2.objects.types import ArticulatedObject
+from gensim2.observations import Camera, RobotSegments, View
 from gensim2.raycast.caster import Caster, Hits, Solid
 from gensim2.raycast.kinematics import Tree, pose_matrices, read_urdf, state_rows
 from gensim2.raycast.shapes import Surface, read_links, read_mesh
@@ -51,7 +51,7 @@ class RaycastScene:
         self._add_tree(profile.agent, Tree.of(read_urdf(profile.urdf), active))
         self._add(TABLE, TABLE, _table(), still=True)
         for name, model in objects.items():
-            if isinstance(model, Instance):
+            if isinstance(model, ArticulatedObject):
                 self._add_tree(name, Tree.of(read_urdf(model.urdf), (model.joint.name,)))
             elif isinstance(model, RigidObject):
                 self._bodies.append(name)
@@ -79,7 +79,7 @@ class RaycastScene:
         return tuple(id for id, (who, link) in self._names.items() if who == owner and (links is None or link in links))
 
     @cached_property
-    def robot(self) -> Robot:
+    def robot(self) -> RobotSegments:
         """Segmentation ids of the hand with all that hangs on it, and of the rest of the robot."""
         tree, _ = self._trees[self.profile.agent]
         hanging = {self.profile.hand_link}
@@ -87,7 +87,7 @@ class RaycastScene:
             if parent >= 0 and tree.names[parent] in hanging:
                 hanging.add(name)
         gripper = frozenset(self.ids(self.profile.agent, tuple(hanging)))
-        return Robot(gripper, frozenset(self.ids(self.profile.agent)) - gripper)
+        return RobotSegments(gripper, frozenset(self.ids(self.profile.agent)) - gripper)
 
     def poses(self, states: Mapping[str, Any]) -> Array:
         """(T, L, 4, 4) of the solids in the base frame at each of T recorded instants.

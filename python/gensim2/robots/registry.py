@@ -38,7 +38,14 @@ _loading: list[list[str]] = []
 
 
 def register_robot(make: _Made) -> _Made:
-    """Make a robot known under the name of the function that makes its profile; usable as a decorator.
+    """Register a robot under the name of the function that makes its profile; usable as a decorator.
+
+    Example:
+        ```python
+        @gensim2.register_robot
+        def my_arm() -> RobotProfile:
+            return RobotProfile(...)
+        ```
 
     Worker processes are told where the function stands, and load that file or module: it must be a function of a
     module's own level, and the module must do nothing else when it is loaded (``if __name__ == "__main__"``).
@@ -70,7 +77,7 @@ def register_robot(make: _Made) -> _Made:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Names of the robots that are known in this process."""
+    """Return the names of the robots that are known in this process."""
     return (*PACKAGED, *_registered)
 
 
@@ -96,9 +103,18 @@ def robot_key(name: str) -> str:
 def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
     """Return the profile of a robot, the same one at every call.
 
+    Example:
+        ```python
+        panda = gensim2.robot("panda")
+        panda.arm_joints, panda.control_hz, panda.reset_qpos
+        ```
+
     Args:
-        name: of the package's, or registered; or the path of a Python file that registers one robot
+        name: of a robot of the package, or of a registered one; or the path of a Python file that registers one robot
             (``"my_arm.py"``), or one of several (``"my_arm.py:left"``); or ``"module:function"``.
+
+    Returns:
+        URDF, tool points, rates, gripper, drives and base of the robot.
 
     Raises:
         InputError: there is no such robot, or its file or its profile cannot be used.

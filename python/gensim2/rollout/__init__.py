@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from gensim2.rollout.controller import Controller, Event, PrivilegedObservation
     from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
     from gensim2.rollout.driving import drive
+    from gensim2.rollout.no_op import NoOpController
     from gensim2.rollout.record import Cause, Episode, StrictMiss
     from gensim2.rollout.recording import Recording
     from gensim2.rollout.run import EpisodeResult
     from gensim2.rollout.solving import solve
-    from gensim2.rollout.still import StillController
     from gensim2.rollout.world import Body, World
 
 __all__ = [
@@ -28,9 +28,9 @@ __all__ = [
     "Episode",
     "EpisodeResult",
     "Event",
+    "NoOpController",
     "PrivilegedObservation",
     "Recording",
-    "StillController",
     "StrictMiss",
     "World",
     "drive",
@@ -52,7 +52,7 @@ __getattr__ = lazy_names(
         "ControllerSpec": "gensim2.rollout.controller_spec",
         "drive": "gensim2.rollout.driving",
         "Recording": "gensim2.rollout.recording",
-        "StillController": "gensim2.rollout.still",
+        "NoOpController": "gensim2.rollout.no_op",
         "StrictMiss": "gensim2.rollout.record",
         "World": "gensim2.rollout.world",
         "solve": "gensim2.rollout.solving",

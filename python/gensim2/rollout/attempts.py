@@ -12,7 +12,7 @@ from gensim2.rollout.record import AttemptRecord, Cause, Episode
 from gensim2.rollout.run import EpisodeResult
 from gensim2.tasks.spec import Step, TaskSpec
 
-STARTS = 12
+NUM_SEEDS = 12
 """Start values of an actuation pose in all attempts but the first: with the default 48 nearly every seed of the solver
 finds the same cheapest pose, and another attempt would be the same motion."""
 
@@ -43,7 +43,7 @@ class Attempt:
         """The chain of steps with this attempt's seed and start values of the solver."""
         if self.seed == 0:
             return spec
-        options: kpam.Options = {**PLAN_OPTIONS, "seed": self.seed, "starts": STARTS}
+        options: kpam.Options = {**PLAN_OPTIONS, "seed": self.seed, "num_seeds": NUM_SEEDS}
         return replace(spec, arguments={**spec.arguments, "options": options})
 
     def after(self, episode: Episode, task: TaskSpec) -> Attempt:
@@ -55,22 +55,22 @@ class Attempt:
         return Attempt(self.seed + 1, {**self.first, blamed: ways[(ways.index(now) + 1) % len(ways)]})
 
 
-def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], most: int) -> EpisodeResult:
+def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], max_attempts: int) -> EpisodeResult:
     """Make attempts until one holds, and return the one that counts.
 
     That is the one that holds; where none does, the first with the paper's verdict, else the first. So all verdicts of
-    an episode are of one attempt. A goal that comes about with a still arm does so in every attempt: then there is no
-    other.
+    an episode are of one attempt. A goal that comes about in the no-op baseline does so in every attempt: then
+    there is no other.
 
     Args:
         task: what is to be done.
         run: makes an attempt from the start, always the same one.
-        most: attempts.
+        max_attempts: attempts.
     """
     attempt = Attempt()
     counts: EpisodeResult | None = None
     made: list[AttemptRecord] = []
-    for _ in range(most):
+    for _ in range(max_attempts):
         result = run(attempt)
         episode = result.episode
         made.append(
@@ -82,4 +82,4 @@ def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], most: int
             break
         attempt = attempt.after(episode, task)
     assert counts is not None
-    return replace(counts, episode=replace(counts.episode, attempts=made)) if most > 1 else counts
+    return replace(counts, episode=replace(counts.episode, attempts=made)) if max_attempts > 1 else counts

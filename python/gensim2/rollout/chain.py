@@ -28,9 +28,9 @@ Array = npt.NDArray[np.float64]
 NOT_DONE = "not done"
 """Triggers of plans beside deviations."""
 
-MOST_ROUNDS = 8
+MAX_ROUNDS = 8
 """Times that one step is planned in one episode, each time by its strategies in order until one is whole."""
-MOST_TRIES = 2
+MAX_TRIES = 2
 """Times that a strategy is executed to its end without its step being done."""
 WAIT_SECONDS = 0.5
 """That a step has after its motion to become done, and that what slipped from the hand has to fall."""
@@ -50,7 +50,7 @@ class ChainController:
     A step is planned on the scene as it stands at its turn. It is planned again, from the robot's present state and
     velocity, where its object drifts before it is touched or the fingers close on nothing; where what is held is lost,
     the step that took it up has its turn again; where a motion has ended and the step is not done, it is tried once
-    more and then by the next strategy. Plans are counted, and bounded by ``MOST_ROUNDS`` a step.
+    more and then by the next strategy. Plans are counted, and bounded by ``MAX_ROUNDS`` a step.
 
     Args:
         task: whose steps.
@@ -81,7 +81,7 @@ class ChainController:
     ) -> None:
         self._task, self._profile, self._options = task, profile, options
         self._open_loop, self._one_plan = open_loop, one_plan
-        self._most_rounds = 1 if one_plan else MOST_ROUNDS
+        self._most_rounds = 1 if one_plan else MAX_ROUNDS
         self._strategies: dict[str, Strategy] = {
             name: parse_strategy(given, f"strategies/{name}.yaml") if isinstance(given, Mapping) else given
             for name, given in strategies.items()
@@ -295,10 +295,10 @@ class ChainController:
             scene = replace(scene, held=held.name, held_width=held.width, held_force=held.force)
         found: list[ChainPlan] = []
         for name in self._untried(turn):
-            former = next((plan.planned.plan for plan in reversed(turn.plans) if plan.strategy == name), None)
-            if former is None or former.trajectory is None:
-                former = self._foreseen(name)
-            plan = self._plan(scene, name, observation.step, former)
+            warm_start = next((plan.planned.plan for plan in reversed(turn.plans) if plan.strategy == name), None)
+            if warm_start is None or warm_start.trajectory is None:
+                warm_start = self._foreseen(name)
+            plan = self._plan(scene, name, observation.step, warm_start)
             turn.plans.append(plan)
             found.append(plan)
             if plan.is_best:
@@ -321,7 +321,7 @@ class ChainController:
     def _untried(self, turn: ChainTurn) -> list[str]:
         """Strategies that were not executed to the end often enough in this turn, in order of preference."""
         strategies = turn.step.strategies[:1] if self._one_plan else turn.step.strategies
-        return [name for name in strategies if turn.tries.get(name, 0) < MOST_TRIES]
+        return [name for name in strategies if turn.tries.get(name, 0) < MAX_TRIES]
 
     def _foreseen(self, name: str) -> kpam.Plan | None:
         """The plan of the present step by a strategy that the grasp foresaw by which the hand holds something."""
@@ -330,7 +330,7 @@ class ChainController:
             return None
         return grasp.plan if self._step.strategies[grasp.strategy] == name else None
 
-    def _plan(self, scene: Scene, name: str, at_step: int, former: kpam.Plan | None) -> ChainPlan:
+    def _plan(self, scene: Scene, name: str, at_step: int, warm_start: kpam.Plan | None) -> ChainPlan:
         later = self._task.steps[self._at + 1 :]
         following: list[Ways] = [(step, [self._strategies[each] for each in step.strategies]) for step in later]
         try:
@@ -339,7 +339,7 @@ class ChainController:
                 self._step,
                 self._strategies[name],
                 following=following,
-                former=former,
+                warm_start=warm_start,
                 lost=self._lost.get(self._step.object, ()),
             )
         except kpam.ProblemError as error:  # it does not fit this scene's objects

@@ -16,7 +16,7 @@ Disturbance = Literal["push", "drop"]
 
 DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
 
-MOST_NOISE = 0.2
+MAX_NOISE = 0.2
 """Rad by which targets may be off: more are other motions."""
 
 
@@ -52,8 +52,8 @@ class RolloutOptions:
     noise: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.noise <= MOST_NOISE:
-            raise InputError(f"must lie in 0..{MOST_NOISE} rad, is {self.noise}", field="noise")
+        if not 0.0 <= self.noise <= MAX_NOISE:
+            raise InputError(f"must lie in 0..{MAX_NOISE} rad, is {self.noise}", field="noise")
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> RolloutOptions:

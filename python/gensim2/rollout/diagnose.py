@@ -44,11 +44,11 @@ class Outcome:
 
     Attributes:
         goal: the goal holds at the end.
-        stable: physics held together, with a still arm as well.
+        stable: physics held together, in the no-op baseline as well.
         settled: the scene was at rest.
         cut: the controller was not done when the time was over.
         truncated: the episode was longer than the task allows.
-        by_itself: the goal holds with a still arm, too.
+        by_itself: the goal holds in the no-op baseline, too.
     """
 
     goal: bool

@@ -16,8 +16,8 @@ from gensim2.processes import (
     Failure,
     Job,
     Outcome,
-    WorkerPool,
     enumerated,
+    executor_at,
     results,
 )
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -38,13 +38,13 @@ class PoolEvaluator:
 
     Args:
         scene: what the scenes of all tasks follow from.
-        workers: number of processes; None where the pool says itself how many.
+        workers: number of processes; None: one for each CPU of the Ray cluster.
         progress: is advanced once a job; whoever calls starts the stage.
         rollout: what all episodes have in common beside their scenes.
         time_limit: seconds after which a job counts as hung and is tried again.
         jobs_per_worker: jobs after which a process is renewed.
         log: file for tries that came to nothing, with their tracebacks; None keeps none.
-        pool: makes what runs the jobs, of the arguments of :class:`~gensim2.processes.WorkerPool`.
+        ray: ``"local"``, or the address of a Ray cluster; None: processes of this machine.
 
     Attributes:
         failed_tries: tries that came to nothing.
@@ -60,12 +60,12 @@ class PoolEvaluator:
         time_limit: float = TIME_LIMIT,
         jobs_per_worker: int = JOBS_PER_WORKER,
         log: Path | None = None,
-        pool: Callable[..., Executor] = WorkerPool,
+        ray: str | None = None,
     ) -> None:
         self.scene, self.rollout = scene, rollout
         self.failed_tries = 0
         self._progress, self._log = progress, log
-        self._executor: Executor = pool(
+        self._executor = executor_at(ray)(
             workers,
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,

@@ -26,7 +26,7 @@ PLAN_SECONDS = 0.8
 """Of the plan's clock, that one step of the hand goes on."""
 STEP_SECONDS = 0.85
 """Of physics, that one step takes; the original's take 0.81 to 0.9."""
-MOST_STEPS = 50
+MAX_STEPS = 50
 """Steps after which an episode ends."""
 STRIDE = 0.1
 """Most rad that a joint goes between two points of a screw motion at which limits and self collision are checked."""
@@ -48,7 +48,7 @@ class HandStepsController:
     The joints go straight from keyframe to keyframe, which is the original's shortest trajectory. Where one of them
     cannot be had, the hand goes straight to the actuation pose and no further, as there. Each step is a screw motion of
     the hand from where it is; where that leaves the joint limits or the arm would touch itself, the arm stays where it
-    is. The episode ends after a step at whose end the goal holds, or after ``MOST_STEPS``.
+    is. The episode ends after a step at whose end the goal holds, or after ``MAX_STEPS``.
 
     Args:
         task: one of one step.
@@ -142,7 +142,7 @@ class HandStepsController:
             return None
         count, within = divmod(self._ran, self._length)
         if within == 0:
-            if count == MOST_STEPS or (count and all_hold(self._step.done, observation.measurement)):
+            if count == MAX_STEPS or (count and all_hold(self._step.done, observation.measurement)):
                 return None
             self._begin(observation, PLAN_SECONDS * (count + 1))
         self._ran += 1

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
 
-from gensim2.errors import InputError, brief
-from gensim2.objects import Instance, Library, open_library
+from gensim2.errors import InputError, brief, near
+from gensim2.objects import ArticulatedObject, Library, open_library
 from gensim2.objects.library.selection import object_of_ids, taken_instances, words_of_objects
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.strategies import parse_strategy
+from gensim2.processes import executor_at
 from gensim2.robots import robot as profile
 from gensim2.rollout.config import RolloutArguments, RolloutOptions
 from gensim2.scenes.config import SceneConfig, SceneOptions, split_arguments
@@ -149,7 +150,7 @@ def only_strategies(given: Sequence[TaskInput], names: Sequence[str]) -> list[Ta
     known = {name for one in given for step in one.spec.steps for name in step.strategies}
     for name in names:
         if name not in known:
-            raise InputError(f"no step has {name!r}", field="strategy", remedy=f"some of {', '.join(sorted(known))}")
+            raise InputError(f"no step has {name!r}", field="strategy", remedy=near(name, sorted(known)))
     return [_only(one, set(names)) for one in given] if names else list(given)
 
 
@@ -255,7 +256,7 @@ def _object_names(spec: TaskSpec, library: Library, word: str) -> dict[str, Obje
     found: dict[str, ObjectNames] = {}
     for name, ids in _taken(spec, library, word).items():
         model = library.load(spec.objects[name].asset_class, ids[0])
-        joint = model.joint.type if isinstance(model, Instance) else None
+        joint = model.joint.type if isinstance(model, ArticulatedObject) else None
         found[name] = ObjectNames(tuple(model.keypoints), joint)
     return found
 
@@ -267,12 +268,26 @@ def _is_folder(task: str) -> bool:
         raise InputError(f"cannot read: {error.strerror}", file=task) from error
 
 
-def check_workers(time_limit: float, jobs_per_worker: int) -> None:
-    """Refuse options of worker processes that mean nothing.
+def check_workers(time_limit: float, jobs_per_worker: int, workers: int | None = 0, ray: str | None = None) -> None:
+    """Refuse options of worker processes that mean nothing, before anything starts.
+
+    Args:
+        time_limit: seconds.
+        jobs_per_worker: jobs after which a process is renewed.
+        workers: processes, 0 for the caller's own; None, one for each CPU, only on Ray.
+        ray: address of a cluster.
 
     Raises:
-        InputError: one is out of range.
+        InputError: one is out of range, or no address.
+        MissingExtraError: Ray is asked for and not installed.
     """
+    executor_at(ray)
+    if workers is None and ray is None:
+        raise InputError("must be a number where there is no Ray cluster that has one", field="workers")
+    if workers is not None and workers < 0:
+        raise InputError(f"must be at least 0, not {brief(workers)}", field="workers")
+    if workers == 0 and ray is not None:
+        raise InputError("must be at least 1 on Ray", field="workers")
     if not 0 < time_limit <= LONGEST_TIME_LIMIT:
         raise InputError(f"must lie in 0..{LONGEST_TIME_LIMIT:g} s, is {time_limit}", field="time_limit")
     check_counts(jobs_per_worker=jobs_per_worker)

@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, FiniteFloat
 
+from gensim2.renamed import current
 from gensim2.tasks.presets import DEFAULT_PRESET
 
 SCHEMA_VERSION: Literal[2] = 2
@@ -35,10 +36,19 @@ class Cause(StrEnum):
     OBJECT_DRIFTED = "object drifted"
     PLACED_BESIDE = "placed beside the goal"
     GOAL_UNDONE = "goal undone after release"
-    HAPPENS_BY_ITSELF = "happens with a still arm"
+    HAPPENS_BY_ITSELF = "happens in the no-op baseline"
     TIME_OVER = "time over"
     STILL_MOVING = "still moving when judged"
     UNSTABLE = "physics became unstable"
+
+    @classmethod
+    def _missing_(cls, value: object) -> Cause | None:
+        name = current(str(value), _RENAMED, "cause")
+        return None if name == value else cls(name)
+
+
+_RENAMED = {"happens with a still arm": "happens in the no-op baseline"}
+"""Today's causes by those of the release before."""
 
 
 class StrictMiss(StrEnum):
@@ -171,9 +181,9 @@ class Episode:
         steps: those that were begun.
         control_steps: executed, settling included.
         paper: each step's criterion was true at some control step of its turn.
-        held: the goal is true at the end with the scene at rest, and not with a still arm.
+        held: the goal is true at the end with the scene at rest, and not in the no-op baseline.
         strict: see docs/episodes.md; ``strict_misses`` says what it lacks.
-        still: whether the goal holds with a still arm; None where that did not need to be run.
+        still: whether the goal holds in the no-op baseline; None where that did not need to be run.
         settled: the scene was at rest when it was judged; it is not held where it was not.
         truncated: the episode was longer than the task allows.
         cause: why it does not count as held; None where it does.

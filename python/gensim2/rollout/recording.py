@@ -93,9 +93,9 @@ class Recorder:
         self._truncated.append(world.elapsed_steps >= world.profile.steps(world.task.max_seconds))
 
     def finish(self) -> Recording:
-        """Return what was collected; rewards and ends are those of the registered environment."""
+        """Return the recording of the episode; rewards and flags are those of the registered environment."""
         success = np.array(self._success, dtype=bool)
-        instances = {name: placed.model.id for name, placed in self._world.setup.objects.items()}
+        instances = {name: placed.model.id for name, placed in self._world.initial_state.objects.items()}
         return Recording(
             seed=self._world.seed,
             reset_options=_plain({**self._world.reset_options, "instance": instances}),

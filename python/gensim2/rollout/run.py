@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -28,16 +28,19 @@ from gensim2.rollout.controller import (
 from gensim2.rollout.diagnose import Outcome, diagnose
 from gensim2.rollout.driving import Asked
 from gensim2.rollout.motion import is_at_rest, is_stable
+from gensim2.rollout.no_op import NoOpResult, no_op_baseline
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, StrictMiss
 from gensim2.rollout.recording import Recorder, Recording
 from gensim2.rollout.settling import LASTING_SECONDS, MAX_SETTLE_SECONDS, SETTLE_SECONDS
-from gensim2.rollout.still import StillResult, still_arm
 from gensim2.rollout.strict import StrictMisses, strict_misses
 from gensim2.rollout.turns import judged_steps, paper_verdict, told_turns, turns_by_criteria
-from gensim2.rollout.world import Setup, World
+from gensim2.rollout.world import World
 from gensim2.seeding import rng
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
+
+if TYPE_CHECKING:
+    from gensim2.scenes.initial_state import InitialState
 
 Stop = Literal["controller", "goal"]
 """Stopping rule of an episode: by the controller alone, which returns None; or also the goal, where it has held for
@@ -69,7 +72,7 @@ def run(
     options: Mapping[str, Any] | None = None,
     record: bool = False,
     stop: Stop = "controller",
-    still: Callable[[], StillResult] | None = None,
+    still: Callable[[], NoOpResult] | None = None,
     every: int = 1,
 ) -> EpisodeResult:
     """Run one episode and judge it.
@@ -80,7 +83,7 @@ def run(
     is part of the episode. A controller that is done before its first action ends the episode there.
 
     Args:
-        world: is reset, and once more where the still arm is run.
+        world: is reset, and once more where the no-op baseline is run.
         controller: decides every action; rounded to float32, which is what a trajectory file keeps.
         seed: of the reset.
         options: of the reset.
@@ -88,7 +91,7 @@ def run(
         stop: ``"controller"``: one that never says that it is done is cut at the step limit and cannot have held.
             ``"goal"``: the episode also ends where the goal has held for ``GOAL_SECONDS``, or as long before the step
             limit as settling may take; then it is judged as any other.
-        still: gives what the scene of this seed does by itself, for callers that keep it; default: ``still_arm``.
+        still: gives what the scene of this seed does by itself, for callers that keep it; default: ``no_op_baseline``.
         every: control steps from one look at the criteria of steps to the next, for the verdict ``paper``.
 
     Raises:
@@ -127,15 +130,15 @@ def run(
     goal = all_hold(world.task.success, trace[-1])
     events = events_of(controller)
     # All that is asked of the world before it is reset once more.
-    setup = world.setup
-    objects = _object_records(setup, trace[0], trace[-1])
+    initial_state = world.initial_state
+    objects = _object_records(initial_state, trace[0], trace[-1])
     recording = motion.recording()
     lacking: StrictMisses = {StrictMiss.NOT_HELD: {}}
-    by_itself: StillResult | None = None
+    by_itself: NoOpResult | None = None
     if ended and goal and stable and settled and not truncated:
         later = motion.measure_at(ended + steps_in(LASTING_SECONDS))
         lacking = strict_misses(world, trace[0], _at_actuation(trace, events), later)
-        by_itself = still_arm(world, seed, options=options) if still is None else still()
+        by_itself = no_op_baseline(world, seed, options=options) if still is None else still()
     held = by_itself is not None and by_itself.stable and not by_itself.success
     outcome = Outcome(
         goal=goal,
@@ -153,7 +156,7 @@ def run(
     episode = Episode(
         seed=seed,
         objects=objects,
-        placement_draws=setup.draws,
+        placement_draws=initial_state.draws,
         steps=history,
         control_steps=steps,
         paper=outcome.stable and paper_verdict(world.task, turns),
@@ -165,8 +168,8 @@ def run(
         truncated=truncated,
         cause=cause,
         diagnosis=numbers,
-        randomization=setup.randomization,
-        start=list(map(float, setup.start)),
+        randomization=initial_state.randomization,
+        start=list(map(float, initial_state.start)),
     )
     return EpisodeResult(episode, recording)
 
@@ -246,9 +249,9 @@ def _at_actuation(trace: Sequence[Measurement], events: Sequence[Event]) -> Meas
     return None if first is None else trace[first]
 
 
-def _object_records(setup: Setup, start: Measurement, end: Measurement) -> dict[str, ObjectRecord]:
+def _object_records(initial_state: InitialState, start: Measurement, end: Measurement) -> dict[str, ObjectRecord]:
     records = {}
-    for name, placed in setup.objects.items():
+    for name, placed in initial_state.objects.items():
         model = placed.model
         records[name] = ObjectRecord(
             asset_class=model.asset_class,

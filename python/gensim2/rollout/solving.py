@@ -99,13 +99,22 @@ def solve(
     order until one is planned whole without touching anything early, and the best is taken; without a motion the result
     ends with that step.
 
+    Example:
+        ```python
+        result = gensim2.solve("OpenDrawer", seed=3, assets="builtin")
+        result.is_whole, [step.strategy for step in result.steps]
+        ```
+
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/.
-        seed: of the scene.
-        out: folder in which to leave ``plan.json``.
+        seed: seed of the scene.
+        out: folder to leave ``plan.json`` in.
         view: called with the scene and the plan of the first step, and the robot, at the end, for example to show them.
         scene: see :class:`~gensim2.rollout.config.RolloutArguments`; the seed draws one of several instances, and
             ``open_loop`` takes the first strategy of each step only.
+
+    Returns:
+        The plan of each step, as far as the steps could be planned.
 
     Raises:
         InputError: an argument cannot be used.
@@ -120,7 +129,7 @@ def solve(
     env.reset(seed)
     objects = {
         role: {"class": placed.model.asset_class, "instance": placed.model.id}
-        for role, placed in env.setup.objects.items()
+        for role, placed in env.initial_state.objects.items()
     }
     steps = _plan(given, env.scene_state())
     result = SolveResult(given.spec.name, objects, tuple(steps), len(given.spec.steps))

@@ -85,7 +85,7 @@ def _moving(world: World, measured: Measurement) -> dict[str, float]:
     """Speed of everything that is not at rest: m/s, or rad/s where it is the turning that is too fast."""
     moving = {}
     for name, share in measured.joint_speed.items():
-        joint = world.setup.objects[name].model.joint
+        joint = world.initial_state.objects[name].model.joint
         assert joint is not None, "what has an openness has a joint"
         speed = abs(share) * (joint.upper - joint.lower)
         if not speed < (LINEAR_SPEED if joint.type == "prismatic" else ANGULAR_SPEED):
@@ -116,7 +116,7 @@ def _outside(world: World) -> dict[str, str]:
         (c.articulated, c.rigid)
         for c in world.task.success
         if isinstance(c, DistanceArticulatedRigid)
-        and INSIDE in list(world.setup.objects[c.articulated].model.keypoints)[-1]
+        and INSIDE in list(world.initial_state.objects[c.articulated].model.keypoints)[-1]
     ]
     if not pairs:
         return {}
@@ -125,7 +125,7 @@ def _outside(world: World) -> dict[str, str]:
 
 
 def _is_inside(world: World, scene: Scene, container: str, rigid: str) -> bool:
-    point = list(world.setup.objects[container].model.keypoints.values())[-1]
+    point = list(world.initial_state.objects[container].model.keypoints.values())[-1]
     containing = next(b for b in scene.objects[container].bodies if b.name == f"{container}/{point.link}")
     T_body_world = np.asarray(np.linalg.inv(scene.T_world_base @ containing.T_base_body), dtype=np.float64)
     box = inner_box(containing.hulls, point.position, T_body_world[:3, 2])

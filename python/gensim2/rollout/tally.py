@@ -19,7 +19,7 @@ class Tally:
         paper, held, strict: how many fulfil each verdict (docs/episodes.md).
         partial: in how many a step executed a part of a motion because the whole could not be had.
         replanned: in how many a step was planned more than once.
-        still: in how many the goal holds with a still arm.
+        still: in how many the goal holds in the no-op baseline.
         causes: why they do not count as held, most frequent first.
         strict_misses: what those that do not count as strict lack, most frequent first.
         objects: number of different objects by class.

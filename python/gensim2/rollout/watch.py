@@ -15,11 +15,11 @@ from gensim2.tasks.measurement import Measurement
 
 Array = npt.NDArray[np.float64]
 
-MOST_DRIFT = 0.005
+MAX_DRIFT = 0.005
 """Metres by which an object may move before the hand is to touch it."""
-MOST_OPENNESS_DRIFT = 0.02
+MAX_OPENNESS_DRIFT = 0.02
 """Openness by which a joint may move before the hand is to touch it."""
-MOST_SLIP = 0.03
+MAX_SLIP = 0.03
 """Metres by which an object may lie otherwise in the hand than planned, or move in it."""
 LEAST_OPENING = 0.002
 """Metres between the pads below which they hold nothing."""
@@ -48,7 +48,7 @@ class Held:
         if measured.finger_opening < _least_opening(self.width):
             return True
         now = in_hand(profile, q, measured, self.name)
-        return bool(np.linalg.norm(now[:3, 3] - self.T_hand_object[:3, 3]) > MOST_SLIP)
+        return bool(np.linalg.norm(now[:3, 3] - self.T_hand_object[:3, 3]) > MAX_SLIP)
 
 
 def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan) -> Held | None:
@@ -58,7 +58,7 @@ def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan
     T_hand_base = np.linalg.inv(profile.model.forward_kinematics(plan.after.q))
     planned = T_hand_base @ plan.after.objects[plan.picks].T_base_object
     T_hand_object = in_hand(profile, q, measured, plan.picks)
-    if np.linalg.norm(T_hand_object[:3, 3] - planned[:3, 3]) > MOST_SLIP:
+    if np.linalg.norm(T_hand_object[:3, 3] - planned[:3, 3]) > MAX_SLIP:
         return None  # fingers that press gently do not close when there is nothing
     return Held(plan.picks, T_hand_object, plan.width, plan.force)
 
@@ -77,9 +77,9 @@ def has_drifted(planned: Scene, measured: Measurement, name: str) -> bool:
     """Whether an object stands elsewhere than where it was planned for, or is open otherwise."""
     thing = planned.objects[name]
     if thing.joint is not None:
-        return abs(measured.openness[name] - thing.joint.openness) > MOST_OPENNESS_DRIFT
+        return abs(measured.openness[name] - thing.joint.openness) > MAX_OPENNESS_DRIFT
     planned_at = planned.T_world_base @ np.append(thing.T_base_object[:3, 3], 1.0)
-    return bool(np.linalg.norm(measured.poses[name][:3] - planned_at[:3]) > MOST_DRIFT)
+    return bool(np.linalg.norm(measured.poses[name][:3] - planned_at[:3]) > MAX_DRIFT)
 
 
 def _least_opening(width: float | None) -> float:

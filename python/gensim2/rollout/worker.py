@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from gensim2.planning.scene import Scene
     from gensim2.planning.steps import StepPlanner
     from gensim2.rollout.controller import Controller
+    from gensim2.rollout.no_op import NoOpResult
     from gensim2.rollout.recording import Recording
     from gensim2.rollout.run import Stop
-    from gensim2.rollout.still import StillResult
     from gensim2.sim.headless import HeadlessEnv
 
 Result = TypeVar("Result")
@@ -43,7 +43,7 @@ PRELOAD: Sequence[str] = (
 
 #: For screening, where hundreds of candidates are planned and most cannot work: few poses, short searches. Measured on
 #: closing real laptops: the same answers as with the planner's defaults, in a 30th of the time.
-SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "harvest": 0, "candidates": 6, "samples": 200}
+SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "extra_seeds": 0, "candidates": 6, "samples": 200}
 
 #: What planning says of a candidate on one scene: a score from 0 to 1, what stood in the way of 1, and numbers beside
 #: it as :func:`gensim2.design.diagnosis.diagnoses` takes them.
@@ -133,7 +133,7 @@ def parsed(strategies: Mapping[str, Mapping[str, Any]]) -> dict[str, Strategy]:
 
 
 def episode(config: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
-    """Run one episode in physics and, where it seems to succeed, the same seed with a still arm."""
+    """Run one episode in physics and, where it seems to succeed, the no-op baseline of the same seed."""
     return _run(config, config.task, strategies, seed, record=False)[0]
 
 
@@ -226,7 +226,7 @@ def _rollout(
         if given.noise:
             profile = env.profile
             controller = Noisy(controller, profile.control_hz, profile.arm_size, given.noise, seed)
-        still = partial(still_episode, config.scene, seed)
+        still = partial(no_op_episode, config.scene, seed)
         every = env.physics.criteria_steps(env.profile)
         return run(env, controller, seed=seed, record=record, stop=stop, still=still, every=every)
 
@@ -258,8 +258,8 @@ _kept: dict[tuple[str, str], Controller] = {}
 
 
 @lru_cache(maxsize=4096)
-def still_episode(scene: SceneConfig, seed: int) -> StillResult:
+def no_op_episode(scene: SceneConfig, seed: int) -> NoOpResult:
     """Run the no-op baseline of this seed, cached: a search asks for the same seeds again and again."""
-    from gensim2.rollout.still import still_arm
+    from gensim2.rollout.no_op import no_op_baseline
 
-    return still_arm(simulator(scene), seed)
+    return no_op_baseline(simulator(scene), seed)

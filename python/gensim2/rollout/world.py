@@ -2,88 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.objects import ObjectModel
 from gensim2.observations import Observation, ObservationSpec
 from gensim2.planning.scene import Scene
 from gensim2.robots import RobotProfile
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
 
-Array = npt.NDArray[np.float64]
+if TYPE_CHECKING:
+    from gensim2.scenes.initial_state import InitialState
+
 Tree = dict[str, Any]
 """Arrays by name, nested; leaves are numpy arrays."""
-
-
-class Factors(Protocol):
-    """By what an object's physics is multiplied; docs/simulation.md."""
-
-    @property
-    def mass(self) -> float: ...
-    @property
-    def contact_friction(self) -> float: ...
-    @property
-    def joint_friction(self) -> float: ...
-
-
-class Placed(Protocol):
-    """An object as a reset put it into the scene."""
-
-    @property
-    def model(self) -> ObjectModel: ...
-    @property
-    def position(self) -> Array:
-        """(3,) of its root in the world, m."""
-        ...
-
-    @property
-    def quaternion(self) -> Array:
-        """(4,) of its root in the world, (w, x, y, z)."""
-        ...
-
-    @property
-    def yaw(self) -> float:
-        """rad that the randomization turned it by."""
-        ...
-
-    @property
-    def default_pose(self) -> str | None:
-        """Source of the default pose that it was drawn about, ``"default"`` or ``"original"``; None: given."""
-        ...
-
-    @property
-    def factors(self) -> Factors:
-        """By what its physics is multiplied."""
-        ...
-
-
-class Setup(Protocol):
-    """Initial state that a reset drew."""
-
-    @property
-    def objects(self) -> Mapping[str, Placed]:
-        """By name, in the task's order."""
-        ...
-
-    @property
-    def draws(self) -> int:
-        """Draws until all stood apart and within reach."""
-        ...
-
-    @property
-    def start(self) -> Sequence[float]:
-        """(n,) all active joints of the robot."""
-        ...
-
-    @property
-    def randomization(self) -> str:
-        """Name of the preset that it was drawn with."""
-        ...
 
 
 class Body(Protocol):
@@ -123,7 +58,10 @@ class World(Body, Protocol):
     control_mode: str
 
     @property
-    def setup(self) -> Setup: ...
+    def initial_state(self) -> InitialState:
+        """Initial state that the last reset drew."""
+        ...
+
     @property
     def reset_options(self) -> Mapping[str, Any]:
         """Options with which a reset to the same seed gives the same scene."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from gensim2.errors import InputError, near
-from gensim2.objects import Instance, RigidObject, open_library
+from gensim2.objects import ArticulatedObject, RigidObject, open_library
 from gensim2.objects.library.selection import taken_instances, words_of_objects
 from gensim2.objects.types import Hulls
 from gensim2.robots import RobotProfile
@@ -21,7 +21,7 @@ class ObjectSource(Protocol):
 
     def source(self, asset_class: str, /) -> str: ...
     def instances(self, asset_class: str, /) -> tuple[str, ...]: ...
-    def load(self, asset_class: str, instance_id: str, hulls: Hulls, /) -> Instance | RigidObject: ...
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls, /) -> ArticulatedObject | RigidObject: ...
     def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]: ...
 
 

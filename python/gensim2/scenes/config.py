@@ -87,7 +87,10 @@ class SceneOptions:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> SceneOptions:
-        """Options from the fields of a file, other fields beside them left alone.
+        """Read the options from the fields of a file; other fields are ignored.
+
+        Args:
+            record: the file's fields.
 
         Raises:
             InputError: there is no such physics or randomization.

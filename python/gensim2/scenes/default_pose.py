@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.objects import RigidObject
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 from gensim2.scenes.footprint import lowest_of_moving_link
-from gensim2.scenes.physics import Ours
+from gensim2.scenes.physics import PhysicsSource
 
 Array = npt.NDArray[np.float64]
 
@@ -36,10 +36,10 @@ class DefaultPose:
     position: Array
     quaternion: Array
     openness: float
-    origin: Ours
+    origin: PhysicsSource
 
 
-def default_pose(model: Instance | RigidObject, poses: Ours) -> DefaultPose:
+def default_pose(model: ArticulatedObject | RigidObject, poses: PhysicsSource) -> DefaultPose:
     """Return the pose of an object before its randomization.
 
     Args:
@@ -47,7 +47,7 @@ def default_pose(model: Instance | RigidObject, poses: Ours) -> DefaultPose:
         poses: ``"original"`` takes the original's pose of a released articulated model that has one. Rigid objects
             rest on the table in either: the original's height puts some of them into it.
     """
-    if poses == "original" and isinstance(model, Instance):
+    if poses == "original" and isinstance(model, ArticulatedObject):
         pose = released_pose(model)
         if pose is not None:
             # Some poses have the moving link in the table. SAPIEN 2 lets it slide there at 5 N; in SAPIEN 3 that
@@ -58,7 +58,7 @@ def default_pose(model: Instance | RigidObject, poses: Ours) -> DefaultPose:
     return DefaultPose(model.placement.position, model.placement.quaternion, openness, "default")
 
 
-def released_pose(model: Instance) -> DefaultPose | None:
+def released_pose(model: ArticulatedObject) -> DefaultPose | None:
     """Return the original's pose of one of its models as its release has it; None where it says nothing of it.
 
     An id says something of the released models only: generated ones have numbers of their own.

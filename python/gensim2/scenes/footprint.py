@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 from gensim2.objects import RigidObject
 from gensim2.objects.rigid import BODY
 from gensim2.objects.shapes import transform
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 
 Array = npt.NDArray[np.float64]
 
 JOINT_SAMPLES = 13
 
 
-def hulls_in_root(model: Instance | RigidObject, value: float) -> list[Array]:
+def hulls_in_root(model: ArticulatedObject | RigidObject, value: float) -> list[Array]:
     """Convex parts, each (N, 3) m in the root frame, where the joint stands at ``value`` (a rigid object has none)."""
     if isinstance(model, RigidObject):
         return list(model.hulls[BODY])
@@ -26,7 +26,7 @@ def hulls_in_root(model: Instance | RigidObject, value: float) -> list[Array]:
     return still + [_on_moving_link(hull, model, value) for hull in model.hulls.get(moving, ())]
 
 
-def swept_points(model: Instance | RigidObject) -> Array:
+def swept_points(model: ArticulatedObject | RigidObject) -> Array:
     """(N, 3) m in the root frame: corners of the hull of all that the object fills, anywhere in its joint's range."""
     if isinstance(model, RigidObject):
         values = [0.0]
@@ -36,7 +36,7 @@ def swept_points(model: Instance | RigidObject) -> Array:
     return np.asarray(points[ConvexHull(points).vertices], dtype=np.float64)
 
 
-def lowest_of_moving_link(model: Instance, position: Array, quaternion: Array) -> float:
+def lowest_of_moving_link(model: ArticulatedObject, position: Array, quaternion: Array) -> float:
     """Height in the world (m) of the lowest point of what the joint moves, anywhere in its range.
 
     Args:
@@ -52,7 +52,7 @@ def lowest_of_moving_link(model: Instance, position: Array, quaternion: Array) -
     return float(position[2]) + min(float((_on_moving_link(points, model, value) @ up).min()) for value in values)
 
 
-def keypoint_in_root(model: Instance, name: str, value: float) -> Array:
+def keypoint_in_root(model: ArticulatedObject, name: str, value: float) -> Array:
     """(3,) m in the root frame: a keypoint where the joint stands at ``value`` (rad or m)."""
     point = model.keypoints[name]
     if point.link != model.joint.child_link:
@@ -100,6 +100,6 @@ def _beyond_an_edge(of: Array, other: Array) -> float:
     return float(np.max(nearest - np.sum(of * outward, axis=1)))
 
 
-def _on_moving_link(points: Array, model: Instance, value: float) -> Array:
+def _on_moving_link(points: Array, model: ArticulatedObject, value: float) -> Array:
     """(N, 3) points of the moving link's frame in the root frame, where the joint stands at ``value`` (rad or m)."""
     return transform(model.joint.T_root_child_at(value), points)

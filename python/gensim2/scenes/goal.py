@@ -8,7 +8,7 @@ import numpy as np
 
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import RobotProfile
 from gensim2.scenes.footprint import keypoint_in_root
 from gensim2.scenes.initial_state import InitialState, PlacedObject
@@ -36,7 +36,7 @@ class GoalError(InputError):
 
 def measure_initial_state(state: InitialState, robot: RobotProfile) -> Measurement:
     """Return what criteria see of a sampled initial state, before any physics: everything is at rest."""
-    articulated = {name: thing for name, thing in state.objects.items() if isinstance(thing.model, Instance)}
+    articulated = {name: thing for name, thing in state.objects.items() if isinstance(thing.model, ArticulatedObject)}
     rigid = {name: thing for name, thing in state.objects.items() if isinstance(thing.model, RigidObject)}
     return Measurement(
         openness={name: float(thing.openness or 0.0) for name, thing in articulated.items()},
@@ -46,7 +46,7 @@ def measure_initial_state(state: InitialState, robot: RobotProfile) -> Measureme
         speeds={name: np.zeros(2) for name in rigid},
         gripper=robot.gripper_with(state.start),
         finger_opening=robot.gripper.widest,
-        starts={name: thing.position for name, thing in rigid.items()},
+        start_positions={name: thing.position for name, thing in rigid.items()},
     )
 
 
@@ -110,7 +110,7 @@ def _field(task: TaskSpec) -> str:
 
 def _keypoints(thing: PlacedObject) -> dict[str, Array]:
     model = thing.model
-    if isinstance(model, Instance):
+    if isinstance(model, ArticulatedObject):
         local = {name: keypoint_in_root(model, name, thing.joint_value) for name in model.keypoints}
     else:
         local = {name: np.asarray(point.position) for name, point in model.keypoints.items()}
@@ -121,7 +121,7 @@ def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str)
     """Distances are between measured points, which objects of both kinds have; openness and poses are of one kind."""
     for criterion in criteria:
         for types, kind, other in (
-            (_OF_JOINTS, Instance, "a rigid object, which has no joint"),
+            (_OF_JOINTS, ArticulatedObject, "a rigid object, which has no joint"),
             (_OF_POSES, RigidObject, "an articulated object"),
         ):
             for name in criterion.objects if isinstance(criterion, types) else ():

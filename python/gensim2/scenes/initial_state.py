@@ -13,12 +13,12 @@ from gensim2.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.objects.placement import work_keypoint
 from gensim2.objects.rigid import BODY
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import RobotProfile
 from gensim2.scenes.arguments import ObjectSource
 from gensim2.scenes.default_pose import default_pose
 from gensim2.scenes.footprint import keep_apart, keypoint_in_root, outline, square, swept_points
-from gensim2.scenes.physics import DEFAULT_PHYSICS, PRESETS, Ours, PhysicsSwitches
+from gensim2.scenes.physics import DEFAULT_PHYSICS, PRESETS, PhysicsSource, PhysicsSwitches
 from gensim2.scenes.randomize import (
     AS_IT_IS,
     Draw,
@@ -64,25 +64,25 @@ class PlacedObject:
         factors: by what its physics is multiplied.
     """
 
-    model: Instance | RigidObject
+    model: ArticulatedObject | RigidObject
     position: Array
     quaternion: Array
     yaw: float
     openness: float | None
-    default_pose: Ours | None = None
+    default_pose: PhysicsSource | None = None
     factors: Factors = AS_IT_IS
 
     @property
     def joint_value(self) -> float:
         """Value of the joint (rad or m) at that openness; 0 of a rigid object."""
-        if not isinstance(self.model, Instance) or self.openness is None:
+        if not isinstance(self.model, ArticulatedObject) or self.openness is None:
             return 0.0
         joint = self.model.joint
         return joint.lower + self.openness * (joint.upper - joint.lower)
 
     def point(self) -> Array:
         """(3,) its last keypoint in the world: the point that criteria go by."""
-        if isinstance(self.model, Instance):
+        if isinstance(self.model, ArticulatedObject):
             local = keypoint_in_root(self.model, list(self.model.keypoints)[-1], self.joint_value)
         else:
             local = list(self.model.keypoints.values())[-1].position
@@ -156,7 +156,7 @@ def sample_initial_state(
     """
     generator = rng(seed, task.name)
     draws: dict[str, Draw] = {}
-    models: dict[str, Instance | RigidObject] = {}
+    models: dict[str, ArticulatedObject | RigidObject] = {}
     for name, spec in task.objects.items():
         draws[name] = draw_object(generator, spec.randomization, randomization, instances[name])
         chosen = options[name].get("instance")
@@ -183,7 +183,7 @@ def sample_initial_state(
 
 def _vary(
     task: TaskSpec,
-    models: Mapping[str, Instance | RigidObject],
+    models: Mapping[str, ArticulatedObject | RigidObject],
     seed: int,
     robot: RobotProfile,
     randomization: Preset,
@@ -192,21 +192,21 @@ def _vary(
     if not randomization.varies:
         return dict.fromkeys(task.objects, AS_IT_IS), robot.reset_qpos
     generator = rng(seed, f"{task.name}/{randomization.name}")
-    factors = {name: draw_factors(generator, isinstance(model, Instance)) for name, model in models.items()}
+    factors = {name: draw_factors(generator, isinstance(model, ArticulatedObject)) for name, model in models.items()}
     return factors, draw_start(generator, robot)
 
 
-def model_id(model: Instance | RigidObject) -> str:
+def model_id(model: ArticulatedObject | RigidObject) -> str:
     """Class and id of an object, for people."""
     return model.asset_class if isinstance(model, RigidObject) else f"{model.asset_class}/{model.id}"
 
 
 def _stand_all(
     task: TaskSpec,
-    models: Mapping[str, Instance | RigidObject],
+    models: Mapping[str, ArticulatedObject | RigidObject],
     draws: Mapping[str, Draw],
     options: Mapping[str, ObjectOptions],
-    poses: Ours,
+    poses: PhysicsSource,
     factors: Mapping[str, Factors],
 ) -> dict[str, PlacedObject] | None:
     """Every object where it was drawn; None where one has no room on what it stands on."""
@@ -221,16 +221,16 @@ def _stand_all(
 
 def _stand(
     spec: ObjectSpec,
-    model: Instance | RigidObject,
+    model: ArticulatedObject | RigidObject,
     draw: Draw,
     options: ObjectOptions,
     before: Mapping[str, PlacedObject],
-    poses: Ours,
+    poses: PhysicsSource,
 ) -> PlacedObject | None:
     """The object where it was drawn; None where what it stands on has no room for it there."""
     openness = None
     default = default_pose(model, poses)
-    if isinstance(model, Instance):
+    if isinstance(model, ArticulatedObject):
         given = options.get("openness")
         mean = openness_at_reset(spec.randomization, draw, default.openness)
         openness = mean if given is None else float(given)
@@ -259,7 +259,7 @@ class _Room:
     def __init__(
         self,
         task: TaskSpec,
-        models: Mapping[str, Instance | RigidObject],
+        models: Mapping[str, ArticulatedObject | RigidObject],
         options: Mapping[str, ObjectOptions],
         robot: RobotProfile,
         start: tuple[float, ...],
@@ -297,7 +297,7 @@ class _Room:
         return False
 
     def _is_near(self, thing: PlacedObject) -> bool:
-        if isinstance(thing.model, Instance):
+        if isinstance(thing.model, ArticulatedObject):
             head = keypoint_in_root(
                 thing.model, work_keypoint(thing.model.keypoints, thing.model.joint.child_link), thing.joint_value
             )
@@ -307,7 +307,7 @@ class _Room:
 
     def _is_clear(self, name: str, objects: Mapping[str, PlacedObject], outlines: Mapping[str, Array]) -> bool:
         thing = objects[name]
-        if isinstance(thing.model, Instance):  # its own placement sees to that
+        if isinstance(thing.model, ArticulatedObject):  # its own placement sees to that
             return True
         if not keep_apart(outlines[name], square(self._base, self._base_half), GAP):
             return False

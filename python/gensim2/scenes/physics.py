@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
 from gensim2.errors import InputError, near
+from gensim2.renamed import current
 from gensim2.yaml_files import read_yaml
 
-Ours = Literal["default", "original"]
+PhysicsSource = Literal["default", "original"]
 Gripper = Literal["default", "soft", "original"]
 Redraw = Literal["placement", "none"]
 
@@ -40,15 +41,15 @@ class PhysicsSwitches:
         criteria_rate: criteria of the verdict ``paper`` are read every control step, or every 0.85 s.
     """
 
-    joint_friction: Ours = "default"
-    densities: Ours = "default"
-    materials: Ours = "default"
-    solver: Ours = "default"
-    poses: Ours = "default"
+    joint_friction: PhysicsSource = "default"
+    densities: PhysicsSource = "default"
+    materials: PhysicsSource = "default"
+    solver: PhysicsSource = "default"
+    poses: PhysicsSource = "default"
     gripper: Gripper = "default"
     redraw: Redraw = "placement"
-    criteria_rate: Ours = "default"
-    hulls: Ours = "default"
+    criteria_rate: PhysicsSource = "default"
+    hulls: PhysicsSource = "default"
 
     @property
     def criteria_seconds(self) -> float | None:
@@ -73,8 +74,8 @@ SWITCHES: Mapping[str, tuple[str, ...]] = {
 }
 """Values of each switch."""
 
-_FORMER = {"ours": DEFAULT_PHYSICS}
-"""Words of files that were written before."""
+_RENAMED = {"ours": DEFAULT_PHYSICS}
+"""Today's words by those of the release before."""
 _FILES = (".yaml", ".yml", ".json")
 
 
@@ -89,7 +90,7 @@ def physics_switches(word: str) -> PhysicsSwitches:
         InputError: there is no such preset, switch or value.
     """
     name, *changes = word.split("+")
-    name = _FORMER.get(name, name)
+    name = current(name, _RENAMED, "physics")
     if name not in PRESETS:
         raise InputError(f"no physics {word!r}", field="physics", remedy=near(name, PHYSICS_NAMES))
     given = dict(change.partition("=")[::2] for change in changes)
@@ -143,5 +144,5 @@ def _word(switches: PhysicsSwitches) -> str:
 def with_current_physics(record: Any) -> Any:
     """Return the fields of a file with today's name of the physics, whatever release wrote them."""
     if isinstance(record, dict) and isinstance(word := record.get("physics"), str):
-        return {**record, "physics": _FORMER.get(word, word)}
+        return {**record, "physics": current(word, _RENAMED, "physics")}
     return record

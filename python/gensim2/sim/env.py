@@ -204,14 +204,14 @@ class GenSim2Env(RaycastObservations):
         if setup.has_rigid_objects:
             robot = self.agent.robot._objs[0]
             self.physics.prepare_for_rigid_objects(self.scene.px, robot, self.profile, setup.rigid_classes)
-        self._setup = setup
+        self._initial_state = setup
         self._prepare_observations(seed)
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
         rendering.add_lights(self.scene, shadows=self.enable_shadow or self.render_mode is not None)
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
-        self.agent.reset(np.array(self.setup.start, dtype=np.float32))
+        self.agent.reset(np.array(self.initial_state.start, dtype=np.float32))
         self.agent.robot.set_pose(base_pose(self.profile))
         for part in self._parts.values():
             part.put()

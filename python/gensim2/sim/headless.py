@@ -47,7 +47,17 @@ if TYPE_CHECKING:
 
 
 class HeadlessEnv(SceneAccessMixin):
-    """One task's episodes in physics alone; actions are those of the control mode ``pd_joint_pos``.
+    """Physics-only environment of a task; actions are those of the control mode ``pd_joint_pos``.
+
+    Its states are those of :class:`~gensim2.sim.env.GenSim2Env`, bit for bit, without ManiSkill around each step.
+
+    Example:
+        ```python
+        env = gensim2.HeadlessEnv("OpenDrawer", assets="builtin")
+        env.reset(seed=7)
+        env.step(np.append(env.initial_state.start[:7], 1.0))  # targets of the arm's joints in rad; gripper -1..1
+        env.measure().openness
+        ```
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields.
@@ -95,7 +105,7 @@ class HeadlessEnv(SceneAccessMixin):
         read_options(options, tuple(self.task.objects))
         self.seed = check_seed(seed)
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
-        # What a seed drew is drawn once, for the episode and for the same scene with a still arm.
+        # What a seed drew is drawn once, for the episode and for its no-op baseline.
         if options or self._drawn is None or self._drawn[0] != self.seed:
             setup = self._sampler.sample(self.seed, options)
             self._drawn = None if options else (self.seed, setup)
@@ -110,7 +120,7 @@ class HeadlessEnv(SceneAccessMixin):
         if setup.has_rigid_objects:
             arm = None if self._arm is None else self._arm.articulation
             self.physics.prepare_for_rigid_objects(self._system, arm, self.profile, setup.rigid_classes)
-        self._setup, self.elapsed_steps, self._command = setup, 0, OPEN
+        self._initial_state, self.elapsed_steps, self._command = setup, 0, OPEN
         self._observers = {}
         if self._arm is not None:
             self._arm.put(setup.start)
@@ -119,7 +129,7 @@ class HeadlessEnv(SceneAccessMixin):
         self._robot = RobotReader(self.profile, None, setup.start) if self._arm is None else self._arm.reader
 
     def _require_arm(self) -> Arm:
-        assert self.setup
+        assert self.initial_state
         if self._arm is None:
             raise GenSim2Error("the scene was built without the robot")
         return self._arm
@@ -164,7 +174,7 @@ class HeadlessEnv(SceneAccessMixin):
 
     def wait(self) -> None:
         """One control step in which nothing is commanded."""
-        assert self.setup
+        assert self.initial_state
         self._advance()
 
     def _advance(self) -> None:
@@ -256,7 +266,7 @@ class HeadlessEnv(SceneAccessMixin):
         from gensim2.raycast.observer import Observer  # here: most episodes look through no camera
 
         photograph = None
-        models = {name: thing.model for name, thing in self.setup.objects.items()}
+        models = {name: thing.model for name, thing in self.initial_state.objects.items()}
         if "rgb" in spec.modalities:
             photograph = self._photograph({name: model.id for name, model in models.items()})
         return Observer(self.profile, models, spec, self.seed, self.task.description, photograph)

@@ -1,4 +1,4 @@
-"""An :class:`~gensim2.objects.types.Instance` as an articulation in a ManiSkill scene."""
+"""An :class:`~gensim2.objects.types.ArticulatedObject` as an articulation in a ManiSkill scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mani_skill.utils.structs import Articulation
 from sapien import physx
 
 from gensim2.errors import InputError
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 from gensim2.sim.physics import DEFAULT, Physics
 
 
@@ -35,7 +35,11 @@ the real objects one, a plate of 3 mm, loses more than 0.7 mm (37.5 of 256)."""
 
 
 def load_object(
-    scene: ManiSkillScene, instance: Instance, pose: sapien.Pose, name: str = "object", physics: Physics = DEFAULT
+    scene: ManiSkillScene,
+    instance: ArticulatedObject,
+    pose: sapien.Pose,
+    name: str = "object",
+    physics: Physics = DEFAULT,
 ) -> tuple[Articulation, tuple[str, ...]]:
     """Build ``instance`` with its root fixed at ``pose`` (root to world); nothing resists its joint yet.
 
@@ -63,7 +67,7 @@ def link_name(link: physx.PhysxArticulationLinkComponent) -> str:
     return str(link.entity.name)
 
 
-def check_object(articulation: physx.PhysxArticulation, instance: Instance) -> tuple[str, ...]:
+def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObject) -> tuple[str, ...]:
     """Make sure that the physics engine made of ``instance`` what it says.
 
     Returns:

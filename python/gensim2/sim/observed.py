@@ -39,7 +39,7 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
         """
         self._command = OPEN
         if self._seen is not None:
-            models = {name: thing.model for name, thing in self.setup.objects.items()}
+            models = {name: thing.model for name, thing in self.initial_state.objects.items()}
             self._observer = Observer(self.profile, models, self._seen, seed, self.task.description)
 
     def _note_command(self, action: Any) -> None:

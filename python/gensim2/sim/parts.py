@@ -12,7 +12,7 @@ from sapien import physx
 
 from gensim2.objects import RigidObject
 from gensim2.objects.rigid import BODY
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 from gensim2.planning.scene import JointState, SceneBody, SceneObject
 from gensim2.scenes.initial_state import PlacedObject
 from gensim2.scenes.randomize import placed
@@ -43,7 +43,7 @@ class ArticulatedPart:
         resistance: JointResistance,
         warnings: tuple[str, ...] = (),
     ) -> None:
-        assert isinstance(thing.model, Instance)
+        assert isinstance(thing.model, ArticulatedObject)
         self.name, self.thing, self.model = name, thing, thing.model
         self.articulation, self.warnings = articulation, warnings
         self.before_substep = resistance.update

@@ -18,7 +18,7 @@ from sapien import physx
 from sapien.wrapper.urdf_loader import URDFLoader
 
 from gensim2.objects import RigidObject
-from gensim2.objects.types import Instance, MovingJoint
+from gensim2.objects.types import ArticulatedObject, MovingJoint
 from gensim2.robots import RobotProfile
 from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name, physics_switches
 from gensim2.scenes.randomize import AS_IT_IS, Factors
@@ -168,7 +168,7 @@ class Physics:
         loader._build_link = without_inertial
 
     def resist(
-        self, articulation: physx.PhysxArticulation, instance: Instance, factors: Factors = AS_IT_IS
+        self, articulation: physx.PhysxArticulation, instance: ArticulatedObject, factors: Factors = AS_IT_IS
     ) -> JointResistance:
         """Give the joint of an articulated object, as it was built, its resistance."""
         if self.switches.joint_friction == "original":

@@ -34,11 +34,22 @@ def env_id(task: TaskSpec) -> str:
 
 
 def make_env(task: str | TaskSpec | Mapping[str, Any], **kwargs: Any) -> gym.Env[Any, Any]:
-    """``gymnasium.make`` for a task.
+    """Make the gymnasium environment of a task.
+
+    Example:
+        ```python
+        env = gensim2.make_env("OpenDrawer", assets="builtin", obs_mode="raycast")
+        obs, info = env.reset(seed=7)
+        obs, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        ```
 
     Args:
-        task: name of one of the library, a spec, or its fields.
-        kwargs: of ``gymnasium.make`` and of :class:`~gensim2.sim.env.GenSim2Env`: ``assets``, ``obs_mode``, ....
+        task: name of a library task, a spec, or its fields.
+        kwargs: keyword arguments of ``gymnasium.make`` and of :class:`~gensim2.sim.env.GenSim2Env`: ``assets``,
+            ``instances``, ``physics``, ``robot``, ``randomization``, ``obs_mode``, ``reward_mode``, ....
+
+    Returns:
+        The environment; ``env.unwrapped`` is a :class:`~gensim2.sim.env.GenSim2Env`.
 
     Raises:
         InputError: there is no such task, or an argument is none of the environment's.
@@ -56,17 +67,26 @@ def make_vec_env(
     vector_kwargs: Mapping[str, Any] | None = None,
     **kwargs: Any,
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
-    """Several environments of a task as one ``gymnasium.vector.VectorEnv`` of NumPy arrays, (n, ...) each.
+    """Make several environments of a task as one vector environment.
 
     ``gymnasium.make_vec`` with ManiSkill's ``CPUGymWrapper``, which takes off the batch of one that ManiSkill gives
     every value.
 
+    Example:
+        ```python
+        envs = gensim2.make_vec_env("OpenDrawer", 4, assets="builtin")
+        obs, info = envs.reset(seed=[0, 1, 2, 3])
+        ```
+
     Args:
         task: as for :func:`make_env`.
-        num_envs: n.
+        num_envs: number of environments, n.
         vectorization_mode: ``"async"``, a process each, or ``"sync"``, all in this one.
-        vector_kwargs: of gymnasium's class.
+        vector_kwargs: keyword arguments of gymnasium's vector class.
         kwargs: as for :func:`make_env`, the same in each.
+
+    Returns:
+        The vector environment; observations, rewards and flags are NumPy arrays (n, ...).
 
     Raises:
         InputError: there is no such task or mode, or an argument is none of the environment's.

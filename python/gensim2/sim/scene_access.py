@@ -14,7 +14,7 @@ from gensim2.tasks.measurement import Measurement
 class SceneAccessMixin:
     """Access to the robot and the objects of the scene of the last reset."""
 
-    _setup: InitialState | None = None
+    _initial_state: InitialState | None = None
     _parts: Mapping[str, Part]
     _robot: RobotReader
 
@@ -22,17 +22,17 @@ class SceneAccessMixin:
         """Refuse to go on with what was closed."""
 
     @property
-    def setup(self) -> InitialState:
+    def initial_state(self) -> InitialState:
         """Initial state that was drawn at the last reset."""
         self._require_open()
-        if self._setup is None:
+        if self._initial_state is None:
             raise GenSim2Error("the environment has not been reset yet")
-        return self._setup
+        return self._initial_state
 
     @property
     def parts(self) -> Mapping[str, Part]:
         """The objects as they stand in the scene, by name."""
-        assert self.setup
+        assert self.initial_state
         return self._parts
 
     @property

@@ -101,7 +101,7 @@ def measure(robot: RobotReader, parts: Parts) -> Measurement:
         speeds={name: part.speeds for name, part in rigid.items()},
         gripper=robot.gripper(),
         finger_opening=robot.finger_opening,
-        starts={name: part.thing.position for name, part in rigid.items()},
+        start_positions={name: part.thing.position for name, part in rigid.items()},
     )
 
 

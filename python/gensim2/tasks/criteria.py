@@ -117,11 +117,11 @@ class RigidLifted(_Criterion):
 
     def holds(self, measured: Measurement) -> bool:
         """Whether it holds; NaN never does."""
-        return float(measured.poses[self.rigid][2] - measured.starts[self.rigid][2]) > self.height
+        return float(measured.poses[self.rigid][2] - measured.start_positions[self.rigid][2]) > self.height
 
     def progress(self, measured: Measurement) -> float:
         """Return how near it is to holding, 0 to 1: 1 where it holds."""
-        return _share(float(measured.poses[self.rigid][2] - measured.starts[self.rigid][2]) / self.height)
+        return _share(float(measured.poses[self.rigid][2] - measured.start_positions[self.rigid][2]) / self.height)
 
 
 class RigidMoved(_Criterion):
@@ -145,7 +145,7 @@ class RigidMoved(_Criterion):
 
     def _way(self, measured: Measurement) -> tuple[float, float]:
         """Displacement (m) along the direction and across it, as the robot sees them."""
-        x, y = map(float, measured.poses[self.rigid][:2] - measured.starts[self.rigid][:2])
+        x, y = map(float, measured.poses[self.rigid][:2] - measured.start_positions[self.rigid][:2])
         return {"away": (x, y), "closer": (-x, y), "left": (y, x), "right": (-y, x)}[self.direction]
 
     def progress(self, measured: Measurement) -> float:

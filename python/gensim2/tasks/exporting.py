@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gensim2.errors import InputError
 from gensim2.files import replacing, write_atomic
-from gensim2.tasks.library import STRATEGIES, TASK_FILE, Strategy, load_strategies, load_task
+from gensim2.tasks.library import STRATEGIES, TASK_FILE, StrategyData, load_strategies, load_task
 from gensim2.tasks.spec import TaskSpec
 from gensim2.yaml_files import dump_yaml
 
@@ -42,13 +42,13 @@ def export(names: Sequence[str], out: Path) -> None:
         write_task(out / task.name, task, strategies)
 
 
-def _files(task: TaskSpec, strategies: Mapping[str, Strategy]) -> dict[str, str]:
+def _files(task: TaskSpec, strategies: Mapping[str, StrategyData]) -> dict[str, str]:
     """Texts of a task's folder, by path; the task's own comes last."""
     found = {f"{STRATEGIES}/{name}.yaml": dump_yaml(dict(data)) for name, data in strategies.items()}
     return {**found, TASK_FILE: dump_yaml(task.model_dump(mode="json", exclude_none=True))}
 
 
-def write_task(folder: Path, task: TaskSpec, strategies: Mapping[str, Strategy]) -> None:
+def write_task(folder: Path, task: TaskSpec, strategies: Mapping[str, StrategyData]) -> None:
     """Write a task's folder, every file of it atomically.
 
     Raises:

@@ -15,6 +15,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from gensim2.errors import InputError
+from gensim2.renamed import current
 
 FIGURES = "figures.json"
 
@@ -26,10 +27,10 @@ class _Value(BaseModel):
 
 
 def _current_word(word: object) -> object:
-    return "default" if word == "ours" else word
+    return current(word, {"ours": "default"}, "physics") if isinstance(word, str) else word
 
 
-OWNERS = {"default": "our physics", "original": "the original's physics"}
+OWNERS = {"default": "default physics", "original": "the original's physics"}
 """Presets in words; other mixtures are called as they are spelled."""
 
 

@@ -25,12 +25,12 @@ from gensim2.foreign.archive import open_archive, read_member
 from gensim2.tasks import version_1
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
-from gensim2.yaml_files import MOST_BYTES, parse_yaml, read_yaml
+from gensim2.yaml_files import MAX_BYTES, parse_yaml, read_yaml
 
 TASK_FILE = "task.yaml"
 STRATEGIES = "strategies"
 
-Strategy = dict[str, Any]
+StrategyData = dict[str, Any]
 """A way to do a step, as plain data: a solver config in the paper's language, or a rule for a grasp."""
 
 
@@ -70,13 +70,13 @@ def _designed() -> Traversable:
 
 
 def task_names(origin: str | None = None) -> tuple[str, ...]:
-    """Names of the tasks in the library, sorted.
+    """Return the names of the tasks in the library, sorted.
 
     Args:
-        origin: only those that this one proposed: ``"paper"`` for the suite, else a designer's name; None: all.
+        origin: proposer of the tasks: ``"paper"`` for the suite, else a designer's name; None: all.
 
     Raises:
-        InputError: there are none of that origin; names those that there are. Or a task cannot be read.
+        InputError: no task has that origin (names the origins that there are), or a task cannot be read.
     """
     if origin is None:
         return tuple(sorted({*packaged_names(), *names_in(_user_shelf())}))
@@ -118,10 +118,16 @@ def task_folder(name: str) -> Traversable:
 
 
 def load_task(name: str) -> TaskSpec:
-    """The spec of a library task.
+    """Load the spec of a library task.
+
+    Args:
+        name: of the task, e.g. ``"OpenDrawer"``.
+
+    Returns:
+        Objects, steps and goal of the task.
 
     Raises:
-        InputError: there is no such task; names near matches. Or its file cannot be used.
+        InputError: there is no such task (names near matches), or its file cannot be used.
     """
     return _packaged_task(name) if name in packaged_names() else _read_task(task_folder(name), name)
 
@@ -151,8 +157,14 @@ def names_in(shelf: Traversable | None) -> tuple[str, ...]:
     return tuple(sorted(entry.name for entry in entries if entry.name[:1] != "." and (entry / TASK_FILE).is_file()))
 
 
-def load_strategies(name: str) -> dict[str, Strategy]:
-    """The strategies of a library task, by name: those that its steps name, in that order.
+def load_strategies(name: str) -> dict[str, StrategyData]:
+    """Load the strategies of a library task.
+
+    Args:
+        name: of the task, e.g. ``"OpenDrawer"``.
+
+    Returns:
+        Strategies as plain data, by name: those that the task's steps name, in that order.
 
     Raises:
         InputError: there is no such task, or a strategy's file is missing.
@@ -161,7 +173,7 @@ def load_strategies(name: str) -> dict[str, Strategy]:
 
 
 @cache
-def shared_strategy(name: str) -> Strategy:
+def shared_strategy(name: str) -> StrategyData:
     """One of the ways that tasks of the package share; not to be changed in place.
 
     Raises:
@@ -180,10 +192,13 @@ def load_task_file(path: Path) -> TaskSpec:
         InputError: the file cannot be read, is not YAML, or a field is unknown, missing or out of range.
     """
     source = path / TASK_FILE if path.is_dir() else path
+    if path.is_dir() and not os.path.lexists(source):
+        remedy = f"give a folder with {TASK_FILE} and strategies/, or a task by its name"
+        raise InputError("is not there", file=source, remedy=remedy)
     return parse_task(read_yaml(source), str(source))
 
 
-def load_strategies_beside(path: Path, task: TaskSpec) -> dict[str, Strategy]:
+def load_strategies_beside(path: Path, task: TaskSpec) -> dict[str, StrategyData]:
     """The strategies of a task that was read from a file or a folder, by name: those that its steps name.
 
     Raises:
@@ -193,7 +208,7 @@ def load_strategies_beside(path: Path, task: TaskSpec) -> dict[str, Strategy]:
     return {name: _read(file) for name, file in strategy_files(folder, task).items()}
 
 
-def load_strategy_file(path: Path) -> Strategy:
+def load_strategy_file(path: Path) -> StrategyData:
     """One strategy in a YAML (or JSON) file; numbers are finite.
 
     Raises:
@@ -243,7 +258,7 @@ def _read(file: Traversable) -> dict[str, Any]:
     """The fields of a file of the package, of a folder or of an archive."""
     if isinstance(file, Path):
         return read_yaml(file)
-    return parse_yaml(read_member(file, MOST_BYTES + 1), str(file))
+    return parse_yaml(read_member(file, MAX_BYTES + 1), str(file))
 
 
 def _files_in(folder: Traversable) -> list[str]:

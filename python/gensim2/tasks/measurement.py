@@ -23,7 +23,7 @@ class Measurement:
         speeds: (2,) of each rigid object: m/s and rad/s.
         gripper: tool keypoints of the robot: (3,) m.
         finger_opening: distance between the fingers' pads, m.
-        starts: of each rigid object, (3,) where the origin of its frame was put at the reset.
+        start_positions: of each rigid object, (3,) where the origin of its frame was put at the reset.
     """
 
     openness: Mapping[str, float]
@@ -33,7 +33,7 @@ class Measurement:
     speeds: Mapping[str, Array]
     gripper: Mapping[str, Array]
     finger_opening: float
-    starts: Mapping[str, Array] = field(default_factory=dict)
+    start_positions: Mapping[str, Array] = field(default_factory=dict)
 
     def point(self, name: str) -> Array:
         """(3,) the measured point of an object: its last keypoint, as in the original."""

@@ -25,7 +25,7 @@ from gensim2.tasks.exporting import write_task
 from gensim2.tasks.library import (
     PAPER,
     TASK_FILE,
-    Strategy,
+    StrategyData,
     load_strategies_beside,
     load_task,
     load_task_file,
@@ -114,7 +114,7 @@ class Memory:
     def add(
         self,
         task: TaskSpec,
-        strategies: Mapping[str, Strategy],
+        strategies: Mapping[str, StrategyData],
         verification: Verified,
         *,
         run: str | None = None,
@@ -150,7 +150,7 @@ class Memory:
                 write_json(made / ADDED_FILE, _note(run))
         return self.folder / task.name
 
-    def check_new(self, task: TaskSpec, strategies: Mapping[str, Strategy]) -> None:
+    def check_new(self, task: TaskSpec, strategies: Mapping[str, StrategyData]) -> None:
         """Refuse a task that could not be added whatever its verification says; the very same is no such task.
 
         Raises:
@@ -185,7 +185,7 @@ class Memory:
         sync_folder(self.folder)
         shutil.rmtree(gone)
 
-    def _has(self, task: TaskSpec, strategies: Mapping[str, Strategy]) -> bool:
+    def _has(self, task: TaskSpec, strategies: Mapping[str, StrategyData]) -> bool:
         """Whether just this task stands here, verified at whatever time."""
         if task.name not in self.names():
             return False
@@ -231,7 +231,7 @@ class Memory:
             raise InputError(f"cannot write: {error.strerror}", file=self.folder, remedy=remedy) from error
 
 
-def read_task(folder: Path) -> tuple[TaskSpec, dict[str, Strategy]]:
+def read_task(folder: Path) -> tuple[TaskSpec, dict[str, StrategyData]]:
     """The spec and the strategies in a folder.
 
     Raises:

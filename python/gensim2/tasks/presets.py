@@ -20,8 +20,8 @@ class Preset:
 
     Attributes:
         name: as in ``--randomization``.
-        scale: of the ranges of offsets, yaw and openness.
-        turns_either_way: the yaw's sign does not follow that of the y offset.
+        scale: factor on the ranges of offsets, yaw and openness.
+        turns_either_way: whether the sign of the yaw is independent of that of the y offset.
         varies: whether the objects' physics and the robot's start are drawn, too.
     """
 

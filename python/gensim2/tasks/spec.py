@@ -164,7 +164,7 @@ class Verified(_Value):
 
     Attributes:
         episodes: how many there were.
-        held: in how many the goal held at the end, at rest, and not with a still arm.
+        held: in how many the goal held at the end, at rest, and not in the no-op baseline.
         interval: of the share that held, 95 %.
         seed: of the run; the scenes are those of ``gensim2.seeding.scene_seeds(seed, name, "verify", episodes)``.
         instances: what the objects were drawn from: ``"new"`` and ``"test"`` are such that no search saw.

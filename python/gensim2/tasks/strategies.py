@@ -16,6 +16,11 @@ StepStrategies = Mapping[str, Strategies]
 
 
 def with_strategies(task: TaskSpec, ways: StepStrategies) -> TaskSpec:
-    """Return the task with each step's strategies named as in ``ways``."""
+    """Return the task with each step's strategies named as in ``ways``; its provenance tells of no others."""
     steps = tuple(step.model_copy(update={"strategies": tuple(ways[step.name])}) for step in task.steps)
-    return task.model_copy(update={"steps": steps})
+    provenance = task.provenance
+    if provenance is not None:
+        named = {name for step in steps for name in step.strategies}
+        kept = {name: made for name, made in provenance.strategies.items() if name in named}
+        provenance = provenance.model_copy(update={"strategies": kept})
+    return task.model_copy(update={"steps": steps, "provenance": provenance})

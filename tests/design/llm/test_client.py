@@ -26,11 +26,11 @@ from llm_server import (
 )
 
 from gensim2.design.llm import Model, ModelOptions
-from gensim2.design.llm.boundary import MOST_BYTES
+from gensim2.design.llm.boundary import MAX_BYTES
 from gensim2.design.llm.client import Client
 from gensim2.design.llm.ledger import BudgetSpent
 from gensim2.design.llm.questions import Message, Question
-from gensim2.design.pictures import Picture
+from gensim2.design.pictures import LazyPicture
 from gensim2.errors import InputError, ModelError
 
 PNG = b"\x89PNG\r\n\x1a\n" + b"0" * 20
@@ -54,7 +54,7 @@ def options(server: ModelServer, **given: Any) -> ModelOptions:
     return ModelOptions(**fields)
 
 
-def question(text: str = "# Test\nhow are you?", pictures: tuple[Picture, ...] = ()) -> Question:
+def question(text: str = "# Test\nhow are you?", pictures: tuple[LazyPicture, ...] = ()) -> Question:
     said = (Message("system", "be good"), Message("user", text, pictures))
     return Question("test", "thing", said, {"type": "object"})
 
@@ -118,7 +118,7 @@ def test_ten_megabytes_are_not_read_to_the_end(server: ModelServer) -> None:
     server.script = lambda asked: "x" * 10_000_000
     answer = Client(options(server)).ask(question())
     assert answer.problem == "it could not be read as a chat completion"
-    assert MOST_BYTES < 10_000_000
+    assert MAX_BYTES < 10_000_000
 
 
 def test_an_answer_that_was_cut_off_says_so(server: ModelServer) -> None:
@@ -179,10 +179,10 @@ def test_no_key_is_said(server: ModelServer, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_pictures_go_along_as_data(server: ModelServer) -> None:
-    Client(options(server)).ask(question(pictures=(Picture("a thing", lambda: PNG),)))
+    Client(options(server)).ask(question(pictures=(LazyPicture("a thing", lambda: PNG),)))
     assert server.asked[0].pictures == (PNG,)
     with pytest.raises(InputError, match="no PNG"):
-        Client(options(server)).ask(question(pictures=(Picture("no picture", lambda: b"GIF89a"),)))
+        Client(options(server)).ask(question(pictures=(LazyPicture("no picture", lambda: b"GIF89a"),)))
 
 
 def test_a_question_is_asked_once_in_a_run_and_in_all_runs(server: ModelServer, tmp_path: Path) -> None:

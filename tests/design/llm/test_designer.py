@@ -16,7 +16,7 @@ from llm_server import Asked, ModelServer
 from gensim2.design.base import Brief, Candidate, CandidateResult, Declined, StageResult
 from gensim2.design.diagnosis import Diagnosis
 from gensim2.design.llm import Asking, LLMDesigner, Model, ModelOptions, Prompts
-from gensim2.design.pictures import Picture
+from gensim2.design.pictures import LazyPicture
 from gensim2.planning.strategies import parse_strategy
 from gensim2.tasks.criteria import ArticulatedOpen
 from gensim2.tasks.spec import TaskSpec
@@ -284,15 +284,15 @@ def test_of_a_long_task_the_step_to_blame_is_written_anew(server: ModelServer, b
 class Camera:
     """Draws nothing, and says what of."""
 
-    def start(self, task: TaskSpec, step: str) -> Picture:
-        return Picture(f"{task.name}/{step}/start", lambda: PNG + b"scene")
+    def start(self, task: TaskSpec, step: str) -> LazyPicture:
+        return LazyPicture(f"{task.name}/{step}/start", lambda: PNG + b"scene")
 
-    def actuation(self, task: TaskSpec, steps: Any, step: str) -> Picture:
-        return Picture(f"{task.name}/{step}", lambda: PNG + b"arm")
+    def actuation(self, task: TaskSpec, steps: Any, step: str) -> LazyPicture:
+        return LazyPicture(f"{task.name}/{step}", lambda: PNG + b"arm")
 
 
 def test_pictures_of_the_object_and_of_the_actuation_pose_go_along(server: ModelServer, brief: Brief) -> None:
-    box = replace(brief.classes["box_rotate"], picture=Picture("box_rotate/1", lambda: PNG))
+    box = replace(brief.classes["box_rotate"], picture=LazyPicture("box_rotate/1", lambda: PNG))
     seen = replace(brief, classes={**brief.classes, "box_rotate": box})
     found = designer(server, views=Camera(), visual=True)
     (task,) = proposed(found, seen)

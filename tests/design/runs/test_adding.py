@@ -18,7 +18,7 @@ from gensim2.yaml_files import dump_yaml
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A task of the package under another name, with another goal, as somebody would write it."""
+    """A task of the package under another name, with another goal, as a user would write it."""
     task = load_task("OpenBox").model_dump(mode="json", exclude_none=True, by_alias=True)
     made = tmp_path / "mine"
     (made / "strategies").mkdir(parents=True)

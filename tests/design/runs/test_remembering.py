@@ -17,7 +17,7 @@ from gensim2.tasks import Provenance
 from gensim2.tasks.library import load_task, packaged_names
 from gensim2.tasks.memory import Memory
 
-#: The tasks of the run: one that nobody has (of 20 episodes 18 held), one that is OpenBox, one of the paper's origin.
+#: The tasks of the run: one that is new (of 20 episodes 18 held), one that is OpenBox, one of the paper's origin.
 NEW, KNOWN, PAPERS = "RaiseStaplerArm", "OpenDemo", "CloseDemo"
 
 

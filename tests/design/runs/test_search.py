@@ -215,7 +215,7 @@ def test_leaders_within_the_noise_get_more_episodes_until_they_are_called_equal(
     design = Search(CONFIG, BRIEF, FakeDesigner(), Even(), seed=0, budget=budget).run()
     first, second = design.results[:2]
     assert {number(first.candidate.steps), number(second.candidate.steps)} == {7, 9}
-    assert min(first.episodes, second.episodes) >= budget.most_episodes
+    assert min(first.episodes, second.episodes) >= budget.max_episodes
     assert "equal within the noise" in design.notes[-1]
 
 

@@ -76,7 +76,7 @@ def _snapshot() -> dict[str, bytes]:
 
 
 def _of_boxes() -> set[str]:
-    """Processes of a box that are this one's children or nobody's, as those are whose maker was killed meanwhile."""
+    """Processes of a box that are this one's children or orphans, as those are whose maker was killed meanwhile."""
     return {folder.name for folder in Path("/proc").glob("[0-9]*") if _is_of_a_box(folder)}
 
 

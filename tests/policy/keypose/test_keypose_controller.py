@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gensim2.cli.main import run as command
+from gensim2.observations.columns import GRIPPER
 from gensim2.planning import StepPlanner
-from gensim2.policy.keypose.controller import KeyposeController
+from gensim2.policy.keypose.answers import Answer, answers
+from gensim2.policy.keypose.controller import EMPTY, KeyposeController
 from gensim2.policy.keypose.execution import Executor
 from gensim2.policy.keypose.paths import between
 from gensim2.policy.keypose.program import KEYPOSES, program_of
 from gensim2.policy.keypose.source import PlannedSource
-from gensim2.policy.keypose.training import TRAINING, train_keypose
-from gensim2.robots import robot
+from gensim2.policy.keypose.training import TRAINING, Way, train_keypose
+from gensim2.robots import OPEN, robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE, PrivilegedObservation, is_privileged
 from gensim2.rollout.inputs import read_task_input
 from gensim2.rollout.run import run
@@ -81,6 +84,17 @@ def test_actions_keep_the_joints_limits_and_obstacles_are_gone_around() -> None:
     assert np.linalg.norm(hands[:, None, :3, 3] - wall, axis=-1).min() > 0.03
 
 
+def test_what_the_hand_holds_is_taken_along() -> None:
+    q = np.array(PROFILE.reset_qpos)
+    hand = PROFILE.model.forward_kinematics(q)
+    fingers = hand[:3, 3] + 0.1034 * hand[:3, 2]
+    stick = fingers + np.outer(np.arange(-9, 10), [0.0, 0.015, 0.0])
+    beside = fingers + np.array([0.0, 0.0, -0.1]) + 0.02 * np.random.default_rng(0).uniform(-1, 1, (30, 3))
+    held = Executor(PROFILE)._held(np.vstack([beside, stick]), q)
+    assert not held[:30].any()
+    assert held[30:].all()
+
+
 def test_poses_between_two_are_near_to_each_other() -> None:
     end = np.eye(4)
     end[:3, 3] = [0.1, 0.0, 0.0]
@@ -109,6 +123,24 @@ def test_the_controller_is_not_privileged_and_misfits_are_one_line(
         assert command([*common, *words]) == 2
         (line,) = [each for each in capfd.readouterr().err.splitlines() if each.startswith("gensim2:")]
         assert said in line
+    env = simulator(read_task_input("CloseBox", assets="builtin", instances="test").scene)
+    env.reset(1)
+    seen = replace(env.observe(SPEC), language="push the bar")
+    controller.reset(seen, 0)
+    controller._holds = True
+    assert seen.gripper_width > EMPTY
+    empty = replace(seen, arrays={**seen.arrays, GRIPPER: np.array([0.0, -1.0], dtype=np.float32)})
+    action = controller.act(empty)  # the fingers have closed on nothing: they open, the arm goes back and looks again
+    assert controller.told["lost"] == 1
+    assert action is not None
+    assert action[-1] == OPEN
+    # Of two steps the first is expected first, whatever a look makes of it within reason; "done" is not yet.
+    controller._ways = [Way(language="push the bar", step=step, name="one") for step in (0, 1)]
+    controller.reset(seen, 0)
+    program = answers(controller._policy, seen, controller._row)[0].program
+    first, second, done = (Answer(way, chance, program) for way, chance in ((0, 0.18), (1, 0.82), (2, 0.95)))
+    assert controller._weight(first) > max(controller._weight(second), controller._weight(done))
+    assert controller._weight(replace(first, chance=0.1)) < controller._weight(second)
     (folder / "keypose.json").write_text("{}")
     with pytest.raises(Exception, match=r"keypose\.json"):
         KeyposeController(str(folder))

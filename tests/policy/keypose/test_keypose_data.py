@@ -13,12 +13,13 @@ from gensim2.observations import ObservationSpec
 from gensim2.planning import StepPlanner
 from gensim2.policy.keypose import data
 from gensim2.policy.keypose.data import plan_scenes, read_planned
-from gensim2.policy.keypose.examples import draw
+from gensim2.policy.keypose.examples import _left_anywhere, draw
 from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, RETREAT, program_of
 from gensim2.processes import WorkerPool
 from gensim2.robots import robot
 from gensim2.rollout.inputs import TaskInput, read_task_input
 from gensim2.rollout.worker import parsed, simulator
+from gensim2.tasks.criteria import CLOSED
 
 SPEC = ObservationSpec.of({"points": 64, "candidates": 256, "robot": "none"})
 
@@ -65,6 +66,23 @@ def test_the_end_looks_otherwise_than_the_beginning(given: TaskInput) -> None:
     assert [int(each["step"]) for each in examples] == [0, 1]
     assert not np.array_equal(examples[0]["points"], examples[1]["points"])  # the lid has gone down
     assert np.array_equal(examples[0]["joints"], examples[1]["joints"])  # the arm looks from where it looked from
+
+
+def test_joints_of_later_steps_stand_anywhere_but_where_the_step_is_done(given: TaskInput) -> None:
+    env = simulator(given.scene)
+    env.reset(3)
+    now, step, measured = env.scene_state(), given.spec.steps[0], env.measure()
+    joints = []
+    for seed in range(200):
+        joint = _left_anywhere(now, step, measured, np.random.default_rng(seed)).objects[step.object].joint
+        assert joint is not None
+        joints.append(joint.openness)
+    before = now.objects[step.object].joint
+    assert before is not None
+    others = [each for each in joints if each != before.openness]
+    assert 0.15 < len(others) / 200 < 0.3  # of 0.3 a fifth would be closed
+    assert min(others) >= CLOSED
+    assert max(others) > 0.9
 
 
 def test_a_scene_is_left_out_where_physics_refutes_its_plans(given: TaskInput) -> None:

@@ -7,23 +7,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from gensim2.observations import Observation, PointCloud
 from gensim2.observations.proprioception import Proprioception
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
-from gensim2.policy.frames import turn_matrix
+from gensim2.policy.frames import proprio_size, turn_matrix
 from gensim2.policy.heads.keypose import _turned
 from gensim2.policy.keypose.answers import answers
 from gensim2.policy.keypose.data import read_planned
 from gensim2.policy.keypose.program import ACTUATION
-from gensim2.policy.keypose.source import PlannedSource
+from gensim2.policy.keypose.source import PlannedSource, _either_way_round
 from gensim2.policy.keypose.training import POLICY, TRAINING, read_ways, train_keypose
+from gensim2.policy.network import CLOUD, PROPRIO, TEXT, fresh_network
 from gensim2.robots import robot
 
 from .made_up import made_up, written
 
-SMALL = PolicyConfig.of({**POLICY.to_dict(), "seen_points": 48, "width": 32, "hidden": 64, "layers": 1})
+SIZES = {"seen_points": 48, "spread_points": 16, "width": 32, "hidden": 64, "layers": 1}
+SMALL = PolicyConfig.of({**POLICY.to_dict(), **SIZES})
 SHORT = TrainConfig.of({**TRAINING.to_dict(), "steps": 250, "batch": 16, "save_every": 1000, "dropout": 0.0})
 
 
@@ -73,6 +76,30 @@ def test_a_yaw_of_robot_and_scene_turns_the_answer_exactly(trained: Path) -> Non
     assert one.way == turned.way
     assert np.allclose(one.program.positions @ R.T, turned.program.positions, atol=1e-4)
     assert np.allclose(R @ one.program.rotations, turned.program.rotations, atol=1e-3)
+
+
+def test_a_tool_pose_with_swapped_fingers_is_turned_by_half_a_turn() -> None:
+    turns = Rotation.random(40, random_state=0)
+    poses = np.column_stack([np.zeros((40, 3)), turns.as_quat(scalar_first=True)])
+    found = Rotation.from_quat(_either_way_round(poses, np.random.default_rng(0))[:, 3:], scalar_first=True)
+    angle = (turns.inv() * found).magnitude()
+    assert 8 < (angle > 1.0).sum() < 32
+    swapped = turns.as_matrix() @ np.diag([-1.0, -1.0, 1.0])
+    assert np.allclose(found.as_matrix()[angle > 1.0], swapped[angle > 1.0], atol=1e-6)
+    assert np.allclose(angle[angle < 1.0], 0.0, atol=1e-6)
+
+
+def test_the_first_look_has_points_of_what_is_small() -> None:
+    config = PolicyConfig.of({**SMALL.to_dict(), "seen_points": 8, "spread_points": 4, "points": 400})
+    network = fresh_network(config, 7, (0,), 0)
+    cloud = 0.2 * torch.rand(1, 400, 3, generator=torch.Generator().manual_seed(0))
+    cloud[0, 317] = torch.tensor([0.1, 0.6, 0.0])
+    batch = {CLOUD: cloud[:, None], PROPRIO: torch.zeros(1, 1, proprio_size(config, 7)), TEXT: torch.zeros(1, 0)}
+    context = network.context(batch)
+    assert (context.points[0] == cloud[0, 317]).all(-1).any()
+    assert context.points.shape == (1, 12, 3)
+    assert context.features is not None
+    assert context.features.shape[:2] == (1, 12)
 
 
 def test_a_hand_turned_by_half_a_turn_is_the_same_hand() -> None:

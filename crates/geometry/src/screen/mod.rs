@@ -82,10 +82,10 @@ pub struct Suspect {
     /// Lower bound of what each lane leaves beyond the distance that is needed (m).
     pub gap: [f32; LANES],
     /// Upper bound of that; great where none is known. Below zero the two are surely too near.
-    pub most: [f32; LANES],
+    pub max_gap: [f32; LANES],
 }
 
-/// Distances (m) that have to be kept; minus infinity where two things are not judged.
+/// Distances (m) that have to be kept; minus infinity where two things are not checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Needs {
     /// Of each group from each body, one row a group.
@@ -151,7 +151,7 @@ impl Batch {
 
 impl Screen {
     /// A screen of groups of shapes that go with links, among bodies (their shapes, and their poses in the base frame).
-    /// `pairs` are the groups that are judged against each other.
+    /// `pairs` are the groups that are checked against each other.
     #[must_use]
     pub fn new<'a>(
         robot: &Robot,
@@ -237,7 +237,7 @@ impl Screen {
         self.groups.len()
     }
 
-    /// Pairs of groups that are judged.
+    /// Pairs of groups that are checked.
     #[must_use]
     pub fn pairs(&self) -> &[(usize, usize)] {
         &self.pairs

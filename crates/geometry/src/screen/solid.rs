@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use super::Sphere;
 use crate::Convex;
 
-/// Most faces by which a hull is judged.
+/// Most faces by which a hull is checked.
 const MAX_FACES: usize = 28;
 /// Faces whose normals are nearer to each other than this (cosine) count as one.
 const SAME_FACE: f64 = 0.985;
@@ -83,8 +83,8 @@ impl Solid {
         }
     }
 
-    /// Over balls about some middles: the least lower bound of the distance (m) of each, and that of the balls inside
-    /// them.
+    /// Lower bounds of the distance (m) to the nearest of `balls`, placed at `centers` in eight configurations; then the
+    /// same to the nearest of the balls that lie inside the bodies.
     #[inline(always)]
     pub fn least(&self, centers: &[Points], balls: &[Sphere]) -> [F32x8; 2] {
         let mut least = [F32x8::splat(f32::MAX); 2];

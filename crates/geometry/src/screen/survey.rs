@@ -151,8 +151,8 @@ impl Screen {
         if all_at_least(bound, limit) {
             return true;
         }
-        let most = (inner + F32x8::splat(self.looseness[e] - need)).to_array();
-        visit(&Suspect { group, other: Other::Element(e), gap: (bound - F32x8::splat(need)).to_array(), most })
+        let max_gap = (inner + F32x8::splat(self.looseness[e] - need)).to_array();
+        visit(&Suspect { group, other: Other::Element(e), gap: (bound - F32x8::splat(need)).to_array(), max_gap })
     }
 
     #[inline(always)]
@@ -189,7 +189,7 @@ impl Screen {
         if bound.iter().all(|d| *d >= limit) {
             return true;
         }
-        visit(&Suspect { group, other: Other::Cloud(c), gap: bound.map(|d| d - need), most: [f32::MAX; LANES] })
+        visit(&Suspect { group, other: Other::Cloud(c), gap: bound.map(|d| d - need), max_gap: [f32::MAX; LANES] })
     }
 
     #[inline(always)]
@@ -239,8 +239,8 @@ impl Screen {
         if all_at_least(bound, limit) {
             return true;
         }
-        let [gap, most] = [bound, inner].map(|b| (b - F32x8::splat(need)).to_array());
-        visit(&Suspect { group: a, other: Other::Pair(pair), gap, most })
+        let [gap, max_gap] = [bound, inner].map(|b| (b - F32x8::splat(need)).to_array());
+        visit(&Suspect { group: a, other: Other::Pair(pair), gap, max_gap })
     }
 
     /// Looks at one group and one other thing as [`Screen::survey`] looks at all.

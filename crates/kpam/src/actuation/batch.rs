@@ -1,4 +1,4 @@
-//! Onto the constraints, eight starts at a time and in single precision: damped Gauss-Newton as in `projection`. What
+//! Onto the constraints, eight seeds at a time and in single precision: damped Gauss-Newton as in `projection`. What
 //! arrives is brought home in double precision, so nothing that is found depends on how numbers are rounded here.
 
 use gensim2_geometry::lanes::{F32x8, WIDTH, Wide, wide};
@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use super::bands::any_across;
 use super::projection::{INNER, PATIENCE, PROJECTIONS, SLACK, STEP};
-use crate::model::{DrivenJoint, MOST_JOINTS, Model, Row};
+use crate::model::{DrivenJoint, MAX_JOINTS, Model, Row};
 use crate::resolve::Resolved;
 
 /// Smaller residuals than this (m or rad) are rounding.
@@ -16,7 +16,7 @@ const ROUNDING: f64 = 4e-6;
 const DAMPING: [f32; 3] = [1e-6, 1e-3, 1e3];
 
 /// One number a variable.
-type Lanes = [F32x8; MOST_JOINTS];
+type Lanes = [F32x8; MAX_JOINTS];
 /// A residual with its gradient.
 type Line = (Lanes, F32x8);
 type Single = [f32; 3];
@@ -50,8 +50,8 @@ pub(super) struct BatchProjection {
     points: Vec<[Single; 2]>,
     axes: Vec<Axis>,
     workspace: Option<[Single; 2]>,
-    lower: [f32; MOST_JOINTS],
-    upper: [f32; MOST_JOINTS],
+    lower: [f32; MAX_JOINTS],
+    upper: [f32; MAX_JOINTS],
     /// Squared norm of residuals below which a projection has arrived, and below which it may be within the tolerances.
     near: [f32; 2],
     q: Vec<F32x8>,
@@ -108,7 +108,7 @@ impl BatchProjection {
         Self {
             posing: Posing::new(robot, |l| l == robot.hand()),
             hand: robot.hand(),
-            n: model.n().min(MOST_JOINTS),
+            n: model.n().min(MAX_JOINTS),
             rest: model.map().rest().iter().map(|v| F32x8::splat(*v as f32)).collect(),
             driven: model.map().driven().to_vec(),
             columns: columns.collect(),
@@ -123,10 +123,10 @@ impl BatchProjection {
         }
     }
 
-    /// Takes starts onto the constraints: where each ends, in their order, and whether it may meet them there.
-    pub fn project(&mut self, starts: &[Row]) -> Vec<(Row, bool)> {
-        let mut out = vec![([0.0; MOST_JOINTS], false); starts.len()];
-        let (mut x, mut norm) = ([F32x8::ZERO; MOST_JOINTS], F32x8::splat(f32::INFINITY));
+    /// Takes seeds onto the constraints: where each ends, in their order, and whether it may meet them there.
+    pub fn project(&mut self, seeds: &[Row]) -> Vec<(Row, bool)> {
+        let mut out = vec![([0.0; MAX_JOINTS], false); seeds.len()];
+        let (mut x, mut norm) = ([F32x8::ZERO; MAX_JOINTS], F32x8::splat(f32::INFINITY));
         let mut damping = F32x8::splat(DAMPING[1]);
         let (mut lines, mut trial_lines): (Vec<Line>, Vec<Line>) = (Vec::new(), Vec::new());
         let mut seats = [Seat { start: None, rounds: 0, milestone: f32::INFINITY }; WIDTH];
@@ -135,13 +135,13 @@ impl BatchProjection {
             let mut trial = wide(Step { batch: self, x: &x, lines: &lines, damping });
             for (lane, seat) in seats.iter_mut().enumerate().filter(|(_, seat)| seat.start.is_none()) {
                 // A start is a step that is always taken; lanes that are left over take up what others began with.
-                let start = starts.get(next_start).or(starts.first());
+                let start = seeds.get(next_start).or(seeds.first());
                 for (v, value) in start.into_iter().flatten().take(self.n).enumerate() {
                     trial[v].set(lane, (*value as f32).clamp(self.lower[v], self.upper[v]));
                 }
                 norm.set(lane, f32::INFINITY);
                 damping.set(lane, DAMPING[1]);
-                let taken = (next_start < starts.len()).then_some(next_start);
+                let taken = (next_start < seeds.len()).then_some(next_start);
                 *seat = Seat { start: taken, rounds: 0, milestone: f32::INFINITY };
                 next_start += usize::from(taken.is_some());
             }
@@ -180,7 +180,7 @@ impl BatchProjection {
                 }
                 let arrived = left < self.near[0];
                 if arrived || stuck || seat.rounds >= PROJECTIONS || damping.to_array()[lane] > DAMPING[2] {
-                    let mut end = [0.0; MOST_JOINTS];
+                    let mut end = [0.0; MAX_JOINTS];
                     for v in 0..self.n {
                         end[v] = f64::from(x[v].to_array()[lane]);
                     }
@@ -225,12 +225,12 @@ impl Wide for Take<'_> {
     #[inline(always)]
     fn run(self) {
         let Self { before, after, x, trial, lines, new } = self;
-        for v in 0..MOST_JOINTS {
+        for v in 0..MAX_JOINTS {
             x[v] = after.below(before, trial[v], x[v]);
         }
         for i in 0..lines.len().min(new.len()) {
             let ((row, r), (other, s)) = (&mut lines[i], &new[i]);
-            for v in 0..MOST_JOINTS {
+            for v in 0..MAX_JOINTS {
                 row[v] = after.below(before, other[v], row[v]);
             }
             *r = after.below(before, *s, *r);
@@ -270,8 +270,8 @@ impl Wide for Look<'_> {
         let Self { batch, frames, lines } = self;
         let zero = F32x8::ZERO;
         // Turn, and velocity of the point at the base origin, of each column.
-        let mut columns = [([zero; 3], [zero; 3]); MOST_JOINTS];
-        let count = batch.columns.len().min(MOST_JOINTS);
+        let mut columns = [([zero; 3], [zero; 3]); MAX_JOINTS];
+        let count = batch.columns.len().min(MAX_JOINTS);
         for k in 0..count {
             let column = &batch.columns[k];
             let frame = &frames[column.link];
@@ -283,7 +283,7 @@ impl Wide for Look<'_> {
         let mut sum = zero;
         for p in &batch.points {
             let at = hand.point(&p[0]);
-            let mut rows = [[zero; MOST_JOINTS]; 3];
+            let mut rows = [[zero; MAX_JOINTS]; 3];
             for k in 0..count {
                 let (turn, shift) = &columns[k];
                 let way = cross(turn, &at);
@@ -308,7 +308,7 @@ impl Wide for Look<'_> {
             let flat = F32x8::splat(1e-5);
             let scale = F32x8::ONE / sin.max(flat);
             let across = splat(&a.across);
-            let mut row = [zero; MOST_JOINTS];
+            let mut row = [zero; MAX_JOINTS];
             let mut normal = [zero; 3];
             for e in 0..3 {
                 normal[e] = sin.below(flat, across[e], between[e] * scale);
@@ -324,7 +324,7 @@ impl Wide for Look<'_> {
             for e in 0..3 {
                 let c = hand.t[e];
                 let miss = c - c.max(F32x8::splat(low[e])).min(F32x8::splat(high[e]));
-                let mut row = [zero; MOST_JOINTS];
+                let mut row = [zero; MAX_JOINTS];
                 for k in 0..count {
                     let (turn, shift) = &columns[k];
                     let v = batch.columns[k].variable;
@@ -366,10 +366,10 @@ impl Step<'_> {
     #[inline(always)]
     fn of(self, n: usize) -> Lanes {
         let Self { batch, x, lines, damping } = self;
-        let n = n.min(MOST_JOINTS);
+        let n = n.min(MAX_JOINTS);
         let zero = F32x8::ZERO;
-        let mut gradient = [zero; MOST_JOINTS];
-        let mut normal = [[zero; MOST_JOINTS]; MOST_JOINTS];
+        let mut gradient = [zero; MAX_JOINTS];
+        let mut normal = [[zero; MAX_JOINTS]; MAX_JOINTS];
         for (row, r) in lines {
             for i in 0..n {
                 gradient[i] = gradient[i] + row[i] * *r;
@@ -394,10 +394,10 @@ impl Step<'_> {
             normal[v][v] = normal[v][v] * moves + (F32x8::ONE - moves) + damping;
         }
         // An LDL factorization, and the step that it gives.
-        let mut l = [[zero; MOST_JOINTS]; MOST_JOINTS];
-        let mut scaled = [[zero; MOST_JOINTS]; MOST_JOINTS];
-        let mut inverse = [zero; MOST_JOINTS];
-        let mut step = [zero; MOST_JOINTS];
+        let mut l = [[zero; MAX_JOINTS]; MAX_JOINTS];
+        let mut scaled = [[zero; MAX_JOINTS]; MAX_JOINTS];
+        let mut inverse = [zero; MAX_JOINTS];
+        let mut step = [zero; MAX_JOINTS];
         for i in 0..n {
             let mut rest = zero - gradient[i];
             let mut pivot = normal[i][i];
@@ -446,11 +446,11 @@ mod tests {
         let model = Model::new(&problem.robot, &problem.q_start).unwrap();
         let resolved = problem.resolve().unwrap();
         let mut search = ActuationSearch::new(&problem, &model, &resolved);
-        let starts: Vec<Row> = (0..41).map(|k| search.start(k)).collect();
-        let found = search.batch.project(&starts);
-        assert_eq!(found.len(), starts.len());
+        let seeds: Vec<Row> = (0..41).map(|k| search.start(k)).collect();
+        let found = search.batch.project(&seeds);
+        assert_eq!(found.len(), seeds.len());
         let (mut arrived, mut same) = (0, 0);
-        for (start, (end, there)) in starts.iter().zip(&found) {
+        for (start, (end, there)) in seeds.iter().zip(&found) {
             let mut alone = *start;
             let single = search.project(&mut alone) <= 0.0;
             arrived += usize::from(*there);
@@ -463,7 +463,7 @@ mod tests {
                 same += usize::from(model.are_near(&alone, end, 0.01));
             }
         }
-        let alone = starts.iter().filter(|start| search.project(&mut (**start).clone()) <= 0.0).count();
+        let alone = seeds.iter().filter(|start| search.project(&mut (**start).clone()) <= 0.0).count();
         assert!(arrived > 8 && arrived.abs_diff(alone) <= 3, "{arrived} {alone}");
         assert!(4 * same > 3 * arrived, "{same} of {arrived}");
     }

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use super::bands::{INSIDE, axis_bands};
 use super::projection::STEP;
 use super::{ActuationSearch, Candidate};
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 use crate::qp::{Bound, Qp, QpOutcome, QpSolver};
 use gensim2_geometry::Pose;
 
@@ -26,15 +26,15 @@ impl ActuationSearch<'_> {
         let mut best: Option<Candidate> = None;
         let mut curvature = Curvature::default();
         let mut radius = STEP;
-        let mut value = self.cost(&x);
-        let mut bad = self.violation(&x).max(0.0);
+        let mut cost = self.cost(&x);
+        let mut violation = self.violation(&x).max(0.0);
         for _ in 0..ITERATIONS {
             let (gradient, mut hessian) = (self.gradient(&x), self.hessian(&x, &curvature));
             let mut bounds = std::mem::take(&mut self.bounds);
             self.linearize(&x, &mut bounds);
             let constraints = bounds.len();
             for v in 0..n {
-                let mut row = [0.0; MOST_JOINTS];
+                let mut row = [0.0; MAX_JOINTS];
                 row[v] = 1.0;
                 let low = (self.lower[v] - x[v]).max(-radius);
                 let high = (self.upper[v] - x[v]).min(radius);
@@ -60,8 +60,8 @@ impl ActuationSearch<'_> {
                 if self.project(&mut x) > 1e-6 {
                     break;
                 }
-                value = self.cost(&x);
-                bad = 0.0;
+                cost = self.cost(&x);
+                violation = 0.0;
                 radius *= 0.5;
                 if radius < 1e-4 {
                     break;
@@ -69,28 +69,29 @@ impl ActuationSearch<'_> {
                 continue;
             };
             let length = step[..n].iter().fold(0.0, |m: f64, s| m.max(s.abs()));
-            let price = 1.5 * multipliers[..constraints].iter().fold(1.0, |m: f64, u| m.max(u.abs()));
+            let penalty = 1.5 * multipliers[..constraints].iter().fold(1.0, |m: f64, u| m.max(u.abs()));
+            let merit = |cost: f64, violation: f64| cost + penalty * violation;
             let mut trial = x;
             for v in 0..n {
                 trial[v] = (x[v] + step[v]).clamp(self.lower[v], self.upper[v]);
             }
-            let trial_bad = self.project_gently(&mut trial);
-            let trial_value = self.cost(&trial);
-            if trial_bad <= 0.0 && best.is_none_or(|b| trial_value < b.cost) {
+            let trial_violation = self.project_gently(&mut trial);
+            let trial_cost = self.cost(&trial);
+            if trial_violation <= 0.0 && best.is_none_or(|b| trial_cost < b.cost) {
                 best = Some(self.candidate(&trial));
             }
-            if trial_value + price * trial_bad <= value + price * bad + 1e-12 {
+            if merit(trial_cost, trial_violation) <= merit(cost, violation) + 1e-12 {
                 x = trial;
-                let gain = value - trial_value;
-                value = trial_value;
-                bad = trial_bad;
+                let gain = cost - trial_cost;
+                cost = trial_cost;
+                violation = trial_violation;
                 curvature = self.curvature_of(&multipliers);
                 if length < 0.3 * radius {
                     radius = radius.max(2.0 * length).min(STEP);
                 } else {
                     radius = (2.0 * radius).min(STEP);
                 }
-                if length < 1e-6 || (gain.abs() < GAIN * (1.0 + value) && bad <= 0.0) {
+                if length < 1e-6 || (gain.abs() < GAIN * (1.0 + cost) && violation <= 0.0) {
                     break;
                 }
                 if length < BASIN && known.iter().any(|c| self.model.are_near(&c.x, &x, BASIN)) {
@@ -110,26 +111,26 @@ impl ActuationSearch<'_> {
     fn project_gently(&mut self, x: &mut Row) -> f64 {
         let n = self.model.n();
         for _ in 0..3 {
-            let bad = self.violation(x);
-            if bad <= 0.0 {
+            let violation = self.violation(x);
+            if violation <= 0.0 {
                 return 0.0;
             }
             let mut bounds = std::mem::take(&mut self.bounds);
             self.linearize(x, &mut bounds);
             for v in 0..n {
-                let mut row = [0.0; MOST_JOINTS];
+                let mut row = [0.0; MAX_JOINTS];
                 row[v] = 1.0;
                 bounds.push(Bound { row, low: self.lower[v] - x[v], high: self.upper[v] - x[v] });
             }
-            let mut hessian = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+            let mut hessian = [[0.0; MAX_JOINTS]; MAX_JOINTS];
             for (v, row) in hessian.iter_mut().enumerate().take(n) {
                 row[v] = 1.0;
             }
-            let gradient = [0.0; MOST_JOINTS];
+            let gradient = [0.0; MAX_JOINTS];
             let qp = Qp { n, hessian: &hessian[..n], gradient: &gradient, bounds: &bounds };
             let outcome = self.qp.solve(&qp);
             self.bounds = bounds;
-            let QpOutcome::Solved { step, .. } = outcome else { return bad };
+            let QpOutcome::Solved { step, .. } = outcome else { return violation };
             for v in 0..n {
                 x[v] = (x[v] + step[v]).clamp(self.lower[v], self.upper[v]);
             }
@@ -192,7 +193,7 @@ impl ActuationSearch<'_> {
         self.place(x);
         let placed = &self.placed;
         let hand = placed.hand;
-        let mut g = [0.0; MOST_JOINTS];
+        let mut g = [0.0; MAX_JOINTS];
         let steps = self.steps(x);
         for v in 0..self.model.n() {
             g[v] = 2.0 * self.weights[v] * steps[v];
@@ -214,13 +215,13 @@ impl ActuationSearch<'_> {
     }
 
     /// Hessian of the Lagrangian, with a proximal term across the constraints where it would be indefinite.
-    pub(super) fn hessian(&mut self, x: &Row, curvature: &Curvature) -> [Row; MOST_JOINTS] {
+    pub(super) fn hessian(&mut self, x: &Row, curvature: &Curvature) -> [Row; MAX_JOINTS] {
         self.place(x);
         let n = self.model.n();
         let placed = &self.placed;
         let hand = placed.hand;
         let origin = hand.translation.vector;
-        let mut h = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+        let mut h = [[0.0; MAX_JOINTS]; MAX_JOINTS];
         for v in 0..n {
             h[v][v] = 2.0 * self.weights[v];
         }

@@ -7,20 +7,20 @@ mod bands;
 mod batch;
 mod descent;
 mod projection;
-pub(crate) mod starts;
+pub(crate) mod seeds;
 
 use gensim2_geometry::Pose;
 use gensim2_geometry::lanes::WIDTH;
 
 use self::batch::BatchProjection;
 use self::projection::{Aim, Residuals};
-use self::starts::NEARBY;
+use self::seeds::NEARBY;
 use crate::KeypointProblem;
-use crate::model::{MOST_JOINTS, Model, Placed, Row};
+use crate::model::{MAX_JOINTS, Model, Placed, Row};
 use crate::qp::{ActiveSet, Bound};
 use crate::resolve::Resolved;
 
-/// Half as many starts again are spent while fewer than this many have led to the constraints, or where the cheapest pose
+/// Half as many seeds again are spent while fewer than this many have led to the constraints, or where the cheapest pose
 /// lies beyond where most of them lie.
 const ENOUGH: usize = 3;
 /// So many times as many are spent before it is said that none leads there.
@@ -103,29 +103,29 @@ impl<'p> ActuationSearch<'p> {
     }
 
     /// Searches from the present joints, from points about them, and from points spread evenly over the joint ranges:
-    /// `starts` of them, half as many more where few lead to the constraints or the cheapest pose lies beyond the points about
+    /// `num_seeds` of them, half as many more where few lead to the constraints or the cheapest pose lies beyond the points about
     /// the present joints, and wider ones while none does.
     ///
     /// Every start is projected onto the constraints; the cheapest of the distinct poses that gives are then moved to
     /// their optima. Projected poses stay candidates: off the optimum they are other points of the constraint set,
     /// from which the motion may be free where the cheapest pose's is not.
-    pub fn run(&mut self, starts: usize) -> Actuation {
+    pub fn run(&mut self, seeds: usize) -> Actuation {
         let mut poses: Vec<Candidate> = Vec::new();
         let mut least = f64::INFINITY;
         let mut best_effort = None;
         let mut used = 0;
-        let most = starts + starts / 2;
-        let last = PERSISTENCE * starts;
+        let most = seeds + seeds / 2;
+        let last = PERSISTENCE * seeds;
         loop {
             let end = match used {
-                _ if used < starts => starts,
+                _ if used < seeds => seeds,
                 _ if used < most && poses.len() < ENOUGH => (used + WIDTH).min(most),
                 _ if used < most && self.are_far(&poses) => most,
                 _ if used < last && poses.is_empty() => (used + WIDTH).min(last),
                 _ => break,
             };
             // Single precision knows angles near zero best; whole turns of joints without limits change nothing.
-            let unwound = |x: Row| self.model.unwound(&x, &[0.0; MOST_JOINTS]);
+            let unwound = |x: Row| self.model.unwound(&x, &[0.0; MAX_JOINTS]);
             let from: Vec<Row> = (used..end)
                 .map(|k| unwound(if k < most { self.start(k) } else { self.further_start(k - most) }))
                 .collect();
@@ -142,7 +142,7 @@ impl<'p> ActuationSearch<'p> {
         }
         let mut poses = self.distinct(poses);
         let mut optima: Vec<Candidate> = Vec::new();
-        for pose in poses.iter().take(self.problem.options.descents) {
+        for pose in poses.iter().take(self.problem.options.num_refinements) {
             if let Some(better) = self.descend(&pose.x, &optima) {
                 optima.push(better);
             }
@@ -155,8 +155,8 @@ impl<'p> ActuationSearch<'p> {
         Actuation { candidates, best_effort }
     }
 
-    /// Whether the cheapest of some poses lies beyond the starts about the present joints: what is cheapest there is told
-    /// by few starts.
+    /// Whether the cheapest of some poses lies beyond the seeds about the present joints: what is cheapest there is told
+    /// by few seeds.
     fn are_far(&self, poses: &[Candidate]) -> bool {
         let best = poses.iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
         best.is_some_and(|best| {

@@ -4,9 +4,9 @@ use nalgebra::Vector3;
 
 use super::ActuationSearch;
 use super::bands::any_across;
-use super::starts::halton;
+use super::seeds::halton;
 use crate::ldl::solve_ldl;
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 use crate::resolve::Resolved;
 
 /// Most iterations of the projection.
@@ -36,10 +36,10 @@ pub(super) struct Aim {
 impl Aim {
     /// Aim number `number`, from 1: all over the tolerances, the same on every machine.
     pub fn within(resolved: &Resolved, number: usize) -> Self {
-        let mut dimension = MOST_JOINTS;
+        let mut dimension = MAX_JOINTS;
         let mut draw = || {
-            // The first dimensions spread the starts.
-            dimension = dimension.checked_sub(1).unwrap_or(MOST_JOINTS - 1);
+            // The first dimensions spread the seeds.
+            dimension = dimension.checked_sub(1).unwrap_or(MAX_JOINTS - 1);
             2.0 * halton(number, dimension) - 1.0
         };
         let points = resolved.points.iter().map(|p| {
@@ -58,7 +58,7 @@ pub(super) type Residuals = Vec<(Row, f64)>;
 impl ActuationSearch<'_> {
     /// Moves `x` onto the constraints; returns the violation that is left, at most zero where they are met.
     pub(super) fn project(&mut self, x: &mut Row) -> f64 {
-        let n = self.model.n().min(MOST_JOINTS);
+        let n = self.model.n().min(MAX_JOINTS);
         for v in 0..n {
             x[v] = x[v].clamp(self.lower[v], self.upper[v]);
         }
@@ -114,8 +114,8 @@ impl ActuationSearch<'_> {
     /// The damped Gauss-Newton step from `x`.
     #[inline(always)]
     fn gauss_newton(&self, n: usize, x: &Row, rows: &Residuals, damping: f64) -> Option<Row> {
-        let mut gradient = [0.0; MOST_JOINTS];
-        let mut normal = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+        let mut gradient = [0.0; MAX_JOINTS];
+        let mut normal = [[0.0; MAX_JOINTS]; MAX_JOINTS];
         for i in 0..n {
             gradient[i] = rows.iter().map(|(row, r)| row[i] * r).sum();
             for k in 0..=i {

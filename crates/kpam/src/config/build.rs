@@ -8,7 +8,7 @@ use super::{Constraint, Frame, Gripper, Motion, SolverConfig, TargetAxis};
 use crate::ConfigError;
 
 /// Entries that a list may have; longer ones are taken for damage.
-pub(super) const MOST_ENTRIES: usize = 200;
+pub(super) const MAX_ENTRIES: usize = 200;
 /// Numbers beyond this are taken for damage: metres, radians and seconds of a table-top scene are far smaller.
 pub(super) const LARGEST: f64 = 1e6;
 /// Range (m) of the hand's retreat once it has let go.
@@ -179,8 +179,8 @@ impl SolverConfig {
             ("pre_actuation_motions", self.pre.len()),
             ("post_actuation_motions", self.post.len()),
         ];
-        if let Some((field, count)) = lists.into_iter().find(|(_, count)| *count > MOST_ENTRIES) {
-            return Err(ConfigError::new(field, format!("has {count} entries; at most {MOST_ENTRIES}")));
+        if let Some((field, count)) = lists.into_iter().find(|(_, count)| *count > MAX_ENTRIES) {
+            return Err(ConfigError::new(field, format!("has {count} entries; at most {MAX_ENTRIES}")));
         }
         for (i, constraint) in self.constraints.iter().enumerate() {
             constraint.check(&format!("constraint_list[{i}]"))?;

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use serde_json::{Map, Value};
 
-use super::build::{LARGEST, MOST_ENTRIES};
+use super::build::{LARGEST, MAX_ENTRIES};
 use super::{Constraint, Frame, Gripper, Motion, Result, SolverConfig, TargetAxis};
 use crate::ConfigError;
 
@@ -278,8 +278,8 @@ fn object<'a>(value: &'a Value, at: &str) -> Result<&'a Map<String, Value>> {
 fn list<'a>(value: &'a Value, at: &str) -> Result<&'a Vec<Value>> {
     let entries =
         value.as_array().ok_or_else(|| ConfigError::new(at, format!("must be a list, not {}", kind_of(value))))?;
-    if entries.len() > MOST_ENTRIES {
-        return Err(ConfigError::new(at, format!("has {} entries; at most {MOST_ENTRIES}", entries.len())));
+    if entries.len() > MAX_ENTRIES {
+        return Err(ConfigError::new(at, format!("has {} entries; at most {MAX_ENTRIES}", entries.len())));
     }
     Ok(entries)
 }

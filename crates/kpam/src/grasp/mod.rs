@@ -27,15 +27,15 @@ use crate::{ProblemError, Role, Scene};
 #[serde(default, deny_unknown_fields)]
 #[non_exhaustive]
 pub struct GraspOptions {
-    /// Most grasps that are returned.
+    /// Largest number of grasps that are returned.
     pub count: usize,
-    /// Points of the surface that are looked at.
+    /// Number of points that are sampled on the surface.
     pub samples: usize,
-    /// Most hand poses whose contacts and way are looked at, the most promising first.
+    /// Largest number of hand poses whose contacts and approach are checked, the most promising first.
     pub trials: usize,
     /// Friction coefficient between pads and object.
     pub friction: f64,
-    /// Way (m) that the open hand comes straight along its fingers.
+    /// Length (m) of the straight approach of the open hand along its fingers.
     pub approach: f64,
     /// Distance (m) that the hand keeps from everything until the pads touch.
     pub clearance: f64,

@@ -99,7 +99,7 @@ pub struct GraspPlan {
 impl Scene {
     /// The first of `grasps` with which the body can be picked and brought to every target.
     ///
-    /// Each is tried as it is and with the fingers swapped. While it is carried, the body is judged as part of the hand:
+    /// Each is tried as it is and with the fingers swapped. While it is carried, the body is checked as part of the hand:
     /// targets are to be free, so a little above what it is put on. `None` where no grasp will do.
     ///
     /// # Errors

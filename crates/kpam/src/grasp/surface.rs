@@ -4,7 +4,7 @@ use gensim2_geometry::{Aabb, Bvh, Convex};
 use nalgebra::{Point3, Vector3};
 
 use crate::ProblemError;
-use crate::actuation::starts::halton;
+use crate::actuation::seeds::halton;
 
 /// Gaps narrower than this between two pieces of matter are none (m).
 const JOIN: f64 = 1e-4;

@@ -1,8 +1,7 @@
 //! The motion through the keyframes of one actuation pose.
 
-use super::approach::Approach;
 use super::failure::Failure;
-use super::planner::{PAD, Planner};
+use super::planner::{Approach, PAD, Planner};
 use super::timed::Timed;
 use crate::free_space::NoWay;
 use crate::hand_path::Followed;
@@ -121,8 +120,8 @@ impl Planner<'_> {
         let plain = if self.entry > act { Margins::plain(0.0) } else { Margins::plain(0.0).parted() };
         let overlap = match self.entry <= act {
             true => {
-                let leg = self.world.course.last_before_actuation();
-                self.judge(bar, |world| world.hit_at(State::still(x), leg, &plain))
+                let segment = self.world.schedule.last_before_actuation();
+                self.judge(bar, |world| world.hit_at(State::still(x), segment, &plain))
             }
             false => None,
         };
@@ -166,28 +165,28 @@ impl Planner<'_> {
 
     /// A hit that turns an attempt down. Where there is a score to beat, its reason is not reported: any will do.
     fn judge(&mut self, bar: Option<f64>, look: impl FnOnce(&mut World<'_>) -> Option<Hit>) -> Option<Hit> {
-        self.world.be_hasty(bar.is_some() && !self.explain && self.problem.options.avoid_collisions);
+        self.world.set_early_exit(bar.is_some() && !self.explain && self.problem.options.avoid_collisions);
         let hit = look(&mut self.world);
-        self.world.be_hasty(false);
+        self.world.set_early_exit(false);
         hit
     }
 
     /// Takes up a motion past the actuation pose: what overlaps there may persist, and the brake is swept.
     fn take_up(&mut self, out: &mut Attempt) {
         let path = self.entry - 1;
-        let leg = self.world.course.along(path);
+        let segment = self.world.schedule.along(path);
         let travel = out.travel[path].first().copied().unwrap_or(0.0);
         let near = self.model.start();
         let start = State { x: &near, travel };
-        self.world.measure_start(start, leg);
+        self.world.measure_start(start, segment);
         if let Some(hit) = self.too_deep() {
             out.failure = Some(Failure::Inside { keyframe: self.entry, hit });
             return;
         }
-        let way = self.leads[self.lead].way(&self.start);
+        let way = self.transitions[self.transition].way(&self.start);
         let brake = Way { waypoints: &way, travel: &[travel], off: &[] };
-        let margins = self.world.margins_between([start, start], leg, self.margin);
-        if let Some((_, hit)) = self.world.sweep_along(brake, leg, &margins) {
+        let margins = self.world.margins_between([start, start], segment, self.margin);
+        if let Some((_, hit)) = self.world.sweep_along(brake, segment, &margins) {
             out.hits.push((self.entry, hit.clone()));
             if self.problem.options.avoid_collisions {
                 out.failure = Some(Failure::Blocked { keyframe: self.entry, hit });
@@ -302,8 +301,8 @@ impl Planner<'_> {
             if most == 0 {
                 continue;
             }
-            let leg = self.world.course.along(i);
-            let hit = self.judge(Some(bar), |world| world.hit_at_any(out.way(i).until(most), leg, margins));
+            let segment = self.world.schedule.along(i);
+            let hit = self.judge(Some(bar), |world| world.hit_at_any(out.way(i).until(most), segment, margins));
             if let Some(hit) = hit {
                 out.block(i, hit);
                 return true;
@@ -341,7 +340,7 @@ impl Planner<'_> {
     /// Sweeps a path; the last waypoint up to which it is free, and what it meets then. A path that ends earlier has
     /// another end, whose clearances are those that count: it is swept again, where it still goes further than `bar`.
     fn sweep_path(&mut self, out: &mut Attempt, path: usize, bar: Option<f64>) -> Option<(usize, Hit)> {
-        let leg = self.world.course.along(path);
+        let segment = self.world.schedule.along(path);
         let act = out.motions.actuation;
         let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
         let steps = out.paths[path].len() - 1;
@@ -350,9 +349,9 @@ impl Planner<'_> {
             let last = met.as_ref().map_or(steps, |(k, _)| *k);
             let way = out.way(path).until(last);
             let ends = [way.state(0), way.state(way.waypoints.len() - 1)];
-            let wide = self.world.margins_between(ends, leg, clearance + PAD);
+            let wide = self.world.margins_between(ends, segment, clearance + PAD);
             let wide = if self.entry > act { wide } else { wide.parted() };
-            let hit = self.world.sweep_along(way, leg, &wide);
+            let hit = self.world.sweep_along(way, segment, &wide);
             out.margins[path] = wide.with_clearance(clearance);
             match hit {
                 Some((k, hit)) if met.as_ref().is_none_or(|(before, _)| k < *before) => met = Some((k, hit)),

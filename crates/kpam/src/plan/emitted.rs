@@ -12,11 +12,11 @@ use crate::world::{Hit, Way};
 const OFF: f64 = 2e-5;
 /// The same where far from everything: samples as far apart as this allows are enough to prove most of a motion free.
 const ROUGH: f64 = 2e-4;
-/// Times between samples (s), and how many of them a leg may have at the least and the greatest step: what takes longer
+/// Times between samples (s), and how many of them a segment may have at the least and the greatest step: what takes longer
 /// is slower.
 const SHORTEST: f64 = 2e-3;
 const LONGEST: f64 = 2e-2;
-const MOST: f64 = 2e4;
+const MAX_SAMPLES: f64 = 2e4;
 const ENOUGH: f64 = 1e3;
 
 /// Samples of a motion, and how far each joint may lie off the straight segment after each of them.
@@ -32,7 +32,7 @@ impl Samples {
     fn of(trajectory: &Trajectory, joints: usize, [begin, end]: [f64; 2], most: f64) -> Self {
         let mut time = begin;
         let wider = (most / OFF).sqrt();
-        let shortest = wider * SHORTEST.max((end - begin) / MOST);
+        let shortest = wider * SHORTEST.max((end - begin) / MAX_SAMPLES);
         let longest = wider * LONGEST.max((end - begin) / ENOUGH);
         let [position, _, mut acceleration] = trajectory.moving_with_rates(time);
         let mut out = Self { times: vec![begin], waypoints: vec![position], off: Vec::new() };
@@ -58,9 +58,9 @@ impl Samples {
         out
     }
 
-    /// Travel of the object's joint at each sample of a leg: the motion passes its waypoints one after the other.
-    fn travel(&self, joints: usize, leg: &Stretch<'_>) -> Vec<f64> {
-        let (waypoints, travel) = (&leg.waypoints, &leg.travel);
+    /// Travel of the object's joint at each sample of a segment: the motion passes its waypoints one after the other.
+    fn travel(&self, joints: usize, segment: &Stretch<'_>) -> Vec<f64> {
+        let (waypoints, travel) = (&segment.waypoints, &segment.travel);
         if travel.len() < 2 || travel.len() != waypoints.len() {
             return travel.first().copied().into_iter().collect();
         }
@@ -88,60 +88,60 @@ impl Samples {
 }
 
 impl Planner<'_> {
-    /// The timed motion of an attempt, swept as it is emitted. Where it does not stand, the legs about the place stop
+    /// The timed motion of an attempt, swept as it is emitted. Where it does not stand, the segments about the place stop
     /// where they meet, then the free motion stops wherever it turns.
     pub(super) fn emit(&mut self, attempt: &mut Attempt) -> Result<Timed, Failure> {
         let clock = self.clock.clone();
         let keyframes = attempt.motions.keyframes.len();
         let mut stops: Vec<bool> = Vec::new();
         loop {
-            let mut legs = self.legs(attempt, clock.as_deref());
-            stops.resize(legs.len(), false);
-            for (leg, stop) in legs.iter_mut().zip(&stops) {
-                leg.stops |= stop;
+            let mut segments = self.segments(attempt, clock.as_deref());
+            stops.resize(segments.len(), false);
+            for (segment, stop) in segments.iter_mut().zip(&stops) {
+                segment.stops |= stop;
             }
-            let timed = self.timed(&legs, keyframes)?;
+            let timed = self.timed(&segments, keyframes)?;
             if !self.problem.options.avoid_collisions {
                 return Ok(timed);
             }
-            let Some((k, hit)) = self.first_hit(&timed, &legs) else { return Ok(timed) };
-            let toward = legs[k].toward;
-            let joined: Vec<usize> = (k.saturating_sub(1)..=k).filter(|leg| !legs[*leg].stops).collect();
+            let Some((k, hit)) = self.first_hit(&timed, &segments) else { return Ok(timed) };
+            let toward = segments[k].toward;
+            let joined: Vec<usize> = (k.saturating_sub(1)..=k).filter(|segment| !segments[*segment].stops).collect();
             let free = k < attempt.approach.len();
             if !joined.is_empty() {
-                joined.into_iter().for_each(|leg| stops[leg] = true);
+                joined.into_iter().for_each(|segment| stops[segment] = true);
             } else if free && !attempt.corners.is_empty() {
-                drop(legs);
+                drop(segments);
                 attempt.approach = std::mem::take(&mut attempt.corners);
                 stops.clear();
             } else {
-                drop(legs);
+                drop(segments);
                 attempt.hits.push((toward, hit.clone()));
                 return Err(Failure::Blocked { keyframe: toward, hit });
             }
         }
     }
 
-    /// The first leg of a motion in time that comes nearer to something than it may, and to what.
-    fn first_hit(&mut self, timed: &Timed, legs: &[Stretch<'_>]) -> Option<(usize, Hit)> {
+    /// The first segment of a motion in time that comes nearer to something than it may, and to what.
+    fn first_hit(&mut self, timed: &Timed, segments: &[Stretch<'_>]) -> Option<(usize, Hit)> {
         let joints = self.model.n();
-        legs.iter().zip(&timed.spans).enumerate().find_map(|(k, (leg, span))| {
+        segments.iter().zip(&timed.spans).enumerate().find_map(|(k, (segment, span))| {
             let mut rest = *span;
             // Where the object's joint moves, how far it has between samples is told by close ones alone.
-            if leg.travel.windows(2).all(|w| w[0].to_bits() == w[1].to_bits()) {
+            if segment.travel.windows(2).all(|w| w[0].to_bits() == w[1].to_bits()) {
                 let rough = Samples::of(&timed.trajectory, joints, *span, ROUGH);
-                let travel: Vec<f64> = leg.travel.first().copied().into_iter().collect();
+                let travel: Vec<f64> = segment.travel.first().copied().into_iter().collect();
                 let way = Way { waypoints: &rough.waypoints, travel: &travel, off: &rough.off };
-                let proven = self.world.prove_along(way, leg.leg, leg.kept);
+                let proven = self.world.prove_along(way, segment.segment, segment.kept);
                 if proven + 1 == rough.times.len() {
                     return None;
                 }
                 rest[0] = rough.times[proven];
             }
             let samples = Samples::of(&timed.trajectory, joints, rest, OFF);
-            let travel = samples.travel(joints, leg);
+            let travel = samples.travel(joints, segment);
             let way = Way { waypoints: &samples.waypoints, travel: &travel, off: &samples.off };
-            self.world.sweep_along(way, leg.leg, leg.kept).map(|(_, hit)| (k, hit))
+            self.world.sweep_along(way, segment.segment, segment.kept).map(|(_, hit)| (k, hit))
         })
     }
 }

@@ -1,6 +1,5 @@
 //! Putting it together: the cheapest actuation pose whose whole motion is reachable and free.
 
-mod approach;
 mod attempt;
 mod emitted;
 mod failure;
@@ -18,13 +17,13 @@ use crate::actuation::ActuationSearch;
 use crate::fingers::resting_joints;
 use crate::model::{Model, Row};
 use crate::resolve::Resolved;
-use crate::world::Course;
+use crate::world::Schedule;
 use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
 pub use outcome::{Lack, Outcome, Status};
 use planner::Planner;
-pub use replay::{MOST_CHECKS, joint_travel, min_clearance};
+pub use replay::{MAX_CHECKS, joint_travel, min_clearance};
 pub use request::Request;
-use resume::former_pose;
+use resume::warm_start_pose;
 
 /// Residual of one constraint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -95,7 +94,7 @@ pub struct Touch {
     pub depth: f64,
 }
 
-/// Assumed travel of the object's joint by a motion of which that is not known.
+/// Assumed travel of the object's joint during a motion whose travel the config leaves open.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Guess {
@@ -111,7 +110,7 @@ pub struct Guess {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct TriedPose {
-    /// The pose, one entry a joint.
+    /// Joint vector (rad or m), one entry a joint.
     pub q: Vec<f64>,
     /// Its number in the order of trial.
     pub rank: usize,
@@ -165,7 +164,7 @@ pub struct Plan {
     pub reached_fraction: f64,
     /// Obstacle.
     pub collisions: Vec<Collision>,
-    /// Deepest judged overlap at the start (m).
+    /// Deepest checked overlap at the start (m).
     pub start_overlap: f64,
 }
 
@@ -239,14 +238,14 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
         return Ok((plan, times));
     }
     let joints = problem.robot.joints().len();
-    if let Some(former) = request.former
-        && let Some(x) = former_pose(former, |q| model.pick(q), joints)
-        && let Some(plan) = planner.former_motion(&mut search, &x)
+    if let Some(warm_start) = request.warm_start
+        && let Some(x) = warm_start_pose(warm_start, |q| model.pick(q), joints)
+        && let Some(plan) = planner.warm_start_motion(&mut search, &x)
     {
         times.trajectory = clock.elapsed().as_secs_f64() - times.setup;
         return Ok((plan, times));
     }
-    let found = search.run(problem.options.starts);
+    let found = search.run(problem.options.num_seeds);
     times.actuation = clock.elapsed().as_secs_f64() - times.setup;
     let plan = match found.candidates.first() {
         None => {
@@ -266,7 +265,7 @@ fn outside_the_box(problem: &KeypointProblem, model: &Model, resolved: &Resolved
     let mut open = problem.clone();
     open.options.workspace = None;
     let mut search = ActuationSearch::new(&open, model, resolved);
-    let found = search.run(problem.options.starts);
+    let found = search.run(problem.options.num_seeds);
     let mut outside = |x: &Row| {
         let hand = search.hand(x).translation.vector;
         (0..3).map(|i| (low[i] - hand[i]).max(hand[i] - high[i])).fold(0.0, f64::max)
@@ -277,33 +276,33 @@ fn outside_the_box(problem: &KeypointProblem, model: &Model, resolved: &Resolved
 /// Number in time of the keyframe that the motion goes to first.
 fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, ProblemError> {
     let Some(label) = request.resume else { return Ok(0) };
-    let course = Course::of(&problem.config);
-    let entry = course
+    let schedule = Schedule::of(&problem.config);
+    let entry = schedule
         .keyframe(label)
-        .ok_or_else(|| ProblemError::new("resume", format!("{label:?} is not a keyframe of the motion: {course}")))?;
-    let posed = request.former.is_some_and(|f| f.q_plan.as_ref().is_some_and(|q| q.len() == problem.q_start.len()));
-    if entry > course.actuation() && !posed {
+        .ok_or_else(|| ProblemError::new("resume", format!("{label:?} is not a keyframe of the motion: {schedule}")))?;
+    let posed = request.warm_start.is_some_and(|f| f.q_plan.as_ref().is_some_and(|q| q.len() == problem.q_start.len()));
+    if entry > schedule.actuation() && !posed {
         let message = format!("{label:?} lies past the actuation pose; pass the earlier plan that has one");
-        return Err(ProblemError::new("former", message));
+        return Err(ProblemError::new("warm_start", message));
     }
     Ok(entry)
 }
 
-/// The cheapest distinct poses that meet the constraints, cheapest first and `most` of them, obstacles left out.
+/// The cheapest distinct poses that meet the constraints, cheapest first and at most `max_solutions`, obstacles left out.
 ///
 /// # Errors
 /// None for a problem that was built.
-pub fn ik(problem: &KeypointProblem, most: usize) -> Result<Vec<IkSolution>, ProblemError> {
+pub fn ik(problem: &KeypointProblem, max_solutions: usize) -> Result<Vec<IkSolution>, ProblemError> {
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;
     let mut search = ActuationSearch::new(problem, &model, &resolved);
-    let found = search.run(problem.options.starts);
+    let found = search.run(problem.options.num_seeds);
     let full = |x| {
         let mut q = Vec::new();
         model.map().positions(x, &mut q);
         q
     };
-    Ok(found.candidates.iter().take(most).map(|c| IkSolution { q: full(&c.x), cost: c.cost }).collect())
+    Ok(found.candidates.iter().take(max_solutions).map(|c| IkSolution { q: full(&c.x), cost: c.cost }).collect())
 }
 
 /// A pose that meets the constraints.
@@ -317,9 +316,9 @@ pub struct IkSolution {
 }
 
 /// Most threads that [`plan_batch`] starts.
-pub const MOST_THREADS: usize = 256;
+pub const MAX_THREADS: usize = 256;
 
-/// Plans many problems on `threads` threads, 1 to [`MOST_THREADS`] (one a core where `None`). Each result is that of
+/// Plans many problems on `threads` threads, 1 to [`MAX_THREADS`] (one a core where `None`). Each result is that of
 /// [`plan_timed`].
 ///
 /// # Errors
@@ -331,13 +330,13 @@ pub fn plan_batch(
 ) -> Result<Vec<(Plan, StageTimes)>, ProblemError> {
     use rayon::prelude::*;
     if let Some(count) = threads
-        && !(1..=MOST_THREADS).contains(&count)
+        && !(1..=MAX_THREADS).contains(&count)
     {
-        return Err(ProblemError::new("threads", format!("must be 1 to {MOST_THREADS}, not {count}")));
+        return Err(ProblemError::new("threads", format!("must be 1 to {MAX_THREADS}, not {count}")));
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.unwrap_or(cores).min(MOST_THREADS).min(problems.len()).max(1))
+        .num_threads(threads.unwrap_or(cores).min(MAX_THREADS).min(problems.len()).max(1))
         .build()
         .map_err(|e| ProblemError::new("threads", format!("cannot be started: {e}")))?;
     Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p, cancel)).collect()))

@@ -8,12 +8,15 @@ use super::{Collision, Lack, Outcome, Plan, Request, TriedPose, refused};
 use crate::KeypointProblem;
 use crate::actuation::{Actuation, ActuationSearch, Candidate};
 use crate::default_limits::{ASSUMED, assumed_limits};
+use crate::free_space::{self, NoWay, Sampling};
 use crate::hand_path::Follower;
-use crate::model::{MOST_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row};
 use crate::options::Timing;
 use crate::resolve::Resolved;
-use crate::timing::{Builder, CannotStop, Dynamics, Lead, Limits, Method, Start, leads};
-use crate::world::{Hit, State, World};
+use crate::timing::{
+    Builder, CannotStop, Dynamics, Limits, Method, Spline, Start, StartTransition, rounded, start_transitions, turn,
+};
+use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, Way, World};
 
 /// Trials so far, and the best of them.
 #[derive(Default)]
@@ -43,6 +46,18 @@ impl Trial {
     }
 }
 
+/// A free motion to the first keyframe.
+pub(super) struct Approach {
+    /// Pieces end at rest, and begin there but for the first of a start under way.
+    pub pieces: Vec<Vec<Row>>,
+    /// The same motion with a stop wherever it turns.
+    pub corners: Vec<Vec<Row>>,
+    /// Margins that it keeps.
+    pub kept: Margins,
+    /// Hits, where hits do not count.
+    pub hit: Option<Hit>,
+}
+
 pub(super) struct Planner<'p> {
     pub problem: &'p KeypointProblem,
     pub model: &'p Model,
@@ -51,12 +66,12 @@ pub(super) struct Planner<'p> {
     pub world: World<'p>,
     /// State at the start, the ways from there to where planning begins, and the one that is taken.
     pub start: Start,
-    pub leads: Vec<Lead>,
-    pub lead: usize,
+    pub transitions: Vec<StartTransition>,
+    pub transition: usize,
     /// Clearance (m) that is kept from what may not be touched.
     pub margin: f64,
     /// Obstacle to all of them, once that was looked at.
-    pub lead_judged: Option<Option<Hit>>,
+    transition_checked: Option<Option<Hit>>,
     /// Inputs of a trajectory of this problem.
     pub builder: Builder,
     pub clock: Option<Vec<f64>>,
@@ -64,14 +79,20 @@ pub(super) struct Planner<'p> {
     pub exit: Option<Option<Row>>,
     /// Number in time of the keyframe that the motion goes to first; what comes before it is done.
     pub entry: usize,
-    pub former: Option<&'p Plan>,
+    pub warm_start: Option<&'p Plan>,
     pub explain: bool,
 }
 
 /// Samples of the first round over all candidates; only where all fail is the full number spent.
 const FIRST_SAMPLES: usize = 150;
+/// Free motions are searched for with this much more than the margin (m): a smooth curve may take it from its corners.
+const CURVED: f64 = 1e-3;
 /// Paths are swept with this much more than the margin (m), for what timing moves them.
 pub(super) const PAD: f64 = 2e-4;
+/// Spacings of waypoints (rad or m) on the free approach, and that near its ends.
+const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
+pub(super) const WIDE: f64 = 0.5;
+pub(super) const NEAR: f64 = 0.04;
 /// Candidates that get the full number.
 const SECOND_CHANCES: usize = 4;
 
@@ -86,7 +107,7 @@ impl<'p> Planner<'p> {
         begun: Instant,
         entry: usize,
     ) -> Result<Self, CannotStop> {
-        let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MOST_JOINTS], |v| model.pick(v));
+        let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MAX_JOINTS], |v| model.pick(v));
         let options = &problem.options;
         let start = Start {
             position: model.start(),
@@ -95,10 +116,10 @@ impl<'p> Planner<'p> {
         };
         let mut builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time)
             .loaded(Dynamics::asked(&problem.robot, model, options));
-        let leads = leads(&mut builder, &start, &model.lower, &model.upper)?;
+        let transitions = start_transitions(&mut builder, &start, &model.lower, &model.upper)?;
         let mut world = World::new(problem, model);
-        world.measure_start(State::still(&model.start()), world.course.toward(entry));
-        world.limit(request.most_checks, request.deadline.map(|d| begun + d), request.cancel.clone());
+        world.measure_start(State::still(&model.start()), world.schedule.toward(entry));
+        world.limit(request.max_checks, request.deadline.map(|d| begun + d), request.cancel.clone());
         let timing =
             problem.options.timing.unwrap_or(if problem.config.has_times() { Timing::Config } else { Timing::Limits });
         let clock = match timing {
@@ -113,15 +134,15 @@ impl<'p> Planner<'p> {
             follower: Follower::new(problem, model),
             world,
             start,
-            leads,
-            lead: 0,
+            transitions,
+            transition: 0,
             margin: options.margin,
-            lead_judged: None,
+            transition_checked: None,
             builder,
             clock,
             exit: None,
             entry,
-            former: request.former,
+            warm_start: request.warm_start,
             explain: request.explain,
         })
     }
@@ -134,8 +155,8 @@ impl<'p> Planner<'p> {
 
     /// The motion that goes on from an earlier plan: through its actuation pose, where that still serves. Past the
     /// actuation there is no other.
-    pub(super) fn former_motion(&mut self, search: &mut ActuationSearch<'_>, x: &Row) -> Option<Plan> {
-        let past = self.entry > self.world.course.actuation();
+    pub(super) fn warm_start_motion(&mut self, search: &mut ActuationSearch<'_>, x: &Row) -> Option<Plan> {
+        let past = self.entry > self.world.schedule.actuation();
         let pose = if past { Candidate { x: *x, cost: search.cost(x) } } else { search.from(x)? };
         let mut trial = Trial::default();
         let samples = if past { 0 } else { self.problem.options.samples.min(FIRST_SAMPLES) };
@@ -168,7 +189,7 @@ impl<'p> Planner<'p> {
         }
         // Yet more poses of the same constraints, for a motion that the cheap ones do not allow.
         let mut extra = 0;
-        for start in 0..options.harvest {
+        for start in 0..options.extra_seeds {
             if self.is_done(&trial) || extra > most {
                 break;
             }
@@ -196,7 +217,7 @@ impl<'p> Planner<'p> {
 
     fn set_margin(&mut self, margin: f64) {
         if self.margin.to_bits() != margin.to_bits() {
-            (self.margin, self.lead_judged) = (margin, None);
+            (self.margin, self.transition_checked) = (margin, None);
         }
     }
 
@@ -210,14 +231,14 @@ impl<'p> Planner<'p> {
     /// The plan of a problem that begins too deep inside something.
     pub(super) fn too_deep_at_start(&self) -> Option<Plan> {
         // Past the actuation it is not yet known where things are.
-        let hit = self.too_deep().filter(|_| self.entry <= self.world.course.actuation())?;
+        let hit = self.too_deep().filter(|_| self.entry <= self.world.schedule.actuation())?;
         let depth = self.problem.options.start_depth;
         let mut out = refused(Lack::StartInCollision, format!("{}; start_depth allows {depth} m", inside(&hit)));
         out.start_overlap = self.world.start_overlap;
         out.collisions = vec![Collision {
             bodies: [hit.first, hit.second],
             time: None,
-            toward: self.world.course.label(self.entry),
+            toward: self.world.schedule.label(self.entry),
             distance: hit.distance,
             point: [hit.at.x, hit.at.y, hit.at.z],
         }];
@@ -305,4 +326,174 @@ impl<'p> Planner<'p> {
         self.keep(attempt, trial);
         overlaps
     }
+
+    /// Free motion from the start to the first keyframe.
+    pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<Approach, NoWay> {
+        let n = self.model.n();
+        let segment = self.world.schedule.toward(self.entry);
+        let braking = self.choose_start_transition(segment);
+        if let (Some(hit), true) = (&braking, self.problem.options.avoid_collisions) {
+            return Err(NoWay::Blocked(hit.clone()));
+        }
+        let transition = self.transitions[self.transition].clone();
+        let start = transition.rest();
+        let straight = |corners: &[Row]| rounded(n, corners, WIDE, NEAR);
+        if !self.problem.options.avoid_collisions {
+            let hit = braking.or_else(|| self.world.sweep(&start, goal, segment, &Margins::plain(0.0)));
+            let room = [&self.model.lower, &self.model.upper];
+            let pieces = match turn(
+                &self.builder,
+                &transition,
+                room,
+                goal,
+                |end| straight(&[*end, *goal])[1..].to_vec(),
+                |_| true,
+            ) {
+                Some(turned) => vec![turned.waypoints],
+                None => transition.line().into_iter().chain([straight(&[start, *goal])]).collect(),
+            };
+            return Ok(Approach { pieces, corners: Vec::new(), kept: Margins::plain(0.0), hit });
+        }
+        // What overlaps at the start comes apart first, and then stays apart.
+        let out = self.way_out(&start, segment);
+        let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
+        pieces.splice(0..0, transition.line());
+        let wide = self.margins(&begin, goal, segment, self.margin + CURVED, out.is_some());
+        let curved = wide.with_clearance(self.margin + PAD);
+        // On the way out of what it overlaps at the start the motion is still inside.
+        let kept = Margins { forgiving: true, ..wide.with_clearance(self.margin) };
+        if let Some(way) = self.warm_start_way(&begin, goal, segment, &curved) {
+            let along = |_: &Row, _: f64| way.clone();
+            let corners: Vec<_> = pieces.iter().cloned().chain(way.windows(2).map(<[_]>::to_vec)).collect();
+            if let Some(turned) = self.turned(&way, segment, &curved, along).filter(|_| out.is_none()) {
+                return Ok(Approach { pieces: vec![turned], corners, kept, hit: None });
+            }
+            if curve_is_free(&mut self.world, self.model, &Spline::through(n, &way, None), segment, &curved) {
+                pieces.push(way);
+                return Ok(Approach { pieces, corners, kept, hit: None });
+            }
+        }
+        let corners = match self.connect(&begin, goal, segment, &wide, samples) {
+            // Straight from stop to stop no more than the margin is needed.
+            Err(_) => self.connect(&begin, goal, segment, &curved, samples)?,
+            Ok(corners) => corners,
+        };
+        let stops: Vec<_> = pieces.iter().cloned().chain(corners.windows(2).map(straight)).collect();
+        let from = |end: &Row, spacing: f64| {
+            let mut corners = corners.clone();
+            corners[0] = *end;
+            rounded(n, &corners, spacing, NEAR)
+        };
+        if let Some(turned) = self.turned(&corners, segment, &curved, from).filter(|_| out.is_none()) {
+            return Ok(Approach { pieces: vec![turned], corners: stops, kept, hit: None });
+        }
+        if corners.len() == 2 {
+            return Ok(Approach { pieces: stops, corners: Vec::new(), kept, hit: None });
+        }
+        match self.rounded(&corners, segment, &curved) {
+            Some(curve) => pieces.push(curve),
+            None => pieces.extend(corners.windows(2).map(straight)),
+        }
+        Ok(Approach { pieces, corners: stops, kept, hit: None })
+    }
+
+    /// One smooth curve near the corners, with knots ever closer to them, where one stays free.
+    fn rounded(&mut self, corners: &[Row], segment: MotionSegment, margins: &Margins) -> Option<Vec<Row>> {
+        let n = self.model.n();
+        SPACINGS.into_iter().map(|spacing| rounded(n, corners, spacing, NEAR)).find(|curve| {
+            curve_is_free(&mut self.world, self.model, &Spline::through(n, curve, None), segment, margins)
+        })
+    }
+
+    /// The way along waypoints from a start under way, which leaves its line in a turn without coming to rest, where
+    /// such a one is free. `from` gives the waypoints from the end of the turn on, that end first, for a spacing.
+    fn turned(
+        &mut self,
+        way: &[Row],
+        segment: MotionSegment,
+        margins: &Margins,
+        from: impl Fn(&Row, f64) -> Vec<Row>,
+    ) -> Option<Vec<Row>> {
+        let transition = &self.transitions[self.transition];
+        let (builder, model, world) = (&self.builder, self.model, &mut self.world);
+        SPACINGS.into_iter().find_map(|spacing| {
+            let free = |path: &Spline| curve_is_free(world, model, path, segment, margins);
+            turn(
+                builder,
+                transition,
+                [&model.lower, &model.upper],
+                way.get(1)?,
+                |end| from(end, spacing)[1..].to_vec(),
+                free,
+            )
+            .map(|turned| turned.waypoints)
+        })
+    }
+
+    /// Margins of the free motion between two poses; `parted` where what overlapped at the start has come apart.
+    fn margins(&mut self, from: &Row, to: &Row, segment: MotionSegment, clearance: f64, parted: bool) -> Margins {
+        let margins = self.world.margins_between([State::still(from), State::still(to)], segment, clearance);
+        if parted { margins.parted() } else { margins }
+    }
+
+    /// Chooses the first way from the start to rest that is free, where none was chosen yet; what is in the way where
+    /// none is.
+    fn choose_start_transition(&mut self, segment: MotionSegment) -> Option<Hit> {
+        if self.transition_checked.is_none() {
+            let mut first = None;
+            let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
+            let start = self.start.position;
+            let margins = self.margins(&start, &start, segment, clearance, false);
+            for (k, transition) in self.transitions.iter().enumerate() {
+                let way = transition.way(&self.start);
+                match self.world.sweep_along(Way::still(&way), segment, &margins) {
+                    None => {
+                        (self.transition, first) = (k, None);
+                        break;
+                    }
+                    Some((_, hit)) => first = first.or(Some(hit)),
+                }
+            }
+            self.transition_checked = Some(first);
+        }
+        self.transition_checked.clone().flatten()
+    }
+
+    /// Corners of a free motion that keeps to margins.
+    fn connect(
+        &mut self,
+        from: &Row,
+        to: &Row,
+        segment: MotionSegment,
+        margins: &Margins,
+        samples: usize,
+    ) -> Result<Vec<Row>, NoWay> {
+        let sampling = Sampling { max_samples: samples, seed: self.problem.options.seed };
+        free_space::connect(&mut self.world, self.model, from, to, segment, margins, sampling)
+    }
+
+    /// A free pose near the start, where that overlaps something and can get out of it.
+    fn way_out(&mut self, start: &Row, segment: MotionSegment) -> Option<Row> {
+        if self.world.start_overlap <= TOUCH {
+            return None;
+        }
+        if self.exit.is_none() {
+            self.exit =
+                Some(free_space::way_out(&mut self.world, self.model, start, segment, self.problem.options.seed));
+        }
+        self.exit.flatten()
+    }
+}
+
+/// Whether a curve stays within the joint limits, or where its waypoints are, and off everything.
+fn curve_is_free(
+    world: &mut World<'_>,
+    model: &Model,
+    path: &Spline,
+    segment: MotionSegment,
+    margins: &Margins,
+) -> bool {
+    let all = 0..path.intervals();
+    path.keeps_within(all.clone(), &model.lower, &model.upper)
+        && world.sweep_along(Way::still(&path.along(all, 0.05)), segment, margins).is_none()
 }

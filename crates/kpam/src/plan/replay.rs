@@ -9,7 +9,7 @@ use crate::world::{Clearances, State, World, travel_over};
 use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
 
 /// Most places of a motion that [`min_clearance`] measures.
-pub const MOST_CHECKS: usize = 100_000;
+pub const MAX_CHECKS: usize = 100_000;
 
 /// The motion of a plan.
 struct Replay<'p> {
@@ -67,11 +67,11 @@ pub fn joint_travel(problem: &KeypointProblem, plan: &Plan, times: &[f64]) -> Ve
     }
 }
 
-/// Smallest signed distances (m) of judged pairs along a plan's motion, sampled every `step` seconds. `None` where a
-/// plan has no motion or `cancel` is set; infinite where nothing is judged within a metre.
+/// Smallest signed distances (m) of checked pairs along a plan's motion, sampled every `step` seconds. `None` where a
+/// plan has no motion or `cancel` is set; infinite where nothing is checked within a metre.
 ///
 /// # Errors
-/// A step that is not positive, or that would make more than [`MOST_CHECKS`] of the motion.
+/// A step that is not positive, or that would make more than [`MAX_CHECKS`] of the motion.
 pub fn min_clearance(
     problem: &KeypointProblem,
     plan: &Plan,
@@ -82,8 +82,8 @@ pub fn min_clearance(
     let trajectory = replay.trajectory;
     let (start, end) = (trajectory.start(), trajectory.end());
     let steps = ((end - start) / step).ceil().max(1.0);
-    if !(step > 0.0 && steps <= MOST_CHECKS as f64) {
-        let least = (end - start) / MOST_CHECKS as f64;
+    if !(step > 0.0 && steps <= MAX_CHECKS as f64) {
+        let least = (end - start) / MAX_CHECKS as f64;
         return Err(ProblemError::new("step", format!("must be at least {least:.3e} s for this motion, not {step}")));
     }
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
@@ -97,8 +97,8 @@ pub fn min_clearance(
             return Ok(None);
         }
         let t = (start + step * k as f64).min(end);
-        let leg = world.course.toward(replay.toward(t));
-        world.measure(State { x: &trajectory.moving(t), travel: replay.travel(t) }, leg, &mut out);
+        let segment = world.schedule.toward(replay.toward(t));
+        world.measure(State { x: &trajectory.moving(t), travel: replay.travel(t) }, segment, &mut out);
     }
     Ok(Some([out.itself, out.table, out.object]))
 }

@@ -117,20 +117,20 @@ impl Planner<'_> {
 
     /// Pairs nearer than the margin or overlapping at the start and at keyframes, and what is a guess.
     fn tell_of_contacts(&mut self, attempt: &Attempt, out: &mut Plan) {
-        let course = self.world.course;
+        let schedule = self.world.schedule;
         let start = self.start.position;
         let mut places = Vec::new();
         if self.entry <= attempt.motions.actuation {
-            places.push((None, course.toward(self.entry), start, 0.0));
+            places.push((None, schedule.toward(self.entry), start, 0.0));
         }
         for (i, path) in attempt.paths.iter().enumerate() {
             let travel = |k: usize| attempt.travel[i].get(k).copied().unwrap_or(0.0);
             if let (Some(first), Some(last)) = (path.first(), path.last()) {
                 let begins = (i > attempt.first || self.entry <= attempt.motions.actuation).then_some(i);
-                places.push((begins, course.along(i), *first, travel(0)));
-                places.push((Some(i + 1), course.along(i), *last, travel(path.len() - 1)));
+                places.push((begins, schedule.along(i), *first, travel(0)));
+                places.push((Some(i + 1), schedule.along(i), *last, travel(path.len() - 1)));
                 if let (true, Some(from), Some(to)) =
-                    (self.world.guesses(course.along(i)), attempt.travel[i].first(), attempt.travel[i].last())
+                    (self.world.guesses(schedule.along(i)), attempt.travel[i].first(), attempt.travel[i].last())
                 {
                     let toward = attempt.motions.keyframes[i + 1].label.clone();
                     out.guesses.push(Guess { toward, travel: to - from, depth: self.problem.options.guess_depth });
@@ -138,11 +138,11 @@ impl Planner<'_> {
             }
         }
         if attempt.paths.is_empty() {
-            places.push((Some(self.entry), course.toward(self.entry), attempt.x, 0.0));
+            places.push((Some(self.entry), schedule.toward(self.entry), attempt.x, 0.0));
         }
-        for (keyframe, leg, x, travel) in places {
+        for (keyframe, segment, x, travel) in places {
             let at = keyframe.map_or_else(|| "start".to_owned(), |k| attempt.motions.keyframes[k].label.clone());
-            for (hit, may) in self.world.nearest(State { x: &x, travel }, leg, out.margin) {
+            for (hit, may) in self.world.nearest(State { x: &x, travel }, segment, out.margin) {
                 let bodies = [hit.first, hit.second];
                 if may && hit.distance < 0.0 {
                     if !out.touches.iter().any(|t| t.at == at && t.bodies == bodies) {

@@ -8,7 +8,7 @@ use super::planner::Planner;
 use crate::hand_path::{Followed, Guide, OFF_PATH};
 use crate::model::Row;
 use crate::motion::HandPath;
-use crate::world::{Leg, Margins, Way};
+use crate::world::{Margins, MotionSegment, Way};
 
 /// Places at which a path is compared with where the hand is.
 const PLACES: usize = 32;
@@ -17,7 +17,7 @@ const LEVER: f64 = 0.1;
 /// Time between waypoints that are taken from an earlier plan (s).
 const STEP: f64 = 0.05;
 /// Most of them; those of longer motions are further apart.
-const MOST_STEPS: f64 = 1e4;
+const MAX_STEPS: f64 = 1e4;
 /// The earlier way serves where its ends are within this of the present state and of the goal (rad or m).
 const NEAR_START: f64 = 0.05;
 const AT_GOAL: f64 = 1e-3;
@@ -80,7 +80,7 @@ impl Planner<'_> {
     /// The rest of the hand path that the motion goes on along: joint waypoints, the fraction of the whole path that is
     /// done at each, and what of the rest they cover. The earlier plan's way is taken where the arm is on it.
     pub(super) fn rest_of(&mut self, path: &HandPath) -> (Vec<Row>, Vec<f64>, f64) {
-        let start = self.leads[self.lead].rest();
+        let start = self.transitions[self.transition].rest();
         let rest = Rest::new(path, &self.follower.hand(&start));
         if let Some(way) = self.former_waypoints(&start, self.entry.checked_sub(1))
             && self.keeps_to(path, &way, rest.off.norm())
@@ -105,26 +105,32 @@ impl Planner<'_> {
     }
 
     /// The way of the earlier plan from `start` to `goal`, where it leads there and is free.
-    pub(super) fn former_way(&mut self, start: &Row, goal: &Row, leg: Leg, margins: &Margins) -> Option<Vec<Row>> {
+    pub(super) fn warm_start_way(
+        &mut self,
+        start: &Row,
+        goal: &Row,
+        segment: MotionSegment,
+        margins: &Margins,
+    ) -> Option<Vec<Row>> {
         let mut way = self.former_waypoints(start, None)?;
         let last = way.last_mut()?;
         if self.apart(last, goal) > AT_GOAL {
             return None;
         }
         *last = *goal;
-        self.world.sweep_along(Way::still(&way), leg, margins).is_none().then_some(way)
+        self.world.sweep_along(Way::still(&way), segment, margins).is_none().then_some(way)
     }
 
     /// Waypoints of the earlier plan from `start`, which is on its way to the first keyframe, to that. `after` is the
     /// keyframe that it has passed, if any.
     fn former_waypoints(&self, start: &Row, after: Option<usize>) -> Option<Vec<Row>> {
-        let former = self.former?;
-        let (trajectory, end) = (former.trajectory()?, former.keyframes.get(self.entry)?.time?);
+        let warm_start = self.warm_start?;
+        let (trajectory, end) = (warm_start.trajectory()?, warm_start.keyframes.get(self.entry)?.time?);
         // Times that were set from elsewhere may lie anywhere.
         let within = |time: f64| time.max(trajectory.start()).min(trajectory.end());
-        let begin = within(after.and_then(|k| former.keyframes.get(k)?.time).unwrap_or(trajectory.start()));
+        let begin = within(after.and_then(|k| warm_start.keyframes.get(k)?.time).unwrap_or(trajectory.start()));
         let end = within(end);
-        let steps = ((end - begin) / STEP).ceil().clamp(1.0, MOST_STEPS);
+        let steps = ((end - begin) / STEP).ceil().clamp(1.0, MAX_STEPS);
         let at = |k: usize| trajectory.moving(begin + (end - begin) * k as f64 / steps);
         let mut way: Vec<Row> = (0..=steps as usize).map(at).collect();
         if way.iter().any(|x| self.apart(x, start) > FURTHEST) {
@@ -148,6 +154,6 @@ impl Planner<'_> {
 }
 
 /// The actuation pose of an earlier plan as variables.
-pub(super) fn former_pose(former: &Plan, pick: impl Fn(&[f64]) -> Row, joints: usize) -> Option<Row> {
-    former.q_plan.as_ref().filter(|q| q.len() == joints).map(|q| pick(q))
+pub(super) fn warm_start_pose(warm_start: &Plan, pick: impl Fn(&[f64]) -> Row, joints: usize) -> Option<Row> {
+    warm_start.q_plan.as_ref().filter(|q| q.len() == joints).map(|q| pick(q))
 }

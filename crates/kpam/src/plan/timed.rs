@@ -1,27 +1,26 @@
-//! The timed motion of an attempt: legs joined to one smooth path wherever nothing has to stop.
+//! The timed motion of an attempt: segments joined to one smooth path wherever nothing has to stop.
 
 use std::borrow::Cow;
 
-use super::approach::{NEAR, WIDE};
 use super::attempt::Attempt;
 use super::failure::Failure;
-use super::planner::Planner;
+use super::planner::{NEAR, Planner, WIDE};
 use crate::hand_path::OFF_PATH;
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 use crate::motion::HandPath;
 use crate::timing::{Builder, Refusal, Spline, Trajectory, append, length, rounded, unit};
-use crate::world::{Leg as WorldLeg, Margins};
+use crate::world::{Margins, MotionSegment};
 
 /// A motion in time.
 pub(super) struct Timed {
     pub trajectory: Trajectory,
     /// When each keyframe is met, where it is.
     pub times: Vec<Option<f64>>,
-    /// When each leg begins and ends (s).
+    /// When each segment begins and ends (s).
     pub spans: Vec<[f64; 2]>,
 }
 
-/// Knots on either side of a bend within which joining two legs moves the curve by anything that counts.
+/// Knots on either side of a bend within which joining two segments moves the curve by anything that counts.
 const BEND: usize = 6;
 /// Parts of an interval in which the speed of the point that touches is looked at.
 const LOOKS: u32 = 4;
@@ -31,7 +30,7 @@ pub(super) struct Stretch<'a> {
     /// Travel of the object's joint at the waypoints.
     pub travel: Cow<'a, [f64]>,
     /// Pairs checked along it, and the margins that it keeps.
-    pub leg: WorldLeg,
+    pub segment: MotionSegment,
     pub kept: &'a Margins,
     /// Keyframe at its end; none for part of the approach or of a path.
     keyframe: Option<usize>,
@@ -47,18 +46,18 @@ pub(super) struct Stretch<'a> {
 }
 
 impl Planner<'_> {
-    /// The timed motion along legs.
-    pub(super) fn timed(&mut self, legs: &[Stretch<'_>], keyframes: usize) -> Result<Timed, Failure> {
+    /// The timed motion along segments.
+    pub(super) fn timed(&mut self, segments: &[Stretch<'_>], keyframes: usize) -> Result<Timed, Failure> {
         let mut times = vec![None; keyframes];
-        let mut ends: Vec<f64> = Vec::with_capacity(legs.len());
-        let lead = self.leads[self.lead].clone();
+        let mut ends: Vec<f64> = Vec::with_capacity(segments.len());
+        let transition = self.transitions[self.transition].clone();
         let mut builder = self.builder.clone();
-        append(&mut builder, &lead, &self.start);
-        let mut velocity = lead.velocity();
-        let mut rest = legs;
+        append(&mut builder, &transition, &self.start);
+        let mut velocity = transition.velocity();
+        let mut rest = segments;
         let mut outcome = Ok(());
         while !rest.is_empty() && outcome.is_ok() {
-            let whole = rest.iter().position(|leg| leg.stops).map_or(rest.len(), |k| k + 1);
+            let whole = rest.iter().position(|segment| segment.stops).map_or(rest.len(), |k| k + 1);
             let mut joined = self.joined(&rest[..whole], &velocity);
             outcome = loop {
                 match self.drive(&mut builder, &rest[..joined], &velocity, &mut times) {
@@ -71,7 +70,7 @@ impl Planner<'_> {
                     Err(failure) => break Err(failure),
                 }
             };
-            velocity = [0.0; MOST_JOINTS];
+            velocity = [0.0; MAX_JOINTS];
             rest = &rest[joined..];
         }
         outcome?;
@@ -84,8 +83,8 @@ impl Planner<'_> {
         Ok(Timed { trajectory, times, spans })
     }
 
-    /// The legs of an attempt as far as it goes.
-    pub(super) fn legs<'a>(&self, attempt: &'a Attempt, clock: Option<&[f64]>) -> Vec<Stretch<'a>> {
+    /// The segments of an attempt as far as it goes.
+    pub(super) fn segments<'a>(&self, attempt: &'a Attempt, clock: Option<&[f64]>) -> Vec<Stretch<'a>> {
         let n = self.model.n();
         let act = attempt.motions.actuation;
         let options = &self.problem.options;
@@ -93,7 +92,7 @@ impl Planner<'_> {
         let acts = self.problem.config.gripper.acts() || !options.pick.is_empty() || !options.release.is_empty();
         let lets_go_at = attempt.motions.lets_go_at;
         let rests = |keyframe: usize| clock.is_some() || (keyframe == act && acts) || lets_go_at == Some(keyframe);
-        let mut legs = Vec::new();
+        let mut segments = Vec::new();
         let total: f64 = attempt.approach.iter().map(|piece| length(n, piece)).sum();
         let mut gone = 0.0;
         for (k, waypoints) in attempt.approach.iter().enumerate() {
@@ -104,10 +103,10 @@ impl Planner<'_> {
                 let (begin, end) = (self.builder.now(), c[self.entry]);
                 if last || total == 0.0 { end } else { begin + (end - begin) * gone / total }
             });
-            legs.push(Stretch {
+            segments.push(Stretch {
                 waypoints: Cow::Borrowed(waypoints),
                 travel: Cow::Borrowed(&[]),
-                leg: self.world.course.toward(self.entry),
+                segment: self.world.schedule.toward(self.entry),
                 kept: &attempt.kept,
                 keyframe: last.then_some(self.entry),
                 toward: self.entry,
@@ -119,13 +118,14 @@ impl Planner<'_> {
         }
         let first = attempt.first;
         if self.entry > act
-            && let (Some(line), Some(travel)) = (self.leads[self.lead].line(), attempt.travel[first].first())
+            && let (Some(line), Some(travel)) =
+                (self.transitions[self.transition].line(), attempt.travel[first].first())
         {
             // Under way past the actuation: on along the line, and back to the path of the hand without a stop.
-            legs.push(Stretch {
+            segments.push(Stretch {
                 waypoints: Cow::Owned(rounded(n, &line, WIDE, NEAR)),
                 travel: Cow::Owned(vec![*travel]),
-                leg: self.world.course.along(first),
+                segment: self.world.schedule.along(first),
                 kept: &attempt.margins[first],
                 keyframe: None,
                 toward: self.entry,
@@ -145,10 +145,10 @@ impl Planner<'_> {
             let due = clock.map(|c| c[i] + (c[i + 1] - c[i]) * share);
             // Taken up on the way, the hand comes back to its path by and by.
             let kept = i >= act && i + 1 != self.entry;
-            legs.push(Stretch {
+            segments.push(Stretch {
                 waypoints: Cow::Borrowed(waypoints),
                 travel: Cow::Borrowed(&attempt.travel[i]),
-                leg: self.world.course.along(i),
+                segment: self.world.schedule.along(i),
                 kept: &attempt.margins[i],
                 keyframe: whole.then_some(i + 1),
                 toward: i + 1,
@@ -158,16 +158,16 @@ impl Planner<'_> {
                 due,
             });
         }
-        legs
+        segments
     }
 
-    /// Number of legs that can be driven in one go.
-    fn joined(&mut self, legs: &[Stretch<'_>], velocity: &Row) -> usize {
-        let mut count = legs.len();
-        // A leg fewer may bend otherwise at the end, never more.
+    /// Number of segments that can be driven in one go.
+    fn joined(&mut self, segments: &[Stretch<'_>], velocity: &Row) -> usize {
+        let mut count = segments.len();
+        // A segment fewer may bend otherwise at the end, never more.
         while count > 1 {
-            let (path, ends) = self.path(&legs[..count], velocity);
-            let bad = (0..count - 1).find(|k| !self.bend_stands(&legs[*k], &legs[k + 1], &path, &ends, *k));
+            let (path, ends) = self.path(&segments[..count], velocity);
+            let bad = (0..count - 1).find(|k| !self.bend_stands(&segments[*k], &segments[k + 1], &path, &ends, *k));
             match bad {
                 Some(k) => count = k + 1,
                 None => break,
@@ -176,13 +176,13 @@ impl Planner<'_> {
         count
     }
 
-    /// The path through legs, and the waypoint at the start of each and at the end.
-    fn path(&self, legs: &[Stretch<'_>], velocity: &Row) -> (Spline, Vec<usize>) {
+    /// The path through segments, and the waypoint at the start of each and at the end.
+    fn path(&self, segments: &[Stretch<'_>], velocity: &Row) -> (Spline, Vec<usize>) {
         let mut waypoints: Vec<Row> = Vec::new();
         let mut ends = vec![0];
-        for leg in legs {
-            // The first of a leg is the last of the one before.
-            waypoints.extend_from_slice(&leg.waypoints[usize::from(!waypoints.is_empty())..]);
+        for segment in segments {
+            // The first of a segment is the last of the one before.
+            waypoints.extend_from_slice(&segment.waypoints[usize::from(!waypoints.is_empty())..]);
             ends.push(waypoints.len() - 1);
         }
         let n = self.model.n();
@@ -191,20 +191,33 @@ impl Planner<'_> {
         (Spline::through(n, &waypoints, moving.then_some(&tangent)), ends)
     }
 
-    /// Whether the path keeps to joint limits and to the hand's path where leg `k` meets the next.
-    fn bend_stands(&mut self, leg: &Stretch<'_>, next: &Stretch<'_>, path: &Spline, ends: &[usize], k: usize) -> bool {
+    /// Whether the path keeps to joint limits and to the hand's path where segment `k` meets the next.
+    fn bend_stands(
+        &mut self,
+        segment: &Stretch<'_>,
+        next: &Stretch<'_>,
+        path: &Spline,
+        ends: &[usize],
+        k: usize,
+    ) -> bool {
         let [start, corner, end] = [k, k + 1, k + 2].map(|i| path.knot_of(ends[i]));
         let before = start.max(corner.saturating_sub(BEND))..corner;
         let after = corner..end.min(corner + BEND);
-        self.side_stands(leg, path, before, start) && self.side_stands(next, path, after, corner)
+        self.side_stands(segment, path, before, start) && self.side_stands(next, path, after, corner)
     }
 
-    fn side_stands(&mut self, leg: &Stretch<'_>, path: &Spline, knots: std::ops::Range<usize>, first: usize) -> bool {
+    fn side_stands(
+        &mut self,
+        segment: &Stretch<'_>,
+        path: &Spline,
+        knots: std::ops::Range<usize>,
+        first: usize,
+    ) -> bool {
         if !path.keeps_within(knots.clone(), &self.model.lower, &self.model.upper) {
             return false;
         }
-        if let Some((hand, share)) = leg.hand {
-            let steps = (leg.waypoints.len() - 1) as f64;
+        if let Some((hand, share)) = segment.hand {
+            let steps = (segment.waypoints.len() - 1) as f64;
             for i in knots.clone() {
                 let wanted = hand.at(share * ((i - first) as f64 + 0.5) / steps).translation.vector;
                 let there = self.follower.hand(&path.at(i, 0.5)).translation.vector;
@@ -218,11 +231,11 @@ impl Planner<'_> {
 
     /// Least time (s) of each interval between waypoints at the speed allowed in contact, were each driven evenly as
     /// fast as where the point that touches moves fastest.
-    fn slowest(&mut self, legs: &[Stretch<'_>], path: &Spline, ends: &[usize]) -> Vec<f64> {
+    fn slowest(&mut self, segments: &[Stretch<'_>], path: &Spline, ends: &[usize]) -> Vec<f64> {
         let Some(speed) = self.problem.options.contact_speed else { return Vec::new() };
         let tip = nalgebra::Point3::from(self.problem.contact_point());
         let mut out = vec![0.0; path.waypoints() - 1];
-        for (_, pair) in legs.iter().zip(ends.windows(2)).filter(|(leg, _)| leg.contact) {
+        for (_, pair) in segments.iter().zip(ends.windows(2)).filter(|(segment, _)| segment.contact) {
             for w in pair[0]..pair[1] {
                 let i = path.knot_of(w);
                 if path.knot_of(w + 1) == i {
@@ -241,17 +254,17 @@ impl Planner<'_> {
         out
     }
 
-    /// Appends the motion along legs that are driven in one go; when each of them ends.
+    /// Appends the motion along segments that are driven in one go; when each of them ends.
     fn drive(
         &mut self,
         builder: &mut Builder,
-        legs: &[Stretch<'_>],
+        segments: &[Stretch<'_>],
         velocity: &Row,
         times: &mut [Option<f64>],
     ) -> Result<Vec<f64>, Failure> {
-        let (path, ends) = self.path(legs, velocity);
-        let slowest = self.slowest(legs, &path, &ends);
-        let last = &legs[legs.len() - 1];
+        let (path, ends) = self.path(segments, velocity);
+        let slowest = self.slowest(segments, &path, &ends);
+        let last = &segments[segments.len() - 1];
         let marks = &ends[1..];
         let begin = builder.now();
         let passed = builder.push(&path, &slowest, velocity, last.due, marks).map_err(|refusal| match refusal {
@@ -262,8 +275,8 @@ impl Planner<'_> {
             // Timing is not cancelled within a plan: it takes well under a millisecond.
             Refusal::TooSharp | Refusal::Cancelled => Failure::Untimed { keyframe: last.toward },
         })?;
-        for (leg, time) in legs.iter().zip(&passed) {
-            if let Some(keyframe) = leg.keyframe {
+        for (segment, time) in segments.iter().zip(&passed) {
+            if let Some(keyframe) = segment.keyframe {
                 times[keyframe] = Some(*time);
             }
         }

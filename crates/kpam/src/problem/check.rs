@@ -5,7 +5,7 @@ use crate::body::{place, rigid};
 use crate::config::Motion;
 use crate::fingers::resting_joints;
 use crate::model::Model;
-use crate::world::Course;
+use crate::world::Schedule;
 use crate::{ProblemError, Role};
 
 /// Simulators rest a hair outside joint limits, and mimic joints beside where they should (rad or m).
@@ -127,7 +127,7 @@ impl KeypointProblem {
             }
             for (which, end) in [("from", &window.from), ("to", &window.to)] {
                 if self.window_index(end).is_none() {
-                    let message = format!("{end:?} is not start, end or a keyframe: {}", Course::of(&self.config));
+                    let message = format!("{end:?} is not start, end or a keyframe: {}", Schedule::of(&self.config));
                     return fail(&format!("contacts[{i}].{which}"), message);
                 }
             }

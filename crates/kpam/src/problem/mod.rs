@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
 use crate::config::Constraint;
-use crate::model::{MOST_JOINTS, Model, Row};
-use crate::world::Course;
+use crate::model::{MAX_JOINTS, Model, Row};
+use crate::world::Schedule;
 use crate::{Bodies, Body, ObjectJoint, Options, ProblemError, Role, Scene, SolverConfig};
 
 mod build;
@@ -41,7 +41,7 @@ checked_when_read!(KeypointProblem);
 impl KeypointProblem {
     /// Weight of each variable's squared way from the start.
     pub(crate) fn joint_weights(&self, model: &Model) -> Row {
-        self.options.joint_weights.as_ref().map_or([1.0; MOST_JOINTS], |weights| model.pick(weights))
+        self.options.joint_weights.as_ref().map_or([1.0; MAX_JOINTS], |weights| model.pick(weights))
     }
 
     /// The robot.
@@ -125,7 +125,7 @@ impl KeypointProblem {
         Scene::of(self)
     }
 
-    /// Whether a body rides on the hand in some leg of the motion.
+    /// Whether a body rides on the hand in some segment of the motion.
     pub(crate) fn rides(&self, name: &str) -> bool {
         let attached = |b: &Body| b.name == name && b.role == Role::Attached;
         self.options.pick.iter().any(|n| n == name) || self.bodies.iter().any(attached)
@@ -133,11 +133,11 @@ impl KeypointProblem {
 
     /// Place in time of a label of a contact window: start, then the keyframes; `end` is one past the last.
     pub(crate) fn window_index(&self, label: &str) -> Option<usize> {
-        let course = Course::of(&self.config);
+        let schedule = Schedule::of(&self.config);
         match label {
             "start" => Some(0),
-            "end" => Some(1 + course.len()),
-            _ => course.keyframe(label).map(|k| 1 + k),
+            "end" => Some(1 + schedule.len()),
+            _ => schedule.keyframe(label).map(|k| 1 + k),
         }
     }
 

@@ -2,7 +2,7 @@
 //! one by one. At a dozen variables it needs no allocation in its loop, and it tells infeasible from unsolved.
 
 use super::{Bound, Qp, QpOutcome, QpSolver, dot};
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// Bounds narrower than this are equalities.
 const EQUALITY: f64 = 1e-12;
@@ -13,9 +13,9 @@ const MET: f64 = 1e-10;
 pub struct ActiveSet {
     /// Columns of the inverse transpose of the Cholesky factor, turned so that the first `active` of them span the
     /// active rows.
-    j: [Row; MOST_JOINTS],
+    j: [Row; MAX_JOINTS],
     /// Upper triangular factor of the active rows, by column.
-    r: [Row; MOST_JOINTS],
+    r: [Row; MAX_JOINTS],
     /// Active rows: index of the bound and sign (+1 lower end, -1 upper end), with multiplier.
     active: Vec<Active>,
 }
@@ -31,9 +31,9 @@ struct Active {
 impl Default for ActiveSet {
     fn default() -> Self {
         Self {
-            j: [[0.0; MOST_JOINTS]; MOST_JOINTS],
-            r: [[0.0; MOST_JOINTS]; MOST_JOINTS],
-            active: Vec::with_capacity(MOST_JOINTS),
+            j: [[0.0; MAX_JOINTS]; MAX_JOINTS],
+            r: [[0.0; MAX_JOINTS]; MAX_JOINTS],
+            active: Vec::with_capacity(MAX_JOINTS),
         }
     }
 }
@@ -42,8 +42,8 @@ impl ActiveSet {
     /// Factors the Hessian and returns the unconstrained minimizer.
     fn start(&mut self, qp: &Qp<'_>) -> Option<Row> {
         let n = qp.n;
-        let mut l = [[0.0; MOST_JOINTS]; MOST_JOINTS];
-        let mut inverse = [0.0; MOST_JOINTS];
+        let mut l = [[0.0; MAX_JOINTS]; MAX_JOINTS];
+        let mut inverse = [0.0; MAX_JOINTS];
         for i in 0..n {
             for k in 0..=i {
                 let sum = qp.hessian[i][k] - dot(k, &l[i], &l[k]);
@@ -58,7 +58,7 @@ impl ActiveSet {
             }
         }
         // Column c of the inverse of L^T solves L^T y = e_c.
-        self.j = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+        self.j = [[0.0; MAX_JOINTS]; MAX_JOINTS];
         for c in 0..n {
             let column = &mut self.j[c];
             column[c] = inverse[c];
@@ -71,7 +71,7 @@ impl ActiveSet {
             }
         }
         self.active.clear();
-        let mut x = [0.0; MOST_JOINTS];
+        let mut x = [0.0; MAX_JOINTS];
         for c in 0..n {
             let y = dot(n, &self.j[c], qp.gradient);
             for i in 0..n {
@@ -143,19 +143,19 @@ impl ActiveSet {
         normal.iter_mut().for_each(|v| *v *= entry.sign);
         let end = if entry.sign > 0.0 { bound.low } else { -bound.high };
         // Every pass adds the bound or drops one of at most n others.
-        for _ in 0..4 * MOST_JOINTS {
+        for _ in 0..4 * MAX_JOINTS {
             let q = self.active.len();
-            let mut d = [0.0; MOST_JOINTS];
+            let mut d = [0.0; MAX_JOINTS];
             for c in 0..n {
                 d[c] = dot(n, &self.j[c], &normal);
             }
-            let mut z = [0.0; MOST_JOINTS];
+            let mut z = [0.0; MAX_JOINTS];
             for c in q..n {
                 for i in 0..n {
                     z[i] += self.j[c][i] * d[c];
                 }
             }
-            let mut r = [0.0; MOST_JOINTS];
+            let mut r = [0.0; MAX_JOINTS];
             for c in (0..q).rev() {
                 let mut sum = d[c];
                 for k in c + 1..q {
@@ -223,7 +223,7 @@ impl QpSolver for ActiveSet {
                 }
             }
         }
-        for _ in 0..20 * MOST_JOINTS {
+        for _ in 0..20 * MAX_JOINTS {
             let mut worst = -MET;
             let mut found = None;
             for (index, bound) in qp.bounds.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use super::dot;
 use crate::ldl::solve_ldl;
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// Pivots smaller than this part of their row's square say that rows depend on each other.
 const DEPENDENT: f64 = 1e-6;
@@ -25,7 +25,7 @@ pub(crate) fn smallest_step<const M: usize>(
         b[i] = values[i] + dot(n, &rows[i], gradient);
     }
     let y = solve_ldl(M, &a, &b, |i| DEPENDENT * a[i][i])?;
-    let mut step = [0.0; MOST_JOINTS];
+    let mut step = [0.0; MAX_JOINTS];
     for v in 0..n {
         step[v] = (0..M).map(|i| rows[i][v] * y[i]).sum::<f64>() - gradient[v];
     }
@@ -46,13 +46,13 @@ mod tests {
             slope in prop::array::uniform7(-1.0..1.0f64),
         ) {
             let row = |e: &[f64; 7]| {
-                let mut out = [0.0; MOST_JOINTS];
+                let mut out = [0.0; MAX_JOINTS];
                 out[..7].copy_from_slice(e);
                 out
             };
             let (rows, gradient) = (entries.map(|e| row(&e)), row(&slope));
             let Some(step) = smallest_step(7, &rows, &values, &gradient) else { return Ok(()) };
-            let mut hessian = [[0.0; MOST_JOINTS]; 7];
+            let mut hessian = [[0.0; MAX_JOINTS]; 7];
             (0..7).for_each(|v| hessian[v][v] = 1.0);
             let bounds: Vec<Bound> =
                 rows.iter().zip(values).map(|(row, b)| Bound { row: *row, low: b, high: b }).collect();
@@ -68,9 +68,9 @@ mod tests {
 
     #[test]
     fn dependent_rows_are_refused() {
-        let mut row = [0.0; MOST_JOINTS];
+        let mut row = [0.0; MAX_JOINTS];
         row[0] = 1.0;
-        assert_eq!(smallest_step(7, &[row, row], &[0.0, 0.0], &[0.0; MOST_JOINTS]), None);
-        assert_eq!(smallest_step(7, &[[0.0; MOST_JOINTS]], &[0.0], &[0.0; MOST_JOINTS]), None);
+        assert_eq!(smallest_step(7, &[row, row], &[0.0, 0.0], &[0.0; MAX_JOINTS]), None);
+        assert_eq!(smallest_step(7, &[[0.0; MAX_JOINTS]], &[0.0], &[0.0; MAX_JOINTS]), None);
     }
 }

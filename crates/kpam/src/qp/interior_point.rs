@@ -6,7 +6,7 @@ use clarabel::solver::{
 };
 
 use super::{Qp, QpOutcome, QpSolver};
-use crate::model::MOST_JOINTS;
+use crate::model::MAX_JOINTS;
 
 /// Clarabel behind [`QpSolver`].
 #[derive(Debug, Clone, Copy, Default)]
@@ -51,7 +51,7 @@ impl QpSolver for InteriorPoint {
         solver.solve();
         match solver.solution.status {
             SolverStatus::Solved | SolverStatus::AlmostSolved => {
-                let mut step = [0.0; MOST_JOINTS];
+                let mut step = [0.0; MAX_JOINTS];
                 step[..n].copy_from_slice(&solver.solution.x);
                 let mut multipliers = vec![0.0; qp.bounds.len()];
                 for ((i, sign, _), z) in rows.iter().zip(&solver.solution.z) {

@@ -8,7 +8,7 @@ pub use active_set::ActiveSet;
 pub(crate) use equalities::smallest_step;
 pub use interior_point::InteriorPoint;
 
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// `low <= row . d <= high`; equal ends make an equality, infinite ends are left out.
 #[derive(Debug, Clone, Copy)]
@@ -47,7 +47,7 @@ pub enum QpOutcome {
     },
     /// No point satisfies the bounds.
     Infeasible,
-    /// The Hessian is not positive definite, or the iteration limit was met; or there are more than [`MOST_JOINTS`]
+    /// The Hessian is not positive definite, or the iteration limit was met; or there are more than [`MAX_JOINTS`]
     /// variables, or more than rows of the Hessian, or numbers that are not finite.
     Failed,
 }
@@ -61,7 +61,7 @@ pub trait QpSolver {
 impl Qp<'_> {
     /// Whether rows and Hessian hold all variables.
     fn fits(&self) -> bool {
-        self.n <= MOST_JOINTS && self.n <= self.hessian.len()
+        self.n <= MAX_JOINTS && self.n <= self.hessian.len()
     }
 
     /// Whether all numbers are finite; ends may be infinite.
@@ -87,7 +87,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn row(values: &[f64]) -> Row {
-        let mut out = [0.0; MOST_JOINTS];
+        let mut out = [0.0; MAX_JOINTS];
         out[..values.len()].copy_from_slice(values);
         out
     }
@@ -128,7 +128,7 @@ mod tests {
             rows in prop::collection::vec((prop::collection::vec(-1.0..1.0f64, 4), 0.0..0.5f64, -0.3..0.3f64, any::<bool>()), 1..8),
         ) {
             let n = 4;
-            let mut hessian = [[0.0; MOST_JOINTS]; 4];
+            let mut hessian = [[0.0; MAX_JOINTS]; 4];
             for i in 0..n {
                 for j in 0..n {
                     hessian[i][j] = (0..n).map(|k| factors[i * n + k] * factors[j * n + k]).sum::<f64>();

@@ -15,7 +15,7 @@ use crate::fingers::resting_joints;
 use crate::hand_path::LIMIT_MARGIN;
 use crate::model::{Model, Placed, Row};
 use crate::motion::motions;
-use crate::world::{Clearance, Leg, Margins, State, Way, World, travel_over};
+use crate::world::{Clearance, Margins, MotionSegment, State, Way, World, travel_over};
 use crate::{KeypointProblem, Plan, ProblemError};
 use program::{Bound, Program};
 
@@ -67,7 +67,7 @@ pub struct Refined {
 
 /// A waypoint's place in the motion.
 struct Place {
-    leg: Leg,
+    segment: MotionSegment,
     travel: f64,
     hand: Option<Pose>,
 }
@@ -119,7 +119,7 @@ pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -
     let motions = motions(problem, &placed.hand);
     let mut world = World::new(problem, &model);
     let entry = plan.keyframes.iter().position(|k| k.time.is_some()).unwrap_or(0);
-    world.measure_start(State::still(&waypoints[0]), world.course.toward(entry));
+    world.measure_start(State::still(&waypoints[0]), world.schedule.toward(entry));
     world.act_at(&model.pick(q_plan), motions.letting_go());
     let mut places = Vec::with_capacity(times.len());
     let mut former = 0.0;
@@ -141,7 +141,11 @@ pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -
         }
         placed.place(&problem.robot, &model, &waypoints[k]);
         let kept = is_keyframe || (options.keep_paths && past.is_some());
-        places.push(Place { leg: world.course.toward(next), travel, hand: (k > 0 && kept).then_some(placed.hand) });
+        places.push(Place {
+            segment: world.schedule.toward(next),
+            travel,
+            hand: (k > 0 && kept).then_some(placed.hand),
+        });
     }
     let weights = problem.joint_weights(&model);
     let margins = Margins::plain(0.0);
@@ -169,7 +173,7 @@ impl Refinement<'_> {
     fn is_free(&mut self, waypoints: &[Row], k: usize) -> bool {
         let travel = [self.places[k - 1].travel, self.places[k].travel];
         let way = Way { waypoints: &waypoints[k - 1..=k], travel: &travel, off: &[] };
-        self.world.sweep_along(way, self.places[k].leg, &self.margins).is_none()
+        self.world.sweep_along(way, self.places[k].segment, &self.margins).is_none()
     }
 
     fn run(&mut self, mut waypoints: Vec<Row>) -> (Vec<Row>, usize) {
@@ -302,7 +306,7 @@ impl Refinement<'_> {
                 [(State { x: &waypoints[k], travel: place.travel }, 1.0), (State { x: &middle, travel: half }, 0.5)]
             {
                 near.clear();
-                self.world.clearances(state, place.leg, &self.margins, REACH, &mut near);
+                self.world.clearances(state, place.segment, &self.margins, REACH, &mut near);
                 for c in &near {
                     let low = -c.gap.max(0.0);
                     let row = c.gradient.map(|g| share * g);

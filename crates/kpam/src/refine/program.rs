@@ -5,7 +5,7 @@ use clarabel::solver::{
     DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, SupportedConeT, ZeroConeT,
 };
 
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// `low <= sum of row . step <= high` over the steps of one waypoint or of two.
 #[derive(Debug, Clone)]
@@ -99,7 +99,7 @@ impl Program<'_> {
         if !matches!(solver.solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved) {
             return None;
         }
-        let mut out = vec![[0.0; MOST_JOINTS]; count + 1];
+        let mut out = vec![[0.0; MAX_JOINTS]; count + 1];
         for k in 1..=count {
             out[k][..n].copy_from_slice(&solver.solution.x[variable(k, 0)..variable(k, 0) + n]);
         }

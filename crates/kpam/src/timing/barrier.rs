@@ -1,7 +1,7 @@
 //! The barrier problem of a third-order pass: linear forms in the coefficients, their bounds, and Newton steps by five
 //! diagonals.
 
-use super::third_order::Course;
+use super::third_order::PathProblem;
 
 /// Coefficients of a linear form in three neighbouring c, the first that of cell `at`.
 #[derive(Clone, Copy)]
@@ -47,12 +47,12 @@ pub(super) struct Problem {
 }
 
 impl Problem {
-    pub(super) fn new(course: &Course<'_>) -> Self {
-        let (limits, stations) = (course.limits, course.stations);
+    pub(super) fn new(path: &PathProblem<'_>) -> Self {
+        let (limits, stations) = (path.limits, path.stations);
         let cells = stations.len() - 1;
         let n = limits.joints();
         let steps: Vec<f64> = stations.windows(2).map(|p| p[1].s - p[0].s).collect();
-        let moving = course.begin > 0.0;
+        let moving = path.begin > 0.0;
         let end = |near: f64, next: f64| 0.5 * near / (next + 1.5 * near);
         let last = cells - 1;
         let ends = [if moving { 0.0 } else { end(steps[0], steps[1]) }, end(steps[last], steps[last - 1])];
@@ -65,7 +65,7 @@ impl Problem {
         }
         let mut ceilings = vec![f64::INFINITY; cells + 1];
         for (k, station) in stations.iter().enumerate() {
-            let speed = (0..n).map(|v| limits.velocity[v] / station.first[v].abs()).fold(course.pace[k], f64::min);
+            let speed = (0..n).map(|v| limits.velocity[v] / station.first[v].abs()).fold(path.pace[k], f64::min);
             ceilings[k] = speed * speed;
         }
         // From rest, s = J t^3 / 6: x = (9 J s^2 / 2)^(2/3) at the end of the cell.
@@ -74,7 +74,7 @@ impl Problem {
                 let jerk = (0..n)
                     .map(|v| {
                         let slope = stations[cell].first[v].abs().max(stations[cell + 1].first[v].abs());
-                        course.shares[cell][1] * limits.jerk[v] / slope
+                        path.shares[cell][1] * limits.jerk[v] / slope
                     })
                     .fold(f64::INFINITY, f64::min);
                 ceilings[near] = ceilings[near].min((4.5 * 0.97 * jerk * steps[cell] * steps[cell]).powf(2.0 / 3.0));
@@ -89,9 +89,9 @@ impl Problem {
             bounds: Vec::new(),
             times: Vec::new(),
             ends,
-            fixed: course.begin * course.begin,
+            fixed: path.begin * path.begin,
         };
-        out.collect(course, moving);
+        out.collect(path, moving);
         // The end cells take 3 Δs / sqrt(x).
         out.times.push((out.x[last], 3.0 * out.steps[last]));
         if !moving {
@@ -101,11 +101,11 @@ impl Problem {
     }
 
     /// Rows of acceleration at stations and of jerk at both ends of cells.
-    pub(super) fn collect(&mut self, course: &Course<'_>, moving: bool) {
-        let (limits, stations) = (course.limits, course.stations);
+    pub(super) fn collect(&mut self, path: &PathProblem<'_>, moving: bool) {
+        let (limits, stations) = (path.limits, path.stations);
         let n = limits.joints();
         for k in 1..self.cells {
-            let share = course.shares[k - 1][0].min(course.shares[k][0]);
+            let share = path.shares[k - 1][0].min(path.shares[k][0]);
             let (x, w) = (self.x[k], self.w[k]);
             for v in 0..n {
                 let (first, second) = (stations[k].first[v], stations[k].second[v]);
@@ -113,7 +113,7 @@ impl Problem {
                 let limit = share * limits.acceleration[v];
                 self.bounds.push(Bound { row: Form { at: k - 1, of }, middle: 0.0, limit, x: None });
             }
-            let (Some(torque), Some((most, room))) = (&stations[k].torque, course.load) else { continue };
+            let (Some(torque), Some((most, room))) = (&stations[k].torque, path.load) else { continue };
             for v in 0..n {
                 let [low, high] = torque.band(v, most[v], room);
                 let of = [0, 1, 2].map(|i| torque.of_u[v] * w.of[i] + torque.of_x[v] * x.of[i]);
@@ -154,7 +154,7 @@ impl Problem {
                     let [first, second] = [stations[k].first[v], stations[k].second[v]];
                     let third = stations[cell].third[v];
                     let of = [0, 1, 2].map(|i| first * change[i] + 3.0 * second * w[i] + third * x[i]);
-                    let limit = course.shares[cell][1] * limits.jerk[v];
+                    let limit = path.shares[cell][1] * limits.jerk[v];
                     self.bounds.push(Bound { row: Form { at, of }, middle: 0.0, limit, x: Some(k) });
                 }
             }

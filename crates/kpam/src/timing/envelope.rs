@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::limits::TOLERANCE;
 use super::motion::{Node, curve};
 use crate::ProblemError;
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// Velocities towards an end below this (rad/s or m/s) are none: rounding.
 const STILL: f64 = 1e-9;
@@ -47,7 +47,7 @@ impl Braking {
 
 /// The bounds of all joints; none for a joint that has only its constant limit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Envelope([Option<Braking>; MOST_JOINTS]);
+pub(crate) struct Envelope([Option<Braking>; MAX_JOINTS]);
 
 impl Envelope {
     pub fn new(joints: usize, list: &[Option<Braking>]) -> Result<Self, ProblemError> {
@@ -55,7 +55,7 @@ impl Envelope {
             let message = format!("has {} entries, velocity_limits {joints}", list.len());
             return Err(ProblemError::new("braking", message));
         }
-        let mut out = [None; MOST_JOINTS];
+        let mut out = [None; MAX_JOINTS];
         for (j, braking) in list.iter().enumerate() {
             if braking.is_some_and(|b| !b.is_sound()) {
                 let message = "needs finite numbers, a gain above 0, an offset of 0 at the least and lower below upper";
@@ -93,7 +93,7 @@ impl Envelope {
         out
     }
 
-    /// Greatest ds/dt at a place of a path.
+    /// Greatest path speed ds/dt (1/s) where the joints are at `position` (rad or m) and move along `slope` = dq/ds.
     pub fn speed(&self, position: &Row, slope: &Row) -> f64 {
         let mut out = f64::INFINITY;
         for (v, braking) in self.0.iter().enumerate() {

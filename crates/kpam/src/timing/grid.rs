@@ -89,7 +89,7 @@ impl Grid {
         if !torques.iter().all(|t| dynamics.holds(t)) {
             return None;
         }
-        self.load = Some((torques, dynamics.most, room));
+        self.load = Some((torques, dynamics.max_torque, room));
         Some(self)
     }
 

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::envelope::{Braking, Envelope};
 use crate::default_limits::{braking, default_limits, greatest_velocity};
-use crate::model::{MOST_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row};
 use crate::{KeypointProblem, ProblemError};
 
 /// Limits beyond this count as this much: a motion takes some time whatever the joints can do.
@@ -32,21 +32,21 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Limits of up to [`MOST_JOINTS`] joints.
+    /// Limits of up to [`MAX_JOINTS`] joints.
     ///
     /// # Errors
     /// A list of another length than `velocity`, none or too many joints, or a limit that is not above 1e-9.
     pub fn new(velocity: &[f64], acceleration: &[f64], jerk: &[f64]) -> Result<Self, ProblemError> {
         let joints = velocity.len();
-        if joints == 0 || joints > MOST_JOINTS {
-            let message = format!("has {joints} entries; 1 to {MOST_JOINTS} joints can be timed");
+        if joints == 0 || joints > MAX_JOINTS {
+            let message = format!("has {joints} entries; 1 to {MAX_JOINTS} joints can be timed");
             return Err(ProblemError::new("velocity_limits", message));
         }
         let row = |field: &str, list: &[f64]| {
             if list.len() != joints {
                 return Err(ProblemError::new(field, format!("has {} entries, velocity_limits {joints}", list.len())));
             }
-            let mut out = [1.0; MOST_JOINTS];
+            let mut out = [1.0; MAX_JOINTS];
             for (j, value) in list.iter().enumerate() {
                 if value.is_nan() || *value < 1e-9 {
                     return Err(ProblemError::new(
@@ -82,7 +82,7 @@ impl Limits {
 
     /// Those of a robot's moving joints, scaled as options say.
     pub(crate) fn asked(model: &Model, o: &crate::Options) -> Self {
-        let one = [1.0; MOST_JOINTS];
+        let one = [1.0; MAX_JOINTS];
         let envelope = braking(o).map(|list| list.scaled(o.velocity_scale));
         let mut out = Self { joints: model.n(), velocity: one, acceleration: one, jerk: one, envelope };
         // Limits of mimic joints bind the variables that drive them.
@@ -104,11 +104,11 @@ impl Limits {
         out
     }
 
-    /// Whether they are positive numbers of at most [`MOST_JOINTS`] joints.
+    /// Whether they are positive numbers of at most [`MAX_JOINTS`] joints.
     pub(crate) fn is_sound(&self) -> bool {
         let rows = [&self.velocity, &self.acceleration, &self.jerk];
         self.envelope.is_none_or(|e| e.is_sound())
-            && (1..=MOST_JOINTS).contains(&self.joints)
+            && (1..=MAX_JOINTS).contains(&self.joints)
             && rows.iter().all(|row| row.iter().all(|v| *v > 0.0 && v.is_finite()))
     }
 

@@ -1,18 +1,16 @@
 //! Timing: from joint waypoints to a motion in time that keeps velocity, acceleration and jerk limits everywhere.
 //!
 //! A path is a spline through waypoints ([`spline`]); the speed along it is time-optimal ([`reachability`], or [`conic`]
-//! on Clarabel); the motion in time is a chain of cubics whose peaks have a closed form ([`law`], [`motion`]); a moving
+//! on Clarabel); the motion in time is a chain of cubics whose peaks have a closed form ([`time_scaling`], [`motion`]); a moving
 //! average over a short window bounds the jerk ([`limits`]). Where jerk limits are too low for a short window, jerk is
 //! bounded along the path ([`smooth`]): S-curves on straight ones ([`profile`]), a third-order optimum on others
 //! ([`third_order`]). Velocity limits may depend on the position ([`envelope`]), and torques have limits where the masses
-//! are known ([`torque`]). A start under way leaves along its own line ([`lead`], [`stop`]).
+//! are known ([`torque`]). A start under way leaves along its own line ([`start_transition`], [`stop`]).
 
 mod barrier;
 mod conic;
 mod envelope;
 mod grid;
-mod law;
-mod lead;
 mod limits;
 mod motion;
 mod profile;
@@ -20,20 +18,22 @@ mod reachability;
 mod retime;
 mod smooth;
 mod spline;
+mod start_transition;
 mod stop;
 mod stream;
 mod third_order;
+mod time_scaling;
 mod torque;
 mod trajectory;
 
 pub use envelope::Braking;
 pub(crate) use envelope::Envelope;
-pub use law::Method;
-pub(crate) use lead::{Lead, Start, append, leads, turn, unit};
 pub use limits::Limits;
 pub use retime::{RetimeOptions, Retimed, retime};
 pub(crate) use spline::{Spline, distance, length, rounded};
+pub(crate) use start_transition::{Start, StartTransition, append, start_transitions, turn, unit};
 pub use stop::CannotStop;
+pub use time_scaling::Method;
 pub(crate) use torque::Dynamics;
 pub(crate) use trajectory::{Builder, Refusal};
 pub use trajectory::{Sample, Trajectory};

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::limits::Limits;
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// Position and velocity of every joint at one time.
 #[derive(Debug, Clone, Copy)]
@@ -22,7 +22,7 @@ struct Cubic([Row; 4]);
 impl Cubic {
     fn between(joints: usize, a: &Node, b: &Node) -> Self {
         let h = b.time - a.time;
-        let mut out = [a.position, a.velocity, [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]];
+        let mut out = [a.position, a.velocity, [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]];
         for v in 0..joints {
             if let Some(acceleration) = &a.acceleration {
                 out[2][v] = 0.5 * acceleration[v];
@@ -270,7 +270,7 @@ impl Piece {
         let (nodes, joints) = (self.times.len(), self.joints);
         let finite = |list: &[f64]| list.iter().all(|v| v.is_finite());
         nodes > 0
-            && (1..=MOST_JOINTS).contains(&joints)
+            && (1..=MAX_JOINTS).contains(&joints)
             && self.states.len() == 2 * joints * nodes
             && !(self.smooth && self.accelerations.is_empty() && nodes > 1)
             && (self.accelerations.is_empty() || self.accelerations.len() == joints * nodes)
@@ -328,7 +328,7 @@ impl Piece {
         let n = self.joints;
         let state = &self.states[2 * n * i..2 * n * (i + 1)];
         let row = |values: &[f64]| {
-            let mut out = [0.0; MOST_JOINTS];
+            let mut out = [0.0; MAX_JOINTS];
             out[..n].copy_from_slice(values);
             out
         };
@@ -372,7 +372,7 @@ impl Piece {
         let to = (time - self.start).clamp(0.0, self.duration());
         let from = to - self.width;
         let last = self.times.len().saturating_sub(2);
-        let mut out = [[0.0; MOST_JOINTS]; 3];
+        let mut out = [[0.0; MAX_JOINTS]; 3];
         if self.times.len() < 2 {
             out[0] = self.node(0).position;
             return out;

@@ -4,8 +4,8 @@
 //! in closed form.
 
 use super::grid::Grid;
-use super::law::ROUNDING;
 use super::limits::Limits;
+use super::time_scaling::ROUNDING;
 
 /// Coefficients of u smaller than this times that of x say nothing of u.
 const FLAT: f64 = 1e-9;

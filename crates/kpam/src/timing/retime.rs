@@ -1,11 +1,11 @@
 //! Retiming of given waypoints.
 
-use super::law::Method;
-use super::lead::{Lead, Start, append, leads, turn, unit};
 use super::limits::Limits;
 use super::spline::Spline;
+use super::start_transition::{Start, StartTransition, append, start_transitions, turn, unit};
+use super::time_scaling::Method;
 use super::trajectory::{Builder, Refusal, Trajectory};
-use crate::model::{JointMap, MOST_JOINTS};
+use crate::model::{JointMap, MAX_JOINTS};
 use crate::{Cancel, ProblemError};
 
 /// Options of a retiming beside waypoints and limits.
@@ -47,6 +47,17 @@ pub struct Retimed {
 /// Velocity and acceleration are those of the time-optimal motion on the path; the jerk limits add a moving average,
 /// which takes a joint off the path, and off a waypoint that it passes, by at most 1e-4 rad (or m).
 ///
+/// ```
+/// use gensim2_kpam::{Limits, RetimeOptions, retime};
+///
+/// let limits = Limits::new(&[1.0, 1.0], &[2.0, 2.0], &[50.0, 50.0])?; // rad/s, rad/s^2, rad/s^3
+/// let path = [vec![0.0, 0.0], vec![0.5, 0.2], vec![1.0, 0.0]];
+/// let found = retime(&path, &limits, &RetimeOptions::default())?;
+/// let end = found.trajectory.sample(found.trajectory.end());
+/// assert!((end.position[0] - 1.0).abs() < 1e-9 && found.times.len() == 3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// Waypoints, stops or a start that do not fit, by field; `start_velocity` where no motion from there keeps the limits.
 pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) -> Result<Retimed, ProblemError> {
@@ -55,7 +66,7 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
         if list.len() != joints {
             return Err(ProblemError::new(field, format!("has {} entries, not {joints}", list.len())));
         }
-        let mut out = [0.0; MOST_JOINTS];
+        let mut out = [0.0; MAX_JOINTS];
         out[..joints].copy_from_slice(list);
         Ok(out)
     };
@@ -86,7 +97,7 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
         return Err(ProblemError::new("start_time", message));
     }
     let optional =
-        |field: &str, list: &Option<Vec<f64>>| list.as_ref().map_or(Ok([0.0; MOST_JOINTS]), |l| finite(field, l));
+        |field: &str, list: &Option<Vec<f64>>| list.as_ref().map_or(Ok([0.0; MAX_JOINTS]), |l| finite(field, l));
     let start = Start {
         position: first,
         velocity: optional("start_velocity", &options.start_velocity)?,
@@ -94,13 +105,13 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
     };
     let (lower, upper) = match &options.position_limits {
         Some((lower, upper)) => (row("position_limits[0]", lower)?, row("position_limits[1]", upper)?),
-        None => ([f64::NEG_INFINITY; MOST_JOINTS], [f64::INFINITY; MOST_JOINTS]),
+        None => ([f64::NEG_INFINITY; MAX_JOINTS], [f64::INFINITY; MAX_JOINTS]),
     };
     let mut builder = Builder::new(*limits, options.method, options.start_time).cancelled_by(options.cancel.clone());
-    let mut found = leads(&mut builder, &start, &lower, &upper)
+    let mut found = start_transitions(&mut builder, &start, &lower, &upper)
         .map_err(|e| ProblemError::new(format!("start_velocity[{}]", e.joint), e.reason))?;
-    let lead = found.swap_remove(0);
-    append(&mut builder, &lead, &start);
+    let transition = found.swap_remove(0);
+    append(&mut builder, &transition, &start);
     let mut stops = options.stops.clone();
     stops.push(last);
     stops.sort_unstable();
@@ -120,22 +131,22 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
     };
     for stop in stops {
         let tail = &points[from + 1..=stop];
-        let mut way = vec![if from == 0 { lead.rest() } else { points[from] }];
-        let mut velocity = [0.0; MOST_JOINTS];
+        let mut way = vec![if from == 0 { transition.rest() } else { points[from] }];
+        let mut velocity = [0.0; MAX_JOINTS];
         let mut least = vec![0.0; 0];
         if from == 0
-            && let Lead::Line { begin, brake, .. } = &lead
+            && let StartTransition::Line { begin, brake, .. } = &transition
         {
-            match turn(&builder, &lead, [&lower, &upper], &tail[0], |_| tail.to_vec(), |_| true) {
+            match turn(&builder, &transition, [&lower, &upper], &tail[0], |_| tail.to_vec(), |_| true) {
                 Some(turned) => {
-                    velocity = lead.velocity();
+                    velocity = transition.velocity();
                     way = turned.waypoints;
                     way.truncate(turned.turn);
                     least.resize(way.len() - 1, 0.0);
                 }
                 None => {
                     let line = Spline::through(joints, &[*begin, *brake], None);
-                    let _ = builder.push(&line, &[], &lead.velocity(), None, &[]).map_err(refused)?;
+                    let _ = builder.push(&line, &[], &transition.velocity(), None, &[]).map_err(refused)?;
                 }
             }
         }

@@ -1,15 +1,15 @@
 //! From a path to a motion in time that lies on it exactly and keeps limits on velocity, acceleration and jerk: S-curves
 //! along straight paths, a third-order optimum along others. For jerk limits too low for averaging.
 
-use super::law::{IMPASSABLE, ROUNDING};
 use super::limits::Limits;
 use super::motion::{Node, peaks};
 use super::profile::{Along, Pace, at_place};
 use super::spline::Spline;
-use super::third_order::{Course, Station, fastest};
+use super::third_order::{PathProblem, Station, fastest};
+use super::time_scaling::{IMPASSABLE, ROUNDING};
 use super::torque::{Buffers, Load};
 use crate::Cancel;
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// Cells of a path of few waypoints, beside those near its ends; at least so many between two waypoints.
 const CELLS: f64 = 72.0;
@@ -108,7 +108,7 @@ fn interval_of(path: &Spline, s: f64) -> usize {
 /// The motion at a state on the path.
 fn node(joints: usize, path: &Spline, interval: usize, pace: &Pace) -> Node {
     let [position, first, second] = path.derivatives(interval, pace.s);
-    let [mut velocity, mut acceleration] = [[0.0; MOST_JOINTS]; 2];
+    let [mut velocity, mut acceleration] = [[0.0; MAX_JOINTS]; 2];
     for v in 0..joints {
         velocity[v] = first[v] * pace.speed;
         acceleration[v] = first[v] * pace.gain + second[v] * pace.speed * pace.speed;
@@ -184,7 +184,7 @@ fn curved(
     if load.is_some_and(|(dynamics, _)| list.iter().filter_map(|s| s.torque.as_ref()).any(|t| !dynamics.holds(t))) {
         return None;
     }
-    let load = load.map(|(dynamics, room)| (&dynamics.most, room));
+    let load = load.map(|(dynamics, room)| (&dynamics.max_torque, room));
     // A start that is faster than the pace brakes to it.
     let slowing = 0.5 * along(limits, &list[0].first).acceleration;
     let mut pace: Vec<f64> = places
@@ -208,7 +208,8 @@ fn curved(
     let mut nodes = Vec::new();
     let mut factor = 1.0;
     for _ in 0..ROUNDS {
-        let found = fastest(&Course { limits, stations: &list, pace: &pace, shares: &shares, begin, load, cancel })?;
+        let found =
+            fastest(&PathProblem { limits, stations: &list, pace: &pace, shares: &shares, begin, load, cancel })?;
         nodes = places.iter().zip(&found).map(|((i, _), pace)| node(n, path, *i, pace)).collect::<Vec<Node>>();
         factor = 1.0_f64;
         let mut kept = true;
@@ -240,7 +241,7 @@ fn curved(
     if begin > 0.0 || (limits.envelope.is_some() && factor > IMPASSABLE) {
         return None;
     }
-    super::law::stretch(&mut nodes, factor);
+    super::time_scaling::stretch(&mut nodes, factor);
     Some((nodes, of_knot))
 }
 
@@ -249,7 +250,7 @@ mod tests {
     use super::*;
 
     fn row(values: [f64; 3]) -> Row {
-        let mut out = [0.0; MOST_JOINTS];
+        let mut out = [0.0; MAX_JOINTS];
         out[..3].copy_from_slice(&values);
         out
     }
@@ -261,7 +262,7 @@ mod tests {
             let time = |bend: f64| {
                 let waypoints = [row([0.0; 3]), row([0.5, 0.25 + bend, -0.1]), row([1.0, 0.5, -0.2])];
                 let path = Spline::through(3, &waypoints, None);
-                let (nodes, _) = drive(&limits, &path, &[], &[0.0; MOST_JOINTS], None, None).unwrap();
+                let (nodes, _) = drive(&limits, &path, &[], &[0.0; MAX_JOINTS], None, None).unwrap();
                 nodes[nodes.len() - 1].time
             };
             let (straight, bent) = (time(0.0), time(1e-4));

@@ -1,6 +1,6 @@
 //! The geometric path: a twice differentiable curve through joint waypoints.
 
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// Deviation (rad or m) of a motion in time from its curve: on cubics in time between places on it, and averaged.
 const IN_TIME: f64 = 2e-4;
@@ -69,11 +69,11 @@ impl Spline {
     /// Value and first two derivatives at `s` in interval `i`.
     pub fn derivatives(&self, i: usize, s: f64) -> [Row; 3] {
         if self.intervals() == 0 {
-            return [self.values[0], [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]];
+            return [self.values[0], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]];
         }
         let h = self.knots[i + 1] - self.knots[i];
         let (a, b) = ((self.knots[i + 1] - s) / h, (s - self.knots[i]) / h);
-        let mut out = [[0.0; MOST_JOINTS]; 3];
+        let mut out = [[0.0; MAX_JOINTS]; 3];
         let (y0, y1, m0, m1) = (&self.values[i], &self.values[i + 1], &self.second[i], &self.second[i + 1]);
         for v in 0..self.joints {
             let bend = (a * a * a - a) * m0[v] + (b * b * b - b) * m1[v];
@@ -88,7 +88,7 @@ impl Spline {
     /// The third derivative in interval `i`.
     pub fn third(&self, i: usize) -> Row {
         let h = self.knots[i + 1] - self.knots[i];
-        let mut out = [0.0; MOST_JOINTS];
+        let mut out = [0.0; MAX_JOINTS];
         for v in 0..self.joints {
             out[v] = (self.second[i + 1][v] - self.second[i][v]) / h;
         }
@@ -209,7 +209,7 @@ pub(crate) fn rounded(joints: usize, corners: &[Row], spacing: f64, near: f64) -
 /// tangent is given, the second of more than two values gives way to it.
 fn second_derivatives(joints: usize, knots: &[f64], y: &mut [Row], tangent: Option<&Row>) -> Vec<Row> {
     let count = knots.len();
-    let mut m = vec![[0.0; MOST_JOINTS]; count];
+    let mut m = vec![[0.0; MAX_JOINTS]; count];
     if count < 3 {
         return m;
     }
@@ -257,7 +257,7 @@ mod tests {
     use super::*;
 
     fn row(values: &[f64]) -> Row {
-        let mut out = [0.0; MOST_JOINTS];
+        let mut out = [0.0; MAX_JOINTS];
         out[..values.len()].copy_from_slice(values);
         out
     }

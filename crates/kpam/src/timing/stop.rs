@@ -3,7 +3,7 @@
 
 use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, range};
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// A joint that leaves its limits however it moves on.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,7 +77,7 @@ fn nodes(limits: &Limits, start: &[State], phases: &[[Phase; 3]]) -> Vec<Node> {
     times
         .iter()
         .map(|time| {
-            let [mut position, mut velocity, mut acceleration] = [[0.0; MOST_JOINTS]; 3];
+            let [mut position, mut velocity, mut acceleration] = [[0.0; MAX_JOINTS]; 3];
             for v in 0..limits.joints() {
                 let (mut state, mut left, mut whole) = (start[v], *time, 0.0);
                 for (duration, jerk) in phases[v] {
@@ -107,7 +107,7 @@ pub(crate) fn stop(limits: &Limits, position: &Row, velocity: &Row, acceleration
         .collect();
     let mut out = nodes(limits, &states(limits.joints(), position, velocity, acceleration), &phases);
     if let Some(last) = out.last_mut() {
-        last.velocity = [0.0; MOST_JOINTS];
+        last.velocity = [0.0; MAX_JOINTS];
     }
     out
 }
@@ -197,7 +197,7 @@ mod tests {
                 prop_assert!(state[2].abs() <= 2.0 + 1e-9, "{state:?}");
             }
             prop_assert!(state[1].abs() < 1e-9 && state[2].abs() < 1e-9, "{state:?}");
-            let row = |x: f64| [x; MOST_JOINTS];
+            let row = |x: f64| [x; MAX_JOINTS];
             let nodes = stop(&limits, &row(0.3), &row(v), &row(a));
             prop_assert!((nodes[nodes.len() - 1].position[0] - state[0]).abs() < 1e-9);
             let settled = settle(&limits, &row(0.3), &row(v), &row(a));
@@ -209,7 +209,7 @@ mod tests {
     #[test]
     fn no_room_to_stop_is_seen() {
         let limits = Limits::new(&[2.0], &[10.0], &[1e6]).unwrap();
-        let row = |x: f64| [x; MOST_JOINTS];
+        let row = |x: f64| [x; MAX_JOINTS];
         // v^2 / 2a = 0.05 m.
         let judge = |q: f64, v: f64| can_stop(&limits, &row(-1.0), &row(1.0), &row(q), &row(v), &row(0.0));
         assert!(judge(0.94, 1.0).is_ok());

@@ -231,7 +231,7 @@ mod tests {
                         assert!((now.acceleration[v] - last.acceleration[v]).abs() <= j * h * (1.0 + 1e-5) + 1e-6);
                     }
                     if i % 40 == 0 {
-                        let off = |x: &[f64; crate::model::MOST_JOINTS]| {
+                        let off = |x: &[f64; crate::model::MAX_JOINTS]| {
                             (x[0] - now.position[0]).hypot(x[1] - now.position[1])
                         };
                         let off = path.iter().map(off).fold(f64::INFINITY, f64::min);

@@ -25,7 +25,7 @@ pub(crate) struct Station {
 }
 
 /// A path of which the greatest speed is sought.
-pub(crate) struct Course<'a> {
+pub(crate) struct PathProblem<'a> {
     pub limits: &'a Limits,
     pub stations: &'a [Station],
     /// Greatest ds/dt at each station, beside what the limits say.
@@ -44,30 +44,30 @@ const GAP: f64 = 0.06;
 /// Factor by which the weight of the time grows, and most Newton steps at one weight and in all.
 const GROWTH: f64 = 12.0;
 const STEPS: usize = 12;
-const MOST_STEPS: usize = 120;
+const MAX_STEPS: usize = 120;
 /// Points and weights of Gauss and Legendre on [0, 1] (8 points).
 const POINTS: [f64; 4] =
     [0.183_434_642_495_649_8, 0.525_532_409_916_329, 0.796_666_477_413_626_7, 0.960_289_856_497_536_3];
 const WEIGHTS: [f64; 4] =
     [0.362_683_783_378_362, 0.313_706_645_877_887_3, 0.222_381_034_453_374_48, 0.101_228_536_290_376_26];
 
-/// The fastest course over the stations to rest at the last, as states at the stations; `None` where none was found from
+/// The fastest motion over the stations to rest at the last, as states at the stations; `None` where none was found from
 /// the speed at the start.
-pub(crate) fn fastest(course: &Course<'_>) -> Option<Vec<Pace>> {
-    let problem = Problem::new(course);
-    let mut c = begin(&problem, course)?;
-    let moving = course.begin > 0.0;
+pub(crate) fn fastest(path: &PathProblem<'_>) -> Option<Vec<Pace>> {
+    let problem = Problem::new(path);
+    let mut c = begin(&problem, path)?;
+    let moving = path.begin > 0.0;
     let mut slack = if moving { 1.1 * worst(&problem, &c).max(1.0) } else { 1.0 };
     let count = (2 * problem.bounds.len() + problem.cells) as f64;
     let time = |c: &[f64]| problem.times.iter().map(|(form, step)| step / form.value(c).sqrt()).sum::<f64>();
     let mut weight = 0.1 * count / time(&c);
-    let mut left = MOST_STEPS;
+    let mut left = MAX_STEPS;
     loop {
         for _ in 0..STEPS {
-            if course.cancel.is_some_and(Cancel::is_cancelled) {
+            if path.cancel.is_some_and(Cancel::is_cancelled) {
                 return None;
             }
-            // Where rounding ends the descent, the course so far stands: it is within the limits.
+            // Where rounding ends the descent, the motion so far stands: it is within the limits.
             let Some((step, decrement)) = problem.newton(&c, weight, slack) else {
                 left = 0;
                 break;
@@ -103,7 +103,7 @@ pub(crate) fn fastest(course: &Course<'_>) -> Option<Vec<Pace>> {
             continue;
         }
         if left == 0 || count / weight < GAP * time(&c) {
-            return Some(paces(&problem, course, &c));
+            return Some(paces(&problem, path, &c));
         }
         weight *= GROWTH;
     }
@@ -114,12 +114,12 @@ fn worst(problem: &Problem, c: &[f64]) -> f64 {
     problem.usage(c).into_iter().fold(0.0, f64::max)
 }
 
-/// A slow course to begin with: an S-curve within limits that hold all along the path.
-fn begin(problem: &Problem, course: &Course<'_>) -> Option<Vec<f64>> {
-    let whole = course.stations.last()?.s;
-    let limits = course.limits;
+/// A slow motion to begin with: an S-curve within limits that hold all along the path.
+fn begin(problem: &Problem, path: &PathProblem<'_>) -> Option<Vec<f64>> {
+    let whole = path.stations.last()?.s;
+    let limits = path.limits;
     let mut most = Along { velocity: f64::INFINITY, acceleration: f64::INFINITY, jerk: f64::INFINITY };
-    for (station, pace) in course.stations.iter().zip(course.pace) {
+    for (station, pace) in path.stations.iter().zip(path.pace) {
         most.velocity = most.velocity.min(*pace);
         for v in 0..limits.joints() {
             let [first, second, third] = [station.first[v], station.second[v], station.third[v]].map(f64::abs);
@@ -130,15 +130,15 @@ fn begin(problem: &Problem, course: &Course<'_>) -> Option<Vec<f64>> {
             most.jerk = most.jerk.min(0.4 * jerk / first);
         }
     }
-    let mut c: Vec<f64> = if course.begin > 0.0 {
+    let mut c: Vec<f64> = if path.begin > 0.0 {
         let end = |s: f64| (1.0 - s / whole).powf(4.0 / 3.0);
-        course.stations.windows(2).map(|pair| problem.fixed * end(0.5 * (pair[0].s + pair[1].s))).collect()
+        path.stations.windows(2).map(|pair| problem.fixed * end(0.5 * (pair[0].s + pair[1].s))).collect()
     } else {
         let profile = most.profile(whole, 0.0)?;
-        course.stations.windows(2).map(|pair| at_place(&profile, 0.5 * (pair[0].s + pair[1].s)).speed.powi(2)).collect()
+        path.stations.windows(2).map(|pair| at_place(&profile, 0.5 * (pair[0].s + pair[1].s)).speed.powi(2)).collect()
     };
     problem.spread(&mut c);
-    if course.begin > 0.0 {
+    if path.begin > 0.0 {
         return Some(c);
     }
     let [velocity, acceleration, jerk] = problem.usage(&c);
@@ -151,11 +151,11 @@ fn begin(problem: &Problem, course: &Course<'_>) -> Option<Vec<f64>> {
 }
 
 /// States at the stations.
-fn paces(problem: &Problem, course: &Course<'_>, c: &[f64]) -> Vec<Pace> {
+fn paces(problem: &Problem, path: &PathProblem<'_>, c: &[f64]) -> Vec<Pace> {
     let last = problem.cells;
-    let mut out = vec![Pace { time: 0.0, s: 0.0, speed: course.begin, gain: 0.0 }];
+    let mut out = vec![Pace { time: 0.0, s: 0.0, speed: path.begin, gain: 0.0 }];
     for k in 1..=last {
-        let (s, step) = (course.stations[k].s, problem.steps[k - 1]);
+        let (s, step) = (path.stations[k].s, problem.steps[k - 1]);
         let (mut x, mut w) = (0.0, 0.0);
         if k < last {
             (x, w) = (problem.x[k].value(c), problem.w[k].value(c));

@@ -11,14 +11,14 @@ use gensim2_geometry::{DynamicsScratch, GRAVITY, Robot};
 use super::motion::Piece;
 use crate::Options;
 use crate::joint_map::JointMap;
-use crate::model::{MOST_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row};
 
 /// Share of what gravity leaves of a limit that samples of a motion may use: the rest is for what lies between them.
 pub(crate) const SAMPLED: f64 = 0.9995;
 /// Times between samples at the most (s).
 const STEP: f64 = 1e-3;
 /// Most samples of a motion: what takes longer is slower.
-const MOST_SAMPLES: f64 = 2e5;
+const MAX_SAMPLES: f64 = 2e5;
 
 /// Masses and torque limits of the moving joints.
 #[derive(Debug, Clone)]
@@ -26,7 +26,7 @@ pub(crate) struct Dynamics {
     robot: Arc<Robot>,
     map: JointMap,
     /// Greatest torque of each variable (N m; N for sliding joints).
-    pub most: Row,
+    pub max_torque: Row,
 }
 
 /// A torque at a place of a path: `of_u u + of_x x + rest`, one entry a variable.
@@ -39,8 +39,8 @@ pub(crate) struct Torque {
 
 impl Torque {
     /// The band of `of_u u + of_x x` for variable `v` within a share of what gravity leaves of its limit.
-    pub fn band(&self, v: usize, most: f64, room: f64) -> [f64; 2] {
-        [room * (-most - self.rest[v]), room * (most - self.rest[v])]
+    pub fn band(&self, v: usize, limit: f64, room: f64) -> [f64; 2] {
+        [room * (-limit - self.rest[v]), room * (limit - self.rest[v])]
     }
 }
 
@@ -51,11 +51,11 @@ impl Dynamics {
     /// Those that options ask for.
     pub fn asked(robot: &Arc<Robot>, model: &Model, options: &Options) -> Option<Self> {
         let list = options.torque_limits.as_ref()?;
-        let mut most = [f64::INFINITY; MOST_JOINTS];
-        for (most, j) in most.iter_mut().zip(model.map().indices()) {
-            *most = list[*j];
+        let mut max_torque = [f64::INFINITY; MAX_JOINTS];
+        for (limit, j) in max_torque.iter_mut().zip(model.map().indices()) {
+            *limit = list[*j];
         }
-        Some(Self { robot: Arc::clone(robot), map: model.map().clone(), most })
+        Some(Self { robot: Arc::clone(robot), map: model.map().clone(), max_torque })
     }
 
     /// Torques of the variables at a state of theirs.
@@ -67,7 +67,7 @@ impl Dynamics {
         let state = [q.as_slice(), full_velocity.as_slice(), full_acceleration.as_slice()];
         let fits = self.robot.inverse_dynamics(state, &GRAVITY, scratch, out);
         debug_assert!(fits.is_ok(), "a model's map has an entry for each joint of its robot");
-        let mut torques = [0.0; MOST_JOINTS];
+        let mut torques = [0.0; MAX_JOINTS];
         // What follows a variable is moved by its motor.
         for d in self.map.driven() {
             torques[d.variable] += d.factor * out[d.joint];
@@ -77,7 +77,7 @@ impl Dynamics {
 
     /// Torques along a path at a place of it.
     pub fn along(&self, position: &Row, first: &Row, second: &Row, buffers: &mut Buffers) -> Torque {
-        let still = [0.0; MOST_JOINTS];
+        let still = [0.0; MAX_JOINTS];
         let rest = self.torques(&[*position, still, still], buffers);
         let less = |mut row: Row| {
             row.iter_mut().zip(&rest).for_each(|(t, c)| *t -= c);
@@ -91,7 +91,7 @@ impl Dynamics {
     /// Greatest acceleration along the path from rest that is possible both ways.
     pub fn hardest(&self, torque: &Torque, room: f64) -> f64 {
         let least = |v: usize| {
-            let [low, high] = torque.band(v, self.most[v], room);
+            let [low, high] = torque.band(v, self.max_torque[v], room);
             (-low).min(high).max(0.0) / torque.of_u[v].abs()
         };
         (0..self.map.indices().len()).map(least).fold(f64::INFINITY, f64::min)
@@ -99,16 +99,16 @@ impl Dynamics {
 
     /// Whether all joints can be held still at a place.
     pub fn holds(&self, torque: &Torque) -> bool {
-        (0..self.map.indices().len()).all(|v| torque.rest[v].abs() < self.most[v])
+        (0..self.map.indices().len()).all(|v| torque.rest[v].abs() < self.max_torque[v])
     }
 
     /// Greatest share of what gravity leaves of the limits that a motion takes, by samples at the ends of its polynomials
     /// and between them.
     pub fn share(&self, piece: &Piece) -> f64 {
         let mut buffers = Buffers::default();
-        let still = [0.0; MOST_JOINTS];
+        let still = [0.0; MAX_JOINTS];
         let mut out = 0.0_f64;
-        let shortest = STEP.max(piece.duration() / MOST_SAMPLES);
+        let shortest = STEP.max(piece.duration() / MAX_SAMPLES);
         for pair in piece.corners().windows(2) {
             let parts = ((pair[1] - pair[0]) / shortest).ceil().max(2.0) as usize;
             for k in 0..=parts {
@@ -117,7 +117,7 @@ impl Dynamics {
                 let rest = self.torques(&[state[0], still, still], &mut buffers);
                 for v in 0..self.map.indices().len() {
                     let moved = torque[v] - rest[v];
-                    let room = if moved > 0.0 { self.most[v] - rest[v] } else { self.most[v] + rest[v] };
+                    let room = if moved > 0.0 { self.max_torque[v] - rest[v] } else { self.max_torque[v] + rest[v] };
                     if room <= 0.0 {
                         return f64::INFINITY;
                     }
@@ -142,7 +142,7 @@ pub(crate) struct Buffers {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::timing::law::Method;
+    use crate::timing::time_scaling::Method;
     use crate::timing::{Builder, Limits, Spline};
     use gensim2_geometry::{Inertia, Joint, Link, Pose};
     use nalgebra::{Matrix3, Vector3};
@@ -182,7 +182,7 @@ mod tests {
         let mut builder = Builder::new(limits, Method::default(), 0.0).loaded(dynamics);
         let rows: Vec<Row> = way.iter().map(|w| model.pick(w)).collect();
         let path = Spline::through(limits.joints(), &rows, None);
-        builder.push(&path, &[], &[0.0; MOST_JOINTS], None, &[]).ok()?;
+        builder.push(&path, &[], &[0.0; MAX_JOINTS], None, &[]).ok()?;
         Some(builder.build(model.map()))
     }
 

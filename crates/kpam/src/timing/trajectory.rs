@@ -2,15 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::law::{Method, drive, stretch};
 use super::limits::Limits;
 use super::motion::{Node, Piece};
 use super::smooth;
 use super::spline::Spline;
 use super::stop;
+use super::time_scaling::{Method, drive, stretch};
 use super::torque::{Dynamics, SAMPLED};
 use crate::checked::checked_when_read;
-use crate::model::{JointMap, MOST_JOINTS, Row};
+use crate::model::{JointMap, MAX_JOINTS, Row};
 use crate::{Cancel, ProblemError};
 
 /// A timed joint motion of all joints of the robot: cubics in time, averaged over a short window, so that position,
@@ -134,7 +134,7 @@ impl Builder {
         }
     }
 
-    /// Takes the acceleration away; returns position and velocity then.
+    /// Appends a motion that brings the acceleration to zero; returns the position and velocity at its end.
     pub fn settle(&mut self, position: &Row, velocity: &Row, acceleration: &Row) -> (Row, Row) {
         let nodes = stop::settle(&self.limits, position, velocity, acceleration);
         self.append_nodes(&nodes);
@@ -323,13 +323,13 @@ impl Trajectory {
         let at = self.pieces.partition_point(|p| p.counts <= t).saturating_sub(1);
         match self.pieces.get(at) {
             Some(piece) => piece.at(t),
-            None => [self.joints.pick(self.joints.rest()), [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]],
+            None => [self.joints.pick(self.joints.rest()), [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]],
         }
     }
 
     /// Upper bounds of the variables' accelerations between two times.
     pub(crate) fn hardest(&self, [from, to]: [f64; 2]) -> Row {
-        let mut most = [0.0; MOST_JOINTS];
+        let mut most = [0.0; MAX_JOINTS];
         let first = self.pieces.partition_point(|p| p.counts <= from).saturating_sub(1);
         for piece in self.pieces.get(first..).unwrap_or_default().iter().take_while(|p| p.counts <= to) {
             piece.widen_to_accelerations([from.max(piece.counts), to], &mut most);

@@ -6,7 +6,7 @@ use std::time::Instant;
 use gensim2_geometry::{Batch, LANES, Needs, Other, Pose, Suspect};
 
 use super::path::Along;
-use crate::model::{MOST_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row};
 use crate::world::Compiled;
 use crate::{Cancel, Scene};
 
@@ -54,7 +54,7 @@ pub(super) struct Field<'s> {
 impl<'s> Field<'s> {
     pub fn new(scene: &'s Scene, model: &'s Model, needs: Needs, ending: Ending) -> Self {
         let world = scene.compiled();
-        let mut weights = [0.0; MOST_JOINTS];
+        let mut weights = [0.0; MAX_JOINTS];
         for driven in model.map().driven() {
             weights[driven.variable] += driven.factor.abs() * scene.robot().cover().levers()[driven.joint];
         }
@@ -73,7 +73,7 @@ impl<'s> Field<'s> {
             latest: Vec::new(),
             poses: Vec::new(),
             q: Vec::new(),
-            rows: [[0.0; MOST_JOINTS]; LANES],
+            rows: [[0.0; MAX_JOINTS]; LANES],
         }
     }
 
@@ -127,7 +127,7 @@ impl<'s> Field<'s> {
         let mut struck = |s: &Suspect| {
             let deepest = (0..count).min_by(|a, b| s.gap[*a].total_cmp(&s.gap[*b])).unwrap_or(0);
             (0..count)
-                .find(|lane| s.most[*lane] < 0.0)
+                .find(|lane| s.max_gap[*lane] < 0.0)
                 .or_else(|| (s.gap[deepest] <= DEEP && !keeps(s, deepest)).then_some(deepest))
         };
         let mut hit = None;

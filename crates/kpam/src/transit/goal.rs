@@ -6,7 +6,7 @@ use nalgebra::{Matrix6, Vector3, Vector6};
 use super::{TransitOptions, finite, within_limits};
 use crate::body::rigid;
 use crate::free_space::Draws;
-use crate::model::{MOST_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row};
 use crate::{ProblemError, Scene};
 
 /// Goal of a motion.
@@ -29,7 +29,7 @@ pub const MAX_SOLUTIONS: usize = 256;
 /// Joint vectors that a pose as a goal is taken for.
 const GOALS: usize = 16;
 /// Places from which solutions are looked for, a solution asked for.
-const STARTS: usize = 8;
+const SEEDS: usize = 8;
 /// Rounds of the search from one place.
 const ROUNDS: usize = 60;
 /// A pose is met within this (m and rad).
@@ -71,7 +71,7 @@ impl Goal {
 }
 
 /// Distinct joint vectors (one entry a joint) that bring a link, the hand where none is named, to a pose in the base
-/// frame: at most `most`, nearest to `q_start` first; joints that do not move the hand stay as there. Where the arm is
+/// frame: at most `max_solutions`, nearest to `q_start` first; joints that do not move the hand stay as there. Where the arm is
 /// redundant they are samples. Obstacles are left out.
 ///
 /// # Errors
@@ -81,15 +81,15 @@ pub fn solutions(
     pose: &Pose,
     link: Option<&str>,
     q_start: &[f64],
-    most: usize,
+    max_solutions: usize,
     seed: usize,
 ) -> Result<Vec<Vec<f64>>, ProblemError> {
-    if !(1..=MAX_SOLUTIONS).contains(&most) {
-        return Err(ProblemError::new("most", format!("must be 1 to {MAX_SOLUTIONS}, not {most}")));
+    if !(1..=MAX_SOLUTIONS).contains(&max_solutions) {
+        return Err(ProblemError::new("max_solutions", format!("must be 1 to {MAX_SOLUTIONS}, not {max_solutions}")));
     }
     finite("q_start", q_start)?;
     let model = Model::new(scene.robot(), q_start)?;
-    let found = rows(scene, &model, pose, link, most, seed)?;
+    let found = rows(scene, &model, pose, link, max_solutions, seed)?;
     Ok(found
         .iter()
         .map(|x| {
@@ -105,7 +105,7 @@ fn rows(
     model: &Model,
     pose: &Pose,
     link: Option<&str>,
-    most: usize,
+    max_solutions: usize,
     seed: usize,
 ) -> Result<Vec<Row>, ProblemError> {
     rigid("pose", pose)?;
@@ -120,7 +120,7 @@ fn rows(
     let mut draws = Draws::of(0x696b_696b, seed);
     let start = model.start();
     let mut found: Vec<Row> = Vec::new();
-    for k in 0..STARTS * most {
+    for k in 0..SEEDS * max_solutions {
         let mut x = start;
         if k > 0 {
             for (v, value) in x.iter_mut().enumerate().take(model.n()) {
@@ -134,7 +134,7 @@ fn rows(
         if found.iter().all(|other| apart(other) > SAME) {
             found.push(x);
         }
-        if found.len() == most {
+        if found.len() == max_solutions {
             break;
         }
     }
@@ -172,7 +172,7 @@ impl Search<'_> {
             if left.amax() < MET {
                 return Some(x);
             }
-            let mut columns = [Vector6::zeros(); MOST_JOINTS];
+            let mut columns = [Vector6::zeros(); MAX_JOINTS];
             for (i, joint) in self.chain.joint_indices().enumerate() {
                 let tip = self.frames.tip.translation.vector;
                 let Some(driven) = self.model.map().driven().iter().find(|d| d.joint == joint) else { continue };

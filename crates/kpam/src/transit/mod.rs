@@ -15,7 +15,7 @@ use std::time::Instant;
 
 use gensim2_geometry::{Needs, Other};
 
-use crate::model::{MOST_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row};
 use crate::timing::{Builder, Dynamics, Limits, Method, Spline};
 use crate::world::{Compiled, TOUCH};
 use crate::{ProblemError, Scene, Trajectory};
@@ -44,6 +44,29 @@ const FINER: f64 = 4.0;
 
 /// Plans a motion from rest at `q_start` (one entry a joint) to rest at one of the goals, the easiest to reach; joints
 /// that do not move the hand stay where they are.
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use gensim2_geometry::{Convex, Joint, Link, Pose, Robot};
+/// use gensim2_kpam::{Body, Goal, Role, Scene, TransitOptions, plan_to};
+/// use nalgebra::Vector3;
+///
+/// let cube = || Convex::cuboid([0.05; 3], &Pose::identity());
+/// let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-1.0, 1.0).velocity(0.5);
+/// let robot = Robot::builder("plotter")
+///     .link(Link::base("frame"))
+///     .link(Link::below("frame", "bridge").moved_by(slide("x", Vector3::x())))
+///     .link(Link::below("bridge", "pen").moved_by(slide("y", Vector3::y())).shape(cube()?))
+///     .build("pen")?;
+/// let post = Body::builder("post", Role::Rigid).shape(cube()?).build()?;
+/// let scene = Scene::new(Arc::new(robot), vec![post], Vec::new())?;
+/// let goal = Goal::Joints(vec![vec![0.5, 0.0]]);
+/// let found = plan_to(&scene, &[-0.5, 0.0], &goal, &TransitOptions::default())?;
+/// let motion = found.map_err(|refused| format!("{refused:?}"))?;
+/// assert!(motion.trajectory.end() > 1.0); // 1 m at 0.5 m/s, around the post
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// A start, goals or options that do not fit, by field.
@@ -130,7 +153,7 @@ impl Transit<'_> {
             return Err(NoMotion::GoalsBlocked(hit));
         }
         let limits = &self.limits;
-        let mut pace = [0.0; MOST_JOINTS];
+        let mut pace = [0.0; MAX_JOINTS];
         for v in 0..self.model.n() {
             pace[v] = 1.0 / limits.velocity[v].min(1e3);
         }
@@ -263,7 +286,7 @@ impl Transit<'_> {
             acceleration[driven.joint] = driven.factor.abs() * limits.acceleration[driven.variable];
         }
         let mut sweep = Sweep::new(self.scene, self.model, needs, acceleration, field.weights);
-        let rest = [0.0; MOST_JOINTS];
+        let rest = [0.0; MAX_JOINTS];
         let mut breach = Stuck::Untimed;
         let mut rounding = Rounding::new(corners);
         while let Some(path) = rounding.next(field, n, self.model) {

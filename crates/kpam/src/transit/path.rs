@@ -8,7 +8,7 @@ use gensim2_geometry::Robot;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
 use crate::config::{Constraint, Frame, TargetAxis};
-use crate::model::{MOST_JOINTS, Model, Placed, Row};
+use crate::model::{MAX_JOINTS, Model, Placed, Row};
 use crate::{ProblemError, Scene, SolverConfig, Trajectory};
 
 /// Share of the tolerance that a search keeps to: the curve that is made of its corners may take the rest.
@@ -132,7 +132,7 @@ impl Along {
                 let rows = [0, 1, 2].map(|e| self.placed.angular_row(&now.cross(&Vector3::ith(e, 1.0))));
                 let mut normal = Matrix3::identity() * DAMPING;
                 for (i, j) in (0..3).flat_map(|i| (0..3).map(move |j| (i, j))) {
-                    normal[(i, j)] += (0..MOST_JOINTS).map(|v| rows[i][v] * rows[j][v]).sum::<f64>();
+                    normal[(i, j)] += (0..MAX_JOINTS).map(|v| rows[i][v] * rows[j][v]).sum::<f64>();
                 }
                 let Some(force) = normal.cholesky().map(|c| c.solve(&left)) else { return false };
                 for v in 0..model.n() {

@@ -84,7 +84,7 @@ pub struct Approached {
 pub struct Motion {
     /// The motion; it begins at time 0.
     pub trajectory: Trajectory,
-    /// Number of the goal at which it ends.
+    /// Index, among the goals that were given, of the one that the motion ends at.
     pub goal: usize,
     /// Corners of the way that it follows, one entry a joint each.
     pub corners: Vec<Vec<f64>>,

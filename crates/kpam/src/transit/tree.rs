@@ -7,7 +7,7 @@
 
 use super::field::Field;
 use crate::free_space::Draws;
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// Longest edge that a tree grows by (weighted, m).
 const EDGE: f64 = 0.6;
@@ -83,7 +83,7 @@ impl Tree {
 }
 
 fn scaled(field: &Field<'_>, x: &Row) -> Row {
-    let mut out = [0.0; MOST_JOINTS];
+    let mut out = [0.0; MAX_JOINTS];
     for v in 0..field.model.n() {
         out[v] = x[v] * field.weights[v];
     }
@@ -149,7 +149,7 @@ fn sample(field: &Field<'_>, tree: &Tree, draws: &mut Draws, manner: Manner) -> 
         let at = (draws.unit() * tree.nodes.len() as f64) as usize;
         tree.nodes[at.min(tree.nodes.len() - 1)]
     });
-    let mut target = [0.0; MOST_JOINTS];
+    let mut target = [0.0; MAX_JOINTS];
     for (v, value) in target.iter_mut().enumerate().take(field.model.n()) {
         let (low, high) = field.model.range(v);
         *value = match &node {

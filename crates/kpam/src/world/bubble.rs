@@ -1,6 +1,6 @@
 //! Free neighbourhoods of free states (Quinlan's bubbles).
 
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// A pair that leaves a gap.
 #[derive(Debug, Clone, Copy)]
@@ -44,7 +44,7 @@ pub(crate) struct Bubble {
 
 impl Default for Bubble {
     fn default() -> Self {
-        Self { center: [0.0; MOST_JOINTS], travel: 0.0, joints: 0, levers: Vec::new(), pairs: Vec::new() }
+        Self { center: [0.0; MAX_JOINTS], travel: 0.0, joints: 0, levers: Vec::new(), pairs: Vec::new() }
     }
 }
 

@@ -4,7 +4,7 @@ use gensim2_geometry::{Batch, LANES, MovingShapes, Needs, Obstacles, Other, Pose
 use nalgebra::{Point3, center};
 
 use super::compiled::Compiled;
-use super::rules::{Cast, Group};
+use super::rules::{CollisionObjects, Group};
 use super::{EXACT, Scene};
 use crate::{ProblemError, Role};
 
@@ -37,7 +37,7 @@ pub struct Checker<'s> {
 
 /// Shapes as they are measured when places are to be told.
 struct Full<'s> {
-    cast: Cast<'s>,
+    objects: CollisionObjects<'s>,
     shapes: MovingShapes<'s>,
     obstacles: &'s Obstacles,
     all: Vec<usize>,
@@ -138,13 +138,13 @@ impl<'s> Checker<'s> {
         Ok(hits)
     }
 
-    /// Smallest signed distance (m) at `q`, `most` where nothing is nearer than that.
+    /// Smallest signed distance (m) at `q`, `max_distance` where nothing is nearer than that.
     ///
     /// # Errors
     /// As [`Checker::hits`].
-    pub fn distance(&mut self, q: &[f64], most: f64) -> Result<f64, ProblemError> {
-        self.place(q, most)?;
-        let mut least = most;
+    pub fn distance(&mut self, q: &[f64], max_distance: f64) -> Result<f64, ProblemError> {
+        self.place(q, max_distance)?;
+        let mut least = max_distance;
         for (group, other) in &self.suspects {
             least = least.min(self.world.screen.distance(*group, *other, &self.poses, least.max(0.0)));
         }
@@ -171,13 +171,14 @@ impl<'s> Checker<'s> {
 impl<'s> Full<'s> {
     fn new(scene: &'s Scene, world: &'s Compiled) -> Self {
         let robot = &**scene.robot();
-        let judged = world.screen.pairs();
-        let cast = Cast::new(robot, scene.bodies(), |b| b.role == Role::Attached, |_| false, |_, _| true);
-        let shapes = MovingShapes::new(cast.groups.iter().map(|g| match g {
+        let checked = world.screen.pairs();
+        let objects =
+            CollisionObjects::new(robot, scene.bodies(), |b| b.role == Role::Attached, |_| false, |_, _| true);
+        let shapes = MovingShapes::new(objects.groups.iter().map(|g| match g {
             Group::Link(l) => robot.links()[*l].shapes(),
             Group::Riding(b) | Group::Moved(b) => &scene.bodies()[*b].shapes,
         }));
-        let grasps = cast
+        let grasps = objects
             .groups
             .iter()
             .map(|g| match g {
@@ -186,10 +187,10 @@ impl<'s> Full<'s> {
             })
             .collect();
         Self {
-            all: (0..cast.groups.len()).collect(),
-            moving: (0..cast.groups.len()).filter(|g| !world.carriers[*g].is_empty()).collect(),
-            pairs: (0..cast.pairs.len()).filter(|p| judged.contains(&cast.pairs[*p])).collect(),
-            cast,
+            all: (0..objects.groups.len()).collect(),
+            moving: (0..objects.groups.len()).filter(|g| !world.carriers[*g].is_empty()).collect(),
+            pairs: (0..objects.pairs.len()).filter(|p| checked.contains(&objects.pairs[*p])).collect(),
+            objects,
             shapes,
             obstacles: scene.bodies().obstacles(),
             grasps,
@@ -198,7 +199,7 @@ impl<'s> Full<'s> {
     }
 
     fn near(&mut self, links: &[Pose], reach: f64) -> Vec<Nearness> {
-        let hand = links[self.cast.robot.hand()];
+        let hand = links[self.objects.robot.hand()];
         self.shapes.place(&self.all, &mut self.scratch, |poses| {
             poses.clear();
             poses.extend_from_slice(links);
@@ -207,14 +208,14 @@ impl<'s> Full<'s> {
             }
         });
         let mut out = Vec::new();
-        let cast = &self.cast;
+        let objects = &self.objects;
         let mut tell = |p: &gensim2_geometry::Proximity| {
             let second = match p.target {
-                Target::Body(b) => cast.bodies[b].name.as_str(),
-                Target::Group(g) => cast.name(g),
+                Target::Body(b) => objects.bodies[b].name.as_str(),
+                Target::Group(g) => objects.name(g),
             };
             out.push(Nearness {
-                first: cast.name(p.group).to_owned(),
+                first: objects.name(p.group).to_owned(),
                 second: second.to_owned(),
                 distance: p.contact.distance,
                 point: center(&p.contact.on_first, &p.contact.on_second),
@@ -222,7 +223,7 @@ impl<'s> Full<'s> {
             true
         };
         self.shapes.near_bodies(&self.moving, self.obstacles, &mut self.scratch, EXACT, |_, _| reach, |p| tell(&p));
-        self.shapes.near_pairs(&cast.pairs, &self.pairs, &mut self.scratch, EXACT, |_| reach, |_, p| tell(&p));
+        self.shapes.near_pairs(&objects.pairs, &self.pairs, &mut self.scratch, EXACT, |_| reach, |_, p| tell(&p));
         out
     }
 }

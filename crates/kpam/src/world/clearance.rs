@@ -3,8 +3,8 @@
 use gensim2_geometry::{JointKind, Target};
 use nalgebra::{Point3, Vector3};
 
-use super::{EXACT, Leg, Margins, State, World};
-use crate::model::{MOST_JOINTS, Row};
+use super::{EXACT, Margins, MotionSegment, State, World};
+use crate::model::{MAX_JOINTS, Row};
 
 /// Slack of a checked pair beyond its margin (m), and its gradient by each variable (m per rad or m).
 #[derive(Debug, Clone, Copy)]
@@ -14,35 +14,49 @@ pub(crate) struct Clearance {
 }
 
 impl World<'_> {
-    /// Judged pairs that have less than `reach` (m) left of what `margins` ask for, appended to `out`.
-    pub fn clearances(&mut self, state: State<'_>, leg: Leg, margins: &Margins, reach: f64, out: &mut Vec<Clearance>) {
-        self.place(state, leg);
+    /// Checked pairs that have less than `reach` (m) left of what `margins` ask for, appended to `out`.
+    pub fn clearances(
+        &mut self,
+        state: State<'_>,
+        segment: MotionSegment,
+        margins: &Margins,
+        reach: f64,
+        out: &mut Vec<Clearance>,
+    ) {
+        self.place(state, segment);
         let mut near = Vec::new();
         self.look(
-            leg,
+            segment,
             EXACT,
-            |world, group, seen| world.asked(leg, margins, group, seen) + reach,
+            |world, group, seen| world.asked(segment, margins, group, seen) + reach,
             |world, seen, p| {
-                near.push((p.contact.distance - world.asked(leg, margins, p.group, seen), *p));
+                near.push((p.contact.distance - world.asked(segment, margins, p.group, seen), *p));
                 true
             },
         );
         for (gap, p) in near {
             // The normal points from the first to the second: moving the first along it shortens the distance.
-            let mut gradient = [0.0; MOST_JOINTS];
-            self.add_motion(leg, p.group, &p.contact.on_first, &-p.contact.normal, &mut gradient);
+            let mut gradient = [0.0; MAX_JOINTS];
+            self.add_motion(segment, p.group, &p.contact.on_first, &-p.contact.normal, &mut gradient);
             if let Target::Group(other) = p.target {
-                self.add_motion(leg, other, &p.contact.on_second, &p.contact.normal, &mut gradient);
+                self.add_motion(segment, other, &p.contact.on_second, &p.contact.normal, &mut gradient);
             }
             out.push(Clearance { gap, gradient });
         }
     }
 
     /// Adds how a point of a group moves along `direction` with each variable.
-    fn add_motion(&self, leg: Leg, group: usize, point: &Point3<f64>, direction: &Vector3<f64>, gradient: &mut Row) {
+    fn add_motion(
+        &self,
+        segment: MotionSegment,
+        group: usize,
+        point: &Point3<f64>,
+        direction: &Vector3<f64>,
+        gradient: &mut Row,
+    ) {
         let poses = self.scratch.poses();
         let robot = &self.problem.robot;
-        for (joint, carries) in self.movers.iter().zip(self.table(leg).carried.row(group)) {
+        for (joint, carries) in self.movers.iter().zip(self.table(segment).carried.row(group)) {
             if !carries {
                 continue;
             }

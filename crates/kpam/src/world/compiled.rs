@@ -4,7 +4,7 @@ use gensim2_geometry::{Convex, Needs, Other, Pose, Riders, Screen};
 
 use super::Scene;
 use super::movers::is_below;
-use super::rules::{Cast, Group};
+use super::rules::{CollisionObjects, Group};
 use crate::Role;
 
 /// The robot of a scene and what rides on its hand, among its bodies.
@@ -15,8 +15,8 @@ pub(crate) struct Compiled {
     pub names: Vec<String>,
     /// Joints that carry each group, each with the link that it moves.
     pub carriers: Vec<Vec<(usize, usize)>>,
-    /// Whether a group and a body are judged, one row a group.
-    judged: Vec<bool>,
+    /// Whether a group and a body are checked, one row a group.
+    checked: Vec<bool>,
 }
 
 impl Compiled {
@@ -25,15 +25,20 @@ impl Compiled {
         let links = robot.links();
         let moved: Vec<(usize, usize)> = (0..links.len()).filter_map(|l| Some((links[l].joint()?, l))).collect();
         let moves: Vec<bool> = (0..links.len()).map(|l| moved.iter().any(|(_, c)| is_below(robot, l, *c))).collect();
-        let cast =
-            Cast::new(robot, scene.bodies(), |b| b.role == Role::Attached, |_| false, |a, b| moves[a] || moves[b]);
-        let link_of = |g: usize| match cast.groups[g] {
+        let objects = CollisionObjects::new(
+            robot,
+            scene.bodies(),
+            |b| b.role == Role::Attached,
+            |_| false,
+            |a, b| moves[a] || moves[b],
+        );
+        let link_of = |g: usize| match objects.groups[g] {
             Group::Link(l) => l,
             Group::Riding(_) | Group::Moved(_) => robot.hand(),
         };
-        let groups: Vec<Riders<'_>> = (0..cast.groups.len())
+        let groups: Vec<Riders<'_>> = (0..objects.groups.len())
             .map(|g| {
-                let held = match cast.groups[g] {
+                let held = match objects.groups[g] {
                     Group::Link(_) => None,
                     Group::Riding(b) | Group::Moved(b) => {
                         let body = &scene.bodies()[b];
@@ -43,29 +48,29 @@ impl Compiled {
                 Riders { link: link_of(g), held }
             })
             .collect();
-        let rides = |g: usize| matches!(cast.groups[g], Group::Riding(_));
-        let pairs = cast.pairs.iter().copied().filter(|(a, b)| !(rides(*b) && cast.holds(*a))).collect();
+        let rides = |g: usize| matches!(objects.groups[g], Group::Riding(_));
+        let pairs = objects.pairs.iter().copied().filter(|(a, b)| !(rides(*b) && objects.holds(*a))).collect();
         let bodies = scene.bodies().iter().map(|body| {
             let shapes: &[Convex] = if body.role == Role::Attached { &[] } else { body.shapes() };
             (shapes, body.pose())
         });
         let screen = Screen::new(robot, robot.cover(), &groups, pairs, bodies);
-        let carriers = (0..cast.groups.len())
+        let carriers = (0..objects.groups.len())
             .map(|g| moved.iter().copied().filter(|(_, link)| is_below(robot, link_of(g), *link)).collect())
             .collect();
         let stands = |b: usize| scene.bodies()[b].role != Role::Attached;
-        let judged = (0..cast.groups.len())
+        let checked = (0..objects.groups.len())
             .flat_map(|g| (0..screen.bodies()).map(move |b| (g, b)))
             .map(|(g, b)| moves[link_of(g)] && stands(b))
             .collect();
-        let names = (0..cast.groups.len()).map(|g| cast.name(g).to_owned()).collect();
-        Self { screen, names, carriers, judged }
+        let names = (0..objects.groups.len()).map(|g| objects.name(g).to_owned()).collect();
+        Self { screen, names, carriers, checked }
     }
 
     /// Margins in which every checked pair keeps `margin` (m).
     pub fn needs(&self, margin: f64) -> Needs {
-        let need = |judged: &bool| if *judged { margin } else { f64::NEG_INFINITY };
-        Needs { bodies: self.judged.iter().map(need).collect(), pairs: vec![margin; self.screen.pairs().len()] }
+        let need = |checked: &bool| if *checked { margin } else { f64::NEG_INFINITY };
+        Needs { bodies: self.checked.iter().map(need).collect(), pairs: vec![margin; self.screen.pairs().len()] }
     }
 
     /// Names of a group and what it is near to.

@@ -4,7 +4,7 @@ use super::Overlaps;
 use super::query::Seen;
 use crate::world::TOUCH;
 
-/// Clearance asked of judged pairs, and less where a pair cannot keep it.
+/// Clearance asked of checked pairs, and less where a pair cannot keep it.
 #[derive(Debug, Clone)]
 pub(crate) struct Margins {
     /// Whether overlaps of the start may persist.

@@ -1,17 +1,17 @@
 //! The world of a motion: what stands, what rides on the hand, what the object's joint moves, and what may touch what,
-//! leg by leg.
+//! segment by segment.
 
 mod bodies;
 mod bubble;
 mod checker;
 mod clearance;
 mod compiled;
-mod leg;
 mod margins;
 mod movers;
 mod query;
 mod rules;
 mod scene;
+mod segment;
 mod sweep;
 mod travel;
 mod way;
@@ -26,16 +26,16 @@ use crate::{Cancel, KeypointProblem, ObjectJoint, ObjectJointKind, Role};
 
 use bubble::Bubble;
 use movers::Movers;
-use rules::{Carrier, Cast, Compiler, Group, LegWorld};
+use rules::{Carrier, CollisionObjects, Compiler, Group, SegmentWorld};
 
 pub use bodies::Bodies;
 pub use checker::{Checker, Nearness};
 pub(crate) use clearance::Clearance;
 pub(crate) use compiled::Compiled;
-pub(crate) use leg::{Course, Leg};
 pub(crate) use margins::Margins;
 pub(crate) use query::Clearances;
 pub use scene::{Scene, SceneJoint};
+pub(crate) use segment::{MotionSegment, Schedule};
 pub(crate) use travel::{even, joint_steps, travel_along, travel_over};
 pub(crate) use way::Way;
 
@@ -101,16 +101,16 @@ impl<'x> State<'x> {
     }
 }
 
-/// The world of one problem: its groups, and a table for each leg. Names are resolved when it is made.
+/// The world of one problem: its groups, and a table for each segment. Names are resolved when it is made.
 pub(crate) struct World<'p> {
     pub problem: &'p KeypointProblem,
     model: &'p Model,
-    cast: Cast<'p>,
+    objects: CollisionObjects<'p>,
     movers: Movers,
     shapes: MovingShapes<'p>,
     obstacles: &'p Obstacles,
-    pub course: Course,
-    legs: Vec<LegWorld>,
+    pub schedule: Schedule,
+    segments: Vec<SegmentWorld>,
     /// Largest distance of a group's shapes from their middle (m), and that middle in the group's frame.
     extents: Vec<f64>,
     middles: Vec<Point3<f64>>,
@@ -119,7 +119,7 @@ pub(crate) struct World<'p> {
     placed: Vec<Pose>,
     known: Overlaps,
     pub start_overlap: f64,
-    /// The deepest judged overlap at the start.
+    /// The deepest checked overlap at the start.
     pub start_hit: Option<Hit>,
     scratch: Scratch,
     spare: Bubble,
@@ -127,7 +127,7 @@ pub(crate) struct World<'p> {
     steps: Vec<f64>,
     /// Number of states looked at, and how many may be.
     checks: u64,
-    most_checks: u64,
+    max_checks: u64,
     cancel: Option<Cancel>,
     end: Option<Instant>,
 }
@@ -138,7 +138,7 @@ impl<'p> World<'p> {
         let movers = Movers::new(model);
         let carrying: Vec<Vec<bool>> = (0..robot.links().len()).map(|l| movers.carrying(robot, l).collect()).collect();
         let picks = &problem.options.pick;
-        let cast = Cast::new(
+        let objects = CollisionObjects::new(
             robot,
             &problem.bodies,
             |b| b.role == Role::Attached || picks.contains(&b.name),
@@ -146,16 +146,16 @@ impl<'p> World<'p> {
             // Links that the same joints move keep their distance.
             |a, b| carrying[a] != carrying[b],
         );
-        let shapes = MovingShapes::new(cast.groups.iter().map(|g| match g {
+        let shapes = MovingShapes::new(objects.groups.iter().map(|g| match g {
             Group::Link(l) => robot.links()[*l].shapes(),
             Group::Riding(b) | Group::Moved(b) => &problem.bodies[*b].shapes,
         }));
-        let course = Course::of(&problem.config);
-        let compiler = Compiler::new(problem, &cast, &movers, course);
-        let legs: Vec<LegWorld> = course.legs().map(|leg| compiler.leg(leg)).collect();
+        let schedule = Schedule::of(&problem.config);
+        let compiler = Compiler::new(problem, &objects, &movers, schedule);
+        let segments: Vec<SegmentWorld> = schedule.segments().map(|segment| compiler.segment(segment)).collect();
         let middles: Vec<Point3<f64>> = (0..shapes.len()).map(|g| shapes.middle(g)).collect();
         let extents = (0..shapes.len()).map(|g| shapes.extent(g, &middles[g])).collect();
-        let grasps = cast
+        let grasps = objects
             .groups
             .iter()
             .map(|g| match g {
@@ -166,14 +166,14 @@ impl<'p> World<'p> {
         Self {
             problem,
             model,
-            placed: vec![Pose::identity(); cast.groups.len()],
-            known: Overlaps::new(cast.groups.len(), problem.bodies.len(), cast.pairs.len()),
-            cast,
+            placed: vec![Pose::identity(); objects.groups.len()],
+            known: Overlaps::new(objects.groups.len(), problem.bodies.len(), objects.pairs.len()),
+            objects,
             movers,
             shapes,
             obstacles: problem.bodies.obstacles(),
-            course,
-            legs,
+            schedule,
+            segments,
             extents,
             middles,
             grasps,
@@ -184,16 +184,16 @@ impl<'p> World<'p> {
             q: Vec::new(),
             steps: Vec::new(),
             checks: 0,
-            most_checks: u64::MAX,
+            max_checks: u64::MAX,
             cancel: None,
             end: None,
         }
     }
 
-    /// Ends planning after `most_checks` more states, at `end`, or when the caller cancels it.
-    pub fn limit(&mut self, most_checks: Option<u64>, end: Option<Instant>, cancel: Option<Cancel>) {
+    /// Ends planning after `max_checks` more states, at `end`, or when the caller cancels it.
+    pub fn limit(&mut self, max_checks: Option<u64>, end: Option<Instant>, cancel: Option<Cancel>) {
         self.end = end;
-        self.most_checks = most_checks.map_or(u64::MAX, |most| self.checks.saturating_add(most));
+        self.max_checks = max_checks.map_or(u64::MAX, |most| self.checks.saturating_add(most));
         self.cancel = cancel;
     }
 
@@ -209,7 +209,7 @@ impl<'p> World<'p> {
 
     /// Whether the checks are spent.
     pub fn is_spent(&self) -> bool {
-        self.checks >= self.most_checks
+        self.checks >= self.max_checks
     }
 
     /// Whether the caller has cancelled planning.
@@ -218,8 +218,8 @@ impl<'p> World<'p> {
     }
 
     /// Whether hits are only to be found, not told of: which of several is found, and how deep it is, may be any.
-    pub fn be_hasty(&mut self, hasty: bool) {
-        self.scratch.be_hasty(hasty);
+    pub fn set_early_exit(&mut self, early_exit: bool) {
+        self.scratch.set_early_exit(early_exit);
     }
 
     /// Clearance (m) that the problem asks for on the way to what the hand reaches for.
@@ -227,22 +227,22 @@ impl<'p> World<'p> {
         self.problem.options.reach_clearance.unwrap_or(0.0)
     }
 
-    fn table(&self, leg: Leg) -> &LegWorld {
-        &self.legs[self.course.number(leg)]
+    fn table(&self, segment: MotionSegment) -> &SegmentWorld {
+        &self.segments[self.schedule.number(segment)]
     }
 
-    /// Poses everything that is there in a leg.
-    fn place(&mut self, state: State<'_>, leg: Leg) {
+    /// Poses everything that is there in a segment.
+    fn place(&mut self, state: State<'_>, segment: MotionSegment) {
         self.checks += 1;
         let robot = &*self.problem.robot;
         self.model.map().positions(state.x, &mut self.q);
-        let table = &self.legs[self.course.number(leg)];
+        let table = &self.segments[self.schedule.number(segment)];
         let moved = self.problem.joint.map_or_else(Pose::identity, |j| joint_motion(&j, state.travel));
         self.shapes.place(&table.present, &mut self.scratch, |poses| {
             let posed = robot.link_poses(&self.q, poses);
             debug_assert!(posed.is_ok(), "joint vectors here have an entry for each joint");
-            for group in poses.len()..self.cast.groups.len() {
-                let pose = match (table.carriers[group], self.cast.groups[group]) {
+            for group in poses.len()..self.objects.groups.len() {
+                let pose = match (table.carriers[group], self.objects.groups[group]) {
                     (Carrier::Hand, _) => poses[robot.hand()] * self.grasps[group],
                     (Carrier::Placed, _) => self.placed[group],
                     (Carrier::Joint, Group::Moved(b)) => moved * self.problem.bodies[b].pose,
@@ -253,18 +253,17 @@ impl<'p> World<'p> {
         });
     }
 
-    /// Takes up an actuation pose: what is picked rides from there on as it lies in the hand there, what is released
-    /// stands where the hand holds it there, and what is held yet where the hand lets go, at pose `letting_go`, stands
-    /// where it holds it there.
+    /// Sets the actuation pose `x`. Picked bodies are fixed to the hand as they lie in it at `x`. Released bodies stay at
+    /// their pose at `x`. Bodies that are held longer stay at their pose at `letting_go`, the hand's pose when it lets go.
     pub fn act_at(&mut self, x: &Row, letting_go: Option<&Pose>) {
-        let riding = self.cast.groups.iter().any(|g| matches!(g, Group::Riding(_)));
+        let riding = self.objects.groups.iter().any(|g| matches!(g, Group::Riding(_)));
         if !riding {
             return;
         }
-        let actuation = self.course.last_before_actuation();
+        let actuation = self.schedule.last_before_actuation();
         self.place(State::still(x), actuation);
         let hand = self.scratch.poses()[self.problem.robot.hand()];
-        for (group, what) in self.cast.groups.iter().enumerate() {
+        for (group, what) in self.objects.groups.iter().enumerate() {
             let Group::Riding(b) = what else { continue };
             let body = &self.problem.bodies[*b];
             if body.role != Role::Attached {
@@ -280,10 +279,10 @@ impl<'p> World<'p> {
     fn hit(&self, p: &Proximity) -> Hit {
         let second = match p.target {
             Target::Body(b) => &self.problem.bodies[b].name,
-            Target::Group(g) => self.cast.name(g),
+            Target::Group(g) => self.objects.name(g),
         };
         let Contact { distance, on_first, on_second, .. } = p.contact;
-        let first = self.cast.name(p.group).to_owned();
+        let first = self.objects.name(p.group).to_owned();
         Hit { first, second: second.to_owned(), distance, at: nalgebra::center(&on_first, &on_second) }
     }
 }

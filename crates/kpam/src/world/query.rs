@@ -3,7 +3,7 @@
 use gensim2_geometry::{Proximity, Target};
 
 use super::rules::{Group, Verdict};
-use super::{EXACT, Hit, Leg, Margins, State, TOUCH, World};
+use super::{EXACT, Hit, Margins, MotionSegment, State, TOUCH, World};
 use crate::Role;
 use crate::model::Row;
 
@@ -23,69 +23,69 @@ pub(super) enum Seen {
 }
 
 impl World<'_> {
-    /// Visits what is looked at in a leg as things are placed: `reach` says how near (m) something has to be, `visit`
+    /// Visits what is looked at in a segment as things are placed: `reach` says how near (m) something has to be, `visit`
     /// whether to go on.
     pub(super) fn look(
         &mut self,
-        leg: Leg,
+        segment: MotionSegment,
         coarse: f64,
         reach: impl Fn(&Self, usize, Seen) -> f64,
         mut visit: impl FnMut(&Self, Seen, &Proximity) -> bool,
     ) -> bool {
         let mut scratch = std::mem::take(&mut self.scratch);
         let world = &*self;
-        let table = world.table(leg);
+        let table = world.table(segment);
         let bodies = world.problem.bodies.len();
-        let judged = |group: usize, body: usize| match table.bodies[group * bodies + body] {
-            Verdict::Judged | Verdict::MayTouch(_) => reach(world, group, Seen::Body(body)),
+        let checked = |group: usize, body: usize| match table.bodies[group * bodies + body] {
+            Verdict::Checked | Verdict::MayTouch(_) => reach(world, group, Seen::Body(body)),
             Verdict::Apart => f64::NEG_INFINITY,
         };
         let whole =
-            world.shapes.near_bodies(&table.present, world.obstacles, &mut scratch, coarse, judged, |p| {
+            world.shapes.near_bodies(&table.present, world.obstacles, &mut scratch, coarse, checked, |p| {
                 match p.target {
                     Target::Body(b) => visit(world, Seen::Body(b), &p),
                     Target::Group(_) => true,
                 }
             }) && world.shapes.near_pairs(
-                &world.cast.pairs,
+                &world.objects.pairs,
                 &table.pairs,
                 &mut scratch,
                 coarse,
-                |pair| reach(world, world.cast.pairs[pair].0, Seen::Pair(pair)),
+                |pair| reach(world, world.objects.pairs[pair].0, Seen::Pair(pair)),
                 |pair, p| visit(world, Seen::Pair(pair), &p),
             );
         self.scratch = scratch;
         whole
     }
 
-    /// Margin of a group and another thing in a leg.
-    pub(super) fn asked(&self, leg: Leg, margins: &Margins, group: usize, seen: Seen) -> f64 {
-        if let Some(depth) = self.depth(leg, group, seen) {
+    /// Margin of a group and another thing in a segment.
+    pub(super) fn asked(&self, segment: MotionSegment, margins: &Margins, group: usize, seen: Seen) -> f64 {
+        if let Some(depth) = self.depth(segment, group, seen) {
             return margins.touching(&self.known, group, seen, depth);
         }
         match seen {
-            Seen::Body(body) if self.is_about_to_touch(leg, group, body) => {
+            Seen::Body(body) if self.is_about_to_touch(segment, group, body) => {
                 margins.body(&self.known, group, body, self.reach_clearance())
             }
             Seen::Body(body) => {
-                margins.body(&self.known, group, body, margins.clearance.max(self.kept_from(leg, seen)))
+                margins.body(&self.known, group, body, margins.clearance.max(self.kept_from(segment, seen)))
             }
-            Seen::Pair(pair) if self.is_guess(leg, pair) => {
+            Seen::Pair(pair) if self.is_guess(segment, pair) => {
                 margins.pair(&self.known, pair).min(-self.problem.options.guess_depth)
             }
             Seen::Pair(pair) => margins.pair(&self.known, pair),
         }
     }
 
-    /// Depth (m) by which two things may overlap in a leg, where they may.
-    pub(super) fn depth(&self, leg: Leg, group: usize, seen: Seen) -> Option<f64> {
-        let table = self.table(leg);
+    /// Depth (m) by which two things may overlap in a segment, where they may.
+    pub(super) fn depth(&self, segment: MotionSegment, group: usize, seen: Seen) -> Option<f64> {
+        let table = self.table(segment);
         match seen {
             Seen::Body(body) => match table.bodies[group * self.problem.bodies.len() + body] {
                 Verdict::MayTouch(depth) => Some(depth),
-                Verdict::Judged | Verdict::Apart => None,
+                Verdict::Checked | Verdict::Apart => None,
             },
-            Seen::Pair(pair) if self.is_guess(leg, pair) => {
+            Seen::Pair(pair) if self.is_guess(segment, pair) => {
                 table.depths[pair].map(|depth| depth.max(self.problem.options.guess_depth))
             }
             Seen::Pair(pair) => table.depths[pair],
@@ -93,48 +93,50 @@ impl World<'_> {
     }
 
     /// Whether the hand is about to touch a body that it yet keeps a clearance from.
-    fn is_about_to_touch(&self, leg: Leg, group: usize, body: usize) -> bool {
-        let touches = self.cast.touches(group) || matches!(self.cast.groups[group], Group::Riding(_));
-        self.table(leg).reached[body] && leg == self.course.last_before_actuation() && touches
+    fn is_about_to_touch(&self, segment: MotionSegment, group: usize, body: usize) -> bool {
+        let touches = self.objects.touches(group) || matches!(self.objects.groups[group], Group::Riding(_));
+        self.table(segment).reached[body] && segment == self.schedule.last_before_actuation() && touches
     }
 
     /// Distance (m) below which two things count: as `reach` says, where they may not touch.
-    fn judged(&self, leg: Leg, group: usize, seen: Seen, reach: f64) -> f64 {
-        if self.depth(leg, group, seen).is_some() { f64::NEG_INFINITY } else { reach }
+    fn checked(&self, segment: MotionSegment, group: usize, seen: Seen, reach: f64) -> f64 {
+        if self.depth(segment, group, seen).is_some() { f64::NEG_INFINITY } else { reach }
     }
 
-    /// Clearance (m) that is kept in a leg from what the hand reaches for, zero from all else.
-    fn kept_from(&self, leg: Leg, seen: Seen) -> f64 {
+    /// Clearance (m) that is kept in a segment from what the hand reaches for, zero from all else.
+    fn kept_from(&self, segment: MotionSegment, seen: Seen) -> f64 {
         match seen {
-            Seen::Body(body) if self.table(leg).reached[body] => self.reach_clearance(),
+            Seen::Body(body) if self.table(segment).reached[body] => self.reach_clearance(),
             Seen::Body(_) | Seen::Pair(_) => 0.0,
         }
     }
 
-    /// Whether how far the object's joint moves in a leg is a guess.
-    pub fn guesses(&self, leg: Leg) -> bool {
-        self.table(leg).guessed && self.problem.joint.is_some() && leg != Leg::LetGo
+    /// Whether how far the object's joint moves in a segment is a guess.
+    pub fn guesses(&self, segment: MotionSegment) -> bool {
+        self.table(segment).guessed && self.problem.joint.is_some() && segment != MotionSegment::LetGo
     }
 
-    /// Whether where one of a pair is in a leg is a guess.
-    fn is_guess(&self, leg: Leg, pair: usize) -> bool {
-        self.table(leg).guessed && matches!(self.cast.groups[self.cast.pairs[pair].1], Group::Moved(_))
+    /// Whether where one of a pair is in a segment is a guess.
+    fn is_guess(&self, segment: MotionSegment, pair: usize) -> bool {
+        self.table(segment).guessed && matches!(self.objects.groups[self.objects.pairs[pair].1], Group::Moved(_))
     }
 
-    /// Takes what is too near in a state for what is so at the start.
-    pub fn measure_start(&mut self, state: State<'_>, leg: Leg) {
+    /// Records the distances of all pairs at the start: pairs that begin too near need keep no more than that.
+    pub fn measure_start(&mut self, state: State<'_>, segment: MotionSegment) {
         self.known.start_bodies.fill(f64::INFINITY);
         self.known.start_pairs.fill(f64::INFINITY);
         (self.start_overlap, self.start_hit) = (0.0, None);
-        self.place(state, leg);
+        self.place(state, segment);
         let mut found = Vec::new();
         self.look(
-            leg,
+            segment,
             EXACT,
-            |world, group, seen| world.depth(leg, group, seen).map_or(world.kept_from(leg, seen), |depth| -depth),
+            |world, group, seen| {
+                world.depth(segment, group, seen).map_or(world.kept_from(segment, seen), |depth| -depth)
+            },
             |world, seen, p| {
-                if p.contact.distance < world.kept_from(leg, seen) {
-                    found.push((seen, *p, world.depth(leg, p.group, seen).is_some()));
+                if p.contact.distance < world.kept_from(segment, seen) {
+                    found.push((seen, *p, world.depth(segment, p.group, seen).is_some()));
                 }
                 true
             },
@@ -156,20 +158,20 @@ impl World<'_> {
     pub(super) fn measure_picked(&mut self, x: &Row) {
         self.known.picked_bodies.fill(f64::INFINITY);
         self.known.picked_pairs.fill(f64::INFINITY);
-        let Some(first) = self.course.first_after_actuation() else { return };
+        let Some(first) = self.schedule.first_after_actuation() else { return };
         self.place(State::still(x), first);
         let mut found = Vec::new();
-        let picked = |world: &Self, group: usize| matches!(world.cast.groups[group], Group::Riding(b) if world.problem.bodies[b].role != Role::Attached);
+        let picked = |world: &Self, group: usize| matches!(world.objects.groups[group], Group::Riding(b) if world.problem.bodies[b].role != Role::Attached);
         let is_picked = |world: &Self, group: usize, seen: Seen| match seen {
             Seen::Body(_) => picked(world, group),
             Seen::Pair(pair) => {
-                let (a, b) = world.cast.pairs[pair];
+                let (a, b) = world.objects.pairs[pair];
                 // Not what holds it: inside the arm nothing can be held.
-                (picked(world, a) || picked(world, b)) && !matches!(world.cast.groups[a], Group::Link(_))
+                (picked(world, a) || picked(world, b)) && !matches!(world.objects.groups[a], Group::Link(_))
             }
         };
         let reach = |world: &Self, group: usize, seen: Seen| {
-            if is_picked(world, group, seen) { world.judged(first, group, seen, 0.0) } else { f64::NEG_INFINITY }
+            if is_picked(world, group, seen) { world.checked(first, group, seen, 0.0) } else { f64::NEG_INFINITY }
         };
         self.look(first, EXACT, reach, |_, seen, p| {
             if p.contact.distance < 0.0 {
@@ -185,14 +187,14 @@ impl World<'_> {
         }
     }
 
-    /// Depth (m) of the deepest judged overlap, zero where there is none.
-    pub fn overlap(&mut self, state: State<'_>, leg: Leg) -> f64 {
-        self.place(state, leg);
+    /// Depth (m) of the deepest checked overlap, zero where there is none.
+    pub fn overlap(&mut self, state: State<'_>, segment: MotionSegment) -> f64 {
+        self.place(state, segment);
         let mut deepest: f64 = 0.0;
         self.look(
-            leg,
+            segment,
             EXACT,
-            |world, group, seen| world.judged(leg, group, seen, 0.0),
+            |world, group, seen| world.checked(segment, group, seen, 0.0),
             |_, _, p| {
                 deepest = deepest.max(-p.contact.distance);
                 true
@@ -201,14 +203,14 @@ impl World<'_> {
         deepest
     }
 
-    /// The first judged pair nearer than its margin, if any.
-    pub fn hit_at(&mut self, state: State<'_>, leg: Leg, margins: &Margins) -> Option<Hit> {
-        self.place(state, leg);
+    /// The first checked pair nearer than its margin, if any.
+    pub fn hit_at(&mut self, state: State<'_>, segment: MotionSegment, margins: &Margins) -> Option<Hit> {
+        self.place(state, segment);
         let mut found = None;
         self.look(
-            leg,
+            segment,
             EXACT,
-            |world, group, seen| world.asked(leg, margins, group, seen),
+            |world, group, seen| world.asked(segment, margins, group, seen),
             |_, _, p| {
                 found = Some(*p);
                 false
@@ -219,14 +221,14 @@ impl World<'_> {
 
     /// Margins for the motion between two states: `clearance`, or what either end leaves where that is less. What an
     /// end overlaps gives no such leave: the motion does not get there.
-    pub fn margins_between(&mut self, ends: [State<'_>; 2], leg: Leg, clearance: f64) -> Margins {
+    pub fn margins_between(&mut self, ends: [State<'_>; 2], segment: MotionSegment, clearance: f64) -> Margins {
         let mut out = Margins::plain(clearance);
         for state in ends {
-            self.place(state, leg);
+            self.place(state, segment);
             self.look(
-                leg,
+                segment,
                 EXACT,
-                |world, group, seen| world.judged(leg, group, seen, world.kept_from(leg, seen).max(clearance)),
+                |world, group, seen| world.checked(segment, group, seen, world.kept_from(segment, seen).max(clearance)),
                 |_, seen, p| {
                     let left = p.contact.distance - TOUCH;
                     match seen {
@@ -243,16 +245,16 @@ impl World<'_> {
 
     /// Pairs nearer than `clearance` (m) in a state that may not touch, and overlaps where it may; how near
     /// or deep (m), and whether it may.
-    pub fn nearest(&mut self, state: State<'_>, leg: Leg, clearance: f64) -> Vec<(Hit, bool)> {
-        self.place(state, leg);
+    pub fn nearest(&mut self, state: State<'_>, segment: MotionSegment, clearance: f64) -> Vec<(Hit, bool)> {
+        self.place(state, segment);
         let mut found = Vec::new();
         self.look(
-            leg,
+            segment,
             EXACT,
-            |world, group, seen| if world.depth(leg, group, seen).is_some() { 0.0 } else { clearance },
+            |world, group, seen| if world.depth(segment, group, seen).is_some() { 0.0 } else { clearance },
             |world, seen, p| {
-                let guess = matches!(seen, Seen::Pair(pair) if world.is_guess(leg, pair));
-                found.push((world.hit(p), guess || world.depth(leg, p.group, seen).is_some()));
+                let guess = matches!(seen, Seen::Pair(pair) if world.is_guess(segment, pair));
+                found.push((world.hit(p), guess || world.depth(segment, p.group, seen).is_some()));
                 true
             },
         );
@@ -260,26 +262,26 @@ impl World<'_> {
     }
 
     /// Adds the distances in a state to the smallest so far; those of guesses are left out.
-    pub fn measure(&mut self, state: State<'_>, leg: Leg, out: &mut Clearances) {
-        self.place(state, leg);
+    pub fn measure(&mut self, state: State<'_>, segment: MotionSegment, out: &mut Clearances) {
+        self.place(state, segment);
         // Only what is nearer than the smallest so far matters.
         let (table, object, itself) = (out.table.min(1.0), out.object.min(1.0), out.itself.min(1.0));
         let kind = |world: &Self, seen: Seen| match seen {
             Seen::Body(b) if world.problem.bodies[b].role == Role::Table => Kind::Table,
             Seen::Body(_) => Kind::Object,
-            Seen::Pair(pair) => match world.cast.groups[world.cast.pairs[pair].1] {
+            Seen::Pair(pair) => match world.objects.groups[world.objects.pairs[pair].1] {
                 Group::Moved(_) => Kind::Object,
                 Group::Link(_) | Group::Riding(_) => Kind::Itself,
             },
         };
         let reach = |world: &Self, group: usize, seen: Seen| match kind(world, seen) {
-            _ if world.depth(leg, group, seen).is_some() => f64::NEG_INFINITY,
-            _ if matches!(seen, Seen::Pair(pair) if world.is_guess(leg, pair)) => f64::NEG_INFINITY,
+            _ if world.depth(segment, group, seen).is_some() => f64::NEG_INFINITY,
+            _ if matches!(seen, Seen::Pair(pair) if world.is_guess(segment, pair)) => f64::NEG_INFINITY,
             Kind::Table => table,
             Kind::Object => object,
             Kind::Itself => itself,
         };
-        self.look(leg, EXACT, reach, |world, seen, p| {
+        self.look(segment, EXACT, reach, |world, seen, p| {
             let least = match kind(world, seen) {
                 Kind::Table => &mut out.table,
                 Kind::Object => &mut out.object,

@@ -1,10 +1,10 @@
-//! Contact rules of each leg: roles, or contact windows, compiled once into a table.
+//! Contact rules of each segment: roles, or contact windows, compiled once into a table.
 
-use gensim2_geometry::{Robot, judged_pairs};
+use gensim2_geometry::{Robot, checked_pairs};
 
 use super::bubble::Carried;
-use super::leg::{Course, Leg};
 use super::movers::{Movers, is_below};
+use super::segment::{MotionSegment, Schedule};
 use super::travel::joint_steps;
 use crate::{Body, KeypointProblem, Role};
 
@@ -13,13 +13,13 @@ use crate::{Body, KeypointProblem, Role};
 pub(crate) enum Group {
     /// A link of the robot.
     Link(usize),
-    /// A body that rides on the hand in some leg: attached, picked, or placed later.
+    /// A body that rides on the hand in some segment: attached, picked, or placed later.
     Riding(usize),
     /// A body that the object's joint moves.
     Moved(usize),
 }
 
-/// Source of a group's pose in a leg.
+/// Source of a group's pose in a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Carrier {
     /// It is a link.
@@ -38,7 +38,7 @@ pub(crate) enum Carrier {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Verdict {
     /// They may not overlap.
-    Judged,
+    Checked,
     /// They may, as deep as this (m).
     MayTouch(f64),
     /// Nothing of what is planned moves one against the other, one of them is not there or held by the other, or it is
@@ -53,8 +53,8 @@ impl Verdict {
     }
 }
 
-/// The world in one leg.
-pub(crate) struct LegWorld {
+/// The world in one segment.
+pub(crate) struct SegmentWorld {
     /// Source of each group's pose.
     pub carriers: Vec<Carrier>,
     /// Groups that are there.
@@ -73,8 +73,8 @@ pub(crate) struct LegWorld {
     pub guessed: bool,
 }
 
-/// Everything that moves in a problem, and which pairs of it are ever judged.
-pub(crate) struct Cast<'p> {
+/// Everything that moves in a problem, and which pairs of it are ever checked.
+pub(crate) struct CollisionObjects<'p> {
     pub robot: &'p Robot,
     pub bodies: &'p [Body],
     pub groups: Vec<Group>,
@@ -82,7 +82,7 @@ pub(crate) struct Cast<'p> {
     pub pairs: Vec<(usize, usize)>,
 }
 
-impl<'p> Cast<'p> {
+impl<'p> CollisionObjects<'p> {
     /// The robot's links, then bodies that ride at some time, then bodies that the object's joint moves. `changes` says
     /// whether one link can move against another.
     pub fn new(
@@ -96,7 +96,7 @@ impl<'p> Cast<'p> {
         let mut groups: Vec<Group> = (0..links).map(Group::Link).collect();
         groups.extend((0..bodies.len()).filter(|b| rides(&bodies[*b])).map(Group::Riding));
         groups.extend((0..bodies.len()).filter(|b| is_moved(&bodies[*b])).map(Group::Moved));
-        let mut pairs = judged_pairs(robot, changes);
+        let mut pairs = checked_pairs(robot, changes);
         let bare = |g: usize| match groups[g] {
             Group::Link(l) => robot.links()[l].shapes().is_empty(),
             Group::Riding(b) | Group::Moved(b) => bodies[b].shapes.is_empty(),
@@ -162,9 +162,9 @@ impl Hand {
 /// Compiles the rules of a problem.
 pub(crate) struct Compiler<'c, 'p> {
     pub problem: &'p KeypointProblem,
-    pub cast: &'c Cast<'p>,
+    pub objects: &'c CollisionObjects<'p>,
     pub movers: &'c Movers,
-    pub course: Course,
+    pub schedule: Schedule,
     windows: Option<Vec<Window>>,
 }
 
@@ -178,12 +178,17 @@ struct Window {
 }
 
 impl<'c, 'p> Compiler<'c, 'p> {
-    pub fn new(problem: &'p KeypointProblem, cast: &'c Cast<'p>, movers: &'c Movers, course: Course) -> Self {
+    pub fn new(
+        problem: &'p KeypointProblem,
+        objects: &'c CollisionObjects<'p>,
+        movers: &'c Movers,
+        schedule: Schedule,
+    ) -> Self {
         let windows = problem.options.contacts.as_ref().map(|windows| {
             let resolve = |w: &crate::options::ContactWindow| {
-                let named = |group: usize| w.links.iter().any(|l| l == cast.name(group));
+                let named = |group: usize| w.links.iter().any(|l| l == objects.name(group));
                 Some(Window {
-                    groups: (0..cast.groups.len()).map(named).collect(),
+                    groups: (0..objects.groups.len()).map(named).collect(),
                     bodies: problem.bodies.iter().map(|b| w.bodies.contains(&b.name)).collect(),
                     from: problem.window_index(&w.from)?,
                     to: problem.window_index(&w.to)?,
@@ -193,43 +198,43 @@ impl<'c, 'p> Compiler<'c, 'p> {
             // The problem's check has refused windows that name no keyframe.
             windows.iter().filter_map(resolve).collect()
         });
-        Self { problem, cast, movers, course, windows }
+        Self { problem, objects, movers, schedule, windows }
     }
 
-    /// The world of a leg.
-    pub fn leg(&self, leg: Leg) -> LegWorld {
-        let groups = self.cast.groups.len();
-        let carriers: Vec<Carrier> = (0..groups).map(|g| self.carrier(g, leg)).collect();
+    /// The world of a segment.
+    pub fn segment(&self, segment: MotionSegment) -> SegmentWorld {
+        let groups = self.objects.groups.len();
+        let carriers: Vec<Carrier> = (0..groups).map(|g| self.carrier(g, segment)).collect();
         let present = (0..groups).filter(|g| carriers[*g] != Carrier::Absent).collect();
-        let carried = self.carried(&carriers, leg);
+        let carried = self.carried(&carriers, segment);
         let bodies = (0..groups)
-            .flat_map(|g| (0..self.cast.bodies.len()).map(move |b| (g, b)))
-            .map(|(g, b)| self.against_body(g, b, leg, &carriers, &carried))
+            .flat_map(|g| (0..self.objects.bodies.len()).map(move |b| (g, b)))
+            .map(|(g, b)| self.against_body(g, b, segment, &carriers, &carried))
             .collect();
         let verdicts: Vec<Verdict> =
-            self.cast.pairs.iter().map(|pair| self.between(*pair, leg, &carriers, &carried)).collect();
+            self.objects.pairs.iter().map(|pair| self.between(*pair, segment, &carriers, &carried)).collect();
         let pairs = (0..verdicts.len()).filter(|pair| verdicts[*pair] != Verdict::Apart).collect();
         let depth = |verdict: &Verdict| if let Verdict::MayTouch(depth) = verdict { Some(*depth) } else { None };
         let depths = verdicts.iter().map(depth).collect();
         let steps = joint_steps(self.problem);
-        let guessed = match leg {
-            Leg::Post(i) => steps[i].is_none(),
+        let guessed = match segment {
+            MotionSegment::Post(i) => steps[i].is_none(),
             // It stands still, where the motions before have taken it.
-            Leg::LetGo => steps.contains(&None),
-            Leg::Approach | Leg::Pre(_) | Leg::ToActuation => false,
+            MotionSegment::LetGo => steps.contains(&None),
+            MotionSegment::Approach | MotionSegment::Pre(_) | MotionSegment::ToActuation => false,
         };
-        let reached = (0..self.cast.bodies.len()).map(|b| self.is_kept_from(b, leg)).collect();
-        LegWorld { carriers, present, bodies, reached, pairs, depths, carried, guessed }
+        let reached = (0..self.objects.bodies.len()).map(|b| self.is_kept_from(b, segment)).collect();
+        SegmentWorld { carriers, present, bodies, reached, pairs, depths, carried, guessed }
     }
 
-    fn carrier(&self, group: usize, leg: Leg) -> Carrier {
-        let after = leg.is_after();
-        match self.cast.groups[group] {
+    fn carrier(&self, group: usize, segment: MotionSegment) -> Carrier {
+        let after = segment.is_after();
+        match self.objects.groups[group] {
             Group::Link(_) => Carrier::Robot,
             Group::Moved(_) if after => Carrier::Joint,
             Group::Moved(_) => Carrier::Absent,
-            Group::Riding(b) => match (self.cast.bodies[b].role == Role::Attached, after) {
-                (_, true) if leg == Leg::LetGo || self.is_released(b) => Carrier::Placed,
+            Group::Riding(b) => match (self.objects.bodies[b].role == Role::Attached, after) {
+                (_, true) if segment == MotionSegment::LetGo || self.is_released(b) => Carrier::Placed,
                 (true, _) | (false, true) => Carrier::Hand,
                 (false, false) => Carrier::Absent,
             },
@@ -237,47 +242,54 @@ impl<'c, 'p> Compiler<'c, 'p> {
     }
 
     fn is_picked(&self, body: usize) -> bool {
-        self.problem.options.pick.contains(&self.cast.bodies[body].name)
+        self.problem.options.pick.contains(&self.objects.bodies[body].name)
     }
 
     /// Whether the hand reaches for a body and may not touch it yet.
-    fn is_kept_from(&self, body: usize, leg: Leg) -> bool {
-        let reached = matches!(self.cast.bodies[body].role, Role::MovingLink | Role::Target) || self.is_picked(body);
-        self.problem.options.reach_clearance.is_some() && !leg.is_after() && reached
+    fn is_kept_from(&self, body: usize, segment: MotionSegment) -> bool {
+        let reached = matches!(self.objects.bodies[body].role, Role::MovingLink | Role::Target) || self.is_picked(body);
+        self.problem.options.reach_clearance.is_some() && !segment.is_after() && reached
     }
 
     fn is_released(&self, body: usize) -> bool {
-        self.problem.options.release.contains(&self.cast.bodies[body].name)
+        self.problem.options.release.contains(&self.objects.bodies[body].name)
     }
 
     /// The joints that carry each group; the object's comes last.
-    fn carried(&self, carriers: &[Carrier], leg: Leg) -> Carried {
-        let (robot, hand) = (self.cast.robot, self.cast.robot.hand());
+    fn carried(&self, carriers: &[Carrier], segment: MotionSegment) -> Carried {
+        let (robot, hand) = (self.objects.robot, self.objects.robot.hand());
         let joints = self.movers.len() + 1;
         let mut flags = Vec::with_capacity(joints * carriers.len());
         for (group, carrier) in carriers.iter().enumerate() {
-            match (carrier, self.cast.groups[group]) {
+            match (carrier, self.objects.groups[group]) {
                 (Carrier::Robot, Group::Link(l)) => flags.extend(self.movers.carrying(robot, l)),
                 (Carrier::Hand, _) => flags.extend(self.movers.carrying(robot, hand)),
                 _ => flags.extend((0..joints - 1).map(|_| false)),
             }
-            flags.push(*carrier == Carrier::Joint && leg != Leg::LetGo);
+            flags.push(*carrier == Carrier::Joint && segment != MotionSegment::LetGo);
         }
         Carried { joints, flags }
     }
 
-    /// The verdict of the windows on a group and a body in a leg. A window from the start covers the approach.
-    fn through(&self, windows: &[Window], group: usize, body: usize, leg: Leg) -> Verdict {
+    /// The verdict of the windows on a group and a body in a segment. A window from the start covers the approach.
+    fn through(&self, windows: &[Window], group: usize, body: usize, segment: MotionSegment) -> Verdict {
         // Among windows the start is 0, and keyframe k of the motion k + 1.
-        let leads_to = self.course.number(leg) + 1;
+        let leads_to = self.schedule.number(segment) + 1;
         let open = |w: &&Window| w.groups[group] && w.bodies[body] && w.from < leads_to && leads_to <= w.to;
         let deepest = windows.iter().filter(open).map(|w| w.depth.unwrap_or(f64::INFINITY)).reduce(f64::max);
-        deepest.map_or(Verdict::Judged, |depth| Verdict::touching(Some(depth).filter(|d| d.is_finite())))
+        deepest.map_or(Verdict::Checked, |depth| Verdict::touching(Some(depth).filter(|d| d.is_finite())))
     }
 
-    fn against_body(&self, group: usize, body: usize, leg: Leg, carriers: &[Carrier], carried: &Carried) -> Verdict {
-        let what = &self.cast.bodies[body];
-        let after = leg.is_after();
+    fn against_body(
+        &self,
+        group: usize,
+        body: usize,
+        segment: MotionSegment,
+        carriers: &[Carrier],
+        carried: &Carried,
+    ) -> Verdict {
+        let what = &self.objects.bodies[body];
+        let after = segment.is_after();
         let stands = match what.role {
             Role::Attached => false,
             Role::MovingLink => !(after && self.problem.joint.is_some()),
@@ -287,13 +299,13 @@ impl<'c, 'p> Compiler<'c, 'p> {
             return Verdict::Apart;
         }
         if let Some(windows) = &self.windows {
-            return self.through(windows, group, body, leg);
+            return self.through(windows, group, body, segment);
         }
-        if self.is_kept_from(body, leg) {
-            return Verdict::Judged;
+        if self.is_kept_from(body, segment) {
+            return Verdict::Checked;
         }
-        let gripper = self.cast.touches(group);
-        let reaching = leg == self.course.last_before_actuation();
+        let gripper = self.objects.touches(group);
+        let reaching = segment == self.schedule.last_before_actuation();
         let may = match what.role {
             Role::Target => gripper || carriers[group] == Carrier::Hand,
             // Without a joint it is not known how it moves.
@@ -303,42 +315,48 @@ impl<'c, 'p> Compiler<'c, 'p> {
                 gripper && reaching && self.is_picked(body)
             }
         };
-        if may { Verdict::touching(self.problem.options.contact_depth) } else { Verdict::Judged }
+        if may { Verdict::touching(self.problem.options.contact_depth) } else { Verdict::Checked }
     }
 
-    /// Whether a group is ever judged: what the object's joint moves is, against the robot alone.
+    /// Whether a group is ever checked: what the object's joint moves is, against the robot alone.
     fn meets(&self, group: usize) -> bool {
-        !matches!(self.cast.groups[group], Group::Moved(_))
+        !matches!(self.objects.groups[group], Group::Moved(_))
     }
 
-    fn between(&self, (a, b): (usize, usize), leg: Leg, carriers: &[Carrier], carried: &Carried) -> Verdict {
+    fn between(
+        &self,
+        (a, b): (usize, usize),
+        segment: MotionSegment,
+        carriers: &[Carrier],
+        carried: &Carried,
+    ) -> Verdict {
         if carriers[a] == Carrier::Absent || carriers[b] == Carrier::Absent {
             return Verdict::Apart;
         }
-        let verdict = match (self.cast.groups[a], self.cast.groups[b]) {
-            (Group::Link(_), Group::Link(_)) => return Verdict::Judged,
+        let verdict = match (self.objects.groups[a], self.objects.groups[b]) {
+            (Group::Link(_), Group::Link(_)) => return Verdict::Checked,
             // What is held keeps its place against the links about the hand, and may yet be inside one of them.
-            (Group::Link(_), Group::Riding(_)) if carriers[b] == Carrier::Hand => Verdict::Judged,
+            (Group::Link(_), Group::Riding(_)) if carriers[b] == Carrier::Hand => Verdict::Checked,
             _ if carried.row(a) == carried.row(b) => return Verdict::Apart,
-            _ => Verdict::Judged,
+            _ => Verdict::Checked,
         };
-        let body_of = |group: usize| match self.cast.groups[group] {
+        let body_of = |group: usize| match self.objects.groups[group] {
             Group::Link(_) => None,
             Group::Riding(body) | Group::Moved(body) => Some(body),
         };
         if let Some(windows) = &self.windows {
             let open = |g: usize, other: usize| {
-                body_of(other).map(|o| self.through(windows, g, o, leg)).filter(|v| *v != Verdict::Judged)
+                body_of(other).map(|o| self.through(windows, g, o, segment)).filter(|v| *v != Verdict::Checked)
             };
-            if carriers[b] == Carrier::Hand && self.cast.holds(a) {
+            if carriers[b] == Carrier::Hand && self.objects.holds(a) {
                 return Verdict::Apart;
             }
             return open(a, b).or_else(|| open(b, a)).unwrap_or(verdict);
         }
         // Hand and fingers hold what rides, leave what was placed, and push or pull what the joint moves.
-        match self.cast.groups[b] {
-            Group::Riding(_) if self.cast.holds(a) => Verdict::Apart,
-            Group::Moved(_) if self.cast.touches(a) => Verdict::touching(self.problem.options.contact_depth),
+        match self.objects.groups[b] {
+            Group::Riding(_) if self.objects.holds(a) => Verdict::Apart,
+            Group::Moved(_) if self.objects.touches(a) => Verdict::touching(self.problem.options.contact_depth),
             _ => verdict,
         }
     }

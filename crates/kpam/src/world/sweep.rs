@@ -7,7 +7,7 @@ use super::movers::off_axis;
 use super::query::Seen;
 use super::rules::Carrier;
 use super::way::{Gone, Way};
-use super::{Hit, Leg, Margins, State, World};
+use super::{Hit, Margins, MotionSegment, State, World};
 use crate::ObjectJointKind;
 use crate::model::Row;
 
@@ -35,14 +35,14 @@ struct Onwards {
 }
 
 impl World<'_> {
-    /// A judged pair nearer than its margin at any waypoint but the first, where there is one. One about the middle is
+    /// A checked pair nearer than its margin at any waypoint but the first, where there is one. One about the middle is
     /// looked at first, then those about the middles of what is left: what blocks a path shows soon.
-    pub fn hit_at_any(&mut self, way: Way<'_>, leg: Leg, margins: &Margins) -> Option<Hit> {
+    pub fn hit_at_any(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> Option<Hit> {
         let mut stride = way.waypoints.len().next_power_of_two();
         while stride > 1 {
             let half = stride / 2;
             for k in (half..way.waypoints.len()).step_by(stride) {
-                if let Some(hit) = self.hit_at(way.state(k), leg, margins) {
+                if let Some(hit) = self.hit_at(way.state(k), segment, margins) {
                     return Some(hit);
                 }
             }
@@ -52,12 +52,12 @@ impl World<'_> {
     }
 
     /// Largest way of each group's points per unit of each joint.
-    fn measure_levers(&self, leg: Leg, levers: &mut Vec<f64>) {
-        let table = self.table(leg);
+    fn measure_levers(&self, segment: MotionSegment, levers: &mut Vec<f64>) {
+        let table = self.table(segment);
         let joints = table.carried.joints;
         let poses = self.scratch.poses();
         levers.clear();
-        levers.resize(joints * self.cast.groups.len(), 0.0);
+        levers.resize(joints * self.objects.groups.len(), 0.0);
         for &group in &table.present {
             if self.shapes.is_bare(group) {
                 continue;
@@ -83,24 +83,30 @@ impl World<'_> {
 
     /// States about one that are surely free, or the pair that is nearer than its margin already. What leaves a gap of
     /// more than `reach` (m) counts as leaving that.
-    fn bubble(&mut self, state: State<'_>, leg: Leg, margins: &Margins, reach: f64) -> Result<Bubble, Hit> {
-        self.place(state, leg);
+    fn bubble(
+        &mut self,
+        state: State<'_>,
+        segment: MotionSegment,
+        margins: &Margins,
+        reach: f64,
+    ) -> Result<Bubble, Hit> {
+        self.place(state, segment);
         let mut bubble = std::mem::take(&mut self.spare);
         (bubble.center, bubble.travel) = (*state.x, state.travel);
         bubble.joints = self.movers.len() + 1;
         bubble.pairs.clear();
-        self.measure_levers(leg, &mut bubble.levers);
+        self.measure_levers(segment, &mut bubble.levers);
         let mut blocked = None;
         // What stands in for a distance has to be more than any margin asks for.
         let clearance = margins.clearance.max(self.reach_clearance());
         let coarse = COARSE.max(clearance + NARROW);
         let within = clearance + reach;
         self.look(
-            leg,
+            segment,
             coarse,
             |_, _, _| within,
             |world, seen, p| {
-                let gap = p.contact.distance - world.asked(leg, margins, p.group, seen);
+                let gap = p.contact.distance - world.asked(segment, margins, p.group, seen);
                 if gap < 0.0 {
                     blocked = Some(*p);
                     return false;
@@ -118,7 +124,7 @@ impl World<'_> {
             return Err(self.hit(&p));
         }
         // What is not near is at least this far.
-        for &group in &self.table(leg).present {
+        for &group in &self.table(segment).present {
             if !self.shapes.is_bare(group) {
                 bubble.pairs.push(Near { gap: reach, group, other: None });
             }
@@ -135,21 +141,21 @@ impl World<'_> {
     }
 
     /// Whether a state on a segment of a way is inside, and all that is no further off it than the way may lie.
-    fn holds(&mut self, bubble: &Bubble, leg: Leg, (x, travel): (&Row, f64), off: Option<&Row>) -> bool {
+    fn holds(&mut self, bubble: &Bubble, segment: MotionSegment, (x, travel): (&Row, f64), off: Option<&Row>) -> bool {
         let mut steps = self.steps((&bubble.center, bubble.travel), (x, travel));
         self.add_off(off, &mut steps);
-        let inside = bubble.holds(&self.table(leg).carried, &steps);
+        let inside = bubble.holds(&self.table(segment).carried, &steps);
         self.steps = steps;
         inside
     }
 
     /// Sweeps the straight joint segment from `a` to `b`, the object's joint as it stood; the first hit.
-    pub fn sweep(&mut self, a: &Row, b: &Row, leg: Leg, margins: &Margins) -> Option<Hit> {
-        self.sweep_along(Way::still(&[*a, *b]), leg, margins).map(|(_, hit)| hit)
+    pub fn sweep(&mut self, a: &Row, b: &Row, segment: MotionSegment, margins: &Margins) -> Option<Hit> {
+        self.sweep_along(Way::still(&[*a, *b]), segment, margins).map(|(_, hit)| hit)
     }
 
     /// Sweeps the straight joint segments between waypoints; the last free waypoint before the first hit, and the hit.
-    pub fn sweep_along(&mut self, way: Way<'_>, leg: Leg, margins: &Margins) -> Option<(usize, Hit)> {
+    pub fn sweep_along(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> Option<(usize, Hit)> {
         let last = way.waypoints.len() - 1;
         let end = last as f64;
         let gone = self.gone(&way);
@@ -162,7 +168,7 @@ impl World<'_> {
             // One bubble that reaches back as well covers nearly twice as much.
             let at = (t + AGAIN * ahead).floor().min(end);
             if at > t
-                && let Some(on) = self.leap_ahead(&way, leg, margins, &gone, t, at, &mut reach)
+                && let Some(on) = self.leap_ahead(&way, segment, margins, &gone, t, at, &mut reach)
             {
                 if at >= end {
                     return None;
@@ -171,7 +177,7 @@ impl World<'_> {
                 continue;
             }
             let (x, travel) = way.at(t);
-            let bubble = match self.bubble(State { x: &x, travel }, leg, margins, reach) {
+            let bubble = match self.bubble(State { x: &x, travel }, segment, margins, reach) {
                 Ok(bubble) => bubble,
                 Err(hit) => return Some(((t.ceil() as usize).saturating_sub(1), hit)),
             };
@@ -179,7 +185,7 @@ impl World<'_> {
                 self.spare = bubble;
                 return None;
             }
-            let on = self.onwards(&bubble, &way, leg, &gone, t, &mut reach);
+            let on = self.onwards(&bubble, &way, segment, &gone, t, &mut reach);
             self.spare = bubble;
             (t, ahead) = (on.next, on.proven - t);
         }
@@ -187,14 +193,14 @@ impl World<'_> {
 
     /// Proves a way free from its beginning on, with no step that is not inside a bubble: the number of the last waypoint
     /// up to which it is.
-    pub fn prove_along(&mut self, way: Way<'_>, leg: Leg, margins: &Margins) -> usize {
+    pub fn prove_along(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> usize {
         let last = way.waypoints.len() - 1;
         let end = last as f64;
         let gone = self.gone(&way);
         let (mut t, mut ahead, mut reach) = (0.0, 0.0, REACH);
         while t < end {
             let at = (t + AGAIN * ahead).floor().min(end);
-            let leap = if at > t { self.leap_ahead(&way, leg, margins, &gone, t, at, &mut reach) } else { None };
+            let leap = if at > t { self.leap_ahead(&way, segment, margins, &gone, t, at, &mut reach) } else { None };
             let next = match leap {
                 Some(on) => {
                     ahead = on.proven - at;
@@ -202,8 +208,8 @@ impl World<'_> {
                 }
                 None => {
                     let (x, travel) = way.at(t);
-                    let Ok(bubble) = self.bubble(State { x: &x, travel }, leg, margins, reach) else { break };
-                    let on = self.onwards(&bubble, &way, leg, &gone, t, &mut reach);
+                    let Ok(bubble) = self.bubble(State { x: &x, travel }, segment, margins, reach) else { break };
+                    let on = self.onwards(&bubble, &way, segment, &gone, t, &mut reach);
                     self.spare = bubble;
                     ahead = on.proven - t;
                     on.proven
@@ -224,7 +230,7 @@ impl World<'_> {
     fn leap_ahead(
         &mut self,
         way: &Way<'_>,
-        leg: Leg,
+        segment: MotionSegment,
         margins: &Margins,
         gone: &Gone,
         t: f64,
@@ -232,16 +238,24 @@ impl World<'_> {
         reach: &mut f64,
     ) -> Option<Onwards> {
         let (x, travel) = way.at(at);
-        let bubble = self.bubble(State { x: &x, travel }, leg, margins, *reach).ok()?;
-        let back = self.holds_between(&bubble, leg, gone, (t as usize, at as usize));
-        let on = back.then(|| self.onwards(&bubble, way, leg, gone, at, reach));
+        let bubble = self.bubble(State { x: &x, travel }, segment, margins, *reach).ok()?;
+        let back = self.holds_between(&bubble, segment, gone, (t as usize, at as usize));
+        let on = back.then(|| self.onwards(&bubble, way, segment, gone, at, reach));
         self.spare = bubble;
         on
     }
 
     /// Extent along a way of a bubble about a place `t` (waypoints), and the place to go on; `reach` is set to how far
     /// is to be looked from there.
-    fn onwards(&mut self, bubble: &Bubble, way: &Way<'_>, leg: Leg, gone: &Gone, t: f64, reach: &mut f64) -> Onwards {
+    fn onwards(
+        &mut self,
+        bubble: &Bubble,
+        way: &Way<'_>,
+        segment: MotionSegment,
+        gone: &Gone,
+        t: f64,
+        reach: &mut f64,
+    ) -> Onwards {
         let last = way.waypoints.len() - 1;
         let gap = bubble.pairs.iter().map(|p| p.gap).fold(REACH, f64::min);
         *reach = (AHEAD * gap).clamp(NARROW, REACH);
@@ -252,7 +266,7 @@ impl World<'_> {
         let mut stride = 1;
         while k < last {
             let next = (k + stride).min(last);
-            if self.holds_between(bubble, leg, gone, (from, next)) {
+            if self.holds_between(bubble, segment, gone, (from, next)) {
                 k = next;
                 stride *= 2;
             } else if stride > 1 {
@@ -262,18 +276,18 @@ impl World<'_> {
             }
         }
         // Joints that turn back are nearer than they have gone.
-        while k < last && self.holds(bubble, leg, (&way.waypoints[k + 1], way.travel_at(k + 1)), way.off.get(k)) {
+        while k < last && self.holds(bubble, segment, (&way.waypoints[k + 1], way.travel_at(k + 1)), way.off.get(k)) {
             k += 1;
         }
         let mut next = t.max(k as f64);
         if k < last && k == from {
             let steps = self.segment(way, k);
-            let mut times = bubble.times(&self.table(leg).carried, &steps);
+            let mut times = bubble.times(&self.table(segment).carried, &steps);
             if let Some(off) = way.off.get(k) {
                 // What a step uses grows evenly with it: as much less of it as lying off the segment uses.
                 let mut aside = vec![0.0; steps.len()];
                 self.add_off(Some(off), &mut aside);
-                times = (times * (1.0 - 1.0 / bubble.times(&self.table(leg).carried, &aside))).max(0.0);
+                times = (times * (1.0 - 1.0 / bubble.times(&self.table(segment).carried, &aside))).max(0.0);
             }
             next = (t + times).min((k + 1) as f64);
             self.steps = steps;
@@ -282,7 +296,7 @@ impl World<'_> {
             for _ in 0..6 {
                 let middle = 0.5 * (low + high);
                 let (x, travel) = way.at(middle);
-                if self.holds(bubble, leg, (&x, travel), way.off.get(k)) {
+                if self.holds(bubble, segment, (&x, travel), way.off.get(k)) {
                     low = middle;
                 } else {
                     high = middle;
@@ -301,12 +315,18 @@ impl World<'_> {
     }
 
     /// Whether all of a way between two waypoints is inside a bubble about a place that is between them too.
-    fn holds_between(&mut self, bubble: &Bubble, leg: Leg, gone: &Gone, (from, to): (usize, usize)) -> bool {
+    fn holds_between(
+        &mut self,
+        bubble: &Bubble,
+        segment: MotionSegment,
+        gone: &Gone,
+        (from, to): (usize, usize),
+    ) -> bool {
         let mut steps = std::mem::take(&mut self.steps);
         steps.clear();
         let n = gone.joints;
         steps.extend((0..n).map(|j| gone.sums[to * n + j] - gone.sums[from * n + j] + gone.off[j]));
-        let inside = bubble.holds(&self.table(leg).carried, &steps);
+        let inside = bubble.holds(&self.table(segment).carried, &steps);
         self.steps = steps;
         inside
     }
@@ -321,7 +341,7 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::model::{MOST_JOINTS, Model};
+    use crate::model::{MAX_JOINTS, Model};
     use crate::{KeypointProblem, SolverConfig};
 
     #[test]
@@ -344,13 +364,13 @@ mod tests {
         let model = Model::new(&robot, &[0.0]).unwrap();
         let mut world = World::new(&problem, &model);
         let row = |angle: f64| {
-            let mut x = [0.0; MOST_JOINTS];
+            let mut x = [0.0; MAX_JOINTS];
             x[0] = angle;
             x
         };
         let waypoints: Vec<Row> = (0..5).map(|k| row(0.3 * f64::from(k))).collect();
         for clearance in [0.0, 0.05, 0.12, 0.15, 0.2] {
-            let hit = world.sweep_along(Way::still(&waypoints), Leg::Approach, &Margins::plain(clearance));
+            let hit = world.sweep_along(Way::still(&waypoints), MotionSegment::Approach, &Margins::plain(clearance));
             assert!(hit.is_none(), "{clearance}");
         }
     }

@@ -23,7 +23,7 @@ from gensim2.data.observation_file import ObservedEpisode, read_observation
 from gensim2.data.record import DatasetRecord
 from gensim2.data.selection import Selection, some
 from gensim2.data.store import ROWS, TaskStore
-from gensim2.data.trajectory import Provenance, write_trajectory
+from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
 from gensim2.errors import InputError
 from gensim2.files import new_folder, replacing
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -98,7 +98,7 @@ def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Pro
     licenses = {name: used.license for name, used in record.objects.items()}
     for store, rows in chosen:
         spec = store.spec()
-        provenance = Provenance(
+        provenance = TrajectoryMetadata(
             task=spec,
             strategies=load_strategies_beside(store.folder, spec),
             assets=record.scene.assets,

@@ -20,10 +20,10 @@ from gensim2.record_files import parse_record
 
 Array = npt.NDArray[Any]
 
-MOST_INFO = 16 * 2**20  # bytes of meta/info.json
-MOST_ROWS = 10_000_000  # frames of a row group, which is read at once
-MOST_GROUP = 2**30  # bytes of one, unpacked
-MOST_TASKS = 1_000_000
+MAX_INFO = 16 * 2**20  # bytes of meta/info.json
+MAX_ROWS = 10_000_000  # frames of a row group, which is read at once
+MAX_GROUP = 2**30  # bytes of one, unpacked
+MAX_TASKS = 1_000_000
 
 REMEDY = "give a LeRobot data set of version 3.0"
 
@@ -86,7 +86,7 @@ _INFO, _TASKS = "meta/info.json", "meta/tasks.parquet"
 def _read_info(tree: ForeignTree) -> _Info:
     path, remedy = tree.path / _INFO, "give the folder that holds meta/"
     try:
-        content = tree.read(_INFO, MOST_INFO)
+        content = tree.read(_INFO, MAX_INFO)
         version = parse_record(content, TypeAdapter(_Version), path, remedy).codebase_version
     except InputError as error:
         raise InputError(f"is no LeRobot data set: {error.message}", file=path, remedy=remedy) from error
@@ -100,8 +100,8 @@ def _sentences(parquet: Any, path: Path) -> dict[int, str]:
     """Sentence by index."""
     with read_by_library(path, REMEDY, "is no list of tasks that can be read"):
         file = parquet.ParquetFile(path)
-        if file.metadata.num_rows > MOST_TASKS:
-            raise InputError(f"has over {MOST_TASKS} tasks", file=path, remedy=REMEDY)
+        if file.metadata.num_rows > MAX_TASKS:
+            raise InputError(f"has over {MAX_TASKS} tasks", file=path, remedy=REMEDY)
         tasks = file.read().to_pydict()
         numbers, sentences = tasks["task_index"], tasks[INDEX_NAME]
         if not all(isinstance(each, str) for each in sentences):
@@ -123,7 +123,7 @@ def _check_schema(arrow: Any, schema: Any, features: dict[str, _Feature], path: 
 
 def _row_group(file: Any, group: int, shapes: dict[str, tuple[int, ...]], path: Path) -> dict[str, Array]:
     told = file.metadata.row_group(group)
-    if not 0 <= told.num_rows <= MOST_ROWS or told.total_byte_size > MOST_GROUP:
+    if not 0 <= told.num_rows <= MAX_ROWS or told.total_byte_size > MAX_GROUP:
         wrong = f"has {told.num_rows} rows of {told.total_byte_size} bytes in one group"
         raise InputError(wrong, file=path, field=f"row group {group}", remedy=REMEDY)
     table = file.read_row_group(group, columns=list(shapes), use_threads=False)

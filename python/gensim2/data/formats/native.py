@@ -12,13 +12,13 @@ from gensim2.data.formats.seen_table import NAME as SEEN
 from gensim2.data.store import ROWS, TaskStore
 from gensim2.errors import InputError
 from gensim2.foreign.names import is_name
-from gensim2.foreign.tree import MOST_RECORD, ForeignTree
+from gensim2.foreign.tree import MAX_RECORD, ForeignTree
 from gensim2.progress import Progress
-from gensim2.sealed_file import MOST_BYTES
+from gensim2.sealed_file import MAX_BYTES
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
-from gensim2.yaml_files import MOST_BYTES as MOST_YAML
+from gensim2.yaml_files import MAX_BYTES as MAX_YAML
 
-MOST_STRATEGIES = 1000  # files; a task names up to 1000
+MAX_STRATEGIES = 1000  # files; a task names up to 1000
 
 REMEDY = "export again"
 
@@ -33,26 +33,26 @@ def copy_native(source: Path, out: Path) -> None:
     """
     tree = ForeignTree(source)
     dataset = DataSet.open(source)
-    tree.copy(DATASET_JSON, out / DATASET_JSON, MOST_RECORD)
+    tree.copy(DATASET_JSON, out / DATASET_JSON, MAX_RECORD)
     if tree.has(SEEN):
-        tree.copy(SEEN, out / SEEN, MOST_RECORD)
+        tree.copy(SEEN, out / SEEN, MAX_RECORD)
     for name in dataset.tasks:
         store = dataset.task(name)
         (out / name / STRATEGIES).mkdir(parents=True)
         (out / name / "episodes").mkdir()
-        tree.copy(f"{name}/{TASK_FILE}", out / name / TASK_FILE, MOST_YAML)
+        tree.copy(f"{name}/{TASK_FILE}", out / name / TASK_FILE, MAX_YAML)
         strategies = ForeignTree(store.folder / STRATEGIES).names()
-        if len(strategies) > MOST_STRATEGIES:
-            wrong = f"holds over {MOST_STRATEGIES} files"
+        if len(strategies) > MAX_STRATEGIES:
+            wrong = f"holds over {MAX_STRATEGIES} files"
             raise InputError(wrong, file=store.folder / STRATEGIES, remedy="leave those that the task names")
         for file in strategies:
             if file.endswith(".yaml") and is_name(file):
-                tree.copy(f"{name}/{STRATEGIES}/{file}", out / name / STRATEGIES / file, MOST_YAML)
-        tree.copy(f"{name}/{ROWS}", out / name / ROWS, MOST_RECORD)
+                tree.copy(f"{name}/{STRATEGIES}/{file}", out / name / STRATEGIES / file, MAX_YAML)
+        tree.copy(f"{name}/{ROWS}", out / name / ROWS, MAX_RECORD)
         for row in store.rows():
             file = str(store.path(row.index, row.held).relative_to(source))
             if row.held:
-                tree.copy(file, out / file, MOST_BYTES)
+                tree.copy(file, out / file, MAX_BYTES)
 
 
 def read_back(dataset: DataSet, progress: Progress) -> Iterator[Read]:

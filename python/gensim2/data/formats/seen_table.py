@@ -15,7 +15,7 @@ _SPEC = ("modalities", "cameras", "cloud")
 
 
 class SeenTable:
-    """Collects it from the episodes of an export, in their order.
+    """Collector of ``observations.json`` from the episodes of an export, in their order.
 
     ``observations.json``: ``spec``; ``cameras``: of each ``intrinsic`` (3, 3) in pixels and ``T_base_camera`` (4, 4),
     of one that the robot carries ``T_link_camera`` and the ``link``;

@@ -14,7 +14,7 @@ from gensim2.data.attempt_log import LoggedEpisode, log_line
 from gensim2.data.dataset import DataSet
 from gensim2.data.episode_file import read_recording
 from gensim2.data.record import DatasetRecord
-from gensim2.data.recorded import MOST_STEPS, check_recording
+from gensim2.data.recorded import MAX_STEPS, check_recording
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.store import LAST_INDEX, ROWS, TaskStore
 from gensim2.data.trajectory import H5_NAME, JSON_NAME
@@ -57,7 +57,7 @@ class _Entry(BaseModel):
 
     episode_seed: int
     control_mode: str
-    elapsed_steps: Annotated[int, Field(ge=1, le=MOST_STEPS)]
+    elapsed_steps: Annotated[int, Field(ge=1, le=MAX_STEPS)]
     reset_kwargs: _Reset
     instances: dict[str, str]
     episode: dict[str, Any]

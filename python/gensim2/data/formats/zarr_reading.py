@@ -24,10 +24,10 @@ from gensim2.foreign.names import is_name
 from gensim2.foreign.tree import ForeignTree
 from gensim2.record_files import parse_record
 
-MOST_EPISODES = 10_000_000
-MOST_DESCRIPTION = 64 * 2**20  # bytes of a JSON file; the sentences of all tasks stand in one
-MOST_CHUNK = 256 * 2**20  # bytes of one, unpacked
-MOST_EPISODE = 2**30  # bytes of one array of an episode
+MAX_EPISODES = 10_000_000
+MAX_DESCRIPTION = 64 * 2**20  # bytes of a JSON file; the sentences of all tasks stand in one
+MAX_CHUNK = 256 * 2**20  # bytes of one, unpacked
+MAX_EPISODE = 2**30  # bytes of one array of an episode
 
 REMEDY = "export again"
 
@@ -67,7 +67,7 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
     tree = ForeignTree(root)
     names = array_names(tree)
     try:
-        sentences = parse_record(tree.read(".zattrs", MOST_DESCRIPTION), TypeAdapter(_Attributes), root, REMEDY).tasks
+        sentences = parse_record(tree.read(".zattrs", MAX_DESCRIPTION), TypeAdapter(_Attributes), root, REMEDY).tasks
         ends, tasks = (_whole(tree, f"meta/{name}") for name in ("episode_ends", "task"))
     except InputError as error:
         raise InputError(f"is no zarr data set of gensim2: {error}", file=root, remedy=REMEDY) from error
@@ -106,11 +106,11 @@ def array_names(tree: ForeignTree) -> dict[str, str]:
 
 def _description(tree: ForeignTree, name: str) -> _ArrayDescription:
     file = f"{name}/.zarray"
-    found = parse_record(tree.read(file, MOST_DESCRIPTION), TypeAdapter(_ArrayDescription), tree.path / file, REMEDY)
+    found = parse_record(tree.read(file, MAX_DESCRIPTION), TypeAdapter(_ArrayDescription), tree.path / file, REMEDY)
     if len(found.shape) != len(found.chunks):
         raise InputError("has another length than shape", file=tree.path / file, field="chunks", remedy=REMEDY)
-    if _bytes(found.chunks, found.dtype) > MOST_CHUNK:
-        wrong = f"has {shown(found.chunks)}: more than {MOST_CHUNK // 2**20} MiB"
+    if _bytes(found.chunks, found.dtype) > MAX_CHUNK:
+        wrong = f"has {shown(found.chunks)}: more than {MAX_CHUNK // 2**20} MiB"
         raise InputError(wrong, file=tree.path / file, field="chunks", remedy=REMEDY)
     return found
 
@@ -121,8 +121,8 @@ def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
     if found.shape[0] != frames:
         wrong = f"has {shown(found.shape)}, not the {frames} frames of meta/episode_ends"
         raise InputError(wrong, file=file, field="shape", remedy=REMEDY)
-    if _bytes([longest, *found.shape[1:]], found.dtype) > MOST_EPISODE:
-        wrong = f"has {shown(found.shape)}: more than {MOST_EPISODE // 2**20} MiB an episode"
+    if _bytes([longest, *found.shape[1:]], found.dtype) > MAX_EPISODE:
+        wrong = f"has {shown(found.shape)}: more than {MAX_EPISODE // 2**20} MiB an episode"
         raise InputError(wrong, file=file, field="shape", remedy=REMEDY)
     with read_by_library(tree.path / name, REMEDY):
         return zarr_module().open_array(tree.inside(name), mode="r", zarr_format=2)
@@ -131,7 +131,7 @@ def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
 def _whole(tree: ForeignTree, name: str) -> npt.NDArray[np.int64]:
     """A list of whole numbers, one an episode."""
     found = _description(tree, name)
-    if len(found.shape) != 1 or found.dtype != "<i8" or found.shape[0] > MOST_EPISODES:
+    if len(found.shape) != 1 or found.dtype != "<i8" or found.shape[0] > MAX_EPISODES:
         wrong = f"has {shown(found.shape)} of {found.dtype}, not one <i8 an episode"
         raise InputError(wrong, file=tree.path / name / ".zarray", field="shape", remedy=REMEDY)
     with read_by_library(tree.path / name, REMEDY):

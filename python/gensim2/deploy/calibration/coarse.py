@@ -25,7 +25,7 @@ APART = 0.04
 """Metres before what is behind it from which on a pixel shows what has moved."""
 LEAST_MOVED = 50
 """Pixels that must have moved in a picture that the coarse registration uses."""
-TURN, STARTS = 0.2, 4
+TURN, MAX_STARTS = 0.2, 4
 """Rad by which starts are turned, and how many of them are followed."""
 REACHES = (0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.035, 0.025, 0.02)
 """Metres within which points are matched, round after round."""
@@ -69,14 +69,14 @@ class Coarse:
     def best(self) -> Pose:
         """The registration that lies nearest to the surfaces, of several starts."""
         found: list[tuple[float, Pose]] = []
-        for start in self.starts():
+        for start in self.start_poses():
             pose = self.register(start)
             found.append((self.cost(pose), pose))
             if found[-1][0] < self._expected:
                 break
         return min(found, key=lambda each: each[0])[1]
 
-    def starts(self) -> list[Pose]:
+    def start_poses(self) -> list[Pose]:
         """The guess, then the nearest to the surfaces of the guess turned about each axis and brought to the middles of
         what moved."""
         turned = []
@@ -84,7 +84,7 @@ class Coarse:
             T = self._guess.T.copy()
             T[:3, :3] = T[:3, :3] @ Rotation.from_rotvec(rotvec).as_matrix()
             turned.append(self._to_middles(self._to_middles(Pose(T))))
-        return [self._guess, *sorted(turned, key=self.cost)[:STARTS]]
+        return [self._guess, *sorted(turned, key=self.cost)[:MAX_STARTS]]
 
     def _to_middles(self, pose: Pose) -> Pose:
         """Shifted so that what moved has its middles where the meshes' have them."""

@@ -21,7 +21,7 @@ from gensim2.errors import InputError
 from gensim2.observations import Camera
 from gensim2.seeding import rng
 
-LEAST_VIEWS, MOST_VIEWS = 3, 9
+LEAST_VIEWS, MAX_VIEWS = 3, 9
 """Pictures that are fitted to."""
 OFF_SIGMAS = 2.0
 """Expected errors that the median of the held-out pictures may be off."""
@@ -80,9 +80,9 @@ def calibrate(
     """
     if camera.link is not None:
         raise InputError(f"is carried by {camera.link}", field=camera.name, remedy="calibrate it by a board")
-    if not LEAST_VIEWS <= len(views) <= MOST_VIEWS or not held_out:
+    if not LEAST_VIEWS <= len(views) <= MAX_VIEWS or not held_out:
         raise InputError(
-            f"takes {LEAST_VIEWS} to {MOST_VIEWS} and one held out, there are {len(views)} and {len(held_out)}",
+            f"takes {LEAST_VIEWS} to {MAX_VIEWS} and one held out, there are {len(views)} and {len(held_out)}",
             field="views",
         )
     check_views(camera, [*views, *held_out])

@@ -24,7 +24,7 @@ SPREAD = np.array([0.9, 0.5, 0.6, 0.6, 0.8, 0.8, 1.0])
 """Rad about the reset pose within which poses are drawn; of an arm with other joints the first or the last of these."""
 LOWEST = 0.25
 """Metres above the table that the tool keeps: what stands there is unknown."""
-STILL, STILL_SECONDS = 0.02, 0.3
+STILL, UNMOVED_SECONDS = 0.02, 0.3
 """Rad/s below which an arm stands, and for how long before a picture counts."""
 ARRIVED = 0.05
 """Rad from its pose at which the arm may stand."""
@@ -127,7 +127,7 @@ class _Walk:
             assert state is not None
             stands = sent.is_at_rest and np.abs(state.v).max() < STILL
             still = still + CYCLE if stands else 0.0
-            if still > STILL_SECONDS:
+            if still > UNMOVED_SECONDS:
                 return bool(np.abs(self._where() - pose).max() < ARRIVED)
         return False
 
@@ -191,7 +191,7 @@ def _stood(
     found: list[tuple[Array, dict[str, list[Frame]]]] = []
     open_until = -np.inf
     for frame in sorted(frames, key=lambda each: each.captured):
-        around = np.flatnonzero(np.abs(times - frame.captured) <= STILL_SECONDS)
+        around = np.flatnonzero(np.abs(times - frame.captured) <= UNMOVED_SECONDS)
         if len(around) < 2 or speeds[around].max() > STILL:
             open_until = -np.inf
             continue

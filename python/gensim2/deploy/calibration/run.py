@@ -15,7 +15,7 @@ from gensim2.deploy.arm_limits import SPEED, ArmLimits
 from gensim2.deploy.calibration.board import Board, find_corners, hand_eye
 from gensim2.deploy.calibration.displacement import displaced, pose_error
 from gensim2.deploy.calibration.file import Calibration, CameraCalibration
-from gensim2.deploy.calibration.mesh import MOST_VIEWS, calibrate
+from gensim2.deploy.calibration.mesh import MAX_VIEWS, calibrate
 from gensim2.deploy.calibration.poses import Station, draw_poses, read_standing, take
 from gensim2.deploy.calibration.surfaces import RobotSurface
 from gensim2.deploy.clocks import SimulatedClock
@@ -137,7 +137,7 @@ def _calibrate(
     report: dict[str, Any] = {}
     for guess in guesses:
         bare = replace(guess, depth_scale=1.0, depth_bias=0.0)  # what is fitted is of the measured depth
-        parts = [[each.view(bare) for each in part] for part in (fitted[:MOST_VIEWS], held)]
+        parts = [[each.view(bare) for each in part] for part in (fitted[:MAX_VIEWS], held)]
         found = calibrate(surface, bare, *parts, seed=seed)
         report[guess.name] = {
             "trouble": found.trouble,

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.deploy.remote.protocol import (
-    MOST_BYTES,
+    MAX_BYTES,
     TOKEN,
     VERSION,
     RemoteError,
@@ -94,7 +94,7 @@ class RemoteController:
             raise InputError("is not set", field=TOKEN, remedy="export what gensim2 policy serve says")
         try:
             self._connection = connect(
-                self._url, max_size=MOST_BYTES, compression=None, open_timeout=CONNECTING, proxy=None
+                self._url, max_size=MAX_BYTES, compression=None, open_timeout=CONNECTING, proxy=None
             )
             self._connection.send(encode({"kind": "hello", "protocol": VERSION, "token": token, "robot": self._robot}))
             found = decode(self._connection.recv(timeout=CONNECTING))
@@ -123,8 +123,8 @@ class RemoteController:
         self._number += 1
         until = time.monotonic() + deadline
         data = encode({**message, "number": self._number})
-        if len(data) > MOST_BYTES:
-            raise RemoteError(f"an observation has {len(data)} bytes, {MOST_BYTES} at most")
+        if len(data) > MAX_BYTES:
+            raise RemoteError(f"an observation has {len(data)} bytes, {MAX_BYTES} at most")
         try:
             self._connection.send(data)
             while True:

@@ -17,7 +17,7 @@ from gensim2.errors import GenSim2Error, MissingExtraError
 from gensim2.observations import Camera, Observation, PointCloud
 
 VERSION = 1
-MOST_BYTES = 16 << 20
+MAX_BYTES = 16 << 20
 """Of one message: a cloud of 1,024 points has 15 kB, three depth pictures of 640 x 480 1.8 MB."""
 TOKEN = "GENSIM2_POLICY_TOKEN"
 """Environment variable that holds the token: a command line is read by everybody on a machine."""
@@ -66,8 +66,8 @@ def decode(data: Any) -> dict[str, Any]:
     """
     if not isinstance(data, bytes):
         raise RemoteError("a message must be binary")
-    if len(data) > MOST_BYTES:
-        raise RemoteError(f"a message has {len(data)} bytes, {MOST_BYTES} at most")
+    if len(data) > MAX_BYTES:
+        raise RemoteError(f"a message has {len(data)} bytes, {MAX_BYTES} at most")
     try:
         found = msgpack().unpackb(data, raw=False, object_hook=_array, strict_map_key=True)
     except MissingExtraError:

@@ -11,7 +11,7 @@ import numpy as np
 
 import gensim2
 from gensim2.deploy.remote.protocol import (
-    MOST_BYTES,
+    MAX_BYTES,
     PORT,
     TOKEN_LENGTH,
     VERSION,
@@ -70,7 +70,7 @@ class PolicyServer:
         self._busy = threading.Lock()
         self._connections: set[Any] = set()
         try:
-            self._server = serve(self._handle, host, port, max_size=MOST_BYTES, compression=None)
+            self._server = serve(self._handle, host, port, max_size=MAX_BYTES, compression=None)
         except OSError as error:
             raise InputError(f"cannot listen: {error.strerror}", field=f"{host}:{port}") from error
         self.host, self.port = self._server.socket.getsockname()[:2]

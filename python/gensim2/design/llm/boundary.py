@@ -17,13 +17,13 @@ from typing import Any, TypeVar
 from gensim2.design.llm.secret import Secret
 
 #: Bytes of the longest reply of an endpoint that is read; what is beyond is left in the line.
-MOST_BYTES = 4_000_000
+MAX_BYTES = 4_000_000
 
 #: Headers of a reply that anything is made of.
 HEADERS = ("retry-after", "retry-after-ms", "x-should-retry")
 
 #: Values inside each other in a reply; more is read as text.
-MOST_DEPTH = 100
+MAX_DEPTH = 100
 
 #: A whole number beyond is none that an endpoint counts.
 LARGEST = 2**63
@@ -62,7 +62,7 @@ class Boundary:
         Raises:
             ValueError: it is too deep.
         """
-        if depth > MOST_DEPTH:
+        if depth > MAX_DEPTH:
             raise ValueError("too deep")
         if isinstance(value, str):
             return self.text(value)
@@ -187,13 +187,13 @@ def _within(seconds: float, act: Callable[[], _T], cut: Callable[[], None]) -> _
 
 
 def _read(httpx: Any, response: Any) -> bytes:
-    """Return the first ``MOST_BYTES`` of a body."""
+    """Return the first ``MAX_BYTES`` of a body."""
     coding = response.headers.get("content-encoding", "identity").strip().lower()
     if coding not in ("", "identity"):
         raise httpx.DecodingError("the answer is compressed, though it was asked not to be")
     data = bytearray()
     for chunk in response.iter_raw():
         data += chunk
-        if len(data) >= MOST_BYTES:
+        if len(data) >= MAX_BYTES:
             break
-    return bytes(data[:MOST_BYTES])
+    return bytes(data[:MAX_BYTES])

@@ -23,7 +23,7 @@ CHARACTERS_A_TOKEN = 4
 PICTURE_TOKENS = 1500
 
 #: Tokens beyond which a count of an endpoint is none.
-MOST_TOKENS = 10**9
+MAX_TOKENS = 10**9
 
 #: Characters of a refusal, and of the name of a model, that are told.
 LONGEST_REFUSAL = 300
@@ -156,7 +156,7 @@ class Client:
 
     def _told(self, question: Question, text: str, problem: str | None, usage: Any, retries: int) -> Answer:
         counts = (getattr(usage, "prompt_tokens", None), getattr(usage, "completion_tokens", None))
-        counted = all(type(count) is int and 0 <= count <= MOST_TOKENS for count in counts)
+        counted = all(type(count) is int and 0 <= count <= MAX_TOKENS for count in counts)
         tokens_in, tokens_out = counts if counted else (estimated_tokens(question), len(text) // CHARACTERS_A_TOKEN)
         assert isinstance(tokens_in, int)
         assert isinstance(tokens_out, int)

@@ -31,7 +31,7 @@ LONGEST_WAY, WIDEST_TURN, LONGEST_OFFSET = 0.6, 2 * math.pi, 0.3
 #: Openness that a motion may go to.
 OPENNESS = (-0.5, 1.5)
 
-MOST_CONSTRAINTS, MOST_MOTIONS = 12, 8
+MAX_CONSTRAINTS, MAX_MOTIONS = 12, 8
 
 #: An answer's constraints are held against the language with this motion; their own come later.
 _ANY_MOTION = {"pre_actuation_motions": [["translate_z", -0.08]]}
@@ -41,8 +41,8 @@ def problems_of_constraints(data: Any) -> list[str]:
     """List the faults of a constraint list, beside the names of keypoints."""
     if not isinstance(data, list) or not data:
         return [f'"{CONSTRAINTS}" must be a list of constraints']
-    if len(data) > MOST_CONSTRAINTS:
-        return [f'"{CONSTRAINTS}" has more than {MOST_CONSTRAINTS} constraints']
+    if len(data) > MAX_CONSTRAINTS:
+        return [f'"{CONSTRAINTS}" has more than {MAX_CONSTRAINTS} constraints']
     return [*_problems_of_language({CONSTRAINTS: data, **_ANY_MOTION}), *_odd_offsets(data)]
 
 
@@ -119,8 +119,8 @@ def _odd_motions(config: Mapping[str, Any]) -> list[str]:
         motions = config.get(field, [])
         if not isinstance(motions, list):
             continue  # the language has said so
-        if len(motions) > MOST_MOTIONS:
-            found.append(f"{field}: has more than {MOST_MOTIONS} motions")
+        if len(motions) > MAX_MOTIONS:
+            found.append(f"{field}: has more than {MAX_MOTIONS} motions")
         for index, motion in enumerate(motions):
             found += [f"{field}[{index}]: {problem}" for problem in _odd_motion(motion)]
     return found

@@ -12,14 +12,14 @@ from gensim2.design.llm.log import MODEL_FOLDER, ConversationRecord, Log, TurnRe
 from gensim2.design.llm.model import Model
 from gensim2.design.llm.questions import Message, Question
 from gensim2.design.llm.templating import Prompts
-from gensim2.design.pictures import Picture
+from gensim2.design.pictures import LazyPicture
 from gensim2.errors import GenSim2Error, InputError
 
 #: Characters of a wrong answer that are shown to the model again.
 SHOWN_AGAIN = 6000
 
 #: Problems told at once: more are not read.
-MOST_PROBLEMS = 12
+MAX_PROBLEMS = 12
 
 T = TypeVar("T")
 
@@ -65,7 +65,7 @@ class Ask(Generic[T]):
     prompt: str
     schema: dict[str, Any]
     read: Callable[[list[Data]], T]
-    pictures: tuple[Picture, ...] = ()
+    pictures: tuple[LazyPicture, ...] = ()
     sample: int = 0
     prose: bool = False
 
@@ -111,7 +111,7 @@ class Conversations:
             try:
                 value = self._read(ask, answer.text, answer.problem)
             except (Wrong, InputError) as wrong:
-                problems = list(wrong.problems[:MOST_PROBLEMS]) if isinstance(wrong, Wrong) else [str(wrong)]
+                problems = list(wrong.problems[:MAX_PROBLEMS]) if isinstance(wrong, Wrong) else [str(wrong)]
                 turns.append(TurnRecord(answer=digest, problems=problems))
             else:
                 record = self._record(ask, [*turns, TurnRecord(answer=digest, problems=[])], "")

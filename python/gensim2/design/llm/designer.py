@@ -24,10 +24,10 @@ from gensim2.tasks.spec import HAND, ObjectSpec, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 
 #: Proposals in a row that come to nothing before no more are asked for.
-MOST_FAILURES = 5
+MAX_FAILURES = 5
 
 #: Strategies of a step that are tried one after the other.
-MOST_IN_TURN = 4
+MAX_IN_TURN = 4
 
 GRASPS: Strategies = {
     "grasp": {"grasp": "antipodal"},
@@ -85,7 +85,7 @@ class LLMDesigner:
         refused: list[str] = []
         failures = 0
         for number in itertools.count():
-            if failures == MOST_FAILURES:
+            if failures == MAX_FAILURES:
                 self._notes.append(f"{failures} proposals in a row came to nothing; no more were asked for")
                 return
             try:
@@ -253,4 +253,4 @@ def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateRe
 
 def _in_turn(name: str, configs: Sequence[Config]) -> Strategies:
     """Configs as strategies of a step, in order of preference, the first under ``name``."""
-    return {name if n == 0 else f"{name}_{n + 1}": config for n, config in enumerate(configs[:MOST_IN_TURN])}
+    return {name if n == 0 else f"{name}_{n + 1}": config for n, config in enumerate(configs[:MAX_IN_TURN])}

@@ -14,16 +14,16 @@ from gensim2.errors import InputError, MissingExtraError
 from gensim2.yaml_files import check_finite, parse_yaml
 
 #: Characters of the longest text that data is looked for in; no answer of a stage needs a tenth of it.
-MOST_CHARACTERS = 100_000
+MAX_CHARACTERS = 100_000
 
 #: Most pieces of an answer that are read.
-MOST_PIECES = 40
+MAX_PIECES = 40
 
 #: Values inside each other, more than any answer needs.
-MOST_DEPTH = 20
+MAX_DEPTH = 20
 
 #: Brackets inside each other beyond which a text is not repaired: the time goes with the square.
-MOST_BRACKETS = 200
+MAX_BRACKETS = 200
 
 #: Name that a list gets which stands by itself.
 ITEMS = "items"
@@ -42,14 +42,14 @@ def mappings(text: str) -> list[Data]:
     Raises:
         InputError: the text is too long, or holds none; in words for the model.
     """
-    if len(text) > MOST_CHARACTERS:
-        raise InputError(f"the answer is longer than {MOST_CHARACTERS} characters")
+    if len(text) > MAX_CHARACTERS:
+        raise InputError(f"the answer is longer than {MAX_CHARACTERS} characters")
     if '"' not in text:
         text = text.translate(_STRAIGHT)
     found: list[Data] = []
     trouble: list[str] = []
     for piece in _pieces(text):
-        if len(found) == MOST_PIECES:
+        if len(found) == MAX_PIECES:
             break
         try:
             found.append(_read(piece))
@@ -127,7 +127,7 @@ def _read(piece: str) -> Data:
         if not looks_like_json:
             where = f"{error.field}: " if error.field else ""
             raise InputError(f"the answer {where}{error.message}") from error
-    if _brackets(stripped) > MOST_BRACKETS:
+    if _brackets(stripped) > MAX_BRACKETS:
         raise InputError("the answer has too many values inside each other")
     try:
         import json_repair  # here: it comes with an extra
@@ -157,7 +157,7 @@ def _brackets(text: str) -> int:
 
 
 def _check_depth(value: Any, depth: int = 0) -> None:
-    if depth > MOST_DEPTH:
+    if depth > MAX_DEPTH:
         raise InputError("the answer has too many values inside each other")
     for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
         _check_depth(inner, depth + 1)

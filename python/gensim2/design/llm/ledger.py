@@ -66,24 +66,24 @@ class Ledger:
         self._reserved = 0.0
         self._lock = threading.Lock()
 
-    def reserve(self, most: float | None) -> None:
-        """Set aside what a question may cost at most (USD), until :meth:`settle`.
+    def reserve(self, max_cost: float | None) -> None:
+        """Set aside what a question may cost at max_cost (USD), until :meth:`settle`.
 
         Raises:
             BudgetSpent: that is not left.
         """
         with self._lock:
-            spent, most = self.account.cost or 0.0, most or 0.0
-            if self.budget is not None and spent + self._reserved + most > self.budget:
+            spent, max_cost = self.account.cost or 0.0, max_cost or 0.0
+            if self.budget is not None and spent + self._reserved + max_cost > self.budget:
                 raise BudgetSpent(
-                    f"{spent:.4f} of {self.budget:g} USD are spent, and the next question might cost {most:.4f} more"
+                    f"{spent:.4f} of {self.budget:g} USD are spent, and the next question might cost {max_cost:.4f}"
                 )
-            self._reserved += most
+            self._reserved += max_cost
 
-    def release(self, most: float | None) -> None:
+    def release(self, max_cost: float | None) -> None:
         """Give back what was set aside."""
         with self._lock:
-            self._reserved -= most or 0.0
+            self._reserved -= max_cost or 0.0
 
     def add(self, answer: Answer, *, asked: bool) -> None:
         """Count an answer; ``asked``: of the model, in this call."""

@@ -84,9 +84,9 @@ class Model:
             self.ledger.add(known, asked=False)
             self._keep(digest, question, known)
             return known
-        most = self._most(question)
+        max_cost = self._max_cost(question)
         try:
-            self.ledger.reserve(most)
+            self.ledger.reserve(max_cost)
         except BudgetSpent as error:
             for store in self._stores():
                 store.put_spent(digest, question, str(error))
@@ -95,7 +95,7 @@ class Model:
             assert self._client is not None
             answer = self._client.ask(question)
         finally:
-            self.ledger.release(most)
+            self.ledger.release(max_cost)
         self.ledger.add(answer, asked=True)
         self._keep(digest, question, answer)
         if self._cache is not None and answer.problem is None:
@@ -140,6 +140,6 @@ class Model:
     def _stores(self) -> list[AnswerStore]:
         return [store for store in (self._run, self._record) if store is not None]
 
-    def _most(self, question: Question) -> float | None:
+    def _max_cost(self, question: Question) -> float | None:
         """USD that a question may cost."""
         return self.options.priced(estimated_tokens(question), self.options.max_tokens)

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from gensim2.design.llm.secret import Secret
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.yaml_files import read_yaml
 
 Price = Annotated[float, Field(ge=0, le=1e6)]
@@ -118,5 +118,5 @@ def model_options(config: Path | None = None, **given: Any) -> ModelOptions:
         message = str(first["ctx"]["error"]) if first["type"] == "value_error" else first["msg"].lower()
         if first["type"] == "extra_forbidden":
             message = "unknown field"
-        remedy = f"one of {', '.join(ModelOptions.model_fields)}" if first["type"] == "extra_forbidden" else None
+        remedy = near(field, ModelOptions.model_fields) if first["type"] == "extra_forbidden" else None
         raise InputError(message, file=config, field=field, remedy=remedy) from error

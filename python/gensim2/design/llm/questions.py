@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from gensim2.design.pictures import Picture
+from gensim2.design.pictures import LazyPicture
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class Message:
 
     role: Literal["system", "user", "assistant"]
     text: str
-    pictures: tuple[Picture, ...] = ()
+    pictures: tuple[LazyPicture, ...] = ()
 
 
 @dataclass(frozen=True)

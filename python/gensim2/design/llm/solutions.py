@@ -14,7 +14,7 @@ from gensim2.design.base import Brief, CandidateResult
 from gensim2.design.llm.conversations import Conversations
 from gensim2.design.llm.stages import solving
 from gensim2.design.llm.stages.solving import Config, Job, Sight
-from gensim2.design.pictures import Picture
+from gensim2.design.pictures import LazyPicture
 from gensim2.errors import InputError
 from gensim2.tasks.spec import Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
@@ -30,11 +30,11 @@ FRAMES = "red, green, blue: x, y, z of the frames of the robot's base and of the
 class Views(Protocol):
     """Draws scenes that a model is shown, with the frames of robot and object and the object's keypoints."""
 
-    def start(self, task: TaskSpec, step: str) -> Picture:
+    def start(self, task: TaskSpec, step: str) -> LazyPicture:
         """A scene as it stands at first, marked for ``step``."""
         ...
 
-    def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> Picture:
+    def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> LazyPicture:
         """The same scene with the arm at the actuation pose that the strategies of ``step`` lead to."""
         ...
 

@@ -23,7 +23,7 @@ from gensim2.special_files import is_special
 MODEL_JSON = "model.json"
 
 #: Bytes of the longest file of an answer.
-MOST_BYTES = 30_000_000
+MAX_BYTES = 30_000_000
 
 
 class _Record(BaseModel):
@@ -90,7 +90,9 @@ class AnswerRecord(_Record):
 
 
 class AnswerStore:
-    """A folder of answers; an answer is whole or absent. Threads and processes may share it.
+    """Folder of a model's answers by the digest of their question; threads and processes may share it.
+
+    An answer is whole or absent.
 
     Args:
         path: the folder.
@@ -179,8 +181,8 @@ def _read(path: Path, kind: type[_R]) -> _R:
         if is_special(path):
             raise InputError("is not a regular file", file=path)
         with path.open("rb") as stream:
-            data = stream.read(MOST_BYTES + 1)
-        if len(data) > MOST_BYTES:
+            data = stream.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
             raise InputError("is too large to be what was recorded", file=path)
         return kind.model_validate_json(data)
     except OSError as error:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from gensim2.design.llm import wording
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.special_files import is_special
 from gensim2.yaml_files import parse_yaml
 
@@ -116,7 +116,7 @@ def _own(folder: Path, known: set[str]) -> dict[str, str]:
         if path.name.startswith(".") or path.name == "README.md":
             continue
         if path.name not in known:
-            raise InputError("is no prompt", file=path, remedy=f"one of {', '.join(sorted(known))}")
+            raise InputError("is no prompt", file=path, remedy=near(path.name, sorted(known)))
         try:
             if is_special(path):
                 raise InputError("is not a regular file", file=path)

@@ -16,7 +16,7 @@ Kind = Literal["syntax", "refused", "failed", "timeout", "invalid"]
 
 
 #: Of what a program says of itself: sentences, and characters of each.
-MOST_PROBLEMS, LONGEST_PROBLEM = 10, 600
+MAX_PROBLEMS, LONGEST_PROBLEM = 10, 600
 
 
 class TaskCodeError(InputError):
@@ -55,7 +55,7 @@ def run_task_code(source: str, within: Sandbox | None = None) -> TaskSpec:
         kind: Any = found.get("kind")
         problems = found.get("problems")
         known: Kind = kind if kind in typing.get_args(Kind) else "failed"
-        told = problems[:MOST_PROBLEMS] if isinstance(problems, list) else ["it failed"]
+        told = problems[:MAX_PROBLEMS] if isinstance(problems, list) else ["it failed"]
         raise TaskCodeError(known, tuple(str(problem)[:LONGEST_PROBLEM] for problem in told))
     fields = found["task"]
     if not isinstance(fields, dict):

@@ -18,7 +18,7 @@ from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.shelf import Shelf
 from gensim2.objects.library.urdf import URDF, plain_name
 from gensim2.objects.model import Model
-from gensim2.objects.types import Hulls, Instance, Kind, Source
+from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
 from gensim2.seeding import rng
 
 LARGEST_NUMBER = 10**6
@@ -70,7 +70,7 @@ class GeneratedShelf(ArticulatedShelf):
         drawn = rng(seed, f"sample/{asset_class}").choice(LARGEST_NUMBER + 1 - first, count, replace=False)
         return tuple(str(first + int(number)) for number in sorted(drawn))
 
-    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> Instance:
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject:
         modules = (*SHARED_MODULES, *GENERATOR_MODULES, *class_modules())
         return prepared(
             f"generated-{asset_class}-{instance_id}-{source_digest(*modules)}",
@@ -116,7 +116,7 @@ class FolderShelf(ArticulatedShelf):
     def joint_type(self, asset_class: str) -> str:
         return JOINT_TYPES.get(asset_class, "revolute")
 
-    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> Instance:
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject:
         from gensim2.objects.library.released import READER_MODULES, read_model
 
         folder = self._folder / asset_class / instance_id
@@ -132,7 +132,7 @@ class FolderShelf(ArticulatedShelf):
         )
 
 
-def _prepare(model: Model, folder: Path) -> Instance:
+def _prepare(model: Model, folder: Path) -> ArticulatedObject:
     # Here: naming objects, or reading prepared ones, needs no mesh library.
     from gensim2.objects.library.prepare import prepare
 

@@ -25,8 +25,8 @@ import gensim2
 from gensim2.errors import InputError
 from gensim2.files import cache_dir, write_atomic
 from gensim2.objects.errors import AssetError
-from gensim2.objects.library.folder import MOST_BYTES, ObjectFolder
-from gensim2.objects.types import Instance, Keypoint, MovingJoint, Placement
+from gensim2.objects.library.folder import MAX_BYTES, ObjectFolder
+from gensim2.objects.types import ArticulatedObject, Keypoint, MovingJoint, Placement
 
 Array = npt.NDArray[np.float64]
 
@@ -106,7 +106,7 @@ def cached_hulls(
 def _whole_hulls(file: Path) -> tuple[list[Array], dict[str, int]] | None:
     """Read what ``cached_hulls`` wrote; None where it is not there, or not as it was written: ZIP holds checksums."""
     try:
-        stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MOST_BYTES))
+        stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MAX_BYTES))
         with zipfile.ZipFile(stream) as archive:
             if archive.testzip() is not None:
                 return None
@@ -128,7 +128,7 @@ def split_hulls(points: Array, sizes: npt.NDArray[np.int64]) -> list[Array]:
     return np.split(points, np.cumsum(sizes)[:-1]) if len(sizes) else []
 
 
-def prepared(key: str, make: Callable[[Path], Instance]) -> Instance:
+def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> ArticulatedObject:
     """The instance under ``key``, made by ``make(folder)`` where it is not there, or damaged.
 
     Raises:
@@ -187,7 +187,7 @@ def _is_whole(folder: Path) -> bool:
 
 
 def _digest(files: ObjectFolder, name: str) -> str:
-    return hashlib.sha256(files.read(name, MOST_BYTES)).hexdigest()
+    return hashlib.sha256(files.read(name, MAX_BYTES)).hexdigest()
 
 
 def _unwritable(folder: Path, reason: str) -> InputError:
@@ -195,7 +195,7 @@ def _unwritable(folder: Path, reason: str) -> InputError:
     return InputError(f"the cache: {reason}", file=folder, remedy=remedy)
 
 
-def write_instance(folder: Path, instance: Instance) -> None:
+def write_instance(folder: Path, instance: ArticulatedObject) -> None:
     """Write everything but the URDF and its meshes."""
     joint, placement = instance.joint, instance.placement
     np.savez(folder / "hulls.npz", **join_hulls([hull for hulls in instance.hulls.values() for hull in hulls]))
@@ -233,7 +233,7 @@ def write_instance(folder: Path, instance: Instance) -> None:
     (folder / "instance.json").write_text(json.dumps(value, indent=1, allow_nan=False) + "\n")
 
 
-def read_instance(folder: Path) -> Instance:
+def read_instance(folder: Path) -> ArticulatedObject:
     """Read a prepared object.
 
     Raises:
@@ -248,7 +248,7 @@ def read_instance(folder: Path) -> Instance:
             hulls[link] = tuple(pieces[taken : taken + count])
             taken += count
         joint, placement = value["joint"], value["placement"]
-        return Instance(
+        return ArticulatedObject(
             asset_class=value["asset_class"],
             id=value["id"],
             source=value["source"],

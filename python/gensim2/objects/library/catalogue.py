@@ -18,7 +18,7 @@ from gensim2.objects.library.release_splits import release_split
 from gensim2.objects.library.rigid import YCB_INFO, FolderRigidShelf, GeneratedRigidShelf, YcbShelf, maniskill_ycb
 from gensim2.objects.library.shelf import Shelf
 from gensim2.objects.rigid import ONLY_ID, RigidObject
-from gensim2.objects.types import Hulls, Instance, Kind, Source
+from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
 from gensim2.seeding import rng
 
 Split = Literal["train", "test", "all"]
@@ -48,7 +48,7 @@ class Library:
         self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
         lent = {} if stand_in is None else dict.fromkeys(stand_in.classes(), stand_in)
         self._shelves: dict[str, Shelf] = {**lent, **self._own}
-        self._loaded: dict[tuple[str, str, Hulls], Instance | RigidObject] = {}
+        self._loaded: dict[tuple[str, str, Hulls], ArticulatedObject | RigidObject] = {}
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_loaded": {}}
@@ -107,7 +107,7 @@ class Library:
         """
         return self._shelf(asset_class).instances(asset_class)
 
-    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> Instance | RigidObject:
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject | RigidObject:
         """A prepared object; the first time it is made and kept in the cache, later it is read from there.
 
         Args:
@@ -123,10 +123,10 @@ class Library:
             self._loaded[key] = self._shelf(asset_class).load(*key)
         return self._loaded[key]
 
-    def load_articulated(self, asset_class: str, instance_id: str) -> Instance:
+    def load_articulated(self, asset_class: str, instance_id: str) -> ArticulatedObject:
         """As :meth:`load`; a rigid object is an InputError too."""
         self.check_kind(asset_class, "articulated")
-        return cast(Instance, self.load(asset_class, instance_id))
+        return cast(ArticulatedObject, self.load(asset_class, instance_id))
 
     def load_rigid(self, asset_class: str) -> RigidObject:
         """As :meth:`load`; an articulated object is an InputError too."""
@@ -245,13 +245,23 @@ def listing(library: Library) -> tuple[ClassListing, ...]:
 
 
 def open_library(where: Path | str | None = None) -> Library:
-    """Open a library.
+    """Open a library of objects.
+
+    Example:
+        ```python
+        library = gensim2.open_library("builtin")
+        drawer = library.load_articulated("drawer", "3")
+        drawer.urdf, drawer.joint.lower, drawer.joint.upper  # a path; rad or m
+        ```
 
     Args:
-        where: None: ``$GENSIM2_ASSETS`` where set, else the generated one; ``"builtin"``: the generated one; ``"ycb"``:
-            ManiSkill's download of the YCB objects; otherwise a folder in the layout of the GenSim2 release, or its
-            ``articulated_objs``, or its ``rigidbody_objs/models``, or one as ManiSkill's download makes it. A rigid
-            object that a folder lacks is the generated one of that name.
+        where: ``"builtin"`` for the generated library, ``"ycb"`` for ManiSkill's download of the YCB objects, or a
+            folder: in the layout of the GenSim2 release, its ``articulated_objs`` or ``rigidbody_objs/models``, or one
+            as ManiSkill's download makes it. A rigid object that a folder lacks is the generated one of that name.
+            None: ``$GENSIM2_ASSETS`` where set, else the generated library.
+
+    Returns:
+        The library; objects are read when they are asked for.
 
     Raises:
         InputError: the folder is missing, cannot be read, holds no objects, or two of one name.

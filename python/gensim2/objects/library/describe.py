@@ -9,10 +9,10 @@ import numpy as np
 from gensim2.objects.library.catalogue import Library
 from gensim2.objects.rigid import RigidObject
 from gensim2.objects.shapes import transform
-from gensim2.objects.types import Instance, ObjectModel
+from gensim2.objects.types import ArticulatedObject, ObjectModel
 
 
-def describe(library: Library, model: Instance | RigidObject) -> dict[str, Any]:
+def describe(library: Library, model: ArticulatedObject | RigidObject) -> dict[str, Any]:
     """Everything about an object that a person asks for; metres, kg, rad, and the units of ``MovingJoint``.
 
     ``size`` is (3,) of the bounding box in the root frame, closed where there is a joint; ``split`` says whether the
@@ -55,7 +55,7 @@ def _of_rigid(rigid: RigidObject) -> dict[str, Any]:
     }
 
 
-def _of_articulated(instance: Instance) -> dict[str, Any]:
+def _of_articulated(instance: ArticulatedObject) -> dict[str, Any]:
     joint = instance.joint
     T = instance.link_pose(0.0)
     points = np.concatenate(

@@ -24,7 +24,7 @@ from gensim2.errors import InputError
 from gensim2.objects.library.objfile import write_obj
 from gensim2.objects.library.prepare import numbers, rpy_from_matrix
 from gensim2.objects.shapes import Look, Mesh, hull_mesh, transform
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 
 Array = npt.NDArray[np.float64]
 
@@ -32,7 +32,7 @@ MESHES = "textured_objs"
 OCCUPIED = "choose another folder with --out, or replace it with --force"
 
 
-def export(instance: Instance, library: Path, replace: bool = False) -> Path:
+def export(instance: ArticulatedObject, library: Path, replace: bool = False) -> Path:
     """Write an instance to ``library/articulated_objs/<class>/<id>``, whole or not at all, and return that folder.
 
     Args:
@@ -75,7 +75,7 @@ def write_folder(target: Path, write: Callable[[Path], object], replace: bool) -
     return target
 
 
-def _write(instance: Instance, folder: Path) -> None:
+def _write(instance: ArticulatedObject, folder: Path) -> None:
     (folder / MESHES).mkdir()
     tree = ET.parse(instance.urdf)
     for link in tree.getroot().findall("link"):
@@ -98,7 +98,7 @@ def _write(instance: Instance, folder: Path) -> None:
     (folder / "info.json").write_text(json.dumps(info(instance), indent=2, allow_nan=False) + "\n")
 
 
-def info(instance: Instance) -> dict[str, Any]:
+def info(instance: ArticulatedObject) -> dict[str, Any]:
     """``info.json`` of an instance."""
     T_object_link = np.asarray(np.linalg.inv(instance.T_link_object), float)
     return {

@@ -12,9 +12,9 @@ from typing import Any
 from gensim2.foreign.tree import ForeignTree, megabytes, shortened
 from gensim2.objects.errors import AssetError, MissingFileError
 
-MOST_FILES = 20_000
-MOST_BYTES = 512 * 2**20  # of all files of an object
-MOST_JSON = 2**20  # bytes of one file
+MAX_FILES = 20_000
+MAX_BYTES = 512 * 2**20  # of all files of an object
+MAX_JSON = 2**20  # bytes of one file
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class ObjectFolder(ForeignTree):
 
     ERROR = AssetError
     MISSING = MissingFileError
-    MOST_FILES = MOST_FILES
+    MAX_FILES = MAX_FILES
 
     def read_json(self, name: str) -> dict[str, Any]:
         """The object that a JSON file holds.
@@ -32,7 +32,7 @@ class ObjectFolder(ForeignTree):
             MissingFileError: there is no such file.
             AssetError: it is not JSON, names a field twice, or holds something else than an object.
         """
-        content, file = self.read(name, MOST_JSON), self.path / name
+        content, file = self.read(name, MAX_JSON), self.path / name
         try:
             value = json.loads(content.decode(), object_pairs_hook=_each_once)
         except RecursionError as error:
@@ -50,13 +50,13 @@ class ObjectFolder(ForeignTree):
             AssetError: there are too many files, they are too large, or one cannot be read.
         """
         digest, names = hashlib.sha256(), self.names()
-        if sum((self.path / name).lstat().st_size for name in names) > MOST_BYTES:
+        if sum((self.path / name).lstat().st_size for name in names) > MAX_BYTES:
             remedy = "remove what is not its own"
-            raise AssetError(f"holds over {megabytes(MOST_BYTES)}", file=self.path, remedy=remedy)
+            raise AssetError(f"holds over {megabytes(MAX_BYTES)}", file=self.path, remedy=remedy)
         for name in names:
             digest.update(os.fsencode(name))
             if self.has(name):
-                digest.update(self.read(name, MOST_BYTES))
+                digest.update(self.read(name, MAX_BYTES))
         return digest.hexdigest()
 
 

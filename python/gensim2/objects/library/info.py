@@ -20,7 +20,7 @@ INFO = "info.json"
 FIELDS = ("keypoints", "keypoint_descriptions", "scale", "axis", "joint_position_range", "collision", "license")
 OWN_NOTES = ("imported",)  # what our importer leaves for the user
 SMALLEST_SCALE = 1e-6
-MOST_KEYPOINTS = 256
+MAX_KEYPOINTS = 256
 LONGEST_TEXT = 2_000
 NARROWEST = 1e-4  # m or rad: a joint with less room does not move
 
@@ -60,8 +60,8 @@ def read_info(folder: ObjectFolder) -> Info:
     points = value.get("keypoints")
     if not isinstance(points, dict) or not points:
         raise AssetError("no keypoints", file=file, field="keypoints", remedy="name at least one point")
-    if len(points) > MOST_KEYPOINTS:
-        raise AssetError(f"{len(points)} keypoints, at most {MOST_KEYPOINTS}", file=file, field="keypoints")
+    if len(points) > MAX_KEYPOINTS:
+        raise AssetError(f"{len(points)} keypoints, at most {MAX_KEYPOINTS}", file=file, field="keypoints")
     keypoints = {
         plain_name(name, file, "keypoints"): numbers(point, 3, file, f"keypoints.{name}")
         for name, point in points.items()

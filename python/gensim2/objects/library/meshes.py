@@ -17,7 +17,7 @@ from gensim2.objects.shapes import Mesh, transform
 
 Array = npt.NDArray[np.float64]
 
-MOST_TRIANGLES = 2_000_000  # of all elements together
+MAX_TRIANGLES = 2_000_000  # of all elements together
 LISTED = 8  # names in a warning
 
 
@@ -46,9 +46,9 @@ class MeshReader:
             for m in self._read[element.name]
         ]
         self._triangles += sum(len(m.faces) for m in found)
-        if self._triangles > MOST_TRIANGLES:
+        if self._triangles > MAX_TRIANGLES:
             raise AssetError(
-                f"its meshes have over {MOST_TRIANGLES:,} triangles",
+                f"its meshes have over {MAX_TRIANGLES:,} triangles",
                 file=self._folder.path / URDF,
                 field=element.field,
                 remedy="simplify them",

@@ -17,8 +17,8 @@ from gensim2.objects.shapes import Look, Mesh
 Array = npt.NDArray[np.float64]
 
 DEFAULT_LOOK = Look((0.7, 0.7, 0.7, 1.0))
-MOST_MESH, MOST_MATERIALS = 32 * 2**20, 4 * 2**20  # bytes of one file
-MOST_LOOKS = 2_000  # groups of one file: each becomes a mesh of its own
+MAX_MESH, MAX_MATERIALS = 32 * 2**20, 4 * 2**20  # bytes of one file
+MAX_LOOKS = 2_000  # groups of one file: each becomes a mesh of its own
 FARTHEST_VERTEX = 1e6  # units
 
 
@@ -77,7 +77,7 @@ def read_obj(folder: ObjectFolder, name: str, named_by: Reference | None = None)
     libraries: dict[str, bool] = {}
     groups: dict[str, list[tuple[int, int, int]]] = {}
     material = ""
-    text = folder.read(name, MOST_MESH, named_by).decode(errors="replace").replace("\r\n", "\n").replace("\\\n", " ")
+    text = folder.read(name, MAX_MESH, named_by).decode(errors="replace").replace("\r\n", "\n").replace("\\\n", " ")
     for line in text.splitlines():
         words = line.split()
         if not words:
@@ -98,7 +98,7 @@ def read_obj(folder: ObjectFolder, name: str, named_by: Reference | None = None)
             library = str(PurePosixPath(name).parent / line.split(None, 1)[1].strip())
             if library not in libraries:
                 try:
-                    found = folder.read(library, MOST_MATERIALS, Reference(name, "mtllib"))
+                    found = folder.read(library, MAX_MATERIALS, Reference(name, "mtllib"))
                     looks.update(read_materials(found.decode(errors="replace"), PurePosixPath(library).name))
                     libraries[library] = True
                 except MissingFileError:
@@ -120,8 +120,8 @@ def _index(word: str, count: int) -> int:
 def _meshes(points: Array, groups: dict[str, list[tuple[int, int, int]]], looks: dict[str, Look]) -> list[Mesh]:
     if not groups:
         raise ValueError("holds no triangle")
-    if len(groups) > MOST_LOOKS:
-        raise ValueError(f"{len(groups)} materials, at most {MOST_LOOKS}")
+    if len(groups) > MAX_LOOKS:
+        raise ValueError(f"{len(groups)} materials, at most {MAX_LOOKS}")
     if not np.isfinite(points).all():
         raise ValueError("a vertex is not finite")
     if len(points) and np.abs(points).max() > FARTHEST_VERTEX:

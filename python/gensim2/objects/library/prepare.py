@@ -18,7 +18,7 @@ from gensim2.objects.model import LinkGeometry, Model
 from gensim2.objects.physics import GRAVITY, Inertial, class_rule, inertial, joint_resistance
 from gensim2.objects.placement import place
 from gensim2.objects.shapes import Look, Mesh, hull_mesh
-from gensim2.objects.types import Instance, MovingJoint
+from gensim2.objects.types import ArticulatedObject, MovingJoint
 
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
@@ -170,7 +170,7 @@ def _link(name: str, geometry: LinkGeometry, mass: Inertial, folder: Path) -> li
     return [*lines, "  </link>"]
 
 
-def prepare(model: Model, folder: Path) -> Instance:
+def prepare(model: Model, folder: Path) -> ArticulatedObject:
     """Write ``mobility.urdf`` with its meshes into ``folder`` and return the instance that stands for it."""
     rule = class_rule(model.asset_class)
     placement = place(model, rule)
@@ -199,7 +199,7 @@ def prepare(model: Model, folder: Path) -> Instance:
         "</robot>",
     ]
     (folder / "mobility.urdf").write_text("\n".join(lines) + "\n")
-    return Instance(
+    return ArticulatedObject(
         asset_class=model.asset_class,
         id=model.id,
         source=model.source,

@@ -13,7 +13,7 @@ from gensim2.objects.errors import AssetError, MissingFileError
 from gensim2.objects.library.cache import cached_hulls, file_name
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.meshes import listed
-from gensim2.objects.library.objfile import MOST_MESH, read_obj
+from gensim2.objects.library.objfile import MAX_MESH, read_obj
 from gensim2.objects.library.released import within
 from gensim2.objects.library.rigid_prepare import RigidModel, prepare
 from gensim2.objects.meshwork.decompose import components, decompose, make_hull, weld
@@ -98,7 +98,7 @@ def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
     """
     if name.endswith(".obj"):
         return [(mesh.vertices, mesh.faces) for mesh in read_obj(folder, name).meshes]
-    content = folder.read(name, MOST_MESH)
+    content = folder.read(name, MAX_MESH)
     import trimesh
 
     try:

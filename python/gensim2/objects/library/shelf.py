@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 
 from gensim2.errors import InputError, near
 from gensim2.objects.rigid import ONLY_ID, RigidObject
-from gensim2.objects.types import Hulls, Instance, Kind, Source
+from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
 from gensim2.seeding import rng
 
 
@@ -32,7 +32,7 @@ class Shelf(ABC):
         """Ids of a class, sorted (numbers by value)."""
 
     @abstractmethod
-    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> Instance | RigidObject:
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject | RigidObject:
         """A prepared object; the first time it is made and kept in the cache.
 
         Args:

@@ -19,8 +19,8 @@ from gensim2.objects.library.folder import ObjectFolder
 Array = npt.NDArray[np.float64]
 
 URDF = "mobility.urdf"
-MOST_URDF = 16 * 2**20  # bytes
-MOST_ELEMENTS = 50_000
+MAX_URDF = 16 * 2**20  # bytes
+MAX_ELEMENTS = 50_000
 DEEPEST = 64  # elements in each other
 LARGEST = 1e6  # units or radians: what is beyond is a mistake, and squares of it would lose all digits
 LONGEST_NAME = 100
@@ -41,8 +41,8 @@ class _Builder(ET.TreeBuilder):
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
         self._count += 1
         self._depth += 1
-        if self._count > MOST_ELEMENTS:
-            raise AssetError(f"has over {MOST_ELEMENTS} elements")
+        if self._count > MAX_ELEMENTS:
+            raise AssetError(f"has over {MAX_ELEMENTS} elements")
         if self._depth > DEEPEST:
             raise AssetError(f"has elements over {DEEPEST} levels deep")
         return super().start(tag, attrs)
@@ -109,7 +109,7 @@ def read_urdf(folder: ObjectFolder) -> Urdf:
         AssetError: it cannot be read, is not XML or not bounded; names are missing, doubled or unfit; links form no
             tree; joints that mimic form a loop; a number is none or absurd.
     """
-    file, content = folder.path / URDF, folder.read(URDF, MOST_URDF)
+    file, content = folder.path / URDF, folder.read(URDF, MAX_URDF)
     try:
         root = ET.XML(content, parser=ET.XMLParser(target=_Builder()))
     except AssetError as error:

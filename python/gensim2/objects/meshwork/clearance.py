@@ -33,7 +33,7 @@ HOPELESS = 0.004  # m of own surface between the links: more is the model's faul
 COVERED = 0.0002  # m that surface lies inside another hull that makes up for a cut
 PROGRESS = 0.0003  # m that a cut must take away
 ROUNDS = 3
-MOST_POINTS = 400  # that a separating plane is looked for with, of either side
+MAX_POINTS = 400  # that a separating plane is looked for with, of either side
 
 
 @dataclass(frozen=True)
@@ -227,11 +227,11 @@ def _intruders(
 
 
 def _thin_out(points: Array) -> Array:
-    """At most ``MOST_POINTS`` of (N, 3) points, those that reach farthest in many directions first among them."""
-    if len(points) <= MOST_POINTS:
+    """At most ``MAX_POINTS`` of (N, 3) points, those that reach farthest in many directions first among them."""
+    if len(points) <= MAX_POINTS:
         return points
-    step = len(points) / MOST_POINTS
-    return points[(np.arange(MOST_POINTS) * step).astype(np.int64)]
+    step = len(points) / MAX_POINTS
+    return points[(np.arange(MAX_POINTS) * step).astype(np.int64)]
 
 
 def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:

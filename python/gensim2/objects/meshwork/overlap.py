@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from gensim2.objects.meshwork.convexes import HINGE, Block, depth_inside, surface_samples
 from gensim2.objects.meshwork.voidspace import Faces, VoidSpace
 from gensim2.objects.shapes import transform
-from gensim2.objects.types import Instance
+from gensim2.objects.types import ArticulatedObject
 
 Array = npt.NDArray[np.float64]
 
@@ -23,7 +23,7 @@ SKIN = 0.0032  # m around a mesh that its convex parts may stand for: they are t
 NEAREST = 8  # triangles among which the closest is looked for
 
 
-def _off_hinge(instance: Instance, points: Array) -> Array:
+def _off_hinge(instance: ArticulatedObject, points: Array) -> Array:
     """Those of (N, 3) points in the root frame that do not count as hinge."""
     joint = instance.joint
     if joint.type != "revolute":
@@ -47,12 +47,12 @@ class Overlap:
     meshes: float
 
 
-def hull_overlap(instance: Instance) -> float:
+def hull_overlap(instance: ArticulatedObject) -> float:
     """Deepest that a convex part of one link lies in one of the other at any of ``OPENNESS``, metres, off the hinge."""
     return max((float(depths.max()) for _, _, depths in _common_points(instance, 0.0)), default=0.0)
 
 
-def links_overlap(instance: Instance, threshold: float) -> Overlap:
+def links_overlap(instance: ArticulatedObject, threshold: float) -> Overlap:
     """Measure the overlap, and tell whether the model or its convex parts are to blame.
 
     Meshes are looked at only where convex parts overlap by more than ``threshold`` metres. Those of real models are
@@ -80,7 +80,7 @@ def links_overlap(instance: Instance, threshold: float) -> Overlap:
     return Overlap(float(depths.max()), float(depths[added].max(initial=0.0)), meshes)
 
 
-def _common_points(instance: Instance, threshold: float) -> list[tuple[Array, Array, Array]]:
+def _common_points(instance: ArticulatedObject, threshold: float) -> list[tuple[Array, Array, Array]]:
     """Points off the hinge where convex parts of both links are, deeper than ``threshold`` metres, by openness.
 
     Each: pose (4, 4) of the moving link, (N, 3) in the root frame, (N,) depth.
@@ -106,7 +106,7 @@ def _common_points(instance: Instance, threshold: float) -> list[tuple[Array, Ar
     return found
 
 
-def _meshes(instance: Instance, link: str) -> list[tuple[Array, Faces]]:
+def _meshes(instance: ArticulatedObject, link: str) -> list[tuple[Array, Faces]]:
     """Visual meshes of a link, in its frame; none where it has none."""
     file = instance.urdf.parent / "visual" / f"{link}.glb"
     if not file.is_file():

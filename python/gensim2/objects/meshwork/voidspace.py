@@ -15,11 +15,11 @@ Faces = npt.NDArray[np.int64]
 
 FINEST = 0.003  # m, edge of a cell
 CELLS = 96  # along the longest side, where FINEST would take more
-MOST_FINE_CELLS = 8_000_000
+MAX_FINE_CELLS = 8_000_000
 CHUNK = 400_000  # sample points at a time
 NEEDED_VOLUME = 1.1e-6  # m³ that a point which another link needs counts for: more than a hull may ever fill
 NEEDED_DEPTH = 0.0008  # m that such a point may lie inside a hull
-MOST_PROBES = 5000  # cells looked at for one hull, about; a bigger hull is probed more coarsely
+MAX_PROBES = 5000  # cells looked at for one hull, about; a bigger hull is probed more coarsely
 
 
 class VoidSpace:
@@ -71,7 +71,7 @@ class VoidSpace:
         if not len(doubtful):
             return found
         low, high = doubtful.min(axis=0) - 2 * self.cell, doubtful.max(axis=0) + 2 * self.cell
-        cell = max(finest, float(np.prod(high - low) / MOST_FINE_CELLS) ** (1 / 3))
+        cell = max(finest, float(np.prod(high - low) / MAX_FINE_CELLS) ** (1 / 3))
         shape = np.ceil((high - low) / cell).astype(np.int64)
         crossed = np.zeros(shape, bool)
         for vertices, faces in self._meshes:
@@ -141,7 +141,7 @@ class VoidSpace:
             return self._void_in_plate(points, planes, planes[thin, :3], float(widths[thin]))
         first = np.maximum(((low - self._low) / self.cell).astype(np.int64), 0)
         last = ((high - self._low) / self.cell).astype(np.int64) + 1
-        stride = max(1, int(np.ceil((np.prod(last - first) / MOST_PROBES) ** (1 / 3))))
+        stride = max(1, int(np.ceil((np.prod(last - first) / MAX_PROBES) ** (1 / 3))))
         offset = (stride - 1) // 2
         window = tuple(slice(a + offset, b, stride) for a, b in zip(first, last, strict=True))
         index = np.argwhere(self._free[window])
@@ -158,7 +158,7 @@ class VoidSpace:
         v = np.cross(normal, u)
         flat = points @ np.stack([u, v, normal], axis=1)
         low, high = flat.min(axis=0), flat.max(axis=0)
-        step = max(self.cell, float(np.sqrt((high - low)[0] * (high - low)[1] / MOST_PROBES)))
+        step = max(self.cell, float(np.sqrt((high - low)[0] * (high - low)[1] / MAX_PROBES)))
         a, b = (np.arange(low[i] + step / 2, high[i], step) for i in (0, 1))
         if not len(a) or not len(b):
             return 0.0

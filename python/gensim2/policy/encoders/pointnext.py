@@ -22,9 +22,9 @@ class SetAbstraction(nn.Module):  # type: ignore[misc]
     """Farthest points as centres, MLPs over the neighbours in a ball around each, their maximum, a residual.
 
     Args:
-        inner, outer: widths of features before and after.
-        stride: points a centre.
-        radius: of the ball.
+        inner, outer: number of features of a point, and of a centre.
+        stride: ratio of points to centres.
+        radius: radius of the balls.
     """
 
     def __init__(self, inner: int, outer: int, stride: int, radius: float) -> None:
@@ -34,7 +34,15 @@ class SetAbstraction(nn.Module):  # type: ignore[misc]
         self.skip = nn.Linear(inner, outer)
 
     def forward(self, xyz: torch.Tensor, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return centres (B, M, 3) and features (B, M, outer)."""
+        """Sample M centres and pool the features of their neighbours.
+
+        Args:
+            xyz: (B, N, 3) points, m.
+            features: (B, N, inner) features of the points.
+
+        Returns:
+            Centres (B, M, 3) and their features (B, M, outer).
+        """
         chosen = farthest_points(xyz, max(1, xyz.shape[1] // self.stride))
         centers = gathered(xyz, chosen)
         rows = ball_query(xyz, centers, self.radius, NEIGHBORS)

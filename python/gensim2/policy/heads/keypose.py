@@ -31,7 +31,7 @@ GRIPPER, SECONDS, FORCE = "keypose_gripper", "keypose_seconds", "keypose_force"
 """Names of targets: (B,) class, (B, K, 3) m, (B, K, 3, 3), (B, K + 1), (B, K) s, (B,) N; all but the class mean nothing
 where it is that of "done", the last."""
 
-ANSWERS = 4
+ANSWERS = 8
 """Classes, most probable first, of which ``act`` gives the programs."""
 HEAT = 0.02
 """Metres about the place of the hand within which points are to be hot."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -12,29 +13,34 @@ import torch
 
 from gensim2.errors import InputError
 from gensim2.observations import Observation, ObservationSpec
-from gensim2.observations.columns import CLOUD
+from gensim2.observations.columns import CLOUD, GRIPPER
 from gensim2.planning.actions import grip_on
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint, unknown_sentence
 from gensim2.policy.control import Sees, Shuffled, altered
 from gensim2.policy.keypose.answers import Answer, answers
 from gensim2.policy.keypose.execution import Executor
 from gensim2.policy.keypose.training import WAYS_JSON, read_ways
-from gensim2.robots import robot
+from gensim2.robots import OPEN, robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE
 
 Array = npt.NDArray[np.float64]
 
-MOST_LOOKS = 8
-"""Times that the policy looks in one episode, for every step of its task that it was taught."""
-MOST_TRIES = 2
+MAX_LOOKS = 8
+"""Times that the policy looks in one episode, for every step of its task."""
+MAX_TRIES = 2
 """Times that one way is taken in one episode before the next most probable one is."""
 SURE = 0.8
 """Probability from which on the policy believes that nothing is left to do: an effort too many does less harm than one
 too few."""
+UNEXPECTED = 0.15
+"""Factor of a way's probability where its step is neither the one that was executed last nor the one behind it: a look
+tells steps apart less surely than the order in which they are done."""
 RELEASES = 0.5
 """Gripper command from which on fingers hold nothing."""
 HOLDS = 0.1
 """N of each finger from which on a program is one that takes something up."""
+EMPTY = 0.003
+"""Distance of the pads (m) below which fingers that have closed hold nothing."""
 
 
 class KeyposeController:
@@ -73,7 +79,7 @@ class KeyposeController:
         self._executor = Executor(self._profile)
         self._arm = list(self._profile.arm_columns)
         self._rows: deque[npt.NDArray[np.float32]] = deque()
-        #: Counts over the episode: free motions by how they were found, programs cut short, looks.
+        #: Counts over the episode: looks, free motions by how they were found, programs cut short, things lost.
         self.told: Counter[str] = Counter()
 
     @property
@@ -87,16 +93,20 @@ class KeyposeController:
         if observation.language not in self._policy.sentences:  # also where the network looks at none
             raise unknown_sentence(self._policy, observation.language, self._folder)
         self._row = self._policy.row_of(observation.language, self._folder)
-        self._mine = {number for number, way in enumerate(self._ways) if way.language == observation.language}
+        mine = {number: way for number, way in enumerate(self._ways) if way.language == observation.language}
+        self._mine, self._steps = set(mine), 1 + max(way.step for way in mine.values())
+        self._expected, self._taking = {0}, 0
         self._tried, self.told = Counter[int](), Counter()
         self._rows.clear()
         self._seed, self._force, self._holds = seed, 0.0, False
         self._until_gripped: int | None = None
-        self._home = observation.joint_positions.astype(np.float64)
+        self._home, self._empty = observation.joint_positions.astype(np.float64), observation[GRIPPER]
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
         """The next action; None: done, or no way is left."""
-        if not self._rows and (self.told["looks"] >= MOST_LOOKS or not self._look(observation)):
+        if self._holds and observation.gripper_width < EMPTY:
+            self._lost(observation)
+        if not self._rows and (self.told["looks"] >= MAX_LOOKS * self._steps or not self._look(observation)):
             return None
         action = self._rows.popleft()
         if self._until_gripped is not None:
@@ -115,24 +125,34 @@ class KeyposeController:
         """Plan what comes next; whether there is anything."""
         self.told["looks"] += 1
         seen = altered(observation, self._sees, self._others, self._seed)
+        if not self._holds:  # what the fingers of an empty hand have done last means nothing
+            seen = replace(seen, arrays={**seen.arrays, GRIPPER: self._empty})
         points = seen[CLOUD][:, :3].astype(np.float64) if self._sees != "nothing" else np.zeros((0, 3))
         q = observation.joint_positions.astype(np.float64)
-        for answer in answers(self._policy, seen, self._row):
+        for answer in sorted(answers(self._policy, seen, self._row), key=self._weight, reverse=True):
             if answer.way == len(self._ways):
                 # Whoever is asked to do something is asked before it is done.
-                if self.told["looks"] > 1 and answer.chance >= SURE:
+                if self._steps in self._expected and answer.chance >= SURE:
                     return False
                 continue
-            if answer.way not in self._mine or self._tried[answer.way] >= MOST_TRIES:
+            if answer.way not in self._mine or self._tried[answer.way] >= MAX_TRIES:
                 continue
             if self._begin(answer, q, observation.gripper_command, points):
                 return True
         return False
 
+    def _step(self, answer: Answer) -> int:
+        """Number of the step that an answer is of; how many there are of "done"."""
+        return self._steps if answer.way == len(self._ways) else self._ways[answer.way].step
+
+    def _weight(self, answer: Answer) -> float:
+        """Probability of an answer, less where its step is not the one that is expected."""
+        return answer.chance * (1.0 if self._step(answer) in self._expected else UNEXPECTED)
+
     def _begin(self, answer: Answer, q: Array, command: float, points: Array) -> bool:
         self._tried[answer.way] += 1
         program = answer.program
-        found = self._executor.execute(program, q, command, points)
+        found = self._executor.execute(program, q, command, points, holds=self._holds)
         if found is None:
             self.told["out of reach"] += 1
             return False
@@ -140,12 +160,21 @@ class KeyposeController:
         if not found.is_whole:
             self.told["cut short"] += 1
         self._rows = deque(found.actions)
-        takes = program.force > HOLDS
+        step, takes = self._step(answer), program.force > HOLDS
+        self._expected = {step, step + 1}  # once more, or what follows: the next step, or nothing
         if takes:
+            self._taking = step
             self._force, self._until_gripped = program.force, found.gripped
         if not takes and (not self._holds or float(found.actions[:, -1].max()) > RELEASES):
             end = q.copy()
             end[self._arm] = found.actions[-1, :-1]
-            back = self._executor.rest(end, self._home, float(found.actions[-1, -1]), points[:0])
-            self._rows.extend(back.actions)
+            self._rows.extend(self._executor.rest(end, self._home, float(found.actions[-1, -1])).actions)
         return True
+
+    def _lost(self, observation: Observation) -> None:
+        """Go back to where the arm looks from, with open fingers: they have closed on nothing, or it has slipped."""
+        self.told["lost"] += 1
+        self._holds = False
+        self._rows = deque(
+            self._executor.rest(observation.joint_positions.astype(np.float64), self._home, OPEN).actions
+        )

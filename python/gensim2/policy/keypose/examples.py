@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from gensim2.observations import Observation, ObservationSpec
 from gensim2.planning import Scene, StepPlan, StepPlanner, Strategy
+from gensim2.planning.predict import with_joint
 from gensim2.policy.keypose.program import KEYPOSES, program_of
 from gensim2.raycast.observer import Observer
 from gensim2.robots import OPEN, RobotProfile, robot
@@ -19,6 +20,7 @@ from gensim2.scenes.config import SceneConfig
 from gensim2.seeding import rng
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import Step
 from gensim2.tasks.strategies import Strategies
 
@@ -27,8 +29,8 @@ Example = dict[str, npt.NDArray[Any]]
 RESOLUTION = 1e-4
 """Metres in a unit of the stored clouds."""
 OTHER_OPENNESS = 0.3
-"""Share of scenes whose first joint stands anywhere: as a hand may leave it that has failed or is done."""
-MOST_TOUCHING = 1
+"""Share of scenes in which a step's joint stands anywhere: as a hand may leave it that has failed or is done."""
+MAX_TOUCHING = 1
 """Worst rank of a plan that is taught: whole, if need be with a touch on the way to the actuation pose."""
 
 
@@ -66,10 +68,13 @@ def draw(
     """
     env, task, profile = simulator(scene), scene.task, robot(scene.robot)
     env.reset(seed, _other_openness(scene, seed))
-    observer = Observer(profile, {name: thing.model for name, thing in env.setup.objects.items()}, spec, seed)
+    observer = Observer(profile, {name: thing.model for name, thing in env.initial_state.objects.items()}, spec, seed)
     now = env.scene_state()
+    measured = env.measure()
     begin = 0
-    if all_hold(task.success, env.measure()):
+    while begin < len(task.steps) and task.steps[begin].done and all_hold(task.steps[begin].done, measured):
+        begin += 1
+    if all_hold(task.success, measured):
         begin = len(task.steps)
     planner, ways = StepPlanner(profile), parsed(strategies)
     following = [(step, [ways[name] for name in step.strategies]) for step in task.steps]
@@ -77,6 +82,8 @@ def draw(
     taken: dict[str, str] = {}
     for number in range(begin, len(task.steps)):
         step = task.steps[number]
+        if number > 0:
+            now = _left_anywhere(now, step, measured, rng(seed, f"{task.name}/keypose/{step.name}"))
         names = [name for name in step.strategies if only is None or name in only.get(step.name, ())]
         found = planned_way(planner, now, step, {name: ways[name] for name in names}, following[number + 1 :])
         if found is None:
@@ -101,8 +108,8 @@ def refuted(scene: SceneConfig, strategies: Strategies, taken: Mapping[str, str]
         taken: the strategy of each step.
     """
     from gensim2.rollout.chain import ChainController
+    from gensim2.rollout.no_op import NoOpResult
     from gensim2.rollout.run import run
-    from gensim2.rollout.still import StillResult
     from gensim2.tasks.strategies import with_strategies
 
     env = simulator(scene)
@@ -110,7 +117,7 @@ def refuted(scene: SceneConfig, strategies: Strategies, taken: Mapping[str, str]
     chosen = {name: data for own in ways.values() for name, data in own.items()}
     controller = ChainController(with_strategies(scene.task, ways), chosen, robot(scene.robot), one_plan=True)
     # Whether the goal comes by itself says nothing of a plan.
-    still = StillResult(success=False, stable=True, start=env.measure(), end=env.measure())
+    still = NoOpResult(success=False, stable=True, start=env.measure(), end=env.measure())
     options = _other_openness(scene, seed)
     episode = run(env, controller, seed=seed, options=options, still=lambda: still).episode
     return None if episode.held else "no cause found" if episode.cause is None else episode.cause.value
@@ -152,6 +159,17 @@ def _other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
     return {"openness": {first: openness}} if anywhere and has_joint else None
 
 
+def _left_anywhere(now: Scene, step: Step, measured: Measurement, generator: np.random.Generator) -> Scene:
+    """The scene of a later step, in some of them with its joint anywhere, and what lies in it taken along."""
+    anywhere, openness = generator.random() < OTHER_OPENNESS, float(generator.random())
+    joint = now.objects[step.object].joint
+    if not anywhere or joint is None or now.held is not None or not any(map(criterion_is_of_joint, step.done)):
+        return now
+    if all_hold(step.done, replace(measured, openness={**measured.openness, step.object: openness})):
+        return now
+    return with_joint(now, step.object, joint.lower + openness * (joint.upper - joint.lower))
+
+
 def criterion_is_of_joint(criterion: Any) -> bool:
     """Whether a criterion is about how far a joint is open."""
     return str(criterion.type).startswith("articulated_")
@@ -167,7 +185,7 @@ def planned_way(
         if found[name].rank == 0:
             break
     best = min(found, key=lambda name: found[name].rank, default=None)
-    return None if best is None or found[best].rank > MOST_TOUCHING else (best, found[best])
+    return None if best is None or found[best].rank > MAX_TOUCHING else (best, found[best])
 
 
 def _rested(scene: Scene, profile: RobotProfile) -> Scene:

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse.csgraph import connected_components
 
 import gensim2_kpam as kpam
 from gensim2.planning.actions import CLOSING_SPEED, HOLD_SECONDS
@@ -28,6 +29,8 @@ ACCELERATION, JERK = 3.75, 1875.0
 POINT_RADIUS = 0.006
 """Metres about each point of the cloud that free motions keep off, beside their margin."""
 MARGIN = 0.005
+NEAR_FINGERS, NEXT, CARRIED = 0.02, 0.03, 0.3
+"""Metres: points of what is held are so near to the fingers or to another one, and not further from the hand."""
 SAMPLES = 4000
 SAME_COMMAND = 0.1
 """Gripper commands nearer than this need no time of their own."""
@@ -70,7 +73,9 @@ class Executor:
         self._arm = list(profile.arm_columns)
         self._velocity = SHARE * profile.model.velocity[self._arm]
 
-    def execute(self, program: KeyposeProgram, q: Array, command: float, points: Array) -> Execution | None:
+    def execute(
+        self, program: KeyposeProgram, q: Array, command: float, points: Array, *, holds: bool = False
+    ) -> Execution | None:
         """The actions of a program; None where the actuation pose is out of the arm's reach.
 
         Args:
@@ -78,6 +83,7 @@ class Executor:
             q: (n,) present joints.
             command: the gripper's last.
             points: (N, 3) of the cloud, obstacles of the free motion; (0, 3) for none.
+            holds: the hand holds something, whose points it takes along.
         """
         q = np.clip(q, self._profile.model.lower, self._profile.model.upper)
         path = joint_path(program, q, self._profile, self._bare)
@@ -88,7 +94,7 @@ class Executor:
         if abs(begin - command) > SAME_COMMAND:
             rows.dwell(q[self._arm], begin, self._profile.gripper_steps)
         rows.command = begin
-        free = self._free(rows, q, path.joints[0], points)
+        free = self._free(rows, q, path.joints[0], points, holds)
         gripped = 0
         for first, last, number in self._segments(program, path):
             rows.follow(self._timed(program, path, first, last))
@@ -98,21 +104,23 @@ class Executor:
         rows.dwell(path.joints[-1][self._arm], rows.command, ceil(HOLD_SECONDS * self._profile.control_hz))
         return Execution(rows.actions(), free, path.reached, gripped)
 
-    def rest(self, q: Array, goal: Array, command: float, points: Array) -> Execution:
+    def rest(self, q: Array, goal: Array, command: float, points: Array | None = None) -> Execution:
         """Free motion of the arm to joints ``goal`` (n,), where it looks from."""
         rows = _Rows(self._profile, command)
-        free = self._free(rows, np.clip(q, self._profile.model.lower, self._profile.model.upper), goal, points)
+        around = np.zeros((0, 3)) if points is None else points
+        free = self._free(rows, np.clip(q, self._profile.model.lower, self._profile.model.upper), goal, around)
         rows.dwell(goal[self._arm], command, ceil(HOLD_SECONDS * self._profile.control_hz))
         return Execution(rows.actions(), free, KEYPOSES, len(rows))
 
-    def _free(self, rows: _Rows, q: Array, goal: Array, points: Array) -> Free:
+    def _free(self, rows: _Rows, q: Array, goal: Array, points: Array, holds: bool = False) -> Free:
         goal = goal.copy()
         fingers = list(self._profile.gripper_columns)
-        goal[fingers] = q[fingers] = self._profile.gripper.at_command(rows.command)
+        if not holds:  # else they are as far apart as what is between them
+            q[fingers] = self._profile.gripper.at_command(rows.command)
+        goal[fingers] = q[fingers]
         scenes: list[tuple[Free, kpam.Scene]] = [("table only", self._bare)]
         if len(points):
-            cloud = kpam.Body("cloud", "rigid", [kpam.Shape.point_cloud(points, POINT_RADIUS)], np.eye(4))
-            scenes.insert(0, ("planned", kpam.Scene(self._profile.model, [self._table, cloud])))
+            scenes.insert(0, ("planned", self._among(points, q, holds)))
         for how, scene in scenes:
             motion = scene.plan_to(
                 q, goal, margin=MARGIN, samples=SAMPLES, velocity_scale=SHARE, acceleration_scale=SHARE
@@ -122,6 +130,28 @@ class Executor:
                 return "planned" if not len(points) else how
         rows.follow(self._retimed(np.linspace(q, goal, 8)[:, self._arm]))
         return "straight"
+
+    def _among(self, points: Array, q: Array, holds: bool) -> kpam.Scene:
+        """The table and the cloud; those of its points that the hand holds at joints ``q`` ride on it."""
+        mine = self._held(points, q) if holds else np.zeros(len(points), dtype=bool)
+        bodies = [
+            kpam.Body(name, "rigid", [kpam.Shape.point_cloud(part, POINT_RADIUS)], np.eye(4))
+            for name, part in (("cloud", points[~mine]), ("held", points[mine]))
+            if len(part)
+        ]
+        scene = kpam.Scene(self._profile.model, [self._table, *bodies])
+        return scene.attached("held", q) if mine.any() else scene
+
+    def _held(self, points: Array, q: Array) -> npt.NDArray[np.bool_]:
+        """(N,) points of what the hand holds: those between the fingers, and what hangs together with them."""
+        hand = self._profile.model.forward_kinematics(q)[:3, 3]
+        near = np.flatnonzero(np.linalg.norm(points - hand, axis=1) < CARRIED)
+        found = np.zeros(len(points), dtype=bool)
+        if len(near):
+            apart = np.linalg.norm(points[near][:, None] - points[near][None], axis=-1)
+            _, piece = connected_components(apart < NEXT)
+            found[near] = np.isin(piece, piece[self._bare.own_points(q, points[near], NEAR_FINGERS)])
+        return found
 
     def _segments(self, program: KeyposeProgram, path: JointPath) -> list[tuple[int, int, int]]:
         """First and last waypoint of each stretch between two rests, and the pose at which it ends: the arm rests at

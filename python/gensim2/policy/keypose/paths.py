@@ -73,7 +73,7 @@ def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[Joi
     starts = [
         (float(np.abs(found - q).max()), number, each, found)
         for number, each in enumerate((poses, turned))
-        for found in scene.ik(each[ACTUATION], q, most=BRANCHES)
+        for found in scene.ik(each[ACTUATION], q, max_solutions=BRANCHES)
     ]
     for _, _, each, found in sorted(starts, key=lambda start: start[:2]):
         yield _followed(each, found, scene)
@@ -102,7 +102,7 @@ def _follow(begin: Array, end: Array, q: Array, scene: kpam.Scene) -> list[Array
     """Joints along the straight way from one pose to another, the first left out; None where the arm cannot follow."""
     found: list[Array] = []
     for pose in between(begin, end):
-        near = scene.ik(pose, q, most=1)
+        near = scene.ik(pose, q, max_solutions=1)
         if len(near) == 0 or np.abs(near[0] - q).max() > JUMP:
             return None
         q = near[0]

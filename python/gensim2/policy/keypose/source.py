@@ -21,11 +21,14 @@ from gensim2.policy.heads.keypose import GRIPPER as FINGERS
 from gensim2.policy.keypose.data import Planned, PlannedRecord
 from gensim2.policy.keypose.examples import RESOLUTION
 from gensim2.policy.source import SENTENCE
-from gensim2.robots import robot
+from gensim2.robots import OPEN, robot
 
 YAW = 0.2
 """Largest yaw (rad) by which an example is turned about the base, poses with it: what the planner finds for a scene
 that is turned so differs a little, since the arm starts where it did."""
+WIDTH, COMMAND = 0.004, 0.1
+"""Standard deviations of the distance of the pads (m) and of the gripper's command about those of a plan, where the
+hand holds something: what it has really taken up is held a little otherwise."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +116,8 @@ class PlannedSource:
             CLOUD: torch.cat([cloud, colour], -1)[:, None],
             STATE: joints[:, None],
             VELOCITY: torch.zeros_like(joints)[:, None],
-            TOOL_POSE: torch.from_numpy(self._tools[rows])[:, None],
-            GRIPPER: torch.from_numpy(found["fingers"])[:, None],
+            TOOL_POSE: torch.from_numpy(_either_way_round(self._tools[rows], rng))[:, None],
+            GRIPPER: torch.from_numpy(_as_held(found["fingers"], rng))[:, None],
             SENTENCE: torch.from_numpy(np.array([self._sentence(number) for number in task])),
             WAY: torch.from_numpy(self._way[rows]),
             POSITIONS: torch.einsum("bij,bkj->bki", into, torch.from_numpy(found["positions"])),
@@ -124,10 +127,10 @@ class PlannedSource:
             FORCE: torch.from_numpy(found["force"]),
         }
 
-    def some_clouds(self, most: int) -> Shuffled:
+    def some_clouds(self, max_clouds: int) -> Shuffled:
         """Clouds of scenes evenly through the data; they have no colours."""
         points = self._arrays["points"]
-        rows = np.unique(np.linspace(0, len(points) - 1, most).astype(np.int64))
+        rows = np.unique(np.linspace(0, len(points) - 1, max_clouds).astype(np.int64))
         found = points[rows].astype(np.float32) * np.float32(RESOLUTION)
         return Shuffled(found, np.zeros(found.shape, np.uint8))
 
@@ -150,3 +153,17 @@ class PlannedSource:
             for name, values in sorted(each.arrays.items()):
                 found.update(name.encode() + np.ascontiguousarray(values).tobytes())
         return found.hexdigest()
+
+
+def _either_way_round(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Tool poses (B, 7), half of them with the fingers swapped: the planner and who executes its plans may differ."""
+    x, y, z, w, x_q, y_q, z_q = poses.T
+    swapped = np.column_stack([x, y, z, -z_q, y_q, -x_q, w])
+    return np.where(rng.random((len(poses), 1)) < 0.5, swapped, poses).astype(np.float32)
+
+
+def _as_held(fingers: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Pads' distances and commands (B, 2), with noise where the hand holds something."""
+    noise = rng.normal(size=fingers.shape) * (WIDTH, COMMAND)
+    holds = fingers[:, 1:] < OPEN - 0.5
+    return (fingers + np.where(holds, noise, 0.0)).astype(np.float32)

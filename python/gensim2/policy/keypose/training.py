@@ -18,7 +18,16 @@ WAYS_JSON = "keypose.json"
 """Beside a checkpoint's ``config.json``."""
 
 POLICY = PolicyConfig(
-    head="keypose", colour=False, tool_frame=False, text="none", layers=1, width=128, hidden=256, seen_points=128
+    head="keypose",
+    colour=False,
+    tool_frame=False,
+    joints=False,
+    text="none",
+    layers=1,
+    width=128,
+    hidden=256,
+    seen_points=128,
+    spread_points=64,
 )
 """Network for one task: its sentence tells nothing, and it is small enough for minutes on one core."""
 TRAINING = TrainConfig(steps=1200, batch=32, learning_rate=2e-3, ema=0.995, threads=1, save_every=200, log_every=25)

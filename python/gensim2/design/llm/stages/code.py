@@ -14,7 +14,7 @@ from gensim2.tasks.spec import TaskSpec
 REFERENCES = 2
 
 #: Characters of the longest code that is looked at.
-MOST_CHARACTERS = 20_000
+MAX_CHARACTERS = 20_000
 
 _BLOCK = re.compile(r"```[^\n]*\n(.*?)```", re.DOTALL)
 
@@ -52,8 +52,8 @@ def read_code(data: Sequence[Data], task: TaskSpec, run: Callable[[str], TaskSpe
     text = str(data[0]["text"])
     blocks = _BLOCK.findall(text)
     source = max(blocks, key=len) if blocks else text
-    if len(source) > MOST_CHARACTERS:
-        raise Wrong([f"the code is longer than {MOST_CHARACTERS} characters"])
+    if len(source) > MAX_CHARACTERS:
+        raise Wrong([f"the code is longer than {MAX_CHARACTERS} characters"])
     found = run(source)
     problems = [
         f"{what} is {was!r} and must be {wanted!r}"

@@ -18,7 +18,7 @@ from gensim2.tasks.spec import HAND, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 
 #: Steps of the longest chain.
-MOST_STEPS = 5
+MAX_STEPS = 5
 
 PLACE = "place"
 
@@ -109,7 +109,7 @@ def composition(
         skills=skills,
         target_object=wish.object,
         refused=list(refused),
-        most=MOST_STEPS,
+        max_steps=MAX_STEPS,
     )
     return Ask(
         "composition",
@@ -139,8 +139,8 @@ def read_composition(
     steps = given["steps"]
     if not isinstance(steps, list) or not all(isinstance(step, dict) for step in steps):
         problems.append('"steps" must be a list of objects')
-    elif not 2 <= len(steps) <= MOST_STEPS:
-        problems.append(f'"steps" must be 2 to {MOST_STEPS}, not {len(steps)}')
+    elif not 2 <= len(steps) <= MAX_STEPS:
+        problems.append(f'"steps" must be 2 to {MAX_STEPS}, not {len(steps)}')
     if problems:
         raise Wrong(problems)
     classes = _classes(steps, world, skills, wish, problems)

@@ -21,7 +21,7 @@ from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 #: The paper's limit.
-MOST_SUBTASKS = 5
+MAX_SUBTASKS = 5
 
 GRASP, UNGRASP = "grasp", "ungrasp"
 WORKING = ("articulated_open", "articulated_closed")
@@ -32,7 +32,7 @@ SCHEMA: dict[str, Any] = {
     "properties": {
         "sub-tasks": {
             "type": "array",
-            "maxItems": MOST_SUBTASKS,
+            "maxItems": MAX_SUBTASKS,
             "items": {
                 "type": "object",
                 "properties": {
@@ -56,7 +56,7 @@ def decomposition(prompts: Prompts, world: World, found: Proposal, origin: str) 
         "decomposition",
         **world.about(found.articulated, found.rigid).for_prompts(),
         task=found.to_dict(),
-        most=MOST_SUBTASKS,
+        max_subtasks=MAX_SUBTASKS,
     )
     return Ask(
         "decomposition", found.name, "", text, SCHEMA, lambda data: read_decomposition(data, world, found, origin)
@@ -71,8 +71,8 @@ def read_decomposition(data: Sequence[Data], world: World, found: Proposal, orig
     """
     given = _listed(data)
     problems: list[str] = []
-    if not 2 <= len(given) <= MOST_SUBTASKS:
-        problems.append(f"there must be 2 to {MOST_SUBTASKS} sub-tasks, not {len(given)}")
+    if not 2 <= len(given) <= MAX_SUBTASKS:
+        problems.append(f"there must be 2 to {MAX_SUBTASKS} sub-tasks, not {len(given)}")
     if problems:
         raise Wrong(problems)
     assert found.rigid is not None

@@ -13,7 +13,7 @@ from gensim2.design.llm.configs import CONSTRAINTS, FINGERS, MOTIONS
 from gensim2.design.llm.conversations import Ask, Wrong
 from gensim2.design.llm.extraction import ITEMS, Data
 from gensim2.design.llm.templating import Prompts
-from gensim2.design.pictures import Picture
+from gensim2.design.pictures import LazyPicture
 from gensim2.planning.strategies import PLANNER_FIELDS
 from gensim2.robots import RobotProfile
 from gensim2.tasks.spec import HAND, Step, TaskSpec
@@ -96,7 +96,7 @@ class Sight:
     """Pictures that go along, each with a line that says what it shows."""
 
     captions: tuple[str, ...] = ()
-    pictures: tuple[Picture, ...] = ()
+    pictures: tuple[LazyPicture, ...] = ()
 
 
 def constraints(prompts: Prompts, job: Job, known: Sequence[Known], sight: Sight) -> Ask[list[Any]]:
@@ -197,7 +197,7 @@ class Example:
 
 
 def examples_for(job: Job, known: Sequence[Known]) -> list[Example]:
-    """Configs of tasks that are there, those most like the step first (tool, goal, class); no two of one class."""
+    """Configs of tasks that are there, those max_count like the step first (tool, goal, class); no two of one class."""
     own = job.things[job.step.object]
     kinds = [criterion.type for criterion in job.step.done]
     ranked: list[tuple[tuple[bool, ...], str, Example, str]] = []
@@ -245,7 +245,7 @@ def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
     return loose
 
 
-def _valid(given: Sequence[Config], job: Job, most: int) -> list[Config]:
+def _valid(given: Sequence[Config], job: Job, max_count: int) -> list[Config]:
     """Those that can be used, no two alike; one that cannot be used does not spoil the others.
 
     Raises:
@@ -253,11 +253,11 @@ def _valid(given: Sequence[Config], job: Job, most: int) -> list[Config]:
     """
     found: list[Config] = []
     problems: list[str] = []
-    for number, config in enumerate(given[: 4 * most]):
+    for number, config in enumerate(given[: 4 * max_count]):
         wrong = job.problems(config)
         problems += [f"number {number + 1}: {problem}" for problem in wrong]
         if not wrong and config not in found:
             found.append(config)
     if not found:
         raise Wrong(problems or ["the list is empty"])
-    return found[:most]
+    return found[:max_count]

@@ -14,8 +14,8 @@ NOT_FINITE = "a number that is not finite"
 BASE = "Task"
 
 LONGEST_SOURCE = 100_000
-MOST_NODES = 5_000
-MOST_PROBLEMS = 10
+MAX_NODES = 5_000
+MAX_PROBLEMS = 10
 
 #: Of the tree's own bookkeeping, and what has no part that could be wrong.
 PLAIN = (
@@ -118,8 +118,8 @@ class Reader:
 
     def read(self, tree: ast.Module) -> list[tuple[int, str]]:
         nodes, parents = self.listed(tree)
-        if len(nodes) > MOST_NODES:
-            return [(1, f"the program has more than {MOST_NODES} parts")]
+        if len(nodes) > MAX_NODES:
+            return [(1, f"the program has more than {MAX_NODES} parts")]
         for node in nodes:  # by line, so that a name is known after it was given
             try:
                 self.look(node, parents.get(node))
@@ -128,14 +128,14 @@ class Reader:
         classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
         if len(classes) != 1:
             self.found.append((1, f"there must be one class, derived from {BASE}; there are {len(classes)}"))
-        return sorted(set(self.found))[:MOST_PROBLEMS]
+        return sorted(set(self.found))[:MAX_PROBLEMS]
 
     def listed(self, tree: ast.Module) -> tuple[list[ast.AST], dict[ast.AST, ast.AST]]:
         """All nodes in the order of the program, and their parents; no recursion, so that depth does no harm."""
         nodes: list[ast.AST] = []
         parents: dict[ast.AST, ast.AST] = {}
         waiting: list[ast.AST] = [tree]
-        while waiting and len(nodes) <= MOST_NODES:
+        while waiting and len(nodes) <= MAX_NODES:
             node = waiting.pop()
             nodes.append(node)
             children = list(ast.iter_child_nodes(node))

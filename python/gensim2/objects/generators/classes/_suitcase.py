@@ -22,7 +22,7 @@ class Suitcase:
 
 
 def draw(rng: np.random.Generator) -> Suitcase:
-    """One suitcase, shut."""
+    """Draw the parts of one shut suitcase, m."""
     width, height = c.between(rng, 0.26, 0.34), c.between(rng, 0.18, 0.23)
     deep, shallow = c.between(rng, 0.045, 0.07), c.between(rng, 0.025, 0.045)
     wall = c.between(rng, 0.005, 0.007)

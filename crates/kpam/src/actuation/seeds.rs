@@ -1,13 +1,13 @@
 //! Start values of the search for actuation poses spread evenly, the same on every machine.
 
 use super::ActuationSearch;
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
-/// Width of the starts about the present joints, as a fraction of the joint ranges.
+/// Width of the seeds about the present joints, as a fraction of the joint ranges.
 pub(super) const NEARBY: f64 = 0.4;
-/// Every so many starts one lies anywhere in the ranges: the cheapest pose is mostly near the present joints.
+/// Every so many seeds one lies anywhere in the ranges: the cheapest pose is mostly near the present joints.
 const ANYWHERE: usize = 3;
-/// If the cheap poses allow no motion, further starts lie twice as far about the present joints, or anywhere by turns.
+/// If the cheap poses allow no motion, further seeds lie twice as far about the present joints, or anywhere by turns.
 const FURTHER: f64 = 2.0 * NEARBY;
 /// Points of the sequence from one seed to the next: more than a plan spends, and no multiple of a base.
 const STRETCH: usize = 104_729;
@@ -27,7 +27,7 @@ impl ActuationSearch<'_> {
     /// Start value number `index` of those that are spent on other poses than the cheapest. They go on where the first
     /// ones ended: the same points again would lead to the same poses.
     pub(super) fn further_start(&self, index: usize) -> Row {
-        let first = self.problem.options.starts + self.problem.options.starts / 2;
+        let first = self.problem.options.num_seeds + self.problem.options.num_seeds / 2;
         let number = first.div_ceil(ANYWHERE) + 1 + index / 2;
         if index.is_multiple_of(2) { self.anywhere(number) } else { self.near(number, FURTHER) }
     }
@@ -58,12 +58,12 @@ impl ActuationSearch<'_> {
 
 /// Coordinate `dimension` of point `index` of the Halton sequence: evenly spread, the same on every machine. Digits are
 /// scrambled by a factor near the golden section of each base: as they are, coordinates of large bases go up together for
-/// the first points. On 230 recorded and 360 drawn problems 32 scrambled starts find as many cheapest poses as 48 plain
+/// the first points. On 230 recorded and 360 drawn problems 32 scrambled seeds find as many cheapest poses as 48 plain
 /// ones.
 pub(crate) fn halton(index: usize, dimension: usize) -> f64 {
-    const BASES: [usize; MOST_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];
-    const FACTORS: [usize; MOST_JOINTS] = [1, 2, 3, 4, 7, 8, 11, 12, 14, 18, 19, 23];
-    let (base, factor) = (BASES[dimension % MOST_JOINTS], FACTORS[dimension % MOST_JOINTS]);
+    const BASES: [usize; MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];
+    const FACTORS: [usize; MAX_JOINTS] = [1, 2, 3, 4, 7, 8, 11, 12, 14, 18, 19, 23];
+    let (base, factor) = (BASES[dimension % MAX_JOINTS], FACTORS[dimension % MAX_JOINTS]);
     let (mut rest, mut unit, mut out) = (index, 1.0, 0.0);
     while rest > 0 {
         unit /= base as f64;
@@ -81,7 +81,7 @@ mod tests {
 
     #[test]
     fn each_seed_starts_elsewhere_but_for_the_present_joints() {
-        let starts = |seed: usize| -> Vec<Row> {
+        let seeds = |seed: usize| -> Vec<Row> {
             let mut problem = problem(-1.0, 0.02, [0.5, 0.1, 0.3]);
             problem.options.seed = seed;
             let model = Model::new(&problem.robot, &problem.q_start).unwrap();
@@ -89,7 +89,7 @@ mod tests {
             let search = ActuationSearch::new(&problem, &model, &resolved);
             (0..48).map(|index| search.start(index)).chain((0..50).map(|index| search.further_start(index))).collect()
         };
-        let (first, again, second, last) = (starts(0), starts(0), starts(1), starts(1_000_000));
+        let (first, again, second, last) = (seeds(0), seeds(0), seeds(1), seeds(1_000_000));
         assert_eq!(first, again);
         assert_eq!(first[0], second[0]);
         for index in 1..first.len() {

@@ -8,7 +8,7 @@ use super::reachability;
 use super::spline::Spline;
 use super::torque::Load;
 use crate::Cancel;
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// Method for the speed along a path.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -112,7 +112,7 @@ pub(crate) fn stretch(nodes: &mut [Node], factor: f64) {
 }
 
 fn resting(grid: &Grid) -> Node {
-    Node { time: 0.0, position: grid.stations[0].position, velocity: [0.0; MOST_JOINTS], acceleration: None }
+    Node { time: 0.0, position: grid.stations[0].position, velocity: [0.0; MAX_JOINTS], acceleration: None }
 }
 
 /// Nodes in time of a course of x over the stations; `None` where it stands still on the way.
@@ -128,7 +128,7 @@ fn in_time(grid: &Grid, squares: &[f64], begin: &Row) -> Option<Vec<Node>> {
             }
             time += (2.0 * grid.step(k - 1) / sum).max(SHORTEST);
         }
-        let mut velocity = [0.0; MOST_JOINTS];
+        let mut velocity = [0.0; MAX_JOINTS];
         for v in 0..grid.joints {
             velocity[v] = station.first[v] * speed;
         }
@@ -136,7 +136,7 @@ fn in_time(grid: &Grid, squares: &[f64], begin: &Row) -> Option<Vec<Node>> {
     }
     out[0].velocity = *begin;
     if let Some(last) = out.last_mut() {
-        last.velocity = [0.0; MOST_JOINTS];
+        last.velocity = [0.0; MAX_JOINTS];
     }
     Some(out)
 }

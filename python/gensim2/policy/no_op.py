@@ -13,7 +13,7 @@ STEPS = 20
 """Control steps for which it holds the arm before it is done."""
 
 
-class StandStill:
+class NoOpPolicy:
     """Holds the arm where an episode begins, with open fingers.
 
     Args:

@@ -17,17 +17,17 @@ from gensim2.rollout.world import World
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
 
-STILL_SECONDS = 2.0
+UNMOVED_SECONDS = 2.0
 """After which objects that have not moved count as ones that stay where they are."""
 
-STILL_CHANGE = 0.002
+UNMOVED_CHANGE = 0.002
 """Change of openness in that time below which a joint has not moved; at that rate an episode of 20 s ends 0.02 away."""
 
-STILL_DISTANCE = 0.001
+UNMOVED_DISTANCE = 0.001
 """Metres in that time below which a rigid object has not moved; at that rate an episode of 20 s ends 1 cm away."""
 
 
-class StillController:
+class NoOpController:
     """Holds the arm where it stands.
 
     Args:
@@ -57,7 +57,7 @@ class StillController:
 
 
 @dataclass(frozen=True)
-class StillResult:
+class NoOpResult:
     """Result of the no-op baseline.
 
     Attributes:
@@ -72,13 +72,13 @@ class StillResult:
     end: Measurement
 
 
-def still_arm(
+def no_op_baseline(
     world: World, seed: int, *, options: Mapping[str, Any] | None = None, steps: int | None = None
-) -> StillResult:
+) -> NoOpResult:
     """Run the no-op baseline in the scene of ``seed``: no arm moves for ``steps`` control steps and the time to settle.
 
     The scene is built without the arm: one that stands still touches nothing, and without it physics is ten times
-    quicker. Objects that have lain still for ``STILL_SECONDS`` from the start will not start later, since nothing in
+    quicker. Objects that have lain still for ``UNMOVED_SECONDS`` from the start will not start later, since nothing in
     the scene moves; they are left there.
 
     Args:
@@ -93,14 +93,14 @@ def still_arm(
     world.reset(seed, options, robot=False)
     start = before = now = world.measure()
     for index in range(count + longest):
-        if index == steps_in(STILL_SECONDS) + settle and _lie_still(start, now):
+        if index == steps_in(UNMOVED_SECONDS) + settle and _lie_still(start, now):
             break
         if index >= count + settle and is_at_rest(before, now, period):
             break
         world.wait()
         before, now = now, world.measure()
-    return StillResult(all_hold(world.task.success, now), world.is_finite and is_stable(now), start, now)
+    return NoOpResult(all_hold(world.task.success, now), world.is_finite and is_stable(now), start, now)
 
 
 def _lie_still(start: Measurement, now: Measurement) -> bool:
-    return not any(moved.exceeds(STILL_CHANGE, STILL_DISTANCE) for moved in changes(start, now).values())
+    return not any(moved.exceeds(UNMOVED_CHANGE, UNMOVED_DISTANCE) for moved in changes(start, now).values())

@@ -1,6 +1,6 @@
-"""Does the check with a still arm, which leaves the arm out of the scene, say the same as a scene with an arm in it?
+"""Compare the no-op baseline, whose scene has no arm, with a scene in which the arm holds still.
 
-    python benchmarks/still_arm.py [--episodes 12] [--seed 0] [--assets DIR] [--physics original]
+    python benchmarks/no_op_baseline.py [--episodes 12] [--seed 0] [--assets DIR] [--physics original]
 
 For every task of the library: the verdict of the check as episodes run it, beside that of the same scene with the arm
 held where it stands for the whole length of an episode. Prints where they differ, and CPU milliseconds of both; ends
@@ -16,32 +16,32 @@ import time
 from gensim2.objects import open_library
 from gensim2.rollout.controller import spec_of
 from gensim2.rollout.motion import is_at_rest
+from gensim2.rollout.no_op import NoOpController, no_op_baseline
 from gensim2.rollout.settling import MAX_SETTLE_SECONDS, SETTLE_SECONDS
-from gensim2.rollout.still import StillController, still_arm
 from gensim2.seeding import scene_seeds
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.library import load_task, task_names
 
 
-def beside_an_arm(lane: HeadlessEnv, seed: int) -> bool:
+def beside_an_arm(env: HeadlessEnv, seed: int) -> bool:
     """Whether the goal holds after an episode's length in which the arm holds where it stands."""
-    longest, settle = lane.profile.steps(MAX_SETTLE_SECONDS), lane.profile.steps(SETTLE_SECONDS)
-    steps = lane.max_episode_steps - longest
-    controller = StillController(lane.profile, steps)
-    lane.reset(seed)
-    controller.reset(lane.observe(spec_of(controller)))
-    before = now = lane.measure()
+    longest, settle = env.profile.steps(MAX_SETTLE_SECONDS), env.profile.steps(SETTLE_SECONDS)
+    steps = env.max_episode_steps - longest
+    controller = NoOpController(env.profile, steps)
+    env.reset(seed)
+    controller.reset(env.observe(spec_of(controller)))
+    before = now = env.measure()
     for index in range(steps + longest):
-        action = controller.act(lane.observe(spec_of(controller)))
+        action = controller.act(env.observe(spec_of(controller)))
         if action is None:
-            if index >= steps + settle and is_at_rest(before, now, 1.0 / lane.profile.control_hz):
+            if index >= steps + settle and is_at_rest(before, now, 1.0 / env.profile.control_hz):
                 break
-            lane.wait()
+            env.wait()
         else:
-            lane.step(action)
-        before, now = now, lane.measure()
-    return all_hold(lane.task.success, now)
+            env.step(action)
+        before, now = now, env.measure()
+    return all_hold(env.task.success, now)
 
 
 def main() -> int:
@@ -57,12 +57,12 @@ def main() -> int:
         if not all(thing.asset_class in classes for thing in load_task(name).objects.values()):
             print(f"{name}: skipped, an object is not there")
             continue
-        lane = HeadlessEnv(name, assets=given.assets, physics=given.physics)
+        env = HeadlessEnv(name, assets=given.assets, physics=given.physics)
         for seed in scene_seeds(given.seed, name, "benchmark/still", given.episodes):
             started = time.process_time()
-            without = still_arm(lane, seed).success
+            without = no_op_baseline(env, seed).success
             between = time.process_time()
-            beside = beside_an_arm(lane, seed)
+            beside = beside_an_arm(env, seed)
             cost[0] += between - started
             cost[1] += time.process_time() - between
             counted, true = counted + 1, true + beside

@@ -1,10 +1,10 @@
-//! The legs of a motion: its parts, each by the keyframe that it leads to.
+//! The segments of a motion: its parts, each by the keyframe that it leads to.
 
 use crate::SolverConfig;
 
 /// A part of a motion, by the keyframe that it leads to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Leg {
+pub(crate) enum MotionSegment {
     /// Free motion from the start to the first keyframe.
     Approach,
     /// Along the hand's path to a pre-actuation keyframe, by its number in the config's list.
@@ -17,7 +17,7 @@ pub(crate) enum Leg {
     LetGo,
 }
 
-impl Leg {
+impl MotionSegment {
     /// Whether it comes after the actuation.
     pub fn is_after(self) -> bool {
         matches!(self, Self::Post(_) | Self::LetGo)
@@ -27,21 +27,21 @@ impl Leg {
 /// Label of the keyframe at which a hand that has let go ends.
 const LET_GO: &str = "let_go";
 
-/// Legs and keyframes of a motion in time. Keyframe k of a motion is what leg k leads to.
+/// Segments and keyframes of a motion in time. Keyframe k of a motion is what segment k leads to.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Course {
+pub(crate) struct Schedule {
     before: usize,
     after: usize,
     lets_go: bool,
 }
 
-impl Course {
+impl Schedule {
     /// That of a config.
     pub fn of(config: &SolverConfig) -> Self {
         Self { before: config.pre.len(), after: config.post.len(), lets_go: config.let_go.is_some() }
     }
 
-    /// Number of legs.
+    /// Number of segments.
     pub fn len(&self) -> usize {
         self.before + 1 + self.after + usize::from(self.lets_go)
     }
@@ -60,9 +60,9 @@ impl Course {
     pub fn label(&self, keyframe: usize) -> String {
         match self.toward(keyframe) {
             _ if keyframe < self.before => format!("pre_{}", self.before - 1 - keyframe),
-            Leg::Post(i) => format!("post_{i}"),
-            Leg::LetGo => LET_GO.to_owned(),
-            Leg::Approach | Leg::Pre(_) | Leg::ToActuation => "actuation".to_owned(),
+            MotionSegment::Post(i) => format!("post_{i}"),
+            MotionSegment::LetGo => LET_GO.to_owned(),
+            MotionSegment::Approach | MotionSegment::Pre(_) | MotionSegment::ToActuation => "actuation".to_owned(),
         }
     }
 
@@ -80,55 +80,55 @@ impl Course {
         }
     }
 
-    /// The leg to keyframe number `keyframe` in time.
-    pub fn toward(&self, keyframe: usize) -> Leg {
+    /// The segment to keyframe number `keyframe` in time.
+    pub fn toward(&self, keyframe: usize) -> MotionSegment {
         if keyframe == 0 {
-            Leg::Approach
+            MotionSegment::Approach
         } else if keyframe < self.before {
-            Leg::Pre(self.before - 1 - keyframe)
+            MotionSegment::Pre(self.before - 1 - keyframe)
         } else if keyframe == self.before {
-            Leg::ToActuation
+            MotionSegment::ToActuation
         } else if self.lets_go_at().is_some_and(|at| keyframe > at) {
-            Leg::LetGo
+            MotionSegment::LetGo
         } else {
-            Leg::Post(keyframe - self.before - 1)
+            MotionSegment::Post(keyframe - self.before - 1)
         }
     }
 
-    /// The leg along hand path number `path` in time.
-    pub fn along(&self, path: usize) -> Leg {
+    /// The segment along hand path number `path` in time.
+    pub fn along(&self, path: usize) -> MotionSegment {
         self.toward(path + 1)
     }
 
-    /// The leg that ends at the actuation pose: the approach, where nothing lies before it.
-    pub fn last_before_actuation(&self) -> Leg {
+    /// The segment that ends at the actuation pose: the approach, where nothing lies before it.
+    pub fn last_before_actuation(&self) -> MotionSegment {
         self.toward(self.before)
     }
 
-    /// The leg that begins at the actuation pose, where one does.
-    pub fn first_after_actuation(&self) -> Option<Leg> {
+    /// The segment that begins at the actuation pose, where one does.
+    pub fn first_after_actuation(&self) -> Option<MotionSegment> {
         (self.before + 1 < self.len()).then(|| self.toward(self.before + 1))
     }
 
-    /// Number in time of the keyframe that a leg leads to.
-    pub fn number(&self, leg: Leg) -> usize {
-        match leg {
-            Leg::Approach => 0,
-            Leg::Pre(i) => self.before - 1 - i,
-            Leg::ToActuation => self.before,
-            Leg::Post(i) => self.before + 1 + i,
-            Leg::LetGo => self.before + 1 + self.after,
+    /// Number in time of the keyframe that a segment leads to.
+    pub fn number(&self, segment: MotionSegment) -> usize {
+        match segment {
+            MotionSegment::Approach => 0,
+            MotionSegment::Pre(i) => self.before - 1 - i,
+            MotionSegment::ToActuation => self.before,
+            MotionSegment::Post(i) => self.before + 1 + i,
+            MotionSegment::LetGo => self.before + 1 + self.after,
         }
     }
 
-    /// All legs in time.
-    pub fn legs(&self) -> impl Iterator<Item = Leg> + use<> {
-        let course = *self;
-        (0..self.len()).map(move |k| course.toward(k))
+    /// All segments in time.
+    pub fn segments(&self) -> impl Iterator<Item = MotionSegment> + use<> {
+        let schedule = *self;
+        (0..self.len()).map(move |k| schedule.toward(k))
     }
 }
 
-impl std::fmt::Display for Course {
+impl std::fmt::Display for Schedule {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let labels: Vec<String> = (0..self.len()).map(|k| self.label(k)).collect();
         f.write_str(&labels.join(", "))
@@ -143,21 +143,31 @@ mod tests {
     fn legs_and_keyframes_are_numbered_alike() {
         for (before, after) in [(0, 0), (0, 2), (1, 1), (3, 2)] {
             for lets_go in [false, true] {
-                let course = Course { before, after, lets_go };
-                for (k, leg) in course.legs().enumerate() {
-                    assert_eq!(course.number(leg), k, "{leg:?}");
-                    assert_eq!(course.keyframe(&course.label(k)), Some(k), "{leg:?}");
+                let schedule = Schedule { before, after, lets_go };
+                for (k, segment) in schedule.segments().enumerate() {
+                    assert_eq!(schedule.number(segment), k, "{segment:?}");
+                    assert_eq!(schedule.keyframe(&schedule.label(k)), Some(k), "{segment:?}");
                 }
-                assert_eq!(course.number(course.last_before_actuation()), before);
+                assert_eq!(schedule.number(schedule.last_before_actuation()), before);
             }
         }
     }
 
     #[test]
     fn pre_actuation_motions_count_from_the_actuation() {
-        let course = Course { before: 3, after: 1, lets_go: true };
-        let legs: Vec<Leg> = course.legs().collect();
-        assert_eq!(legs, [Leg::Approach, Leg::Pre(1), Leg::Pre(0), Leg::ToActuation, Leg::Post(0), Leg::LetGo]);
-        assert_eq!(course.to_string(), "pre_2, pre_1, pre_0, actuation, post_0, let_go");
+        let schedule = Schedule { before: 3, after: 1, lets_go: true };
+        let segments: Vec<MotionSegment> = schedule.segments().collect();
+        assert_eq!(
+            segments,
+            [
+                MotionSegment::Approach,
+                MotionSegment::Pre(1),
+                MotionSegment::Pre(0),
+                MotionSegment::ToActuation,
+                MotionSegment::Post(0),
+                MotionSegment::LetGo
+            ]
+        );
+        assert_eq!(schedule.to_string(), "pre_2, pre_1, pre_0, actuation, post_0, let_go");
     }
 }

@@ -4,7 +4,7 @@ use super::motion::Node;
 use super::spline::{Spline, distance};
 use super::stop::{self, CannotStop};
 use super::trajectory::Builder;
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row};
 
 /// Factor on the least braking time along the line.
 const ROOM: f64 = 1.02;
@@ -25,7 +25,7 @@ pub(crate) struct Start {
 
 /// First part of a motion, before the planned one.
 #[derive(Debug, Clone)]
-pub(crate) enum Lead {
+pub(crate) enum StartTransition {
     /// Nothing: it is at rest.
     Resting(Row),
     /// Once its acceleration is taken away it moves along a line, on which it could be at rest at `brake`.
@@ -34,13 +34,13 @@ pub(crate) enum Lead {
     Stop { nodes: Vec<Node> },
 }
 
-impl Lead {
+impl StartTransition {
     /// State from which planning begins: one in which the motion can rest.
     pub fn rest(&self) -> Row {
         match self {
             Self::Resting(position) => *position,
             Self::Line { brake, .. } => *brake,
-            Self::Stop { nodes } => nodes.last().map_or([0.0; MOST_JOINTS], |n| n.position),
+            Self::Stop { nodes } => nodes.last().map_or([0.0; MAX_JOINTS], |n| n.position),
         }
     }
 
@@ -48,7 +48,7 @@ impl Lead {
     pub fn velocity(&self) -> Row {
         match self {
             Self::Line { velocity, .. } => *velocity,
-            _ => [0.0; MOST_JOINTS],
+            _ => [0.0; MAX_JOINTS],
         }
     }
 
@@ -106,12 +106,17 @@ impl Lead {
 ///
 /// # Errors
 /// No motion from there stays within the limits.
-pub(crate) fn leads(builder: &mut Builder, start: &Start, lower: &Row, upper: &Row) -> Result<Vec<Lead>, CannotStop> {
+pub(crate) fn start_transitions(
+    builder: &mut Builder,
+    start: &Start,
+    lower: &Row,
+    upper: &Row,
+) -> Result<Vec<StartTransition>, CannotStop> {
     let limits = *builder.limits();
     let joints = limits.joints();
     let still = |row: &Row| row[..joints].iter().all(|v| *v == 0.0);
     if still(&start.velocity) && still(&start.acceleration) {
-        return Ok(vec![Lead::Resting(start.position)]);
+        return Ok(vec![StartTransition::Resting(start.position)]);
     }
     stop::can_stop(&limits, lower, upper, &start.position, &start.velocity, &start.acceleration)?;
     builder.admit(&start.position, &start.velocity, &start.acceleration);
@@ -135,48 +140,50 @@ pub(crate) fn leads(builder: &mut Builder, start: &Start, lower: &Row, upper: &R
             nodes.windows(2).all(kept)
         });
         if long && slow && within(&settled.position) && within(&brake) {
-            let lead = if still(&settled.velocity) {
-                Lead::Resting(settled.position)
+            let transition = if still(&settled.velocity) {
+                StartTransition::Resting(settled.position)
             } else {
-                Lead::Line { begin, velocity: settled.velocity, brake }
+                StartTransition::Line { begin, velocity: settled.velocity, brake }
             };
-            out.push(lead);
+            out.push(transition);
         }
     }
-    out.push(Lead::Stop { nodes: stop::stop(&limits, &start.position, &start.velocity, &start.acceleration) });
+    out.push(StartTransition::Stop {
+        nodes: stop::stop(&limits, &start.position, &start.velocity, &start.acceleration),
+    });
     Ok(out)
 }
 
 /// Appends what comes before the first path.
-pub(crate) fn append(builder: &mut Builder, lead: &Lead, start: &Start) {
-    match lead {
-        Lead::Stop { nodes } => builder.append_nodes(nodes),
-        Lead::Resting(_) | Lead::Line { .. } => {
+pub(crate) fn append(builder: &mut Builder, transition: &StartTransition, start: &Start) {
+    match transition {
+        StartTransition::Stop { nodes } => builder.append_nodes(nodes),
+        StartTransition::Resting(_) | StartTransition::Line { .. } => {
             let _ = builder.settle(&start.position, &start.velocity, &start.acceleration);
         }
     }
 }
 
-/// A path off the line of a lead, in a turn.
+/// A path off the line of a start transition, in a turn.
 pub(crate) struct Turned {
     pub waypoints: Vec<Row>,
     /// Number of waypoints that belong to the turn.
     pub turn: usize,
 }
 
-/// The first turn from `lead` towards `next` that stays between `lower` and `upper` (or no further out than where it
+/// The first turn from `transition` towards `next` that stays between `lower` and `upper` (or no further out than where it
 /// begins), that the limits allow and `free` admits, with the waypoints that `rest` says follow its end.
 pub(crate) fn turn(
     builder: &Builder,
-    lead: &Lead,
+    transition: &StartTransition,
     [lower, upper]: [&Row; 2],
     next: &Row,
     rest: impl Fn(&Row) -> Vec<Row>,
     mut free: impl FnMut(&Spline) -> bool,
 ) -> Option<Turned> {
     let joints = builder.limits().joints();
-    let velocity = lead.velocity();
-    lead.turns(joints, next).into_iter().find_map(|mut waypoints| {
+    let velocity = transition.velocity();
+    transition.turns(joints, next).into_iter().find_map(|mut waypoints| {
         let turn = waypoints.len();
         let (begin, end) = (waypoints.first().copied()?, waypoints.last().copied()?);
         let stays = |x: &Row| (0..joints).all(|v| lower[v].min(begin[v]) <= x[v] && x[v] <= upper[v].max(begin[v]));
@@ -193,6 +200,6 @@ pub(crate) fn turn(
 
 /// Direction of a row.
 pub(crate) fn unit(joints: usize, row: &Row) -> Row {
-    let norm = distance(joints, row, &[0.0; MOST_JOINTS]);
+    let norm = distance(joints, row, &[0.0; MAX_JOINTS]);
     row.map(|v| v / norm)
 }
