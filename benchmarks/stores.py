@@ -28,7 +28,8 @@ import zarr
 from zarr.codecs import BloscCodec
 from zarr.storage import LocalStore, ZipStore
 
-from gensim2.data.formats.export import FORMATS, NATIVE, export
+from gensim2.data.formats.export import NATIVE, export
+from gensim2.data.formats.manifest import FORMATS
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
