@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -13,24 +17,29 @@ from .kpam_scenes import Q_START, problem
 TURNED = Q_START + np.array([1.57] + [0.0] * 8)
 
 
-def walls() -> list[kpam.Body]:
-    """Return a wall from the arm's foot outwards at 45 degrees, and a ceiling: the straight way is blocked."""
+def walls(*, shut: bool = False) -> list[kpam.Body]:
+    """Return a wall from the arm's foot outwards at 45 degrees, and a ceiling: the straight way is blocked.
+
+    Where it is ``shut``, another wall goes the opposite way: there is no way at all.
+    """
     c = np.sqrt(0.5)
     pose = np.eye(4)
     pose[:3, :3] = [[c, -c, 0], [c, c, 0], [0, 0, 1]]
     pose[:3, 3] = [1.2 * c, 1.2 * c, 0.5]
-    over = np.eye(4)
+    over, back = np.eye(4), pose.copy()
     over[2, 3] = 0.95
+    back[:2, 3] *= -1
+    behind = [kpam.Body("behind", "rigid", [kpam.Shape.box([1.05, 0.005, 1.2])], back)] if shut else []
     return [
+        *behind,
         kpam.Body("wall", "rigid", [kpam.Shape.box([1.05, 0.005, 1.2])], pose),
         kpam.Body("ceiling", "rigid", [kpam.Shape.box([1.5, 1.5, 0.005])], over),
     ]
 
 
-def behind_the_wall(panda: kpam.Robot) -> kpam.KeypointProblem:
+def behind_the_wall(panda: kpam.Robot, *, shut: bool = False, **options: Any) -> kpam.KeypointProblem:
     """Return a problem whose pose lies beyond the wall."""
     at = panda.forward_kinematics(TURNED) @ np.array([0.0, 0.0, 0.1034, 1.0])
-    bodies = walls()
     config = {
         "constraint_list": [
             {
@@ -47,7 +56,8 @@ def behind_the_wall(panda: kpam.Robot) -> kpam.KeypointProblem:
         tool_keypoints={"tool_head": np.array([0.0, 0.0, 0.1034])},
         object_keypoints={"goal": at[:3]},
         joint=None,
-        bodies=bodies,
+        bodies=walls(shut=shut),
+        options=options,
     )
 
 
@@ -90,4 +100,26 @@ def test_a_cancel_ends_a_plan(panda: kpam.Robot) -> None:
     cancel = kpam.Cancel()
     cancel.cancel()
     ended = kpam.plan(behind_the_wall(panda), cancel=cancel)
+    assert (ended.status, ended.trajectory) == ("cancelled", None)
+
+
+@pytest.mark.parametrize("question", ["motion", "plan"])
+def test_a_cancel_amidst_a_search_ends_it(panda: kpam.Robot, question: str) -> None:
+    # There is no way past the walls, and samples for hours.
+    cancel, answers = kpam.Cancel(), []
+    ask: Callable[[], Any]
+    if question == "motion":
+        scene = kpam.Scene(panda, walls(shut=True))
+        scene.plan_to(Q_START, TURNED, samples=20)
+        ask = lambda: scene.plan_to(Q_START, TURNED, samples=1_000_000_000, cancel=cancel)  # noqa: E731
+    else:
+        asked = behind_the_wall(panda, shut=True, samples=1_000_000)
+        ask = lambda: kpam.plan(asked, cancel=cancel)  # noqa: E731
+    thread = threading.Thread(target=lambda: answers.append(ask()))
+    thread.start()
+    thread.join(0.3)
+    assert thread.is_alive()
+    cancel.cancel()
+    thread.join(60)
+    (ended,) = answers
     assert (ended.status, ended.trajectory) == ("cancelled", None)

@@ -4,12 +4,15 @@ use nalgebra::{Point3, Vector3};
 use parry3d_f64::shape::SupportMap;
 
 use crate::Pose;
+use crate::lanes::{Wide, wide};
 
 /// Coordinates up to this can be squared and added up.
 pub(crate) const FURTHEST: f64 = 1e100;
 
 /// Corners that are looked at in one go.
 const LANES: usize = 4;
+/// Blocks that are not worth the widest vectors.
+const FEW: usize = 3;
 
 /// Corners of a hull, coordinate by coordinate: looking for the furthest one is what most time goes into, and this way
 /// the compiler can look at several at once.
@@ -65,6 +68,20 @@ impl Corners {
 
     /// The corner furthest along `direction`; the first of several.
     pub(crate) fn furthest(&self, direction: &Vector3<f64>) -> Point3<f64> {
+        struct Work<'a>(&'a Corners, &'a Vector3<f64>);
+        impl Wide for Work<'_> {
+            type Output = Point3<f64>;
+            #[inline(always)]
+            fn run(self) -> Point3<f64> {
+                self.0.furthest_of(self.1)
+            }
+        }
+        // To find out what the machine can do costs as much as a few blocks.
+        if self.blocks.len() > FEW { wide(Work(self, direction)) } else { self.furthest_of(direction) }
+    }
+
+    #[inline(always)]
+    fn furthest_of(&self, direction: &Vector3<f64>) -> Point3<f64> {
         let mut best = [f64::NEG_INFINITY; LANES];
         let mut at = [0usize; LANES];
         for (index, [x, y, z]) in self.blocks.iter().enumerate() {

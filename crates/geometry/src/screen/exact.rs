@@ -25,6 +25,13 @@ impl Piece {
         let (corners, bounds) = (Corners::of(shape.points()), shape.aabb_at(&Pose::identity()));
         Self { solid: Solid::of(&shape), corners, bounds, shape }
     }
+
+    /// Corners of the box around some pieces, in their link's frame; all at its origin where there are none.
+    pub fn corners_around(pieces: &[Self]) -> [[f32; 3]; 8] {
+        let all = pieces.iter().fold(Aabb::EMPTY, |sum, piece| sum.union(&piece.bounds));
+        let ends = if pieces.is_empty() { [[0.0; 3]; 2] } else { [all.min.into(), all.max.into()] };
+        std::array::from_fn(|corner| std::array::from_fn(|k| ends[corner >> k & 1][k] as f32))
+    }
 }
 
 #[derive(Debug, Clone)]

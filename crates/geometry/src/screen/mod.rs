@@ -57,6 +57,8 @@ struct Cluster {
     link: usize,
     around: Sphere,
     balls: std::ops::Range<usize>,
+    /// Corners of a box around its shapes, in the link's frame.
+    corners: [[f32; 3]; 8],
 }
 
 /// Thing near a group, for a screen.
@@ -178,7 +180,8 @@ impl Screen {
                 }
             };
             let whole = whole.map_or(NOTHING, |ball| Sphere::of(&ball, slack));
-            clusters.push(Cluster { link: group.link, around: whole, balls: start..balls.len() });
+            let balls = start..balls.len();
+            clusters.push(Cluster { link: group.link, around: whole, balls, corners: [[0.0; 3]; 8] });
         }
         let pieces = groups.iter().map(|group| {
             let own: Arc<[Piece]> = match &group.held {
@@ -187,7 +190,11 @@ impl Screen {
             };
             (group.link, own)
         });
-        let measure = Measure::new(pieces.collect());
+        let pieces: Vec<(usize, Arc<[Piece]>)> = pieces.collect();
+        for (cluster, (_, own)) in clusters.iter_mut().zip(&pieces) {
+            cluster.corners = Piece::corners_around(own);
+        }
+        let measure = Measure::new(pieces);
         let mut out = Self {
             posing,
             revolute: joints.iter().map(|j| j.kind() == JointKind::Revolute).collect(),

@@ -243,6 +243,49 @@ impl Screen {
         visit(&Suspect { group: a, other: Other::Pair(pair), gap, max_gap })
     }
 
+    /// Looks at one group and one other thing as [`Screen::survey`] looks at all.
+    pub fn look_at(
+        &self,
+        batch: &mut Batch,
+        needs: &Needs,
+        (group, other): (usize, Other),
+        mut visit: impl FnMut(&Suspect) -> bool,
+    ) -> bool {
+        struct Work<'a> {
+            screen: &'a Screen,
+            batch: &'a mut Batch,
+            group: usize,
+            other: Other,
+            need: f64,
+            visit: &'a mut dyn FnMut(&Suspect) -> bool,
+        }
+        impl Wide for Work<'_> {
+            type Output = bool;
+            #[inline(always)]
+            fn run(self) -> bool {
+                let Self { screen, batch, group, other, need, visit } = self;
+                match other {
+                    Other::Element(e) => screen.against_solid(group, e, need, batch, 0.0, visit),
+                    Other::Cloud(c) => screen.against_cloud(group, c, need, batch, 0.0, visit),
+                    Other::Pair(pair) => screen.against_group(pair, need, batch, 0.0, visit),
+                }
+            }
+        }
+        let need = self.needed(needs, group, other);
+        wide(Work { screen: self, batch, group, other, need, visit: &mut visit })
+    }
+
+    /// Corners of a box around each group that has shapes, lane by lane (m, base frame): `visit` gets group, number of the
+    /// corner and places. No point of a group goes further from one configuration to another than one of them.
+    pub fn corners(&self, batch: &Batch, mut visit: impl FnMut(usize, usize, [[f32; LANES]; 3])) {
+        for (group, cluster) in self.groups.iter().enumerate().filter(|(_, c)| !c.balls.is_empty()) {
+            let frame = &batch.frames[cluster.link];
+            for (k, corner) in cluster.corners.iter().enumerate() {
+                visit(group, k, frame.point(corner).map(F32x8::to_array));
+            }
+        }
+    }
+
     /// Largest distances (m) of each group's points from the axes of the joints that carry it, lane by lane: `visit`
     /// gets group, joint and distances.
     pub fn levers(

@@ -133,15 +133,22 @@ impl Planner<'_> {
                 return out;
             }
         }
-        self.follow_all(&mut out);
+        self.follow_before(&mut out);
+        // What comes after the actuation is not followed where there is no way to it.
+        if bar.is_some_and(|bar| self.falls_short(&mut out, bar, &plain, true)) {
+            return out;
+        }
+        if out.failure.is_none() {
+            self.follow_after(&mut out);
+        }
         self.unwind(&mut out);
         if self.entry > act {
             self.take_up(&mut out);
         }
-        if bar.is_some_and(|bar| self.falls_short(&mut out, bar, &plain)) {
+        if bar.is_some_and(|bar| self.falls_short(&mut out, bar, &plain, false)) {
             return out;
         }
-        self.sweep_all(&mut out);
+        self.sweep_all(&mut out, bar);
         let worth = self.problem.options.allow_partial && out.extent() > bar.unwrap_or(0.0);
         if out.failure.is_some() && !worth {
             // It still says how far it goes, but the free motion is not spent on it.
@@ -209,9 +216,8 @@ impl Planner<'_> {
         false
     }
 
-    /// Follows the paths as far as the hand gets. Before the actuation all must be followed whole, or there is no
-    /// motion at all.
-    fn follow_all(&mut self, out: &mut Attempt) {
+    /// Follows the paths before the actuation: all of them whole, or there is no motion at all.
+    fn follow_before(&mut self, out: &mut Attempt) {
         let act = out.motions.actuation;
         let mut at = out.x;
         for i in (self.entry..act).rev() {
@@ -224,7 +230,12 @@ impl Planner<'_> {
             at = waypoints[0];
             out.paths[i] = waypoints;
         }
-        at = out.x;
+    }
+
+    /// Follows the paths after the actuation as far as the hand gets.
+    fn follow_after(&mut self, out: &mut Attempt) {
+        let act = out.motions.actuation;
+        let mut at = out.x;
         let mut travel = 0.0;
         for i in act..out.paths.len() {
             let path = &out.motions.paths[i];
@@ -267,9 +278,9 @@ impl Planner<'_> {
         }
     }
 
-    /// Whether a look at single waypoints shows that the motion goes no further than `bar`. That costs far less than
-    /// a sweep, and most motions of a problem that has no whole one end here.
-    fn falls_short(&mut self, out: &mut Attempt, bar: f64, margins: &Margins) -> bool {
+    /// Whether a look at single waypoints, before the actuation or after it, shows that the motion goes no further than
+    /// `bar`. That costs far less than a sweep, and most motions of a problem that has no whole one end here.
+    fn falls_short(&mut self, out: &mut Attempt, bar: f64, margins: &Margins, before: bool) -> bool {
         let partial = self.problem.options.allow_partial;
         if out.failure.is_some() && !(partial && out.extent() > bar) {
             return true;
@@ -278,7 +289,7 @@ impl Planner<'_> {
             return false;
         }
         let act = out.motions.actuation;
-        for i in out.outwards() {
+        for i in out.outwards().filter(|i| (*i < act) == before) {
             let steps = out.paths[i].len().saturating_sub(1);
             // A hit here or before means that the last free waypoint is no further than the bar.
             let most = if i < act || !partial {
@@ -287,12 +298,12 @@ impl Planner<'_> {
                 let left = (bar - 1.0 - (i - act) as f64) / out.followed(i);
                 if left < 0.0 { 0 } else { ((left * steps as f64 + 1e-9) as usize + 1).min(steps) }
             };
-            if most > 0
-                && let Some(hit) = {
-                    let segment = self.world.schedule.along(i);
-                    self.judge(Some(bar), |world| world.hit_at_any(out.way(i).until(most), segment, margins))
-                }
-            {
+            if most == 0 {
+                continue;
+            }
+            let segment = self.world.schedule.along(i);
+            let hit = self.judge(Some(bar), |world| world.hit_at_any(out.way(i).until(most), segment, margins));
+            if let Some(hit) = hit {
                 out.block(i, hit);
                 return true;
             }
@@ -302,13 +313,13 @@ impl Planner<'_> {
 
     /// Sweeps the paths, and cuts the motion where it hits something. Each keeps the margin, or what either of its ends
     /// leaves where that is less.
-    fn sweep_all(&mut self, out: &mut Attempt) {
+    fn sweep_all(&mut self, out: &mut Attempt, bar: Option<f64>) {
         let act = out.motions.actuation;
         for i in out.outwards() {
             if out.paths[i].is_empty() {
                 continue;
             }
-            let Some((k, hit)) = self.sweep_path(out, i) else { continue };
+            let Some((k, hit)) = self.sweep_path(out, i, bar) else { continue };
             if !self.problem.options.avoid_collisions {
                 out.hits.push((i + 1, hit));
                 continue;
@@ -327,23 +338,31 @@ impl Planner<'_> {
     }
 
     /// Sweeps a path; the last waypoint up to which it is free, and what it meets then. A path that ends earlier has
-    /// another end, whose clearances are those that count.
-    fn sweep_path(&mut self, out: &mut Attempt, path: usize) -> Option<(usize, Hit)> {
+    /// another end, whose clearances are those that count: it is swept again, where it still goes further than `bar`.
+    fn sweep_path(&mut self, out: &mut Attempt, path: usize, bar: Option<f64>) -> Option<(usize, Hit)> {
         let segment = self.world.schedule.along(path);
+        let act = out.motions.actuation;
         let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
+        let steps = out.paths[path].len() - 1;
         let mut met: Option<(usize, Hit)> = None;
         loop {
-            let way = out.way(path).until(met.as_ref().map_or(out.paths[path].len() - 1, |(k, _)| *k));
+            let last = met.as_ref().map_or(steps, |(k, _)| *k);
+            let way = out.way(path).until(last);
             let ends = [way.state(0), way.state(way.waypoints.len() - 1)];
             let wide = self.world.margins_between(ends, segment, clearance + PAD);
-            let wide = if self.entry > out.motions.actuation { wide } else { wide.parted() };
+            let wide = if self.entry > act { wide } else { wide.parted() };
             let hit = self.world.sweep_along(way, segment, &wide);
             out.margins[path] = wide.with_clearance(clearance);
             match hit {
                 Some((k, hit)) if met.as_ref().is_none_or(|(before, _)| k < *before) => met = Some((k, hit)),
                 _ => return met,
             }
-            if !self.problem.options.allow_partial || met.as_ref().is_none_or(|(k, _)| *k == 0) {
+            let worth = |k: usize| {
+                let extent = 1.0 + (path - act) as f64 + out.followed(path) * k as f64 / steps.max(1) as f64;
+                self.explain || bar.is_none_or(|bar| extent > bar)
+            };
+            let partial = self.problem.options.allow_partial && path >= act;
+            if !partial || met.as_ref().is_none_or(|(k, _)| *k == 0 || !worth(*k)) {
                 return met;
             }
         }

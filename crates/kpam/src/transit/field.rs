@@ -3,7 +3,7 @@
 
 use std::time::Instant;
 
-use gensim2_geometry::{Batch, LANES, Needs, Pose, Suspect};
+use gensim2_geometry::{Batch, LANES, Needs, Other, Pose, Suspect};
 
 use super::path::Along;
 use crate::model::{MAX_JOINTS, Model, Row};
@@ -12,6 +12,9 @@ use crate::{Cancel, Scene};
 
 /// Distances (weighted, m) between the configurations of an edge that are looked at.
 pub(super) const RESOLUTION: f64 = 0.05;
+
+/// Things that were in the way last are looked at first: so many of them.
+const LATEST: usize = 6;
 
 /// Lower bounds of gaps below this (m) mostly mean that something overlaps.
 const DEEP: f32 = -0.02;
@@ -41,6 +44,8 @@ pub(super) struct Field<'s> {
     ending: Ending,
     batch: Batch,
     suspects: Vec<Suspect>,
+    /// Groups and what was in their way, the latest first.
+    latest: Vec<(usize, Other)>,
     poses: Vec<Pose>,
     q: Vec<f64>,
     rows: [Row; LANES],
@@ -65,6 +70,7 @@ impl<'s> Field<'s> {
             ending,
             batch: Batch::default(),
             suspects: Vec::new(),
+            latest: Vec::new(),
             poses: Vec::new(),
             q: Vec::new(),
             rows: [[0.0; MAX_JOINTS]; LANES],
@@ -111,24 +117,40 @@ impl<'s> Field<'s> {
         }
         world.screen.place(&mut self.batch);
         self.suspects.clear();
-        let Self { batch, suspects, poses, q, rows, needs, scene, model, .. } = self;
+        let Self { batch, suspects, latest, poses, q, rows, needs, scene, model, .. } = self;
         let mut keeps = |s: &Suspect, lane: usize| {
             model.map().positions(&rows[lane], q);
             Compiled::poses(scene, q, poses);
             world.screen.keeps(s.group, s.other, poses, world.screen.needed(needs, s.group, s.other))
         };
-        let mut hit = None;
-        world.screen.survey(batch, needs, 0.0, |s| {
-            hit = (0..count).find(|lane| s.max_gap[*lane] < 0.0);
-            if hit.is_some() {
-                return false;
-            }
-            suspects.push(*s);
-            // What seems to lie deep inside is measured at once.
+        // A lane in which something is surely too near; what seems to lie deep inside is measured at once.
+        let mut struck = |s: &Suspect| {
             let deepest = (0..count).min_by(|a, b| s.gap[*a].total_cmp(&s.gap[*b])).unwrap_or(0);
-            hit = (s.gap[deepest] <= DEEP && !keeps(s, deepest)).then_some(deepest);
+            (0..count)
+                .find(|lane| s.max_gap[*lane] < 0.0)
+                .or_else(|| (s.gap[deepest] <= DEEP && !keeps(s, deepest)).then_some(deepest))
+        };
+        let mut hit = None;
+        for k in 0..latest.len() {
+            world.screen.look_at(batch, needs, latest[k], |s| {
+                hit = struck(s);
+                true
+            });
+            if hit.is_some() {
+                latest[..=k].rotate_right(1);
+                return hit;
+            }
+        }
+        let mut by = None;
+        world.screen.survey(batch, needs, 0.0, |s| {
+            hit = struck(s);
+            by = Some((s.group, s.other));
+            suspects.push(*s);
             hit.is_none()
         });
+        if let (Some(by), Some(_)) = (by, hit) {
+            remember(latest, by);
+        }
         if hit.is_some() || suspects.is_empty() {
             return hit;
         }
@@ -149,6 +171,7 @@ impl<'s> Field<'s> {
                     posed = lane;
                 }
                 if !world.screen.keeps(s.group, s.other, &self.poses, apart) {
+                    remember(&mut self.latest, (s.group, s.other));
                     return Some(lane);
                 }
             }
@@ -202,5 +225,16 @@ impl<'s> Field<'s> {
             }
         }
         true
+    }
+}
+
+/// Puts what was in the way before all that was earlier.
+fn remember(latest: &mut Vec<(usize, Other)>, by: (usize, Other)) {
+    match latest.iter().position(|other| *other == by) {
+        Some(k) => latest[..=k].rotate_right(1),
+        None => {
+            latest.truncate(LATEST - 1);
+            latest.insert(0, by);
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! Free motions from one joint vector to others: several goals at once, everything kept at a distance, timed and proven
 //! free all along.
 
+mod between;
 mod field;
 mod goal;
 mod path;
@@ -195,13 +196,18 @@ impl Transit<'_> {
             let last = path[path.len() - 1];
             let Some((number, _, close)) = open.iter().find(|g| g.1 == last) else { break };
             shorten::shorten(&mut field, &mut path, &pace, seed);
-            let usual = field.resolution;
-            field.resolution = usual / FINER;
-            let stands = path.windows(2).all(|edge| field.is_edge_free(&edge[0], &edge[1]));
-            field.resolution = usual;
-            if stands {
+            // Where a way that is pulled tight cannot be driven, the looser one may.
+            let taut = shorten::tauten(&mut field, &path, &pace);
+            for path in taut.iter().chain(std::iter::once(&path)) {
+                let usual = field.resolution;
+                field.resolution = usual / FINER;
+                let stands = path.windows(2).all(|edge| field.is_edge_free(&edge[0], &edge[1]));
+                field.resolution = usual;
+                if !stands {
+                    continue;
+                }
                 let needs = nearer(&[&at_start, close], margin);
-                match self.timed(&mut field, &path, &needs, limits) {
+                match self.timed(&mut field, path, &needs, limits) {
                     Ok(trajectory) => {
                         let mut near: Vec<Approached> = at_start.iter().chain(close).map(told).collect();
                         near.sort_by(|a, b| a.bodies.cmp(&b.bodies).then(a.distance.total_cmp(&b.distance)));

@@ -1,28 +1,28 @@
 //! Proof that a timed motion keeps its distances all along: between two configurations nothing moves further than what
-//! both leave (Quinlan's bubbles), or another is looked at between them.
+//! both leave, or another is looked at between them.
 
-use gensim2_geometry::{Batch, LANES, Needs, Other, Pose, Screen, Suspect};
+use gensim2_geometry::{Batch, JointKind, LANES, Needs, Other, Pose, Screen, Suspect};
 
 use super::Approached;
 use crate::model::{Model, Row};
-use crate::world::{Compiled, TOUCH};
+use crate::world::Compiled;
 use crate::{Scene, Trajectory};
 
 /// Distances beyond this (m) are not told apart.
 const REACH: f32 = 0.08;
 /// Spacing of the first configurations (weighted, m).
-const FIRST: f64 = 0.06;
+const FIRST: f64 = 0.09;
 /// Most configurations: a motion that needs more is not proven.
 const MAX_LOOKS: usize = 20_000;
 /// Pairs that leave less than this (m) are measured in full.
 const CLOSE: f32 = 0.02;
 
 /// A configuration of the motion and what is known of its surroundings.
-struct Look {
-    time: f64,
-    q: Vec<f64>,
+pub(super) struct Look {
+    pub time: f64,
+    pub q: Vec<f64>,
     /// Slack (m) of each group and of each pair of groups.
-    gaps: Vec<f32>,
+    pub gaps: Vec<f32>,
     /// Whether the gap was measured.
     measured: Vec<bool>,
     suspects: Vec<Suspect>,
@@ -30,7 +30,9 @@ struct Look {
     /// Whether nothing is too near between this one and the next.
     sure: bool,
     /// Largest distances from axes, one row a group.
-    levers: Vec<f32>,
+    pub levers: Vec<f32>,
+    /// Corners of a box around each group (m, base frame).
+    pub corners: Vec<[[f32; 3]; 8]>,
 }
 
 /// Sweep of a motion.
@@ -44,6 +46,8 @@ pub(super) struct Sweep<'s> {
     /// Mean levers (m), for the first spacing.
     pub weights: Row,
     pub checks: u64,
+    /// Whether each joint slides.
+    pub slides: Vec<bool>,
     batch: Batch,
     poses: Vec<Pose>,
 }
@@ -51,6 +55,7 @@ pub(super) struct Sweep<'s> {
 impl<'s> Sweep<'s> {
     pub fn new(scene: &'s Scene, model: &'s Model, needs: &'s Needs, acceleration: Vec<f64>, weights: Row) -> Self {
         let world = scene.compiled();
+        let slides = scene.robot().joints().iter().map(|joint| joint.kind() == JointKind::Prismatic).collect();
         Self {
             scene,
             model,
@@ -59,12 +64,13 @@ impl<'s> Sweep<'s> {
             acceleration,
             weights,
             checks: 0,
+            slides,
             batch: Batch::default(),
             poses: Vec::new(),
         }
     }
 
-    fn screen(&self) -> &'s Screen {
+    pub(super) fn screen(&self) -> &'s Screen {
         &self.world.screen
     }
 
@@ -127,7 +133,7 @@ impl<'s> Sweep<'s> {
     }
 
     /// Looks at the motion at some times; a breach where something is too near for certain.
-    fn look(&mut self, motion: &Trajectory, times: &[f64]) -> Result<Vec<Look>, Approached> {
+    pub(super) fn look(&mut self, motion: &Trajectory, times: &[f64]) -> Result<Vec<Look>, Approached> {
         let screen = self.screen();
         let (groups, joints) = (screen.groups(), self.scene.robot().joints().len());
         let count = groups + screen.pairs().len();
@@ -148,6 +154,7 @@ impl<'s> Sweep<'s> {
                     lane,
                     sure: false,
                     levers: vec![0.0; groups * joints],
+                    corners: vec![[[0.0; 3]; 8]; groups],
                 });
             }
             for lane in chunk.len()..LANES {
@@ -170,6 +177,11 @@ impl<'s> Sweep<'s> {
             screen.levers(&self.batch, &self.world.carriers, self.scene.robot(), |group, joint, lever| {
                 for look in looks.iter_mut() {
                     look.levers[group * joints + joint] = lever[look.lane];
+                }
+            });
+            screen.corners(&self.batch, |group, corner, [x, y, z]| {
+                for look in looks.iter_mut() {
+                    look.corners[group][corner] = [x[look.lane], y[look.lane], z[look.lane]];
                 }
             });
             for look in looks {
@@ -226,17 +238,10 @@ impl<'s> Sweep<'s> {
 
     /// Whether nothing between two configurations can be nearer than it may be.
     fn certify(&mut self, a: &mut Look, b: &mut Look) -> bool {
-        let h = b.time - a.time;
-        let travel: Vec<f32> = (0..a.q.len())
-            .map(|j| {
-                // A joint that turns back between them moves no further than its acceleration allows.
-                let back = 0.5 * self.acceleration[j] * h * h;
-                (a.q[j] - b.q[j]).abs().max(back) as f32
-            })
-            .collect();
+        let travel = self.travel(a, b);
         let groups = self.screen().groups();
         (0..a.gaps.len()).all(|place| {
-            if self.used(a, b, place, groups, &travel) {
+            if self.covers(a, b, place, groups, &travel) {
                 return true;
             }
             // Bounds from balls may be too low: what is near is measured.
@@ -247,54 +252,8 @@ impl<'s> Sweep<'s> {
                     better = true;
                 }
             }
-            (better && self.used(a, b, place, groups, &travel)) || self.is_still(a, b, place, groups, &travel)
+            (better && self.covers(a, b, place, groups, &travel)) || self.is_still(a, b, place, groups, &travel.gone)
         })
-    }
-
-    /// Joints that move one of a place against the other, each with its largest lever in both configurations.
-    fn moved(&self, place: usize, groups: usize, mut visit: impl FnMut(usize, usize, usize)) {
-        if place < groups {
-            self.world.carriers[place].iter().for_each(|(j, _)| visit(*j, place, place));
-            return;
-        }
-        let (one, two) = self.screen().pairs()[place - groups];
-        let carries = |g: usize, joint: usize| self.world.carriers[g].iter().any(|(j, _)| *j == joint);
-        for (g, other) in [(one, two), (two, one)] {
-            for (j, _) in self.world.carriers[g].iter().filter(|(j, _)| !carries(other, *j)) {
-                visit(*j, g, g);
-            }
-        }
-    }
-
-    /// Whether the gaps that both ends leave are enough for what moves between them. A point at distance r from a
-    /// joint's axis moves at most r + d a radian while it stays within d of where it is.
-    fn used(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
-        let (one, two) = (a.gaps[place], b.gaps[place]);
-        if !(one > 0.0 && two > 0.0) {
-            return false;
-        }
-        let joints = a.q.len();
-        let mut shares = 0.0;
-        self.moved(place, groups, |joint, group, _| {
-            let at = group * joints + joint;
-            shares += travel[joint] * ((a.levers[at] + one) / one).max((b.levers[at] + two) / two);
-        });
-        shares <= 1.999
-    }
-
-    /// Whether two configurations that keep their distances are so near to each other that what moves between them
-    /// is what rounding is.
-    fn is_still(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
-        if !(a.gaps[place] >= -1e-7 && b.gaps[place] >= -1e-7) {
-            return false;
-        }
-        let joints = a.q.len();
-        let mut way = 0.0;
-        self.moved(place, groups, |joint, group, _| {
-            let at = group * joints + joint;
-            way += travel[joint] * (a.levers[at].max(b.levers[at]) + 0.01);
-        });
-        f64::from(way) <= 0.5 * TOUCH
     }
 }
 

@@ -1,0 +1,138 @@
+//! What two configurations of a motion say of all that lie between them. Points of a group go nearly straight from where
+//! they are in the one to where they are in the other; how nearly is bounded by levers. Pairs of groups are judged by
+//! Quinlan's bubbles.
+
+use super::sweep::{Look, Sweep};
+use crate::world::TOUCH;
+
+/// Single precision is this good (m).
+const ROUNDING: f32 = 2e-5;
+/// Turns (rad, of all joints together) beyond which two configurations say nothing of what is between them.
+const MOST_TURN: f32 = 0.8;
+
+/// Movement of the joints between two looks.
+pub(super) struct Travel {
+    /// Most that each goes (rad or m).
+    pub gone: Vec<f32>,
+    /// Difference of its values.
+    apart: Vec<f32>,
+    /// Most that it is off the straight line in joint space.
+    off: Vec<f32>,
+}
+
+impl Sweep<'_> {
+    /// How the joints go from one look to the next.
+    pub fn travel(&self, a: &Look, b: &Look) -> Travel {
+        let h = b.time - a.time;
+        let joints = 0..a.q.len();
+        let apart = |j: usize| (a.q[j] - b.q[j]).abs();
+        Travel {
+            // A joint that turns back between them moves no further than its acceleration allows.
+            gone: joints.clone().map(|j| apart(j).max(0.5 * self.acceleration[j] * h * h) as f32).collect(),
+            apart: joints.clone().map(|j| apart(j) as f32).collect(),
+            off: joints.map(|j| (0.125 * self.acceleration[j] * h * h) as f32).collect(),
+        }
+    }
+
+    /// Whether the gaps that both ends leave are enough for what moves between them.
+    pub fn covers(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &Travel) -> bool {
+        if place >= groups {
+            return self.used(a, b, place, groups, &travel.gone);
+        }
+        let (one, two) = (a.gaps[place], b.gaps[place]);
+        if !(one > 0.0 && two > 0.0) {
+            return false;
+        }
+        // On the straight line between both places of a point, at share s of it, the gap is at least one - s c and at least
+        // two - (1 - s) c, where c is its length: so at least the mean of both. No point of the group lies further off its
+        // line than it bends.
+        let way = furthest(&a.corners[place], &b.corners[place]);
+        let (one, two) = (one.max(two - way), two.max(one - way));
+        let Some(bend) = self.bend(a, b, place, travel) else { return false };
+        0.5 * (one + two - way) >= bend + ROUNDING
+    }
+
+    /// Most that a point of a group lies off the straight line between where it is in two configurations, at the same
+    /// share of the time; none where joints turn too far to tell.
+    fn bend(&self, a: &Look, b: &Look, group: usize, travel: &Travel) -> Option<f32> {
+        let joints = a.q.len();
+        let lever = |j: usize| a.levers[group * joints + j].min(b.levers[group * joints + j]);
+        // No lever grows by more than what the joints move the group by, and that is what levers make of their turns.
+        let (mut turned, mut slid, mut longest) = (0.0_f32, 0.0_f32, 0.0_f32);
+        for &(j, _) in &self.world.carriers[group] {
+            let most = travel.gone[j] + travel.off[j];
+            if self.slides[j] {
+                slid += most;
+            } else {
+                turned += most;
+            }
+            longest = longest.max(lever(j));
+        }
+        if turned > MOST_TURN {
+            return None;
+        }
+        let grown = turned * (longest + slid) / (1.0 - turned) + slid;
+        // Second derivatives of a point by joints i and k, the one nearer to the base first, are no longer than the lever
+        // of k. A way that bends by m lies off its chord by at most m / 8.
+        let (mut bend, mut before) = (0.0, 0.0);
+        for &(j, _) in &self.world.carriers[group] {
+            let lever = if self.slides[j] { 1.0 } else { lever(j) + grown };
+            let own = travel.apart[j];
+            bend += lever * (0.125 * own * (own + 2.0 * before) + travel.off[j]);
+            before += own;
+        }
+        Some(bend)
+    }
+
+    /// Joints that move one of a place against the other, each with its largest lever in both configurations.
+    fn moved(&self, place: usize, groups: usize, mut visit: impl FnMut(usize, usize, usize)) {
+        if place < groups {
+            self.world.carriers[place].iter().for_each(|(j, _)| visit(*j, place, place));
+            return;
+        }
+        let (one, two) = self.screen().pairs()[place - groups];
+        let carries = |g: usize, joint: usize| self.world.carriers[g].iter().any(|(j, _)| *j == joint);
+        for (g, other) in [(one, two), (two, one)] {
+            for (j, _) in self.world.carriers[g].iter().filter(|(j, _)| !carries(other, *j)) {
+                visit(*j, g, g);
+            }
+        }
+    }
+
+    /// Whether the gaps that both ends leave are enough for what moves between them. A point at distance r from a
+    /// joint's axis moves at most r + d a radian while it stays within d of where it is.
+    fn used(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
+        let (one, two) = (a.gaps[place], b.gaps[place]);
+        if !(one > 0.0 && two > 0.0) {
+            return false;
+        }
+        let joints = a.q.len();
+        let mut shares = 0.0;
+        self.moved(place, groups, |joint, group, _| {
+            let at = group * joints + joint;
+            shares += travel[joint] * ((a.levers[at] + one) / one).max((b.levers[at] + two) / two);
+        });
+        shares <= 1.999
+    }
+
+    /// Whether two configurations that keep their distances are so near to each other that what moves between them
+    /// is what rounding is.
+    pub fn is_still(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
+        if !(a.gaps[place] >= -1e-7 && b.gaps[place] >= -1e-7) {
+            return false;
+        }
+        let joints = a.q.len();
+        let mut way = 0.0;
+        self.moved(place, groups, |joint, group, _| {
+            let at = group * joints + joint;
+            way += travel[joint] * (a.levers[at].max(b.levers[at]) + 0.01);
+        });
+        f64::from(way) <= 0.5 * TOUCH
+    }
+}
+
+/// Largest distance between the same corners of two boxes.
+fn furthest(a: &[[f32; 3]; 8], b: &[[f32; 3]; 8]) -> f32 {
+    let squared = |p: &[f32; 3], q: &[f32; 3]| (0..3).map(|k| (p[k] - q[k]) * (p[k] - q[k])).sum::<f32>();
+    a.iter().zip(b).map(|(p, q)| squared(p, q)).fold(0.0, f32::max).sqrt()
+}
