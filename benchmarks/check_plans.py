@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from contacts import Clock, judged_pairs
+from contacts import Clock, checked_pairs
 from judge import CUTOFF, judge, refine
 from peers import Arm, Obstacle, scene_obstacles
 from rules import (
@@ -129,7 +129,7 @@ def check_distances(
     pre = problem["pre_actuation_times"]
     clock = Clock(pre[-1] if pre else problem["start_time"], problem["actuation_time"])
     errors = []
-    for group, pair in judged_pairs(arm, obstacles, clock, times, path):
+    for group, pair in checked_pairs(arm, obstacles, clock, times, path):
         overlap, least, _ = judge(pair)
         if overlap is not None:
             errors.append(overlap.describe(times))

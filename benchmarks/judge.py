@@ -61,7 +61,8 @@ def corners(arm: Mechanism, q: Array) -> Array:
 def largest_moves(arm: Mechanism, q: Array) -> Array:
     """Return the largest displacement of a corner between neighbours of (M, n) joint vectors, (M - 1,) metres."""
     placed = corners(arm, q)
-    return np.sqrt(((placed[1:] - placed[:-1]) ** 2).sum(axis=2)).max(axis=1)
+    moved = np.diff(placed, axis=0)
+    return np.sqrt(np.einsum("mki,mki->mk", moved, moved).max(axis=1))
 
 
 def refine(arm: Mechanism, times: Array, path: Array, step: float = STEP) -> tuple[Array, Array]:

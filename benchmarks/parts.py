@@ -126,27 +126,30 @@ def least_distance(one: Moved, two: Moved, samples: Array, cutoff: float) -> tup
     """
     if len(samples) == 0 or not one.parts or not two.parts:
         return None
-    still = len(two.poses) == 1
     poses = one.poses[samples]
-    others = two.poses if still else two.poses[samples]
-    centers = np.array([each.center for each in two.parts])
-    radii = np.array([each.radius for each in two.parts])
+    others = two.poses if len(two.poses) == 1 else two.poses[samples]
+    middles = np.array([each.center for each in one.parts])
+    low = np.array([each.corners.min(axis=0) for each in two.parts])
+    high = np.array([each.corners.max(axis=0) for each in two.parts])
     best, at = cutoff, -1
+    # As wholes first: a sphere around the one and a box around the other, which most pairs keep apart.
+    middle = 0.5 * (middles.min(axis=0) + middles.max(axis=0))
+    reach = max(float(np.linalg.norm(each.center - middle)) + each.radius for each in one.parts)
+    near = np.flatnonzero(_gap(_seen_from(others, poses, middle), low.min(axis=0), high.max(axis=0)) < best + reach)
+    if len(near) == 0:
+        return None
+    samples, poses = samples[near], poses[near]
+    others = others if len(others) == 1 else others[near]
     relative: Array | None = None
     for each in one.parts:
-        middle = poses[:, :3, :3] @ each.center + poses[:, :3, 3]
-        # The middle in the frame of the other body, where that stands still: (K, 3).
-        turns = others[:, :3, :3].transpose(0, 2, 1)
-        local = (turns @ (middle - others[:, :3, 3])[..., None])[..., 0]
+        local = _seen_from(others, poses, each.center)
+        if not (_gap(local, low.min(axis=0), high.max(axis=0)) < best + each.radius).any():
+            continue
         for index, other in enumerate(two.parts):
-            low, high = other.corners[0], other.corners[-1]
-            low, high = np.minimum(low, high), np.maximum(low, high)
-            gap = np.maximum(np.maximum(low - local, local - high), 0.0)
-            bound = np.maximum(
-                np.sqrt((gap * gap).sum(axis=1)),
-                np.sqrt(((local - centers[index]) ** 2).sum(axis=1)) - radii[index],
-            )
-            near = np.flatnonzero(bound - each.radius < best)
+            near = np.flatnonzero(_gap(local, low[index], high[index]) < best + each.radius)
+            if len(near):
+                away = local[:, near] - other.center[:, None]
+                near = near[np.sqrt(np.einsum("ik,ik->k", away, away)) - other.radius < best + each.radius]
             if len(near) == 0:
                 continue
             if relative is None:
@@ -155,6 +158,20 @@ def least_distance(one: Moved, two: Moved, samples: Array, cutoff: float) -> tup
             if found >= 0:
                 at = int(samples[near[found]])
     return None if at < 0 else (best, at)
+
+
+def _seen_from(others: Array, poses: Array, point: Array) -> Array:
+    """A point (3,) of a body at ``poses`` (K, 4, 4) in the frame of another one at ``others``, K or one: (3, K)."""
+    apart = poses[:, :3, :3] @ point + poses[:, :3, 3] - others[:, :3, 3]
+    if len(others) == 1:
+        return np.ascontiguousarray(others[0, :3, :3].T @ apart.T)
+    return np.einsum("kji,kj->ik", others[:, :3, :3], apart)
+
+
+def _gap(points: Array, low: Array, high: Array) -> Array:
+    """(K,) distances of points (3, K) from a box, zero inside."""
+    gap = np.maximum(np.maximum(low[:, None] - points, points - high[:, None]), 0.0)
+    return np.sqrt(np.einsum("ik,ik->k", gap, gap))
 
 
 def _least_of_parts(one: Part, two: Part, relative: Array, best: float) -> tuple[float, int]:
@@ -176,7 +193,7 @@ def _least_of_parts(one: Part, two: Part, relative: Array, best: float) -> tuple
         begin, sample = sample, sample + 1
         while sample < count:
             moved = corners[sample : sample + CHUNK] - corners[begin]
-            far = np.flatnonzero((moved * moved).sum(axis=2).max(axis=1) > room * room)
+            far = np.flatnonzero(np.einsum("kci,kci->kc", moved, moved).max(axis=1) > room * room)
             if len(far):
                 sample += int(far[0])
                 break

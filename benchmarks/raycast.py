@@ -138,7 +138,7 @@ def compare(
 
 def photograph(shown: SceneConfig, recording: Recording, wanted: int, times: Times) -> None:
     """RGB of recorded states, beside the renderer alone: the same scene drawn again and again."""
-    pictures = StatePictures(shown.task, shown.assets, shown.robot, shown.physics)
+    pictures = StatePictures(shown)
     pictures.show(recording.instances, recording.seed, recording.reset_options)
     env = pictures._env
     steps = spread(recording.steps + 1, wanted)
@@ -169,7 +169,7 @@ def main() -> None:
     for shown, recording in episodes(given.folders):
         key = "generated" if shown.assets == "builtin" else "real", shown.task.name
         time_frames(shown, recording, given.timed, times)
-        pictures = StatePictures(shown.task, shown.assets, shown.robot, shown.physics, ("depth", "segmentation"))
+        pictures = StatePictures(shown, ("depth", "segmentation"))
         pictures.show(recording.instances, recording.seed, recording.reset_options)
         compare(shown, recording, given.compared, agreements.setdefault(key, Agreement()), pictures)
         pictures.close()

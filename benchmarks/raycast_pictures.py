@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 from raycast import episodes, observer
 
-from gensim2.observations import CloudSettings, PointCloud
+from gensim2.observations import CloudSettings, PointCloud, point_cloud
 from gensim2.sim.pictures import StatePictures
 
 SCALE, GAP = 2, 8
@@ -30,12 +30,12 @@ def main() -> None:
     shown, recording = next(one for one in episodes([given.folder]) if one[0].task.name == given.task)
     step = round(given.at * recording.steps)
     textures = ("rgb", "depth", "segmentation")
-    pictures = StatePictures(shown.task, shown.assets, shown.robot, shown.physics, textures)
+    pictures = StatePictures(shown, textures)
     pictures.show(recording.instances, recording.seed, recording.reset_options)
     theirs = pictures.at(recording.env_states, step)[given.camera]
     pictures.close()
     seeing = observer(shown, recording, CloudSettings(points=4096, candidates=16384))
-    views = seeing.views(seeing.poses(recording.env_states)[step], step)
+    views = seeing.views(seeing.scene.poses(recording.env_states)[step], step)
     view = next(view for view in views if view.camera.name == given.camera)
     assert view.segmentation is not None
     size = view.depth.shape
@@ -45,7 +45,7 @@ def main() -> None:
         [colors, gray(view.depth), painted(view.segmentation)],
     ]
     grid = np.concatenate([np.concatenate([framed(image) for image in row], axis=1) for row in rows])
-    cloud = drawn(seeing.cloud(views), grid.shape[0] - GAP)
+    cloud = drawn(point_cloud(views, seeing.spec.cloud, seeing.scene.robot), grid.shape[0] - GAP)
     Image.fromarray(np.concatenate([grid, framed(cloud, 1)], axis=1)).save(given.out)
     other = theirs["segmentation"] != view.segmentation
     print(f"step {step}: {other.sum()} of {other.size} pixels see another link: {np.argwhere(other)[:8].tolist()}")

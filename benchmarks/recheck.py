@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
-from contacts import Clock, Hinge, Obstacle, judged_pairs, touching_pairs
+from contacts import Clock, Hinge, Obstacle, checked_pairs, touching_pairs
 from judge import MARGIN_TOLERANCE, Overlap, Pair, judge, refine, thin, too_near
 from mechanism import Mechanism
 from parts import least_distance
@@ -244,7 +244,7 @@ def overlaps(question: Question, answer: Answer, times: Array, q: Array, verdict
     clock = clock_of(question, answer, times, q)
     bounds = [0, *(int(np.argmin(np.abs(times - time))) for time in met), len(times) - 1]
     legs = [np.arange(begin, end + 1) for begin, end in pairwise(bounds) if end > begin]
-    for _, pair in judged_pairs(arm, question.obstacles, clock, times, q):
+    for _, pair in checked_pairs(arm, question.obstacles, clock, times, q):
         overlap, least, _ = judge(pair, cutoff=0.0)
         verdict.least_mm = min(verdict.least_mm, 1e3 * least)
         if overlap is not None:

@@ -15,15 +15,22 @@ fault was not noticed, the arm not held or stopped within a period of that, or a
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import os
 import shutil
 import subprocess
 import sys
 import tempfile
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from gensim2.deploy.faults import Fault
+from gensim2.deploy.live import looking
+from gensim2.deploy.remote import protocol
+from gensim2.deploy.remote.server import PolicyServer
 from gensim2.deploy.replay import replay
 from gensim2.deploy.run import run as run_line
 from gensim2.seeding import rng
@@ -40,6 +47,7 @@ ENDS = {
     "policy-nan": "holding",
     "policy-slow": "holding",
     "policy-garbage": "holding",
+    "policy-token": "holding",
     "arm-reflex": "stopped",
     "arm-lagging": "holding",
     "arm-silent": "holding",
@@ -49,6 +57,8 @@ ENDS = {
 }
 SECONDS, SIMULATED_SECONDS = 60.0, 4.0
 """Within which each fault begins, by the machine's clock and by a simulated one."""
+DEADLINE = 30.0
+"""Seconds for a server's answer: it is to be refused, not late."""
 WITHIN = 100.0
 """Milliseconds from being noticed within which the last command that moves is sent: a period."""
 
@@ -63,12 +73,15 @@ def run(words: list[str], minutes: float, folder: Path) -> dict[str, Any]:
     return found | {"replayed": again.clouds, "differs": len(again.different)}
 
 
-def run_simulated(options: argparse.Namespace, folder: Path, seed: int = 0, fault: str | None = None) -> dict[str, Any]:
+def run_simulated(
+    options: argparse.Namespace, policy: Path | str | None, folder: Path, seed: int = 0, fault: str | None = None
+) -> dict[str, Any]:
     """The same by a simulated clock, in this process; one episode, or until the fault is over."""
     width, height = map(int, options.pixels.split("x"))
     found = run_line(
         options.task,
-        policy=options.policy,
+        policy=policy,
+        deadline=DEADLINE,
         speed=options.speed,
         pixels=(width, height),
         minutes=(2.0 * SIMULATED_SECONDS / 60.0) if fault else options.minutes,
@@ -80,6 +93,24 @@ def run_simulated(options: argparse.Namespace, folder: Path, seed: int = 0, faul
     )
     again = replay(folder)
     return found | {"replayed": again.clouds, "differs": len(again.different)}
+
+
+@contextlib.contextmanager
+def served() -> Iterator[str]:
+    """A server of a controller that stands still, for what only a server can refuse; gives its URL."""
+    token = os.environ[protocol.TOKEN] = "a token of this benchmark"
+    server = PolicyServer(looking("panda"), "panda", token, port=0)
+    threading.Thread(target=server.serve, daemon=True).start()
+    try:
+        yield server.url
+    finally:
+        server.close()
+
+
+def words_of(options: argparse.Namespace, policy: Path | str | None) -> list[str]:
+    """Words of the command line for a policy, or for the plan."""
+    how = ["--plan"] if policy is None else ["--policy", str(policy), "--deadline", str(DEADLINE)]
+    return [options.task, *how, "--speed", str(options.speed), "--pixels", options.pixels, "--assets", "builtin"]
 
 
 def main() -> int:
@@ -95,15 +126,16 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    how = ["--plan"] if options.policy is None else ["--policy", str(options.policy)]
-    words = [options.task, *how, "--speed", str(options.speed), "--pixels", options.pixels, "--assets", "builtin"]
     seconds = SIMULATED_SECONDS if options.simulated_clock else SECONDS
     draw = rng(options.seed, "faults of the line")
     figures: dict[str, Any] = {"faults": {}}
     wrong = 0
-    with tempfile.TemporaryDirectory() as place:
+    with tempfile.TemporaryDirectory() as place, contextlib.ExitStack() as stack:
         folder = Path(place) / "quiet"
-        quiet = run_simulated(options, folder) if options.simulated_clock else run(words, options.minutes, folder)
+        if options.simulated_clock:
+            quiet = run_simulated(options, options.policy, folder)
+        else:
+            quiet = run(words_of(options, options.policy), options.minutes, folder)
         figures["quiet"] = quiet
         wrong += quiet["limits_passed"] + quiet["differs"]
         for name in ("periods_ms", "overrun_ms", "clouds_ms", "picture_age_ms", "acting_ms"):
@@ -112,13 +144,14 @@ def main() -> int:
         print(f"{quiet['state']}: {quiet['reason']}; {quiet['episodes']} episodes, success {quiet['success']}")
         for name, state in ((name, ENDS[name]) for name in options.only):
             found = []
+            policy = stack.enter_context(served()) if name == "policy-token" else options.policy
             for number in range(options.faults):
                 at = draw.uniform(1.0, seconds)
                 folder = Path(place) / f"{name}_{number}"
                 if options.simulated_clock:
-                    found.append(run_simulated(options, folder, number, f"{name}@{at:.2f}"))
+                    found.append(run_simulated(options, policy, folder, number, f"{name}@{at:.2f}"))
                 else:
-                    seeded = [*words, "--seed", str(number), "--fault", f"{name}@{at:.2f}"]
+                    seeded = [*words_of(options, policy), "--seed", str(number), "--fault", f"{name}@{at:.2f}"]
                     found.append(run(seeded, 2.0 * seconds / 60.0, folder))
                 shutil.rmtree(folder, ignore_errors=True)
             figures["faults"][name] = found

@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import h5py
 import numpy as np
@@ -28,7 +28,8 @@ import zarr
 from zarr.codecs import BloscCodec
 from zarr.storage import LocalStore, ZipStore
 
-from gensim2.data.formats.export import FORMATS, NATIVE, export
+from gensim2.data.formats.export import NATIVE, export
+from gensim2.data.formats.manifest import Format
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
@@ -68,7 +69,7 @@ def exports(folder: Path) -> None:
     print(f"{count} episodes\n| what | kB an episode | files |\n|---|---|---|")
     for name, (files, size) in own.items():
         print(f"| {name} | {size / count / 1e3:.1f} | {files} |")
-    for to in FORMATS:
+    for to in get_args(Format):
         for observations in (False, True) if own["observations"][0] and to != "maniskill" else (False,):
             with tempfile.TemporaryDirectory() as temporary:
                 out = Path(temporary) / to

@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import functools
 import http.server
+import re
 import sys
 import threading
 from collections.abc import Iterator
@@ -35,6 +36,9 @@ PAGES = (
 )
 
 
+_BAR = re.compile(r"<td[^<]*(?:<(?!/td)[^<]*)*?\\\|")
+
+
 class _Page(HTMLParser):
     """Links and anchors of a page."""
 
@@ -53,9 +57,12 @@ class _Page(HTMLParser):
 
 
 def dead_links(site: Path) -> list[str]:
-    """Return the links of all pages that lead to no file, or to no place in one."""
-    pages = {path: _Page(path.read_text(encoding="utf-8")) for path in sorted(site.rglob("*.html"))}
-    wrong = []
+    """Return the links of all pages that lead to no file, or to no place in one; and bars that are shown escaped."""
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(site.rglob("*.html"))}
+    pages = {path: _Page(text) for path, text in texts.items()}
+    wrong = [
+        f"{path.relative_to(site)}: an escaped bar in a table" for path, text in texts.items() if _BAR.search(text)
+    ]
     for path, page in pages.items():
         for link in page.links:
             target = urlparse(link)

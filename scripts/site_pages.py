@@ -20,6 +20,7 @@ from mkdocs.structure.files import File, Files
 from gensim2.cli.main import COMMANDS, cli
 
 #: A reference in a docstring, as the page shows it.
+_CELL = re.compile(r"<td.*?</td>", re.S)
 _ROLE = re.compile(r":(?:class|meth|mod|func|attr|data):<code>(~?)([^<]*)</code>")
 
 ROOT = Path(__file__).parents[1]
@@ -69,7 +70,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_content(html: str, page: Any, config: MkDocsConfig, files: Files) -> str:
-    """Show references of docstrings as names."""
+    """Show references of docstrings as names, and the bars in tables that GitHub wants escaped as bars."""
+    html = _CELL.sub(lambda found: found[0].replace("\\|", "|"), html)
     return _ROLE.sub(lambda found: f"<code>{found[2].rsplit('.', 1)[-1] if found[1] else found[2]}</code>", html)
 
 

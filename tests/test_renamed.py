@@ -8,7 +8,6 @@ from dataclasses import asdict
 import pytest
 from pydantic import TypeAdapter
 
-import gensim2_kpam as kpam
 from gensim2 import renamed
 from gensim2.rollout.record import AttemptRecord, Cause
 from gensim2.scenes.physics import physics_name, physics_switches

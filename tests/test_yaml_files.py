@@ -48,7 +48,7 @@ LAUGHS = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
         ("a: 1\n---\nb: 1", 2, "another document"),
         ("a: 1\nb: \x00", 2, "a character that no text has"),
         ("a: *b", 1, "undefined alias"),
-        ('a: 1\nb: "\\ud800"', 2, "half a character"),
+        ('a: 1\nb: "\\ud800"', 2, "invalid Unicode character escape"),
         ("- a", 1, "must hold fields by name"),
         ("", 1, "must hold fields by name"),
     ],

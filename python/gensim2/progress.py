@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import time
+from collections.abc import Iterator
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self, TextIO
 
@@ -113,6 +115,18 @@ class ConsoleProgress:
         self._finish()
         if self._bars is not None:
             self._bars.stop()
+
+    @contextlib.contextmanager
+    def paused(self) -> Iterator[None]:
+        """Leave the terminal alone while a block asks a person for words, which redrawing would wipe away."""
+        if self._bars is None:
+            yield
+            return
+        self._bars.stop()
+        try:
+            yield
+        finally:
+            self._bars.start()
 
     def start(self, description: str, total: int | None = None) -> None:
         """Begin a stage; the one before is left standing as it ended."""

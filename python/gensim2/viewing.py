@@ -88,7 +88,7 @@ def view(
         InputError: there is no such task or episode, or an argument cannot be used.
         MissingExtraError: viser is not installed.
     """
-    _viser()
+    viser_module()
     place = Path(what)
     if place.suffix == ".h5":
         found = of_file(place)
@@ -169,14 +169,14 @@ def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port:
     from gensim2.raycast.observer import Observer
     from gensim2_kpam.show import add_clock
 
-    server = _viser().ViserServer(host=host, port=port, verbose=False)
+    server = viser_module().ViserServer(host=host, port=port, verbose=False)
     server.scene.set_up_direction("+z")
     server.initial_camera.position, server.initial_camera.look_at = (1.2, -0.95, 0.8), (0.4, 0.0, 0.15)
     server.gui.add_markdown(shown.title)
     recording = shown.recording
     observer = Observer(shown.profile, objects_of(shown.scene, recording.instances), spec, recording.seed)
     solids, poses = observer.scene.solids, observer.scene.poses(recording.env_states)
-    meshes = [_draw_solid(server, observer.scene.names[solid.id], solid.surface) for solid in solids]
+    meshes = [draw_solid(server, observer.scene.names[solid.id], solid.surface) for solid in solids]
     commands = [1.0, *map(float, recording.actions[:, -1])]
 
     @lru_cache(maxsize=64)
@@ -193,7 +193,7 @@ def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port:
 
     def stand_at(index: int) -> None:
         for handle, pose in zip(meshes, poses[index], strict=True):
-            handle.position, handle.wxyz = pose[:3, 3], _quaternion(pose)
+            handle.position, handle.wxyz = pose[:3, 3], quaternion(pose)
         cloud.points, cloud.colors = cloud_at(index)
 
     for number, step in enumerate(shown.plans):
@@ -238,7 +238,7 @@ def _said_of(name: str, plan: Any) -> str:
     return f"{name}: {plan.status}, keeps {1e3 * plan.margin:.1f} mm{nearer}"
 
 
-def _draw_solid(server: Any, name: tuple[str, str], surface: Any) -> Any:
+def draw_solid(server: Any, name: tuple[str, str], surface: Any) -> Any:
     """Draw what the ray caster's rays meet, in the colours of its materials; textures in their mean."""
     import trimesh
 
@@ -256,13 +256,13 @@ def _row(tree: Mapping[str, Any], index: int) -> dict[str, Any]:
     }
 
 
-def _quaternion(pose: Array) -> Array:
+def quaternion(pose: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True))
 
 
-def _viser() -> Any:
+def viser_module() -> Any:
     try:
         return importlib.import_module("viser")
     except ImportError as error:

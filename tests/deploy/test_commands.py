@@ -21,7 +21,9 @@ RUN = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin"]
         (["--pixels", "big"], "no size of a picture"),
         (["--speed", "2"], "--speed"),
         (["--policy", "somewhere"], "either --plan or --policy"),
-        (["--arm", "fr3"], "'simulated'"),
+        (["--arm", "fr3"], "franka:HOST"),
+        (["--arm", "franka:1.2.3.4"], "both are real, or both are simulated"),
+        (["--arm", "ur:1.2.3.4", "--cameras", "realsense:left=1"], "the true scene"),
         (["--no-log", "--fault", "disk-full@1"], "needs a log"),
     ],
 )

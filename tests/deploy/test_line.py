@@ -58,10 +58,8 @@ def test_a_plan_closes_boxes_through_the_line_and_the_log_replays(tmp_path: Path
     ],
 )
 def test_a_fault_holds_or_stops_within_a_period(tmp_path: Path, fault: str, state: str, said: str) -> None:
-    at = 3.0 if fault == "policy-slow" else 1.2  # a slow answer counts where the arm moves, which it does later on
-    found = run(
-        "CloseBox", seed=3, episodes=1, minutes=0.2, speed=0.2, faults=[Fault(fault, at)], log=tmp_path, **SMALL
-    )  # type: ignore[arg-type]
+    failing = [Fault(fault, 1.2)]  # type: ignore[arg-type]
+    found = run("CloseBox", seed=3, episodes=1, minutes=0.2, speed=0.2, faults=failing, log=tmp_path, **SMALL)
     assert found["state"] == state, found["reason"]
     assert said in found["reason"]
     assert found["detected_to_stopped_ms"] <= 100.0 + 1e-6

@@ -17,7 +17,14 @@ from gensim2.deploy.run import run
 from gensim2.deploy.watch import WatchRules
 
 PATIENT = WatchRules(
-    frame_age=60.0, apart=60.0, no_action=60.0, thinking=60.0, state_age=60.0, behind=10.0, overrun=60.0
+    frame_age=60.0,
+    apart=60.0,
+    no_action=60.0,
+    thinking=60.0,
+    late_answers=10**6,
+    state_age=60.0,
+    behind=10.0,
+    overrun=60.0,
 )
 
 

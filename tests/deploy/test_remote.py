@@ -18,6 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from gensim2.cli.main import cli
+from gensim2.deploy.faults import Fault
 from gensim2.deploy.remote import protocol
 from gensim2.deploy.remote.client import RemoteController
 from gensim2.deploy.remote.protocol import RemoteError, decode, encode, observation_of, observation_to_message
@@ -210,6 +211,15 @@ def test_the_line_is_driven_by_a_controller_elsewhere_and_holds_where_it_is_late
     found = run("CloseBox", policy=serving(slow=1.0).url, deadline=0.5, **quick)
     assert found["limits_passed"] == 0
     assert (found["state"], "no answer within 500 ms" in found["reason"]) == ("holding", True), found["reason"]
+
+
+def test_a_token_that_is_refused_while_it_runs_is_held(serving: Callable[..., PolicyServer]) -> None:
+    quick: dict[str, Any] = {"assets": "builtin", "simulated_clock": True, "pixels": (64, 48), "minutes": 0.1}
+    found = run("CloseBox", policy=serving().url, deadline=30.0, faults=[Fault("policy-token", 0.3)], **quick)
+    assert (found["state"], "refuses: wrong token" in found["reason"]) == ("holding", True), found["reason"]
+    assert found["detected_to_stopped_ms"] <= 100.0 + 1e-6
+    with pytest.raises(InputError, match="no server to refuse a token"):
+        run("CloseBox", faults=[Fault("policy-token", 0.3)], **quick)
 
 
 def test_the_command_says_where_it_listens_and_needs_a_controller() -> None:

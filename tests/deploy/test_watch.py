@@ -176,6 +176,15 @@ def test_an_answer_is_awaited_longer_where_the_arm_stands() -> None:
     assert "no action" in watch.reason
 
 
+def test_answers_that_come_too_late_again_and_again_are_held() -> None:
+    watch = running()
+    for late in (True, True, False, True, True):  # thinking before a motion is no fault
+        watch.came(late, 1.0)
+    assert watch.state is State.RUNNING
+    watch.came(True, 2.0)
+    assert (watch.state, "3 answers in a row" in watch.reason) == (State.HOLDING, True)
+
+
 def test_three_overruns_in_a_row_stop() -> None:
     watch = running()
     for late in (0.03, 0.03, 0.0, 0.03, 0.03):

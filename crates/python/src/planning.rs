@@ -20,7 +20,7 @@ use crate::transit::deadline;
 /// `deadline_ms` after so much wall time, `cancel` from another thread; with `explain` the plan says what became of each pose that was tried.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
-#[pyo3(signature = (problem, *, warm_start = None, resume = None, max_checks = None, deadline_ms = None, cancel = None, explain = false, **former))]
+#[pyo3(signature = (problem, *, warm_start = None, resume = None, max_checks = None, deadline_ms = None, cancel = None, explain = false, **others))]
 pub(crate) fn plan(
     py: Python<'_>,
     problem: &Bound<'_, PyKeypointProblem>,
@@ -30,11 +30,11 @@ pub(crate) fn plan(
     deadline_ms: Option<f64>,
     cancel: Option<&Bound<'_, PyCancel>>,
     explain: bool,
-    former: Option<&Bound<'_, PyDict>>,
+    others: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<PyPlan> {
     let problem = Arc::clone(&problem.get().0);
     let warm_start = warm_start.map(|plan| plan.clone().unbind());
-    let warm_start = renamed::keyword(py, warm_start, former, ("former", "warm_start"))?;
+    let warm_start = renamed::keyword(py, warm_start, others, ("former", "warm_start"))?;
     let resume = resume.map(str::to_owned);
     let cancel = cancel.map_or_else(Cancel::new, |c| c.get().0.clone());
     let deadline = deadline_ms.map(deadline).transpose()?;
@@ -53,14 +53,14 @@ pub(crate) fn plan(
 /// The cheapest distinct poses that meet the problem's constraints, cheapest first, at most `max_solutions`: dicts `q` (n,)
 /// and `cost`. Obstacles are left out.
 #[pyfunction]
-#[pyo3(signature = (problem, max_solutions = None, **former), text_signature = "(problem, max_solutions=10)")]
+#[pyo3(signature = (problem, max_solutions = None, **others), text_signature = "(problem, max_solutions=10)")]
 pub(crate) fn ik<'py>(
     py: Python<'py>,
     problem: &Bound<'py, PyKeypointProblem>,
     max_solutions: Option<usize>,
-    former: Option<&Bound<'py, PyDict>>,
+    others: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyList>> {
-    let max_solutions = renamed::keyword(py, max_solutions, former, ("most", "max_solutions"))?.unwrap_or(10);
+    let max_solutions = renamed::keyword(py, max_solutions, others, ("most", "max_solutions"))?.unwrap_or(10);
     let problem = Arc::clone(&problem.get().0);
     let found = py.detach(|| gensim2_kpam::ik(&problem, max_solutions)).map_err(|e| from_problem(&e))?;
     let out = PyList::empty(py);

@@ -258,7 +258,7 @@ impl PyScene {
     /// Distinct joint vectors that bring `link` (default: the hand) to a pose (4, 4) in the base frame, nearest to
     /// `q_start` first, at most `max_solutions`: (K, n). Obstacles are left out.
     #[allow(clippy::too_many_arguments)]
-    #[pyo3(signature = (pose, q_start, *, link = None, max_solutions = None, seed = 0, **former))]
+    #[pyo3(signature = (pose, q_start, *, link = None, max_solutions = None, seed = 0, **others))]
     fn ik<'py>(
         &self,
         py: Python<'py>,
@@ -267,9 +267,9 @@ impl PyScene {
         link: Option<&str>,
         max_solutions: Option<usize>,
         seed: usize,
-        former: Option<&Bound<'py, PyDict>>,
+        others: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let max_solutions = renamed::keyword(py, max_solutions, former, ("most", "max_solutions"))?.unwrap_or(16);
+        let max_solutions = renamed::keyword(py, max_solutions, others, ("most", "max_solutions"))?.unwrap_or(16);
         self.solutions(py, pose, q_start, link, max_solutions, seed)
     }
 
@@ -286,15 +286,15 @@ impl PyScene {
 
     /// Smallest signed distance (m) of the robot to a body or itself, `max_distance` where nothing is nearer: (n,) -> float,
     /// (N, n) -> (N,).
-    #[pyo3(signature = (q, max_distance = None, **former))]
+    #[pyo3(signature = (q, max_distance = None, **others))]
     fn distance<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         max_distance: Option<f64>,
-        former: Option<&Bound<'py, PyDict>>,
+        others: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let max_distance = renamed::keyword(py, max_distance, former, ("most", "max_distance"))?.unwrap_or(1.0);
+        let max_distance = renamed::keyword(py, max_distance, others, ("most", "max_distance"))?.unwrap_or(1.0);
         is_reach(max_distance, "max_distance")?;
         let q = self.rows(q)?;
         let single = q.count.is_none();

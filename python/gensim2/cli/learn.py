@@ -64,6 +64,7 @@ from gensim2.cli.output import line, report, table
     help="Execute the plans that a keypose policy is taught by in physics, and leave out those that it refutes; a "
     "scene then takes ten times as long.",
 )
+@options.noise(None, "Of the cameras, in training and in evaluation  [default: none]")
 @click.option(
     "--test-instances",
     default=None,
@@ -93,6 +94,7 @@ def learn(
     controls: str,
     instances: str | None,
     json_file: str | None,
+    noise: str | None,
     **given: Any,
 ) -> None:
     """Teach TASKS to a policy that sees point clouds, the robot and a sentence.
@@ -102,11 +104,14 @@ def learn(
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.data.runfolder import default_run_dir
+        from gensim2.deploy.fit_noise import read_noise
         from gensim2.policy.evaluating import read_controls
         from gensim2.policy.learning import learn as function
 
         if instances is not None:
             given["instances"] = instances
+        if noise is not None:
+            given["noise"] = read_noise(noise)
         where = out or default_run_dir()
         result = function(tasks, out=where, controls=read_controls(controls), progress=progress, **given)
         give(result.to_dict())

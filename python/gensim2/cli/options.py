@@ -243,6 +243,18 @@ def controls(default: str) -> Callable[[_F], _F]:
     return _all(which, episodes)
 
 
+def noise(default: str | None, text: str) -> Callable[[_F], _F]:
+    """``--noise`` of depth cameras."""
+    return click.option(
+        "--noise",
+        default=default,
+        show_default=default is not None,
+        metavar="d435|deployed|white|FILE",
+        help=f"{text}; deployed is d435 with errors of calibration and clock, drawn each episode; FILE as gensim2 "
+        "robot fit-noise wrote it.",
+    )
+
+
 def _all(*several: Callable[[_F], _F]) -> Callable[[_F], _F]:
     """Several options at once, shown in this order."""
 

@@ -90,6 +90,11 @@ def line(text: str) -> None:
     console().print(text, markup=False, highlight=False, soft_wrap=True)
 
 
+def number(value: float | None) -> str:
+    """A number with one digit behind the point; nothing where there is none."""
+    return "" if value is None else f"{value:.1f}"
+
+
 def console() -> Console:
     """Standard output; wide where it is not a terminal, so that nothing is folded in a pipe."""
     from rich.console import Console

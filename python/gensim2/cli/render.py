@@ -40,12 +40,7 @@ from gensim2.errors import InputError
     help="Drop points that stand alone: farther from their neighbours than the mean by so many standard deviations.",
 )
 @click.option("--depth-noise", is_flag=True, help="White noise with a RealSense D435's numbers: as --noise white.")
-@click.option(
-    "--noise",
-    default=None,
-    metavar="d435|white|FILE",
-    help="Let depth be as a stereo camera would measure it; FILE as gensim2 robot fit-noise wrote it.",
-)
+@options.noise(None, "Let depth be as a stereo camera would measure it")
 @click.option("--task", "tasks", multiple=True, metavar="NAME", help="Only this one; may be given again.")
 @click.option(
     "--episodes",

@@ -80,7 +80,8 @@ class Arm:
 
     def release(self) -> None:
         """Send nothing more until the arm is begun anew; it stands by its own means."""
-        self._sent = None
+        if self._sent is not None:
+            self.stop()
 
     def command(self, q: npt.ArrayLike, gripper: float, t: float) -> Sent:
         """Ask for (m,) joints at the time t; returns what was sent.

@@ -24,6 +24,7 @@ FaultName = Literal[
     "policy-nan",
     "policy-slow",
     "policy-garbage",
+    "policy-token",
     "arm-reflex",
     "arm-lagging",
     "arm-silent",
@@ -45,6 +46,11 @@ class Fault:
 
     name: FaultName
     at: float
+
+    @property
+    def kind(self) -> str:
+        """Kind of the device that fails: ``camera``, ``policy``, ``arm`` or ``disk``."""
+        return self.name.partition("-")[0]
 
     @staticmethod
     def parse(text: str) -> Fault:

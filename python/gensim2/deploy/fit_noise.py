@@ -20,7 +20,7 @@ from gensim2.deploy.calibration.poses import read_standing
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
 from gensim2.observations import D435, DepthNoise
-from gensim2.observations.noise import brightness, incidence, shadows
+from gensim2.observations.noise import PRESETS, brightness, incidence, shadows
 from gensim2.record_files import read_record
 
 Array = npt.NDArray[np.float64]
@@ -65,13 +65,13 @@ class NoiseFile(BaseModel):
 
 
 def read_noise(name: str | Path) -> DepthNoise:
-    """Noise by name (``white``, ``d435``), or from a file that ``gensim2 robot fit-noise`` wrote.
+    """Noise by name (``white``, ``d435``, ``deployed``), or from a file that ``gensim2 robot fit-noise`` wrote.
 
     Raises:
         InputError: there is none, or a parameter cannot be so.
     """
-    if str(name) in ("white", "d435"):
-        return D435 if str(name) == "d435" else DepthNoise()
+    if str(name) in PRESETS:
+        return PRESETS[str(name)]
     found = read_record(Path(name), NoiseFile, REMEDY)
     try:
         return DepthNoise(**found.noise)  # type: ignore[arg-type]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import sys
 import termios
 import tty
+from collections.abc import Iterator
 from types import TracebackType
 from typing import Self
 
@@ -33,6 +35,18 @@ class Keys:
     ) -> None:
         if self._there:
             termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
+
+    @contextlib.contextmanager
+    def let_go(self) -> Iterator[None]:
+        """Give the terminal back while a block asks for whole lines."""
+        if not self._there:
+            yield
+            return
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
+        try:
+            yield
+        finally:
+            tty.setcbreak(sys.stdin)
 
     def pressed(self) -> str | None:
         """The next key; None: none was pressed."""

@@ -17,8 +17,9 @@ import numpy as np
 from gensim2.deploy.arm import Arm
 from gensim2.deploy.arm_limits import CYCLE, Array
 from gensim2.deploy.clocks import Clock
-from gensim2.deploy.devices import ArmState, CameraDriver, Frame
+from gensim2.deploy.devices import CameraDriver, Frame
 from gensim2.deploy.eyes import Sight
+from gensim2.deploy.journal import Journal
 from gensim2.deploy.limits import RefusedError, Sent, admit
 from gensim2.deploy.mind import Answer, Begin, Question
 from gensim2.deploy.streaming import Streamer
@@ -55,48 +56,6 @@ class Mind(Protocol):
         ...
 
 
-class Journal(Protocol):
-    """Log of a run."""
-
-    trouble: str | None
-    """Why nothing more can be written; None: all is well."""
-
-    def state(self, state: ArmState) -> None: ...
-    def frame(self, frame: Frame) -> None: ...
-    def sent(self, time: float, sent: Sent, gripper: float) -> None: ...
-    def question(self, time: float, question: Question) -> None: ...
-    def answer(self, time: float, answer: Answer) -> None: ...
-    def change(self, time: float, state: str, reason: str) -> None: ...
-    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None: ...
-
-
-class NoJournal:
-    """Writes nothing down."""
-
-    trouble: str | None = None
-
-    def state(self, state: ArmState) -> None:
-        """Nothing."""
-
-    def frame(self, frame: Frame) -> None:
-        """Nothing."""
-
-    def sent(self, time: float, sent: Sent, gripper: float) -> None:
-        """Nothing."""
-
-    def question(self, time: float, question: Question) -> None:
-        """Nothing."""
-
-    def answer(self, time: float, answer: Answer) -> None:
-        """Nothing."""
-
-    def change(self, time: float, state: str, reason: str) -> None:
-        """Nothing."""
-
-    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
-        """Nothing."""
-
-
 class DeviceGoneError(GenSim2Error):
     """A device's process has ended."""
 
@@ -124,15 +83,20 @@ class Figures:
     skipped: float = 0.0
 
 
-def phase_shift(waited: int) -> int:
+def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
     """Return the cycles to add to a period so that questions come to meet pictures; -1, 0 or 1.
+
+    The nearer way is taken, but for the one on which pictures would grow too old before the next ones meet a question.
 
     Args:
         waited: cycles between the arrival of the newest complete set of pictures and a question.
+        latency: s from a picture to its arrival.
+        max_age: s that a picture may be old at a question.
     """
     if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:  # soon enough, or no set a period: nothing to follow
         return 0
-    return -1 if waited <= PERIOD_CYCLES // 2 else 1
+    too_old = latency + PERIOD + 2 * CYCLE > max_age
+    return -1 if too_old or waited <= PERIOD_CYCLES // 2 else 1
 
 
 class Line:
@@ -150,6 +114,7 @@ class Line:
     Attributes:
         pace: control steps a second.
         commands: where set, every command is added to it.
+        in_phase: whether questions meet pictures soon after their arrival.
         stopped_ms, standing_ms: from what ended the motion to the last command that moved, and to the measured arm
             standing; None: not yet, or nothing ended it.
     """
@@ -173,10 +138,11 @@ class Line:
         self.figures = Figures()
         self.commands: list[Array] | None = None
         self.interrupted: str | None = None
-        self._next = clock.now() + CYCLE
         self._cycle = self._next_period = 0
         self._fresh: set[str] = set()
         self._fresh_at = 0
+        self._latency = 0.0
+        self.in_phase = False
         self._number = 0
         self._sent_at = clock.now()
         self._braking = self._on_path = False
@@ -189,6 +155,7 @@ class Line:
     def forget(self) -> None:
         """Forget an episode; the arm is let go until the next begins."""
         self.arm.release()
+        self._next = self._clock.now() + CYCLE  # between episodes a person may have taken his time
         self.watch.clear()
         self._streamer.clear()
         self.frames: dict[str, Frame] = {}
@@ -244,7 +211,9 @@ class Line:
             self._measure_period(now, late)
         self._take_in(now)
         if begins:
-            self._next_period = self._cycle + PERIOD_CYCLES + phase_shift(self._cycle - self._fresh_at)
+            shift = phase_shift(self._cycle - self._fresh_at, self._latency, self.watch.rules.frame_age)
+            self._next_period = self._cycle + PERIOD_CYCLES + shift
+            self.in_phase = shift == 0
         self._check(now)
         if begins and self.watch.state is State.RUNNING:
             self.watch.check_frames(self._names, now)
@@ -270,7 +239,7 @@ class Line:
             for frame in self._cameras.poll():
                 self.watch.saw_frame(frame, now)
                 self.frames[frame.camera] = frame
-                self._saw_fresh(frame.camera)
+                self._saw_fresh(frame.camera, now)
                 self._journal.frame(frame)
         except DeviceGoneError as error:
             self.watch.stop(now, str(error))
@@ -279,11 +248,12 @@ class Line:
         if not self._mind.is_alive:
             self.watch.stop(now, "the controller's process is gone")
 
-    def _saw_fresh(self, camera: str) -> None:
+    def _saw_fresh(self, camera: str, now: float) -> None:
         self._fresh.add(camera)
         if self._fresh.issuperset(self._names):
             self._fresh.clear()
             self._fresh_at = self._cycle
+            self._latency = max(now - self.frames[name].captured for name in self._names)
 
     def _check(self, now: float) -> None:
         if self.interrupted is not None:
@@ -345,7 +315,9 @@ class Line:
         if self.watch.state is State.RUNNING and self.arm.sent is not None and targets:
             before = self._streamer.late
             self._streamer.add(targets, self.arm.sent, self._sent_at)
-            self.figures.late_actions += self._streamer.late - before
+            late = self._streamer.late - before
+            self.figures.late_actions += late
+            self.watch.came(late == len(targets), now)
 
     def _note(self, answer: Answer) -> None:
         if answer.cloud_ms is not None:

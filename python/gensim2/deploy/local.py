@@ -14,6 +14,7 @@ from gensim2.deploy.mind import Answer, Begin, MindSpec, Question, Truth, think
 from gensim2.deploy.simulated_cameras import RATE, SimulatedCameras
 from gensim2.deploy.simulated_world import SimulatedWorld
 from gensim2.errors import GenSim2Error
+from gensim2.seeding import rng
 
 
 class LocalArm:
@@ -41,9 +42,9 @@ class LocalArm:
         """Stop where the arm is."""
         self._world.stand()
 
-    def reset(self, seed: int) -> None:
+    def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
         """A fresh scene."""
-        self._world.reset(seed)
+        self._world.reset(seed, options)
 
     @property
     def is_ready(self) -> bool:
@@ -72,7 +73,8 @@ class LocalCameras:
         cameras: that there are.
         clock: by which they take pictures.
         rate: pictures a second.
-        latency: seconds from a picture to its arrival.
+        latency: range of the seconds from a picture to its arrival, drawn each episode.
+        seed: of it.
     """
 
     def __init__(
@@ -81,10 +83,13 @@ class LocalCameras:
         cameras: SimulatedCameras,
         clock: SimulatedClock,
         rate: float = RATE,
-        latency: float = 0.03,
+        latency: tuple[float, float] = (0.03, 0.03),
+        seed: int = 0,
     ) -> None:
         self._rate = rate
-        self._world, self._cameras, self._clock, self._latency = world, cameras, clock, latency
+        self._world, self._cameras, self._clock = world, cameras, clock
+        self._range, self._seed = latency, seed
+        self._latency, self._episode = latency[0], 0
         self.cameras = cameras.cameras
         self.serials: Mapping[str, str] = cameras.serials
         self._due = 0.0
@@ -94,6 +99,9 @@ class LocalCameras:
     def _take(self, now: float) -> None:
         if now < self._due or self._world.episode == 0:
             return
+        if self._world.episode != self._episode:
+            self._episode = self._world.episode
+            self._latency = rng(self._seed, "delay of pictures", self._episode).uniform(*self._range)
         self._due = max(self._due + 1.0 / self._rate, now)
         self._coming += [(now + self._latency, frame) for frame in self._cameras.take(self._world.rows(now))]
 
@@ -119,11 +127,19 @@ class LocalMind:
         spec: how the controller is made.
         truth: for a privileged one.
         clock: of the line.
-        latency: seconds from a question to its answer.
+        latency: range of the seconds from a question to its answer, drawn each episode by its
+            seed.
     """
 
-    def __init__(self, spec: MindSpec, truth: Truth, clock: SimulatedClock, latency: float = 0.05) -> None:
-        self._clock, self._latency = clock, latency
+    def __init__(
+        self,
+        spec: MindSpec,
+        truth: Truth,
+        clock: SimulatedClock,
+        latency: tuple[float, float] = (0.05, 0.05),
+    ) -> None:
+        self._clock, self._range = clock, latency
+        self._latency = latency[0]
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._outbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._coming: list[tuple[float, Answer]] = []
@@ -145,6 +161,8 @@ class LocalMind:
 
     def send(self, message: Begin | Question) -> None:
         """Say or ask something; waits for the answer to a question."""
+        if isinstance(message, Begin):
+            self._latency = rng(message.seed, "delay of answers").uniform(*self._range)
         self._inbox.put(message)
         if isinstance(message, Question) and self.is_alive:
             answer = self._outbox.get()

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from gensim2.deploy.eyes import Eyes, Sight, inputs
 from gensim2.deploy.own_points import CameraPoseError
+from gensim2.deploy.remote.client import RemoteController
 from gensim2.errors import GenSim2Error
 from gensim2.observations import Camera, Observation, ObservationSpec
 from gensim2.planning.scene import Scene
@@ -123,6 +124,11 @@ class LineBody:
         send: of answers.
         now: the line's clock, s.
         truth: for a privileged controller.
+
+    Attributes:
+        faults: that the controller has.
+        remote: the controller, where it is elsewhere.
+        next: message that ended the episode.
     """
 
     waits = True  # the line judges by its own clock how long an answer takes
@@ -139,6 +145,7 @@ class LineBody:
         self._spec, self._receive, self._send, self._now, self._truth = spec, receive, send, now, truth
         self._eyes: dict[ObservationSpec, Eyes] = {}
         self.faults: set[str] = set()
+        self.remote: RemoteController | None = None
         self.next: Any = None
         self._forget()
 
@@ -151,6 +158,12 @@ class LineBody:
         self._cloud_ms: float | None = None
         self._encoding_ms: float | None = None
         self._begun = 0.0
+
+    def fail(self, fault: str) -> None:
+        """Fail from now on."""
+        self.faults.add(fault)
+        if fault == "policy-token" and self.remote is not None:
+            self.remote.disown()
 
     def prepare(self, spec: ObservationSpec) -> None:
         """Build before the first question what it would have to wait for."""
@@ -169,7 +182,7 @@ class LineBody:
         if self._question is None:
             found = self._receive()
             while isinstance(found, str):
-                self.faults.add(found)
+                self.fail(found)
                 found = self._receive()
             if not isinstance(found, Question):
                 self.next = found
@@ -263,6 +276,7 @@ def think(
     if spec.controller.target != CHAIN:
         controller = Guarded(made, spec.controller, profile, spec.task.name)
     body = LineBody(spec, receive, send, now, truth if is_privileged(made) else None)
+    body.remote = made if isinstance(made, RemoteController) else None
     body.prepare(spec_of(controller))
     send("ready")
     message = receive()
@@ -281,5 +295,5 @@ def think(
         elif isinstance(message, Question):  # of an episode that this controller is done with
             send(Answer(message.number, np.empty((0, profile.action_size), dtype=np.float32), done=True))
         elif isinstance(message, str):
-            body.faults.add(message)
+            body.fail(message)
         message = receive()

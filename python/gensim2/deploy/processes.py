@@ -155,10 +155,10 @@ class ProcessArm:
         """Stop where the arm is."""
         self._process.tell(("stand",))
 
-    def reset(self, seed: int) -> None:
+    def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
         """A fresh scene; ``is_ready`` says when it is there."""
         self._wanted += 1
-        self._process.tell(("reset", seed))
+        self._process.tell(("reset", seed, options))
 
     @property
     def is_ready(self) -> bool:

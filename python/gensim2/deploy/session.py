@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,17 +24,18 @@ from gensim2.progress import Progress
 from gensim2.rollout.inputs import TaskInput
 from gensim2.rollout.run import GOAL_SECONDS, controller_seed
 from gensim2.rollout.settling import SETTLE_SECONDS
-from gensim2.seeding import scene_seeds
 
 PATIENCE = 120.0
 """Seconds within which devices and controller must be ready."""
+MEETING = 2.0
+"""Seconds within which questions come to meet pictures; after that an episode begins all the same."""
 COMING_TO_REST = 3.0
 """Seconds within which a held or stopped arm stands."""
 RESUME = "r"
 
 
-class SimulatedArm(ArmDriver, Protocol):
-    """An arm whose scene can be made anew and judged, and that can be made to fail."""
+class Stage(Protocol):
+    """Whoever lays a scene out, and may know whether the goal holds."""
 
     @property
     def is_ready(self) -> bool:
@@ -42,37 +43,33 @@ class SimulatedArm(ArmDriver, Protocol):
         ...
 
     @property
-    def goal(self) -> bool:
-        """Whether the task's goal holds."""
+    def goal(self) -> bool | None:
+        """Whether the task's goal holds; None: only a person can tell."""
         ...
 
-    def reset(self, seed: int) -> None:
-        """Make a fresh scene."""
+    def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
+        """Begin to lay out a fresh scene; ``options`` take the place of what the seed would draw."""
         ...
 
-    def fail(self, fault: str) -> None:
-        """Fail from now on."""
-        ...
+
+class OpenArm(ArmDriver, Protocol):
+    """An arm that holds something open."""
 
     def close(self) -> None:
         """Give up what it holds."""
         ...
 
 
-class FailingCameras(CameraDriver, Protocol):
-    """Cameras that can be made to fail."""
-
-    def fail(self, fault: str) -> None:
-        """Fail from now on."""
-        ...
+class OpenCameras(CameraDriver, Protocol):
+    """Cameras that hold something open."""
 
     def close(self) -> None:
         """Give up what they hold."""
         ...
 
 
-class FailingMind(Mind, Protocol):
-    """A controller that can be made to fail."""
+class OpenMind(Mind, Protocol):
+    """A controller that is being made, and can be made to fail."""
 
     @property
     def is_ready(self) -> bool:
@@ -90,12 +87,20 @@ class FailingMind(Mind, Protocol):
 
 @dataclass
 class Devices:
-    """All that a line goes between."""
+    """All that a line goes between.
 
-    arm: SimulatedArm
-    cameras: FailingCameras
-    mind: FailingMind
+    Attributes:
+        arm, cameras, mind, clock: as a line takes them.
+        stage: who lays scenes out.
+        failing: makes a device fail by the first word of a fault; real ones fail by themselves.
+    """
+
+    arm: OpenArm
+    cameras: OpenCameras
+    mind: OpenMind
     clock: Clock
+    stage: Stage
+    failing: Mapping[str, Callable[[str], None]] = field(default_factory=dict)
 
     def close(self) -> None:
         """Give up all of it."""
@@ -103,8 +108,40 @@ class Devices:
             each.close()
 
 
+@dataclass(frozen=True)
+class Layout:
+    """A scene that is to be laid out.
+
+    Attributes:
+        seed: of what is drawn.
+        options: of the reset; they take the place of what the seed would draw.
+    """
+
+    seed: int
+    options: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class Ended:
+    """End of an episode.
+
+    Attributes:
+        goal: whether the goal held; None: only a person can tell.
+        over: the controller had nothing more to do; else the goal had held for long enough, or the time was over.
+        seconds: that it took.
+    """
+
+    goal: bool | None
+    over: bool
+    seconds: float
+
+
 class Session:
-    """Episodes on one line."""
+    """Episodes on one line.
+
+    Attributes:
+        in_episode: whether an episode has begun and not come to its end.
+    """
 
     def __init__(
         self,
@@ -121,60 +158,75 @@ class Session:
         self._faults, self._disk, self._interrupted = list(faults), disk, interrupted
         self._keys, self._progress = keys, progress
         self._begun: float | None = None
-        self._outcomes: list[bool] = []
+        self._outcomes: list[bool | None] = []
         self._halts: list[dict[str, Any]] = []
         self._clips_passed = 0
-        self._error: str | None = None
+        self.in_episode = False
 
     # ------------------------------------------------------------------ course
 
-    def run(self, seconds: float, episodes: int | None, seed: int, *, goal_ends: bool) -> None:
-        """Episodes until the time is over, a person or a fault ends them."""
+    def run(
+        self,
+        seconds: float,
+        layouts: Iterable[Layout],
+        *,
+        goal_ends: bool,
+        ended: Callable[[Ended], None] = lambda end: None,
+    ) -> None:
+        """Episodes until there is no more layout, the time is over, a person or a fault ends them.
+
+        Args:
+            seconds: after which no episode goes on.
+            layouts: of the episodes; the next is asked for when the one before is over.
+            goal_ends: an episode is over when its goal has held for a while.
+            ended: is told of each that came to its end.
+        """
         watch = self._line.watch
-        seeds = scene_seeds(seed, self._given.spec.name, "robot", 100_000 if episodes is None else episodes)
         try:
-            for each in seeds:
-                if not self._prepare(each):
+            for each in layouts:
+                if not self.prepare(each):
                     return
                 if self._begun is None:
                     self._begun = self._devices.clock.now()
                 try:
-                    self._line.begin(controller_seed(each))
+                    self._line.begin(controller_seed(each.seed))
                 except RefusedError as error:
                     watch.stop(self._devices.clock.now(), f"not begun: {error}")
                     return
-                over = self._episode(self._begun + seconds, goal_ends)
+                self.in_episode = True
+                over = self._episode(self._begun + seconds, goal_ends, ended)
                 self._count_passed()
                 if watch.state in (State.HOLDING, State.STOPPED) or over:
                     return
         except GenSim2Error as error:
             watch.stop(self._devices.clock.now(), str(error))
 
-    def _prepare(self, seed: int) -> bool:
+    def prepare(self, layout: Layout) -> bool:
         """A fresh scene, and pictures of it; whether the episode can begin."""
         line, devices = self._line, self._devices
         line.forget()
-        devices.arm.reset(seed)
+        devices.stage.reset(layout.seed, layout.options)
         begun = time.monotonic()
         ready: float | None = None
         while True:
             self._cycle()
             if line.watch.state is State.STOPPED:
                 return False
-            if ready is None and devices.arm.is_ready and devices.mind.is_ready:
+            if ready is None and devices.stage.is_ready and devices.mind.is_ready:
                 ready = devices.clock.now()
             names = [camera.name for camera in devices.cameras.cameras]
             there = all(name in line.frames and line.frames[name].captured > (ready or np.inf) for name in names)
             state = line.arm.state()
             if ready is not None and there and state is not None and state.time > ready:
                 fresh = min(line.frames[name].captured for name in names)
-                if devices.clock.now() - fresh < PERIOD:
+                settled = line.in_phase or devices.clock.now() - ready > MEETING
+                if settled and devices.clock.now() - fresh < PERIOD:
                     return True
             if time.monotonic() - begun > PATIENCE:
                 line.watch.stop(devices.clock.now(), f"devices were not ready within {PATIENCE:g} s")
                 return False
 
-    def _episode(self, end: float, goal_ends: bool) -> bool:
+    def _episode(self, end: float, goal_ends: bool, ended: Callable[[Ended], None]) -> bool:
         """One episode, its outcome counted where it came to an end; whether the time is over."""
         line, clock = self._line, self._devices.clock
         begun, held_since = clock.now(), None
@@ -188,13 +240,14 @@ class Session:
                 if not self._resumed():
                     return True
                 continue
-            goal = goal_ends and self._devices.arm.goal
+            goal = goal_ends and self._devices.stage.goal
             held_since = (held_since or now) if goal else None
             if line.done or now - begun > stretch or (held_since is not None and now - held_since > GOAL_SECONDS):
                 break
             if now > end:
                 line.watch.rest(now)
                 return True
+        over, seconds = line.done, clock.now() - begun
         settled = clock.now() + SETTLE_SECONDS
         line.done = True
         while clock.now() < settled and line.watch.state is State.RUNNING:
@@ -202,9 +255,13 @@ class Session:
         if line.watch.state is not State.RUNNING:
             self._come_to_rest()
             return True
-        self._outcomes.append(self._devices.arm.goal)
-        self._progress.message(f"episode {len(self._outcomes)}: {'held' if self._outcomes[-1] else 'not held'}")
+        self.in_episode = False
+        goal = self._devices.stage.goal
+        self._outcomes.append(goal)
+        said = {True: "held", False: "not held", None: "over"}[goal]
+        self._progress.message(f"episode {len(self._outcomes)}: {said}")
         line.watch.rest(clock.now())
+        ended(Ended(goal, over, seconds))
         return clock.now() > end
 
     def _cycle(self) -> None:
@@ -223,16 +280,11 @@ class Session:
         line.cycle()
 
     def _fail(self, fault: Fault) -> None:
-        kind = fault.name.split("-")[0]
         if fault.name == "disk-full":
             assert self._disk is not None, "a log is written"
             self._disk.full = True
-        elif kind == "camera":
-            self._devices.cameras.fail(fault.name)
-        elif kind == "policy":
-            self._devices.mind.fail(fault.name)
         else:
-            self._devices.arm.fail(fault.name)
+            self._devices.failing[fault.kind](fault.name)
 
     def _come_to_rest(self) -> None:
         line, clock = self._line, self._devices.clock
@@ -279,6 +331,7 @@ class Session:
         line, figures = self._line, self._line.figures
         halt = self._halts[-1] if self._halts else {}
         late = 1e3 * np.array(figures.late)
+        judged = [each for each in self._outcomes if each is not None]
         return {
             "schema_version": 1,
             **{name: about[name] for name in ("task", "robot", "controller", "speed", "margin", "seed")},
@@ -300,7 +353,7 @@ class Session:
             "refused": dict(figures.refused),
             "late_actions": figures.late_actions,
             "episodes": len(self._outcomes),
-            "success": float(np.mean(self._outcomes)) if self._outcomes else None,
+            "success": float(np.mean(judged)) if judged else None,
             "seconds": 0.0 if self._begun is None else self._devices.clock.now() - self._begun,
             "interrupted": [signal.Signals(number).name for number in self._interrupted],
             "log": None if log is None else str(log),

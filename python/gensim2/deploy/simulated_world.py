@@ -67,9 +67,14 @@ class SimulatedWorld:
         self._said: deque[ArmState] = deque()
         self._pressed: deque[float] = deque(maxlen=FORCE_CYCLES)
 
-    def reset(self, seed: int) -> None:
-        """A fresh scene; the arm takes commands again, whatever stopped it, unless its fault lasts."""
-        self._env.reset(seed)
+    def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
+        """A fresh scene; the arm takes commands again, whatever stopped it, unless its fault lasts.
+
+        Args:
+            seed: of what is drawn.
+            options: of the reset; they take the place of what the seed would draw.
+        """
+        self._env.reset(seed, options)
         self.episode += 1
         self._stopped = False
         for each in (self._waiting, self._said, self._pressed):

@@ -43,6 +43,7 @@ class WatchRules:
         apart: between the newest pictures of two cameras.
         no_action: from a question to the controller to its answer, where the arm moves in between.
         thinking: the same where it stands all the while.
+        late_answers: in a row, all of whose actions are over when they come.
         state_age: of the arm's last word.
         behind: rad (m) by which the arm may lie off every command of the last ``window``, unless it is pressed on:
             what blocks it is judged by the force.
@@ -56,6 +57,7 @@ class WatchRules:
     apart: float = 0.050
     no_action: float = 0.200
     thinking: float = 20.0
+    late_answers: int = 3
     state_age: float = 0.100
     behind: float = 0.08
     pressed: float = 10.0
@@ -110,6 +112,7 @@ class Watch:
         self._commands: list[tuple[float, Sent]] = []
         self._asked: float | None = None
         self._moved_since = False
+        self._late_answers = 0
         self._overruns = 0
 
     # ------------------------------------------------------------- transitions
@@ -213,6 +216,12 @@ class Watch:
     def answered(self) -> None:
         """It has answered."""
         self._asked = None
+
+    def came(self, late: bool, now: float) -> None:
+        """Its actions came; ``late``: all of them are over. Thinking before a motion makes one answer late."""
+        self._late_answers = self._late_answers + 1 if late else 0
+        if self._late_answers >= self.rules.late_answers:
+            self.hold(now, f"no action from the controller in time, {self._late_answers} answers in a row")
 
     def period(self, late: float, now: float) -> None:
         """A period of the loop began so much too late (s)."""

@@ -16,13 +16,14 @@ if TYPE_CHECKING:
     from gensim2.observations.camera import Camera
     from gensim2.observations.cloud import CloudSettings, EmptyCloudError, PointCloud, RobotSegments, point_cloud
     from gensim2.observations.encoder import Encoder
-    from gensim2.observations.noise import D435, CameraError, DepthNoise
+    from gensim2.observations.noise import D435, DEPLOYED, CameraError, DepthNoise
     from gensim2.observations.observation import Observation
     from gensim2.observations.spec import ObservationSpec
     from gensim2.observations.view import Picture, View
 
 __all__ = [
     "D435",
+    "DEPLOYED",
     "Camera",
     "CameraError",
     "CloudSettings",
@@ -42,6 +43,7 @@ __getattr__ = lazy_names(
     __name__,
     {
         "D435": "gensim2.observations.noise",
+        "DEPLOYED": "gensim2.observations.noise",
         "Camera": "gensim2.observations.camera",
         "CameraError": "gensim2.observations.noise",
         "CloudSettings": "gensim2.observations.cloud",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Unpack
 
@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict
 
 from gensim2.errors import InputError
 from gensim2.files import check_writable, write_json
-from gensim2.observations import ObservationSpec
+from gensim2.observations import DepthNoise, ObservationSpec
 from gensim2.policy.config import HEADS, PolicyConfig, TrainConfig
 from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, Control, PolicyResult, evaluate_policy
 from gensim2.policy.keypose.data import plan_scenes
@@ -59,6 +59,7 @@ class LearnRecord(BaseModel):
         minutes: of CPU for data and training.
         objects: of each class to learn from; None: those that ``scene`` says.
         verify: scenes whose plans physics refutes are left out.
+        noise: of the cameras; None: their depth is exact.
         steps: of each policy that were decided on when its training began, by its folder.
         data_cpu_s: CPU seconds that went into the data of each.
     """
@@ -75,6 +76,7 @@ class LearnRecord(BaseModel):
     objects: int | None = None
     verify: bool = False
     scene: dict[str, Any]
+    noise: dict[str, float | bool] | None = None
     steps: dict[str, int] = {}
     data_cpu_s: dict[str, float] = {}
 
@@ -144,6 +146,7 @@ def learn(
     videos: int = VIDEOS,
     objects: int | None = None,
     verify: bool = False,
+    noise: DepthNoise | None = None,
     test_instances: str | None = None,
     seed: int = 0,
     out: Path,
@@ -166,6 +169,8 @@ def learn(
         objects: generated ones of each class to learn from, beyond those that the library lists, drawn by the seed;
             None: ``instances``, and where that is not given ``OBJECTS``, of real objects those of ``train``.
         verify: leave scenes out whose plans physics refutes; of plans, which are not simulated otherwise.
+        noise: of the cameras in all data, with errors of pose, depth and clock drawn each episode; the policy is
+            measured with it, too. None: depth is exact.
         test_instances: objects that the policy is measured on; None: ``new`` where it learns from ``objects``, else
             ``test`` where all classes have such a split, else ``new``.
         seed: of everything.
@@ -209,6 +214,7 @@ def learn(
         objects=objects,
         verify=verify,
         scene={**given[0].scene.options.to_record(), "instances": train_on["instances"]},
+        noise=None if noise is None else asdict(noise),
     )
     record = _begin(out, record, resume)
     groups = [tuple(given)] if multi_task or len(given) == 1 else [(one,) for one in given]
@@ -275,7 +281,7 @@ def _teach_by_plans(
             planned.append(
                 plan_scenes(
                     one,
-                    SPEC,
+                    with_noise(SPEC, record),
                     folder / "data" / one.spec.name,
                     evaluator.executor,
                     seed=record.seed,
@@ -316,7 +322,7 @@ def _teach_by_episodes(
     episodes = max(1, min(EPISODES, record.scenes, int(limit / SECONDS_AN_EPISODE)))
     scene: dict[str, Any] = dict(record.scene)
     collected = collect(named, episodes=episodes, out=data, seed=record.seed, workers=workers, resume=True, **scene)
-    rendered = render(data, spec=CHUNK_SPEC, workers=workers, resume=True, progress=progress)
+    rendered = render(data, spec=with_noise(CHUNK_SPEC, record), workers=workers, resume=True, progress=progress)
     # What an earlier call took stands in the record.
     record.data_cpu_s[key] = record.data_cpu_s.get(key, 0.0) + collected.cpu_s + rendered.cpu_s
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))
@@ -339,6 +345,12 @@ def _decide_steps(
         record.steps[key] = max(LEAST_STEPS, min(int(left / each), MAX_STEPS * tasks))
         progress.message(f"training: {record.steps[key]} steps of {1000 * each:.0f} ms of CPU")
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))
+
+
+def with_noise(spec: ObservationSpec, record: LearnRecord) -> ObservationSpec:
+    """Return a spec with the noise that was asked for."""
+    noise = None if record.noise is None else DepthNoise(**record.noise)  # type: ignore[arg-type]
+    return replace(spec, cloud=replace(spec.cloud, noise=noise))
 
 
 def _key(folder: Path, out: Path) -> str:

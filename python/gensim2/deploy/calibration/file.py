@@ -118,6 +118,21 @@ def read_calibration(
         raise InputError(said, file=path, field="made", remedy=REMEDY)
     if age < -timedelta(hours=1):
         raise InputError("lies in the future", file=path, field="made", remedy="set the machine's clock")
+    require_calibrated(found, cameras, path)
+    return found
+
+
+def require_calibrated(found: Calibration, cameras: Sequence[Camera], path: Path) -> None:
+    """Refuse cameras that a calibration is not of.
+
+    Args:
+        found: the calibration.
+        cameras: that are looked through.
+        path: its file.
+
+    Raises:
+        InputError: a camera is not in it, has other pixels or hangs elsewhere.
+    """
     for camera in cameras:
         field = f"cameras.{camera.name}"
         one = found.cameras.get(camera.name)
@@ -128,7 +143,6 @@ def read_calibration(
             raise InputError(said, file=path, field=field, remedy=REMEDY)
         if one.link != camera.link:
             raise InputError(f"hangs on {one.link}, not on {camera.link}", file=path, field=field, remedy=REMEDY)
-    return found
 
 
 def calibrated(cameras: Sequence[Camera], calibration: Calibration) -> tuple[Camera, ...]:

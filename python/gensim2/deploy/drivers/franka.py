@@ -16,7 +16,7 @@ from gensim2.errors import MissingExtraError
 from gensim2.robots import RobotProfile
 
 RATE = 200.0
-"""References a second; between them the 1 kHz loop goes on with their velocity."""
+"""References a second; between them the 1 kHz loop keeps the last."""
 STIFFNESS = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])
 """N m/rad."""
 TORQUES, FORCES = 20.0, 30.0

@@ -53,6 +53,7 @@ class RemoteController:
             raise InputError(f"must be positive seconds, is {deadline}", field="deadline")
         self._url, self._robot, self._deadline = url, robot, deadline
         self._number = 0
+        self._token = os.environ.get(TOKEN)
         self._connection: Any = None
         self.observation_spec = ObservationSpec()
         self._connect()
@@ -83,20 +84,26 @@ class RemoteController:
             self._connection.close()
             self._connection = None
 
+    def disown(self) -> None:
+        """Come back with a token that the server does not know: a fault, to see what the watch makes of it."""
+        self.close()
+        self._token = f"not {self._token}"
+
     def _connect(self) -> None:
         try:
             from websockets.exceptions import WebSocketException
             from websockets.sync.client import connect
         except ImportError as error:
             raise MissingExtraError("websockets", "robot") from error
-        token = os.environ.get(TOKEN)
-        if not token:
+        if not self._token:
             raise InputError("is not set", field=TOKEN, remedy="export what gensim2 policy serve says")
         try:
             self._connection = connect(
                 self._url, max_size=MAX_BYTES, compression=None, open_timeout=CONNECTING, proxy=None
             )
-            self._connection.send(encode({"kind": "hello", "protocol": VERSION, "token": token, "robot": self._robot}))
+            self._connection.send(
+                encode({"kind": "hello", "protocol": VERSION, "token": self._token, "robot": self._robot})
+            )
             found = decode(self._connection.recv(timeout=CONNECTING))
         except (OSError, WebSocketException) as error:
             raise RemoteError(f"{self._url} cannot be reached: {error}") from error

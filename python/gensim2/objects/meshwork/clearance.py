@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, QhullError
 
-from gensim2.objects.meshwork.convexes import HINGE, Block, depth_inside, in_box, surface_samples
+from gensim2.objects.meshwork.convexes import HINGE, Block, depth_inside, in_box, surface_samples, triangle_weights
 from gensim2.objects.meshwork.decompose import THINNEST, Faces, connected_pieces, decompose, make_hull
 from gensim2.objects.meshwork.voidspace import VoidSpace
 from gensim2.objects.shapes import pose, transform
@@ -126,10 +126,7 @@ def _surface(pieces: Pieces) -> Array:
         edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
         steps = np.maximum(1, np.ceil(edges / SPACING)).astype(np.int64)
         for n in np.unique(steps):
-            i, j = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
-            u, v = i[i + j <= n] / n, j[i + j <= n] / n
-            weights = np.stack([1 - u - v, u, v], axis=1)
-            found.append(np.matmul(weights, triangles[steps == n]).reshape(-1, 3))
+            found.append(np.matmul(triangle_weights(int(n)), triangles[steps == n]).reshape(-1, 3))
     points = np.concatenate(found)
     return points[_first_in_cells(points, 0.5 * SPACING)]
 
@@ -259,8 +256,10 @@ def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
     """
     axes = np.linalg.eigh(np.cov((hull - hull.mean(axis=0)).T))[1].T
     table = np.concatenate([np.eye(3), ConvexHull(hull).equations[:, :3], axes])
+    ours, theirs = own @ table.T, intruders @ table.T
+    # Each way: what is highest along an axis is lowest against it.
+    losses = np.concatenate([ours.max(axis=0) - theirs.min(axis=0), theirs.max(axis=0) - ours.min(axis=0)]) - RESIDUE
     table = np.concatenate([table, -table])
-    losses = (own @ table.T).max(axis=0) - (intruders @ table.T).min(axis=0) - RESIDUE
     best = float(losses.min())
     if best > LOSS and (normal := _widest_gap(hull.mean(axis=0), own, intruders)) is not None:
         loss = float((own @ normal).max() - (intruders @ normal).min()) - RESIDUE

@@ -18,6 +18,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
+from gensim2.objects.meshwork.convexes import heights
 from gensim2.objects.meshwork.voidspace import NEEDED_VOLUME, VoidSpace
 
 Array = npt.NDArray[np.float64]
@@ -47,7 +48,7 @@ class Hull:
 
     def depth(self, points: Array) -> Array:
         """(K,) distance of points below the hull's surface; negative outside."""
-        return np.asarray(-(points @ self.planes[:, :3].T + self.planes[:, 3]).max(axis=1))
+        return -heights(points, self.planes)
 
 
 def make_hull(points: Array) -> Hull | None:

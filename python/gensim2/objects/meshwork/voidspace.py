@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from gensim2.objects.meshwork.convexes import in_box
+from gensim2.objects.meshwork.convexes import heights, in_box, triangle_weights
 
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
@@ -107,10 +107,7 @@ class VoidSpace:
         steps = np.maximum(1, np.ceil(edges / (0.7 * cell))).astype(np.int64)
         batches = []
         for n in np.unique(steps):
-            i, j = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
-            inside = i + j <= n
-            u, v = i[inside] / n, j[inside] / n
-            weights = np.stack([1 - u - v, u, v], axis=1)
+            weights = triangle_weights(int(n))
             chosen = triangles[steps == n]
             for part in np.array_split(chosen, max(1, len(chosen) * len(weights) // CHUNK)):
                 batches.append(np.matmul(weights, part).reshape(-1, 3))
@@ -129,13 +126,12 @@ class VoidSpace:
             near = self._needed[start:end]
             near = near[in_box(near, low, high)]
             if len(near):
-                needed = int(((near @ planes[:, :3].T + planes[:, 3]).max(axis=1) < -NEEDED_DEPTH).sum())
+                needed = int((heights(near, planes) < -NEEDED_DEPTH).sum())
         return self._void(points, planes, low, high) + needed * NEEDED_VOLUME
 
     def _void(self, points: Array, planes: Array, low: Array, high: Array) -> float:
         """Free volume in a hull; ``low`` and ``high`` (3,) bound it."""
-        heights = points @ planes[:, :3].T
-        widths = np.ptp(heights, axis=0)
+        widths = np.ptp(points @ planes[:, :3].T, axis=0)
         thin = int(np.argmin(widths))
         if widths[thin] < 2 * self.cell:
             return self._void_in_plate(points, planes, planes[thin, :3], float(widths[thin]))
@@ -148,8 +144,7 @@ class VoidSpace:
         if not len(index):
             return 0.0
         centers = self._low + (index * stride + first + offset + 0.5) * self.cell
-        reach = (centers @ planes[:, :3].T + planes[:, 3]).max(axis=1)
-        return float((reach < -0.5 * self.cell).sum()) * (stride * self.cell) ** 3
+        return float((heights(centers, planes) < -0.5 * self.cell).sum()) * (stride * self.cell) ** 3
 
     def _void_in_plate(self, points: Array, planes: Array, normal: Array, width: float) -> float:
         """Free volume in a hull so thin that cells would miss it: probed on its middle plane."""
@@ -167,5 +162,5 @@ class VoidSpace:
         edge = np.abs(planes[:, :3] @ normal) < 0.5  # faces around the plate, not the two big ones
         inside = np.ones(len(probes), bool)
         if edge.any():
-            inside = (probes @ planes[edge, :3].T + planes[edge, 3]).max(axis=1) < -0.5 * self.cell
+            inside = heights(probes, planes[edge]) < -0.5 * self.cell
         return float(self.is_free(probes[inside]).sum()) * step * step * width

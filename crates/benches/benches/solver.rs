@@ -1,4 +1,4 @@
-//! QPs of the solver's size by both solvers, and a whole plan: `cargo bench -p gensim2-kpam`.
+//! QPs of the solver's size by both solvers, and a whole plan: `cargo bench -p gensim2-benches --bench solver`.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use std::hint::black_box;

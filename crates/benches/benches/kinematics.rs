@@ -1,4 +1,4 @@
-//! Forward kinematics and Jacobians of a seven-joint arm: `cargo bench -p gensim2-geometry`.
+//! Forward kinematics and Jacobians of a seven-joint arm: `cargo bench -p gensim2-benches --bench kinematics`.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use criterion::{Criterion, criterion_group, criterion_main};

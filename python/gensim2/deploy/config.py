@@ -1,0 +1,143 @@
+"""Configuration of a line, spelled once for everything that drives one: runs, trials, pages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, cast
+
+from gensim2.deploy.arm_limits import FORCE, JUMP, MARGIN, SPEED
+from gensim2.deploy.calibration.file import DAYS
+from gensim2.deploy.remote.client import DEADLINE
+from gensim2.deploy.watch import WatchRules
+from gensim2.errors import InputError
+from gensim2.observations import DepthNoise
+from gensim2.rollout.controller_spec import ControllerSpec
+from gensim2.scenes.config import SceneArguments, split_arguments
+
+SIMULATED = "simulated"
+ARMS = ("franka", "ur", "xarm")
+"""Makers of arms that there is a driver for."""
+
+
+@dataclass(frozen=True)
+class Delays:
+    """Delays of simulated devices by a simulated clock: ranges in seconds, drawn each episode.
+
+    Attributes:
+        camera: from a picture to its arrival.
+        controller: from a question to its answer.
+    """
+
+    camera: tuple[float, float] = (0.03, 0.03)
+    controller: tuple[float, float] = (0.05, 0.05)
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in vars(self).items():
+            if not 0.0 <= low <= high < 10.0:
+                raise InputError(f"must be a range of seconds from 0 to 10, is {(low, high)}", field=f"delays.{name}")
+
+
+class LineArguments(SceneArguments, total=False):
+    """Inputs of a line by keyword: those of scenes, and the attributes of :class:`LineConfig`."""
+
+    arm: str
+    cameras: str
+    policy: Path | str | ControllerSpec | None
+    deadline: float
+    speed: float
+    margin: float
+    force: float
+    jump: float
+    pixels: tuple[int, int]
+    rate: float
+    noise: DepthNoise | str | Path
+    delays: Delays
+    calibration: Path | None
+    calibration_days: float
+    seed: int
+    dry: bool
+    simulated_clock: bool
+    rules: WatchRules | None
+
+
+@dataclass(frozen=True)
+class LineConfig:
+    """Everything that a line follows from beside its task and scenes.
+
+    Attributes:
+        arm: ``simulated``, or ``franka:HOST``, ``ur:HOST``, ``xarm:HOST``.
+        cameras: ``simulated``, or ``realsense:NAME=SERIAL,...``.
+        policy: a checkpoint, the URL of a server (``ws://host:port``), or a controller; None: the plan's chain, which
+            is shown the true scene.
+        deadline: seconds within which an action must come from a server.
+        speed: share of the arm's speed; control steps are stretched by as much.
+        margin: rad that joints keep from the ends of their range.
+        force: that may press on the arm, N.
+        jump: rad by which the first action of an episode may lie off where the arm stands.
+        pixels: width and height of the cameras' pictures.
+        rate: of the cameras, pictures a second.
+        noise: of simulated cameras: itself, its name, or a file that was fitted.
+        delays: of simulated devices by a simulated clock.
+        calibration: file that says where the cameras are; None: they are where the simulation has them.
+        calibration_days: of its age from which on it is refused.
+        seed: of the scenes and of all noise.
+        dry: nothing is sent to the arm.
+        simulated_clock: everything in this process, by a clock that waits for it.
+        rules: of the watch; None: the usual ones.
+
+    Raises:
+        InputError: an argument cannot be so.
+    """
+
+    arm: str = SIMULATED
+    cameras: str = SIMULATED
+    policy: Path | str | ControllerSpec | None = None
+    deadline: float = DEADLINE
+    speed: float = SPEED
+    margin: float = MARGIN
+    force: float = FORCE
+    jump: float = JUMP
+    pixels: tuple[int, int] = (320, 240)
+    rate: float = 10.0
+    noise: DepthNoise | str | Path = "d435"
+    delays: Delays = Delays()
+    calibration: Path | None = None
+    calibration_days: float = DAYS
+    seed: int = 0
+    dry: bool = False
+    simulated_clock: bool = False
+    rules: WatchRules | None = None
+
+    def __post_init__(self) -> None:
+        kind, _, host = self.arm.partition(":")
+        if self.arm != SIMULATED and (kind not in ARMS or not host):
+            known = ", ".join(f"{each}:HOST" for each in ARMS)
+            raise InputError(f"no arm {self.arm!r}", field="--arm", remedy=f"{SIMULATED}, {known}")
+        if (self.arm == SIMULATED) != (self.cameras == SIMULATED):
+            said = f"--arm {self.arm} with --cameras {self.cameras}: both are real, or both are simulated"
+            raise InputError(said, field="--cameras", remedy="as --arm franka:HOST --cameras realsense:left=SERIAL")
+        if not self.is_simulated and self.simulated_clock:
+            raise InputError("real devices go by the machine's clock", field="simulated_clock")
+        if not self.is_simulated and self.policy is None:
+            raise InputError("is shown the true scene, which there is in a simulation only", field="--plan")
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether arm and cameras are simulated."""
+        return self.arm == SIMULATED
+
+    @classmethod
+    def split(cls, given: Mapping[str, Any]) -> tuple[LineConfig, SceneArguments]:
+        """The configuration of a line, and the arguments of its scenes, from the keywords of both.
+
+        Raises:
+            InputError: an argument cannot be so.
+            TypeError: there is no such keyword.
+        """
+        scene, others = split_arguments(given)
+        unknown = set(others) - {each.name for each in fields(cls)}
+        if unknown:
+            raise TypeError(f"unexpected keywords: {', '.join(sorted(unknown))}")
+        return cls(**cast(Any, others)), scene

@@ -1,0 +1,334 @@
+"""A line with all that it goes between, opened and given up again."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from gensim2.deploy.arm import Arm
+from gensim2.deploy.arm_limits import ArmLimits, Array
+from gensim2.deploy.calibration.file import Calibration, calibrated, read_calibration, require_calibrated
+from gensim2.deploy.calibration.file import serials as calibrated_serials
+from gensim2.deploy.clocks import MachineClock, SimulatedClock
+from gensim2.deploy.config import LineConfig
+from gensim2.deploy.devices import ArmDriver, ArmState
+from gensim2.deploy.faults import Fault, FullDisk
+from gensim2.deploy.fit_noise import read_noise
+from gensim2.deploy.journal import Journal, Journals, NoJournal
+from gensim2.deploy.line import Line
+from gensim2.deploy.mind import MindSpec, looked_at
+from gensim2.deploy.real import ByHand, PolledCameras, camera_serials, open_arm, open_cameras
+from gensim2.deploy.remote.client import RemoteController
+from gensim2.deploy.remote.protocol import is_url
+from gensim2.deploy.replay import camera_to_dict
+from gensim2.deploy.session import Devices, OpenMind
+from gensim2.deploy.watch import Watch, WatchRules
+from gensim2.errors import InputError
+from gensim2.observations import Camera, DepthNoise, ObservationSpec
+from gensim2.robots import RobotProfile, robot
+from gensim2.rollout.controller import is_privileged, spec_of
+from gensim2.rollout.controller_spec import ControllerSpec
+from gensim2.rollout.inputs import TaskInput
+
+REMOTE = "gensim2.deploy.remote.client:RemoteController"
+
+
+class DryArm:
+    """An arm that is told nothing: all is computed and judged, and nothing is sent."""
+
+    def __init__(self, driver: ArmDriver) -> None:
+        self._driver, self.profile = driver, driver.profile
+
+    def poll(self) -> Sequence[ArmState]:
+        """States that came."""
+        return self._driver.poll()
+
+    def send(self, q: Array, gripper: float, t: float) -> None:
+        """Nothing."""
+
+    def stand(self) -> None:
+        """Stop all the same."""
+        self._driver.stand()
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Inputs of a line that were read and checked, before anything is opened.
+
+    Attributes:
+        given: the task.
+        config: of the line.
+        controller: how it is made.
+        seen: what it looks at.
+        privileged: it is shown the true scene.
+        limits: of the arm.
+        noise: of simulated cameras.
+        cameras: that are looked through; of real ones names, pixels and a first guess of their poses.
+        calibration: where they are; None: where the simulation has them.
+    """
+
+    given: TaskInput
+    config: LineConfig
+    controller: ControllerSpec
+    seen: ObservationSpec
+    privileged: bool
+    limits: ArmLimits
+    noise: DepthNoise
+    cameras: tuple[Camera, ...]
+    calibration: Calibration | None
+
+    @property
+    def profile(self) -> RobotProfile:
+        """The robot."""
+        return self.limits.profile
+
+
+def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) -> Prepared:
+    """Read and check everything that a line follows from.
+
+    Args:
+        given: the task.
+        config: of the line.
+        faults: that devices are to have.
+
+    Raises:
+        InputError: an argument cannot be used.
+        MissingExtraError: what is needed is not installed.
+    """
+    from gensim2.deploy.simulated_cameras import simulated_cameras
+
+    noise = config.noise if isinstance(config.noise, DepthNoise) else read_noise(config.noise)
+    controller = _controller(given, config)
+    profile = robot(given.scene.robot)
+    limits = ArmLimits.of(profile, speed=config.speed, margin=config.margin, force=config.force, jump=config.jump)
+    limits.prepare()
+    made = controller.make(given.spec, profile)
+    seen, privileged = spec_of(made), is_privileged(made)
+    if isinstance(made, RemoteController):
+        made.close()  # the controller's process connects anew
+    if privileged and not config.is_simulated:
+        raise InputError("is shown the true scene, which there is in a simulation only", field=controller.target)
+    cameras = simulated_cameras(profile, *config.pixels)
+    if not config.is_simulated:
+        there = camera_serials(config.cameras)
+        if seen.modalities and not set(seen.cameras) <= set(there):
+            said = f"the policy looks through {', '.join(seen.cameras)}"
+            raise InputError(said, field="--cameras", remedy="name the device of each")
+    elif seen.modalities:
+        cameras = tuple(each for each in cameras if each.name in seen.cameras)
+    for fault in faults:
+        if fault.name == "policy-token" and controller.target != REMOTE:
+            raise InputError("there is no server to refuse a token", field="--fault", remedy="--policy ws://HOST:PORT")
+        if fault.kind in ("arm", "camera") and not config.is_simulated:
+            raise InputError(f"{fault.name} is a fault of simulated devices", field="--fault")
+        if fault.name in ("camera-swapped", "camera-mislabelled") and len(cameras) < 2:
+            raise InputError("there is one camera, and nothing to exchange it with", field="fault")
+    calibration = None
+    if config.calibration is not None:
+        asked = cameras if config.is_simulated else ()  # real ones say their pixels when they are open
+        calibration = read_calibration(config.calibration, given.scene.robot, asked, days=config.calibration_days)
+    elif not config.is_simulated and not config.dry:
+        raise InputError(
+            "real cameras need one",
+            field="--calibration",
+            remedy="make it with gensim2 robot calibrate --from a dry run",
+        )
+    return Prepared(given, config, controller, seen, privileged, limits, noise, cameras, calibration)
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A line whose devices are open.
+
+    Attributes:
+        line: the loop.
+        devices: that it goes between.
+        about: what a log says of it.
+        disk: of the log, which may be told to be full; None: there is no log.
+    """
+
+    line: Line
+    devices: Devices
+    about: dict[str, Any]
+    disk: FullDisk | None
+
+
+@contextlib.contextmanager
+def opened(
+    prepared: Prepared,
+    *,
+    log: Path | None = None,
+    watching: Sequence[Journal] = (),
+    seed: int | None = None,
+    mind: OpenMind | None = None,
+    pace: float | None = None,
+) -> Iterator[Opened]:
+    """Open devices and log, and give them up when the block ends.
+
+    Args:
+        prepared: what the line follows from.
+        log: folder of the log; None: nothing is written down.
+        watching: whoever else is told of everything.
+        seed: of all noise; None: that of the configuration.
+        mind: whose actions are taken; None: those of the controller, in a process of its own.
+        pace: control steps a second; None: the robot's, stretched by the speed.
+
+    Raises:
+        InputError: the log's folder is not empty.
+        DriverError: a device cannot be opened.
+    """
+    config, given = prepared.config, prepared.given
+    noise_seed = config.seed if seed is None else seed
+    with contextlib.ExitStack() as stack:
+        real: PolledCameras | None = None
+        cameras = prepared.cameras
+        if not config.is_simulated:
+            real = open_cameras(config.cameras, cameras, config.rate)
+            giving_up = stack.enter_context(contextlib.ExitStack())
+            giving_up.callback(real.close)
+            cameras = real.cameras
+        believed, serials = cameras, _serials(cameras, real)
+        if prepared.calibration is not None:
+            assert config.calibration is not None, "it was read from there"
+            require_calibrated(prepared.calibration, cameras, config.calibration)
+            believed = calibrated(cameras, prepared.calibration)
+            serials = {**serials, **calibrated_serials(prepared.calibration)}
+        about = _about(prepared, believed)
+        journals: list[Journal] = []
+        disk = None if log is None else FullDisk(log / ".reserve")
+        if log is not None and disk is not None:
+            from gensim2.deploy.log import Log
+
+            written = Log(log, about, opener=disk.open)
+            stack.callback(written.close)
+            journals.append(written)
+        spec = MindSpec(prepared.controller, given.spec, given.scene.robot, believed)
+        if real is not None:
+            devices = _real(prepared, spec, real, mind)
+            giving_up.pop_all()
+        elif config.simulated_clock:
+            devices = _local(prepared, spec, noise_seed, mind)
+        else:
+            devices = _in_processes(prepared, spec, noise_seed, mind)
+        stack.callback(devices.close)
+        rules = config.rules
+        if rules is None:
+            rules = WatchRules(behind=np.inf) if config.dry else WatchRules()
+        line = Line(
+            Arm(DryArm(devices.arm) if config.dry else devices.arm, prepared.limits),
+            devices.cameras,
+            devices.mind,
+            Watch(rules, serials),
+            devices.clock,
+            _journal([*journals, *watching]),
+            pace=pace or prepared.profile.control_hz * config.speed,
+        )
+        line.commands = []
+        yield Opened(line, devices, about, disk)
+
+
+def _journal(several: Sequence[Journal]) -> Journal:
+    if not several:
+        return NoJournal()
+    return several[0] if len(several) == 1 else Journals(several)
+
+
+def _serials(cameras: tuple[Camera, ...], real: PolledCameras | None) -> Mapping[str, str]:
+    from gensim2.deploy.simulated_cameras import simulated_serials
+
+    return simulated_serials(cameras) if real is None else real.serials
+
+
+def _about(prepared: Prepared, believed: tuple[Camera, ...]) -> dict[str, Any]:
+    config, given, controller = prepared.config, prepared.given, prepared.controller
+    return {
+        "task": given.spec.name,
+        "language": given.spec.description,
+        "robot": given.scene.robot,
+        "controller": controller.to_dict() if config.policy is not None else {"target": controller.target},
+        "arm": config.arm,
+        "speed": config.speed,
+        "margin": config.margin,
+        "seed": config.seed,
+        "observation": looked_at(prepared.seen, believed).to_dict(),
+        "cameras": [camera_to_dict(camera) for camera in believed],
+    }
+
+
+def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
+    from gensim2.rollout.worker import chain
+
+    policy = config.policy
+    if policy is None:
+        return chain(given.strategies, given.rollout)
+    if isinstance(policy, ControllerSpec):
+        return policy
+    if is_url(str(policy)):
+        arguments = {"url": str(policy), "robot": given.scene.robot, "deadline": config.deadline}
+        return ControllerSpec(REMOTE, arguments)
+    from gensim2.policy.evaluating import policy_controller
+
+    return policy_controller(Path(policy))
+
+
+def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None) -> Devices:
+    from gensim2.deploy.local import LocalArm, LocalCameras, LocalMind
+    from gensim2.deploy.simulated_cameras import SimulatedCameras
+    from gensim2.deploy.simulated_world import SimulatedWorld
+
+    config = prepared.config
+    world, clock = SimulatedWorld(prepared.given.scene), SimulatedClock()
+    arm = LocalArm(world, clock)
+    simulated = SimulatedCameras(world.profile, prepared.cameras, seed, prepared.noise)
+    seeing = LocalCameras(world, simulated, clock, config.rate, config.delays.camera, seed)
+    mind = mind or LocalMind(spec, world, clock, config.delays.controller)
+    return Devices(arm, seeing, mind, clock, arm, {"arm": arm.fail, "camera": seeing.fail, "policy": mind.fail})
+
+
+def _in_processes(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None) -> Devices:
+    from gensim2.deploy.processes import ProcessArm, ProcessCameras, ProcessMind, preload
+
+    preload()
+    scene = prepared.given.scene
+    arm = ProcessArm(scene)
+    seeing = ProcessCameras(scene.robot, prepared.cameras, arm.eyes, seed, prepared.config.rate, prepared.noise)
+    mind = mind or ProcessMind(spec, arm.truth)
+    failing = {"arm": arm.fail, "camera": seeing.fail, "policy": mind.fail}
+    return Devices(arm, seeing, mind, MachineClock(), arm, failing)
+
+
+def _real(prepared: Prepared, spec: MindSpec, cameras: PolledCameras, mind: OpenMind | None) -> Devices:
+    from gensim2.deploy.processes import ProcessMind, preload
+
+    preload()
+    arm = open_arm(prepared.config.arm, prepared.profile)
+    mind = mind or ProcessMind(spec, None)
+    return Devices(arm, cameras, mind, MachineClock(), ByHand(), {"policy": mind.fail})
+
+
+@contextlib.contextmanager
+def interruptions() -> Iterator[list[int]]:
+    """Signals that ask to stop, as they come: the arm is stopped first, then they are heard."""
+    came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+
+    def note(number: int, _: FrameType | None) -> None:
+        came.append(number)
+
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, note) for number in numbers}
+    try:
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,1 @@
+"""Trials on a real or simulated arm by protocols: seeded placements, verdicts, causes, a table."""

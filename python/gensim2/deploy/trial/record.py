@@ -1,0 +1,187 @@
+"""Folder of trials: one line of JSON each, written when it is over, and the table that follows from them."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from gensim2.errors import InputError, WriteError
+from gensim2.files import write_atomic, write_json
+from gensim2.record_files import read_record
+from gensim2.rollout.tally import interval
+
+ASKED, LINES, TABLE, RESULT = "asked.json", "trials.jsonl", "table.md", "table.json"
+REMEDY = "choose another --out"
+
+
+class Asked(BaseModel):
+    """``asked.json``: what the trials of one folder have in common.
+
+    Attributes:
+        task: its name.
+        policy: what decides, in words.
+        seed: of the placements.
+        protocol: all of it.
+        line: what the line follows from.
+        scene: what the scenes follow from.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    schema_version: Literal[1] = 1
+    task: str
+    policy: str
+    seed: int
+    protocol: dict[str, Any]
+    line: dict[str, Any]
+    scene: dict[str, Any]
+
+
+class Trial(BaseModel):
+    """One trial.
+
+    Attributes:
+        number: counts from 0; placements follow from it and from the seed.
+        placements: by object, m, rad and a share.
+        success: the verdict.
+        cause: of a failure.
+        by: whose verdict it is.
+        goal: whether the simulator says that the goal held; None: there is none.
+        state, reason: of the watch at the end.
+        seconds: that the episode took.
+        at: when it ended, with its time zone.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    number: int
+    placements: dict[str, dict[str, Any]]
+    success: bool
+    cause: str | None
+    by: Literal["person", "simulator", "watch"]
+    goal: bool | None
+    state: str
+    reason: str
+    seconds: float
+    at: str
+
+
+class TrialFolder:
+    """Trials of one task with one policy.
+
+    Args:
+        folder: of them.
+        asked: what they have in common.
+        resume: go on with what the folder holds.
+
+    Attributes:
+        trials: that are over, by number.
+
+    Raises:
+        InputError: the folder holds other trials, or ``resume`` is missing.
+    """
+
+    def __init__(self, folder: Path, asked: Asked, resume: bool) -> None:
+        self._folder, path = folder, folder / ASKED
+        if path.exists():
+            there = read_record(path, Asked, REMEDY)
+            if not resume:
+                raise InputError("holds trials already", file=folder, remedy=f"{REMEDY}, or go on with --resume")
+            for name in Asked.model_fields:
+                if getattr(there, name) != getattr(asked, name):
+                    raise InputError("the trials there were asked otherwise", file=path, field=name, remedy=REMEDY)
+        else:
+            write_json(path, asked.model_dump(mode="json"))
+        self.trials = {each.number: each for each in read_trials(folder)}
+
+    def add(self, trial: Trial) -> None:
+        """Keep a trial, whatever comes after.
+
+        Raises:
+            WriteError: it cannot be written.
+        """
+        try:
+            with (self._folder / LINES).open("ab") as stream:
+                stream.write(trial.model_dump_json().encode() + b"\n")
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise WriteError(f"cannot write: {error.strerror}", file=self._folder / LINES) from error
+        self.trials[trial.number] = trial
+
+
+def read_trials(folder: Path) -> list[Trial]:
+    """Trials of a folder; a last line that was cut off is left out, and away.
+
+    Raises:
+        InputError: a line before the last is damaged.
+    """
+    path = folder / LINES
+    if not path.exists():
+        return []
+    data = path.read_bytes()
+    whole = data[: data.rfind(b"\n") + 1]
+    if len(whole) < len(data):  # the machine went away while it was written
+        write_atomic(path, whole.decode(errors="replace"))
+    found = []
+    for number, row in enumerate(whole.splitlines(), 1):
+        try:
+            found.append(Trial.model_validate_json(row))
+        except ValueError as error:
+            raise InputError("is damaged", file=path, field=f"line {number}", remedy=REMEDY) from error
+    return found
+
+
+def row_of(asked: Asked, trials: Sequence[Trial]) -> dict[str, Any]:
+    """Figures of one task, with Wilson's interval."""
+    successes = sum(each.success for each in trials)
+    return {
+        "task": asked.task,
+        "policy": asked.policy,
+        "arm": asked.line["arm"],
+        "trials": len(trials),
+        "successes": successes,
+        "rate": successes / len(trials) if trials else None,
+        "interval": list(interval(successes, len(trials))),
+        "causes": dict(Counter(each.cause or "not said" for each in trials if not each.success).most_common()),
+        "judged_by": dict(Counter(each.by for each in trials).most_common()),
+    }
+
+
+def write_table(out: Path) -> dict[str, Any]:
+    """Write the table of all trials in the folders of ``out``, and the same as JSON; return it as plain data.
+
+    Raises:
+        InputError: a folder is damaged.
+        WriteError: they cannot be written.
+    """
+    rows = []
+    for path in sorted(out.glob(f"*/{ASKED}")):
+        trials = sorted(read_trials(path.parent), key=lambda each: each.number)
+        row = row_of(read_record(path, Asked, REMEDY), trials)
+        rows.append({**row, "folder": path.parent.name, "records": [each.model_dump(mode="json") for each in trials]})
+    rates = [row["rate"] for row in rows if row["rate"] is not None]
+    result = {"schema_version": 1, "rows": rows, "mean": sum(rates) / len(rates) if rates else None}
+    write_json(out / RESULT, result)
+    write_atomic(out / TABLE, table_of(result))
+    return result
+
+
+def table_of(result: dict[str, Any]) -> str:
+    """The table as Markdown."""
+    lines = [
+        "| task | policy | arm | trials | succeeded | 95 % (Wilson) | causes of failures |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for row in result["rows"]:
+        causes = ", ".join(f"{count} {cause}" for cause, count in row["causes"].items())
+        rate = "" if row["rate"] is None else f"{row['rate']:.2f}"
+        low, high = row["interval"]
+        cells = (row["task"], row["policy"], row["arm"], row["trials"], rate, f"{low:.2f} to {high:.2f}", causes)
+        lines.append("| " + " | ".join(str(cell).replace("|", "/").replace("\n", " ") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"

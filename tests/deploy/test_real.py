@@ -1,0 +1,216 @@
+"""Real devices by the words of the command line, against fakes of the makers' libraries; and the page of a line."""
+
+from __future__ import annotations
+
+import sys
+import time
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import fake_makers
+import numpy as np
+import pytest
+from fake_makers import FakeBody
+
+from gensim2.deploy.config import LineConfig
+from gensim2.deploy.devices import ArmState
+from gensim2.deploy.line import DeviceGoneError
+from gensim2.deploy.mind import Answer
+from gensim2.deploy.opening import prepare
+from gensim2.deploy.real import PolledCameras, camera_serials, open_cameras
+from gensim2.deploy.run import run
+from gensim2.deploy.simulated_cameras import simulated_cameras
+from gensim2.deploy.watch import WatchRules
+from gensim2.errors import InputError
+from gensim2.observations.columns import CLOUD
+from gensim2.robots import robot
+from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
+from gensim2.rollout.inputs import read_task_input
+
+PROFILE = robot("panda")
+HOME = np.array(PROFILE.reset_qpos[:7])
+PATIENT = WatchRules(
+    frame_age=60.0,
+    apart=60.0,
+    no_action=60.0,
+    thinking=60.0,
+    late_answers=10**6,
+    state_age=60.0,
+    behind=10.0,
+    overrun=60.0,
+)
+STILL = ControllerSpec("gensim2.policy.no_op:NoOpPolicy", {"arm": 7})
+REAL: dict[str, Any] = {"arm": "franka:here", "cameras": "realsense:left=827112070000", "rules": PATIENT}
+
+
+class Filming(list[Any]):
+    """A fake device's pictures: one each 50 ms, no two alike."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._draw, self._due, self._number = np.random.default_rng(0), 0.0, 0
+
+    def __bool__(self) -> bool:
+        return time.monotonic() >= self._due
+
+    def pop(self, index: Any = -1) -> Any:
+        self._due, self._number = time.monotonic() + 0.05, self._number + 1
+        depth = self._draw.integers(300, 900, (6, 8)).astype(np.uint16)
+        return self._number, 1e3 * time.time(), depth, np.zeros((6, 8, 3), np.uint8)
+
+
+@pytest.fixture
+def body(monkeypatch: pytest.MonkeyPatch) -> FakeBody:
+    found = FakeBody(7)
+    found.q = HOME.copy()
+    fakes = {**fake_makers.franka(found), "pyrealsense2": fake_makers.realsense(Filming(), [0.0] * 5)}
+    for name, module in fakes.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    return found
+
+
+def test_a_dry_run_reaches_the_drivers_and_moves_nothing_and_a_run_does(body: FakeBody, tmp_path: Path) -> None:
+    from gensim2.deploy.calibration.file import Calibration
+    from gensim2.deploy.replay import messages
+
+    given: dict[str, Any] = {"policy": STILL, "assets": "builtin", "speed": 1.0, "minutes": 1.0, **REAL}
+    found = run("CloseBox", dry=True, log=tmp_path / "log", **given)
+    assert found["state"] == "idle", found["reason"]
+    assert (found["episodes"], found["success"], found["limits_passed"]) == (1, None, 0)
+    assert body.sent == []
+    kinds = [(topic, plain) for topic, plain, _ in messages(tmp_path / "log")]
+    assert {plain["serial"] for topic, plain in kinds if topic == "/camera/left"} == {"827112070000"}
+    assert {topic for topic, _ in kinds} >= {"/arm", "/answer", "/sent", "/watch"}
+    with pytest.raises(InputError, match="--calibration"):
+        run("CloseBox", **given)
+    assert body.sent == []
+    pose = simulated_cameras(PROFILE, 320, 240)[0].T_base_camera
+    intrinsic = [[10.0, 0.0, 4.0], [0.0, 11.0, 3.0], [0.0, 0.0, 1.0]]
+    camera = {"serial": "827112070000", "method": "mesh", "link": None, "pose": pose.tolist(), "width": 320}
+    camera |= {"height": 6, "intrinsic": intrinsic, "residual_mm": 0.5, "held_out_mm": 0.5}
+    made = {"made": time.strftime("%Y-%m-%dT%H:%M:%S+00:00", time.gmtime()), "robot": "panda"}
+    path = tmp_path / "calibration.json"
+    Calibration.model_validate({**made, "cameras": {"left": camera}}).write(path)
+    with pytest.raises(InputError, match="320x6 pixels, the camera gives 8x6"):
+        run("CloseBox", calibration=path, **given)
+    Calibration.model_validate({**made, "cameras": {"left": {**camera, "width": 8}}}).write(path)
+    found = run("CloseBox", calibration=path, **given)
+    assert found["state"] == "idle", found["reason"]
+    assert len(body.sent) > 10
+    np.testing.assert_allclose(body.sent, np.broadcast_to(HOME, (len(body.sent), 7)), atol=0.02)
+    assert body.halts > 0, "it is left standing by its own means"
+
+
+def test_cameras_that_are_to_be_calibrated_are_logged_without_clouds(body: FakeBody, tmp_path: Path) -> None:
+    from gensim2.deploy.live import looking
+    from gensim2.deploy.replay import about_of
+
+    decides = looking("panda", ["left"], clouds=False)
+    given: dict[str, Any] = {**REAL, "policy": decides, "assets": "builtin", "dry": True}
+    assert not prepare(read_task_input("CloseBox", assets="builtin"), LineConfig.split(given)[0]).seen.modalities
+    found = run("CloseBox", minutes=0.01, log=tmp_path, **given)
+    assert found["state"] == "idle", found["reason"]
+    assert [camera["name"] for camera in about_of(tmp_path)["cameras"]] == ["left"]
+    assert about_of(tmp_path)["observation"]["cameras"] == ["left"]
+
+
+def test_words_that_cannot_be_used_are_told() -> None:
+    assert camera_serials("realsense:left=1,right=2") == {"left": "1", "right": "2"}
+    for word in ("realsense", "realsense:1", "kinect:left=1", "realsense:left=1,left=2"):
+        with pytest.raises(InputError, match="--cameras"):
+            camera_serials(word)
+    with pytest.raises(InputError, match="no arm 'franka'"):
+        LineConfig(arm="franka", cameras="realsense:left=1", policy=STILL)
+    with pytest.raises(InputError, match="clock"):
+        LineConfig(policy=STILL, simulated_clock=True, **{**REAL, "rules": None})
+    with pytest.raises(InputError, match="'top'"):
+        open_cameras("realsense:top=1", simulated_cameras(PROFILE, 64, 48), 30)
+
+
+def test_what_is_shown_the_truth_and_simulated_faults_need_a_simulation() -> None:
+    from gensim2.deploy.faults import Fault
+
+    given = read_task_input("CloseBox", assets="builtin")
+    with pytest.raises(InputError, match="the true scene"):
+        prepare(given, LineConfig(policy=ControllerSpec(CHAIN, {"strategies": given.strategies}), **REAL))
+    with pytest.raises(InputError, match="fault of simulated devices"):
+        prepare(given, LineConfig(policy=STILL, dry=True, **REAL), [Fault("camera-frozen", 1.0)])
+
+
+def test_cameras_whose_library_fails_are_gone() -> None:
+    class Failing:
+        cameras = serials = ()
+
+        def poll(self) -> Any:
+            raise RuntimeError("xioctl(VIDIOC_DQBUF) failed")
+
+        def close(self) -> None: ...
+
+    cameras = PolledCameras(Failing())
+    cameras._thread.join(timeout=10)
+    with pytest.raises(DeviceGoneError, match="VIDIOC"):
+        cameras.poll()
+    cameras.close()
+
+
+def test_the_page_shows_robot_cloud_next_actions_and_clocks() -> None:
+    pytest.importorskip("viser")
+    from gensim2.deploy.live import LivePage
+
+    q = np.array(PROFILE.reset_qpos)
+    cloud = np.random.default_rng(0).random((50, 6), dtype=np.float32)
+    actions = np.tile(np.append(q[:7], 1.0), (3, 1)).astype(np.float32)
+    actions[1:, 0] += 0.1
+    actions[2, 3] = np.nan
+    with LivePage("panda", "**CloseBox**", port=18260) as page:
+        with urllib.request.urlopen(page.url, timeout=10) as answer:
+            assert answer.status == 200
+        page.state(ArmState(1.0, q, np.zeros(9), 3.0))
+        page.answer(1.0, Answer(0, actions, seen={CLOUD: cloud}, cloud_ms=31.0, acting_ms=7.0))
+        page.change(1.0, "running", "begun")
+        page.clocks(1.0, 0.002, {"left": 0.04})
+        page.draw()
+        np.testing.assert_allclose(page._cloud.points, cloud[:, :3], atol=1e-3)
+        tool = PROFILE.model.forward_kinematics(q, PROFILE.tool_link)[:3, 3]
+        assert page._next.points.shape == (2, 3), "the target that is no number is not drawn"
+        np.testing.assert_allclose(page._next.points[0], tool, atol=1e-3)
+        for word in ("running: begun", "2.0 ms late", "left 40 ms", "cloud 31 ms", "3 N"):
+            assert word in page._said.content
+        names = {name: handle for (_, handle), name in zip(page._links, page.shown, strict=True)}
+        hand = PROFILE.model.forward_kinematics(q, "panda_hand")[:3, 3]
+        np.testing.assert_allclose(names["panda_hand"].position, hand, atol=1e-6)
+
+
+def watched(puppet: Any, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        puppet.state()
+
+
+def test_a_loop_elsewhere_moves_the_arm_behind_limits_and_watch(body: FakeBody, tmp_path: Path) -> None:
+    from gensim2.deploy.puppet import HaltedError, Puppet
+
+    arguments: dict[str, Any] = {**REAL, "assets": "builtin", "speed": 0.5}
+    puppet = Puppet(move=False, **arguments)
+    with pytest.raises(HaltedError, match="not connected"):
+        puppet.state()
+    puppet.connect()
+    try:
+        assert puppet.cameras == {"left": (6, 8)}
+        np.testing.assert_allclose(puppet.state().q[:7], HOME)
+        assert puppet.frames()["left"].depth.shape == (6, 8)
+        goal, sent = HOME + 0.05, HOME
+        for _ in range(40):
+            sent = puppet.send(goal, 1.0)
+            time.sleep(0.05)
+            if np.abs(sent - goal).max() < 1e-3:
+                break
+        np.testing.assert_allclose(sent, goal, atol=1e-3)
+        assert body.sent == [], "a dry one sends nothing"
+        puppet.send(np.full(7, np.nan), 1.0)
+        with pytest.raises(HaltedError, match="holding: refused"):
+            watched(puppet, 10.0)
+    finally:
+        puppet.close()
+    assert not puppet.is_connected
