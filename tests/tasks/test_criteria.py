@@ -50,7 +50,7 @@ def measured(
         speeds={},
         gripper={"tool_head": np.array([tool, 0.0, 0.2])},
         finger_opening=0.0,
-        starts={"ball": np.array([0.0, 0.0, 0.02]), "plate": np.array([0.3, 0.0, 0.01])},
+        start_positions={"ball": np.array([0.0, 0.0, 0.02]), "plate": np.array([0.3, 0.0, 0.01])},
     )
 
 

@@ -20,7 +20,7 @@ use crate::transit::deadline;
 /// `deadline_ms` after so much wall time, `cancel` from another thread; with `explain` the plan says what became of each pose that was tried.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
-#[pyo3(signature = (problem, *, warm_start = None, resume = None, max_checks = None, deadline_ms = None, cancel = None, explain = false, **others))]
+#[pyo3(signature = (problem, *, warm_start = None, resume = None, max_checks = None, deadline_ms = None, cancel = None, explain = false, **others), text_signature = "(problem, *, warm_start=None, resume=None, max_checks=None, deadline_ms=None, cancel=None, explain=False)")]
 pub(crate) fn plan(
     py: Python<'_>,
     problem: &Bound<'_, PyKeypointProblem>,

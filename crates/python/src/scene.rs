@@ -258,7 +258,7 @@ impl PyScene {
     /// Distinct joint vectors that bring `link` (default: the hand) to a pose (4, 4) in the base frame, nearest to
     /// `q_start` first, at most `max_solutions`: (K, n). Obstacles are left out.
     #[allow(clippy::too_many_arguments)]
-    #[pyo3(signature = (pose, q_start, *, link = None, max_solutions = None, seed = 0, **others))]
+    #[pyo3(signature = (pose, q_start, *, link = None, max_solutions = None, seed = 0, **others), text_signature = "($self, pose, q_start, *, link=None, max_solutions=16, seed=0)")]
     fn ik<'py>(
         &self,
         py: Python<'py>,
@@ -286,7 +286,7 @@ impl PyScene {
 
     /// Smallest signed distance (m) of the robot to a body or itself, `max_distance` where nothing is nearer: (n,) -> float,
     /// (N, n) -> (N,).
-    #[pyo3(signature = (q, max_distance = None, **others))]
+    #[pyo3(signature = (q, max_distance = None, **others), text_signature = "($self, q, max_distance=1.0)")]
     fn distance<'py>(
         &self,
         py: Python<'py>,

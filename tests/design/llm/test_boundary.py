@@ -330,7 +330,7 @@ def test_bytes_that_are_half_a_character_are_no_crash(serve: Serve, body: bytes)
     [r'{"a": "\ud800"}', r'{"a": ["x", {"b": "\udfff"}],}', r'{"\ud800": 1, }', r'a: "\ud800"', r'{a: "\ud800"'],
 )
 def test_half_a_character_in_the_data_of_an_answer_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="half a character"):
+    with pytest.raises(InputError, match=r"half a character|invalid Unicode character escape"):
         mappings(text)
 
 

@@ -28,6 +28,9 @@ from gensim2.rollout.controller_spec import ControllerSpec
 GREETING = 5.0
 """Seconds within which whoever connects must say the token."""
 
+LEAVING = 1.0
+"""Seconds for which a loop waits for the one before it, whose connection is being closed, before it is refused."""
+
 
 class PolicyServer:
     """Serves one controller to one loop at a time.
@@ -96,7 +99,7 @@ class PolicyServer:
         who = connection.remote_address[0]
         try:
             refused = self._greet(decode(connection.recv(timeout=GREETING)))
-            if refused is None and not self._busy.acquire(blocking=False):
+            if refused is None and not self._busy.acquire(timeout=LEAVING):
                 refused = "another loop is being served"
             if refused is not None:
                 self._said(f"{who} refused: {refused}")
