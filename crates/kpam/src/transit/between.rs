@@ -136,3 +136,106 @@ fn furthest(a: &[[f32; 3]; 8], b: &[[f32; 3]; 8]) -> f32 {
     let squared = |p: &[f32; 3], q: &[f32; 3]| (0..3).map(|k| (p[k] - q[k]) * (p[k] - q[k])).sum::<f32>();
     a.iter().zip(b).map(|(p, q)| squared(p, q)).fold(0.0, f32::max).sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use gensim2_geometry::Robot;
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::free_space::Draws;
+    use crate::model::{MAX_JOINTS, Model, Row};
+    use crate::timing::{Builder, Limits, Method, Spline};
+    use crate::world::Compiled;
+    use crate::{Scene, TransitOptions};
+
+    /// An arm that turns, slides and turns again, with a box on each link.
+    fn arm() -> Arc<Robot> {
+        let joint = |i: usize, kind: &str, axis: &str, xyz: &str| {
+            let (above, reach) = (i - 1, if kind == "prismatic" { 0.2 } else { 2.5 });
+            format!(
+                r#"<joint name="j{i}" type="{kind}"><parent link="l{above}"/><child link="l{i}"/><origin xyz="{xyz}"/>
+                <axis xyz="{axis}"/><limit lower="-{reach}" upper="{reach}" effort="1" velocity="2"/></joint>"#
+            )
+        };
+        let links: String = (0..6)
+            .map(|i| {
+                format!(
+                    r#"<link name="l{i}"><collision><origin xyz="0.02 0.01 0.12"/><geometry>
+                    <box size="0.07 0.05 0.25"/></geometry></collision></link>"#
+                )
+            })
+            .collect();
+        let joints = [
+            joint(1, "revolute", "0 0 1", "0 0 0.3"),
+            joint(2, "revolute", "0 1 0", "0.05 0 0.1"),
+            joint(3, "prismatic", "0 0 1", "0 0 0.3"),
+            joint(4, "revolute", "1 0 0", "0 0 0.2"),
+            joint(5, "revolute", "0.6 0.8 0", "0 0.05 0.25"),
+        ]
+        .concat();
+        let text = format!(r#"<robot name="arm">{links}{joints}</robot>"#);
+        Arc::new(Robot::from_urdf_str(&text, "arm.urdf", None, "l5", None).unwrap())
+    }
+
+    #[test]
+    fn no_point_lies_further_off_its_line_than_its_group_bends() {
+        let robot = arm();
+        let scene = Scene::new(Arc::clone(&robot), Vec::new(), Vec::new()).unwrap();
+        let model = Model::new(&robot, &[0.0; 5]).unwrap();
+        let limits = Limits::asked(&model, &TransitOptions::default().limits());
+        let world = scene.compiled();
+        let needs = world.needs(0.0);
+        let mut draws = Draws::of(1, 2);
+        let (mut poses, mut q) = (Vec::new(), Vec::new());
+        let mut tightest: f64 = 0.0;
+        for _ in 0..8 {
+            let waypoints: Vec<Row> = (0..4)
+                .map(|_| {
+                    let mut x = [0.0; MAX_JOINTS];
+                    (0..5).for_each(|v| x[v] = (if v == 2 { 0.3 } else { 2.0 }) * (draws.unit() - 0.5));
+                    x
+                })
+                .collect();
+            let mut builder = Builder::new(limits, Method::default(), 0.0);
+            builder.push(&Spline::through(5, &waypoints, None), &[], &[0.0; MAX_JOINTS], None, &[]).unwrap();
+            let motion = builder.build(model.map());
+            let acceleration = limits.acceleration[..5].to_vec();
+            let mut sweep = Sweep::new(&scene, &model, &needs, acceleration, [1.0; MAX_JOINTS]);
+            for k in 0..40 {
+                let h = 0.01 + 0.1 * draws.unit();
+                let begin = (motion.end() - h) * f64::from(k) / 39.0;
+                let looks = sweep.look(&motion, &[begin, begin + h]).unwrap();
+                let travel = sweep.travel(&looks[0], &looks[1]);
+                let mut places = |t: f64| -> Vec<Vec<Point3<f64>>> {
+                    model.map().positions(&motion.moving(t), &mut q);
+                    Compiled::poses(&scene, &q, &mut poses);
+                    let of = |name: &String| {
+                        let link = robot.link_index(name).unwrap();
+                        robot.links()[link].shapes()[0].points().iter().map(|p| poses[link] * p).collect()
+                    };
+                    world.names.iter().map(of).collect()
+                };
+                let (first, last) = (places(begin), places(begin + h));
+                for group in 0..world.names.len() {
+                    let Some(bend) = sweep.bend(&looks[0], &looks[1], group, &travel) else { continue };
+                    let way = f64::from(furthest(&looks[0].corners[group], &looks[1].corners[group]));
+                    for step in 1..8 {
+                        let share = f64::from(step) / 8.0;
+                        let between = places(begin + share * h);
+                        for ((a, b), p) in first[group].iter().zip(&last[group]).zip(&between[group]) {
+                            let off = (p - (a + (b - a) * share)).norm();
+                            assert!(off <= f64::from(bend + ROUNDING), "{off} {bend}");
+                            assert!((b - a).norm() <= way + 1e-5);
+                            tightest = tightest.max(off / f64::from(bend + ROUNDING));
+                        }
+                    }
+                }
+            }
+        }
+        // The bound is one that a motion comes near to.
+        assert!(tightest > 0.1, "{tightest}");
+    }
+}
