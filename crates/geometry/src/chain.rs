@@ -1,6 +1,6 @@
 //! The joints between the base and one link: forward kinematics and the Jacobian.
 
-use nalgebra::{Rotation3, Translation3, Vector3};
+use nalgebra::{ArrayStorage, Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
@@ -103,23 +103,23 @@ impl Chain {
         JointCountError::check(self.entries, q)?;
         out.axes.clear();
         out.origins.clear();
-        let mut r = Rotation3::identity();
+        let mut r = Matrix3::identity();
         let mut p = Vector3::zeros();
         for joint in &self.joints {
             p += r * joint.origin.translation.vector;
-            r *= joint.origin.rotation;
+            r = product(&r, joint.origin.rotation.matrix());
             let axis = r * joint.axis;
             out.axes.push(axis);
             out.origins.push(p);
             let value = q[joint.joint];
             match joint.kind {
-                JointKind::Revolute => r *= turn(&joint.axis, value),
+                JointKind::Revolute => r = turned(&r, &joint.axis, value),
                 JointKind::Prismatic => p += axis * value,
             }
         }
         p += r * self.tail.translation.vector;
-        r *= self.tail.rotation;
-        out.tip = Pose::from_parts(Translation3::from(p), r);
+        r = product(&r, self.tail.rotation.matrix());
+        out.tip = Pose::from_parts(Translation3::from(p), Rotation3::from_matrix_unchecked(r));
         Ok(())
     }
 
@@ -145,11 +145,28 @@ impl Chain {
     }
 }
 
-/// Rotation about a unit axis; about z, as nearly every URDF arm writes it, without the general product.
-fn turn(axis: &Vector3<f64>, angle: f64) -> Rotation3<f64> {
+/// A product of matrices, inlined: that of the library is a call.
+#[inline(always)]
+fn product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
+    let (a, b) = (&a.data.0, &b.data.0);
+    let mut out = [[0.0; 3]; 3];
+    for (column, weights) in out.iter_mut().zip(b) {
+        for (i, value) in column.iter_mut().enumerate() {
+            *value = a[0][i] * weights[0] + a[1][i] * weights[1] + a[2][i] * weights[2];
+        }
+    }
+    Matrix3::from_array_storage(ArrayStorage(out))
+}
+
+/// A rotation after one about a unit axis; about z, as nearly every URDF arm writes it, without the general product.
+#[inline(always)]
+fn turned(r: &Matrix3<f64>, axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
     if axis.x == 0.0 && axis.y == 0.0 {
         let (s, c) = (angle * axis.z).sin_cos();
-        return Rotation3::from_matrix_unchecked(nalgebra::Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0));
+        let [x, y, z] = r.data.0;
+        let along = [0, 1, 2].map(|i| x[i] * c + y[i] * s);
+        let across = [0, 1, 2].map(|i| y[i] * c - x[i] * s);
+        return Matrix3::from_array_storage(ArrayStorage([along, across, z]));
     }
-    rotation_about(axis, angle)
+    product(r, rotation_about(axis, angle).matrix())
 }

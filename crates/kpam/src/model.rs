@@ -96,6 +96,11 @@ impl Model {
         &self.columns
     }
 
+    /// Variables of which a whole turn changes nothing.
+    pub(crate) fn endless(&self) -> &[bool; MAX_JOINTS] {
+        &self.endless
+    }
+
     /// Number of variables.
     #[must_use]
     pub fn n(&self) -> usize {

@@ -69,8 +69,21 @@ struct Fixed {
 #[derive(Debug, Clone)]
 enum Motion {
     None,
-    Revolute { joint: usize, a: [[f32; 3]; 3], b: [[f32; 3]; 3], c: [[f32; 3]; 3] },
-    Prismatic { joint: usize, axis: [f32; 3] },
+    /// About the frame's own z axis, as nearly every URDF arm writes it; to either side.
+    Spin {
+        joint: usize,
+        sign: f32,
+    },
+    Revolute {
+        joint: usize,
+        a: [[f32; 3]; 3],
+        b: [[f32; 3]; 3],
+        c: [[f32; 3]; 3],
+    },
+    Prismatic {
+        joint: usize,
+        axis: [f32; 3],
+    },
 }
 
 #[derive(Debug, Clone)]
@@ -111,6 +124,9 @@ impl Posing {
                 let axis: Vector3<f64> = *robot.joints()[joint].axis();
                 match robot.joints()[joint].kind() {
                     JointKind::Prismatic => Motion::Prismatic { joint, axis: [0, 1, 2].map(|i| axis[i] as f32) },
+                    JointKind::Revolute if axis.x == 0.0 && axis.y == 0.0 => {
+                        Motion::Spin { joint, sign: axis.z as f32 }
+                    }
                     JointKind::Revolute => {
                         let outer = axis * axis.transpose();
                         Motion::Revolute {
@@ -161,6 +177,16 @@ impl Posing {
                     let value = q[*joint];
                     let t = frame.t;
                     Frames { r: frame.r, t: [t[0] + way[0] * value, t[1] + way[1] * value, t[2] + way[2] * value] }
+                }
+                Motion::Spin { joint, sign } => {
+                    let (sin, cos) = (q[*joint] * *sign).sin_cos();
+                    let mut r = frame.r;
+                    for i in 0..3 {
+                        let (x, y) = (frame.r[i][0], frame.r[i][1]);
+                        r[i][0] = x * cos + y * sin;
+                        r[i][1] = y * cos - x * sin;
+                    }
+                    Frames { r, t: frame.t }
                 }
                 Motion::Revolute { joint, a, b, c } => {
                     let (sin, cos) = q[*joint].sin_cos();

@@ -1,12 +1,17 @@
 //! Onto the constraints, eight seeds at a time and in single precision: damped Gauss-Newton as in `projection`. What
 //! arrives is brought home in double precision, so nothing that is found depends on how numbers are rounded here.
 
-use gensim2_geometry::lanes::{F32x8, WIDTH, Wide, wide};
-use gensim2_geometry::{Frames, JointKind, Posing, Robot};
+use std::f64::consts::TAU;
+
+use gensim2_geometry::lanes::{F32x8, WIDTH, wide};
+use gensim2_geometry::{Frames, JointKind, Pose, Posing};
 use nalgebra::Vector3;
 
 use super::bands::any_across;
-use super::projection::{INNER, PATIENCE, PROJECTIONS, SLACK, STEP};
+use super::look::Look;
+use super::projection::{INNER, PATIENCE, SLACK};
+use super::step::{Step, Take};
+use crate::KeypointProblem;
 use crate::model::{DrivenJoint, MAX_JOINTS, Model, Row};
 use crate::resolve::Resolved;
 
@@ -16,46 +21,97 @@ const ROUNDING: f64 = 4e-6;
 const DAMPING: [f32; 3] = [1e-6, 1e-3, 1e3];
 
 /// One number a variable.
-type Lanes = [F32x8; MAX_JOINTS];
+pub(super) type Lanes = [F32x8; MAX_JOINTS];
 /// A residual with its gradient.
-type Line = (Lanes, F32x8);
-type Single = [f32; 3];
+pub(super) type Line = (Lanes, F32x8);
+pub(super) type Single = [f32; 3];
 
 /// A joint that moves the hand.
-struct Column {
-    link: usize,
-    variable: usize,
-    factor: f32,
-    axis: Single,
-    turns: bool,
+pub(super) struct Column {
+    pub link: usize,
+    pub variable: usize,
+    pub factor: f32,
+    pub axis: Single,
+    pub turns: bool,
 }
 
-struct Axis {
-    on_hand: Single,
-    target: Single,
+pub(super) struct Axis {
+    pub on_hand: Single,
+    pub target: Single,
     /// Some direction across the target.
-    across: Single,
+    pub across: Single,
     /// Least and greatest angle that is not pulled.
-    range: [f32; 2],
+    pub range: [f32; 2],
 }
 
-/// The constraints of a problem, for eight joint vectors at a time.
+/// A cost: the weighted square of how far a point of the hand is from a plane.
+pub(super) struct Plane {
+    pub on_hand: Single,
+    pub target: Single,
+    pub normal: Single,
+    pub weight: f32,
+}
+
+/// The constraints of a problem and its cost, for eight joint vectors at a time.
 pub(super) struct BatchProjection {
-    posing: Posing,
-    hand: usize,
-    n: usize,
-    rest: Vec<F32x8>,
-    driven: Vec<DrivenJoint>,
-    columns: Vec<Column>,
-    points: Vec<[Single; 2]>,
-    axes: Vec<Axis>,
-    workspace: Option<[Single; 2]>,
-    lower: [f32; MAX_JOINTS],
-    upper: [f32; MAX_JOINTS],
+    pub posing: Posing,
+    pub hand: usize,
+    pub n: usize,
+    pub rest: Vec<F32x8>,
+    pub driven: Vec<DrivenJoint>,
+    pub columns: Vec<Column>,
+    pub points: Vec<[Single; 2]>,
+    pub axes: Vec<Axis>,
+    pub workspace: Option<[Single; 2]>,
+    pub lower: [f32; MAX_JOINTS],
+    pub upper: [f32; MAX_JOINTS],
     /// Squared norm of residuals below which a projection has arrived, and below which it may be within the tolerances.
-    near: [f32; 2],
-    q: Vec<F32x8>,
-    frames: Vec<Frames>,
+    pub near: [f32; 2],
+    /// Weights of the joints' ways, relative to each other.
+    pub metric: [f32; MAX_JOINTS],
+    /// Weights of the joints' squared ways.
+    pub weights: [f32; MAX_JOINTS],
+    /// Where ways count from: the joints, with those without limits near zero; rotation by rows and place of the hand there.
+    pub begin: Row,
+    pub begin_turn: [Single; 3],
+    pub begin_at: Single,
+    pub costs: Vec<Plane>,
+    pub endless: [bool; MAX_JOINTS],
+    pub q: Vec<F32x8>,
+    pub frames: Vec<Frames>,
+}
+
+/// Weights relative to their mean, within what single precision can tell apart.
+fn metric(weights: &[f64]) -> [f32; MAX_JOINTS] {
+    let mean = weights.iter().sum::<f64>() / weights.len().max(1) as f64;
+    let mut out = [1.0; MAX_JOINTS];
+    out.iter_mut().zip(weights).for_each(|(m, w)| *m = (w / mean).clamp(0.03, 30.0) as f32);
+    out
+}
+
+/// A start value, and how strongly its first step is damped.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seed {
+    pub x: Row,
+    damping: f32,
+}
+
+impl Seed {
+    pub fn at(x: Row) -> Self {
+        Self { x, damping: DAMPING[1] }
+    }
+}
+
+/// Where a seed came to.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Arrival {
+    pub seed: Seed,
+    /// Cost of the pose there, rounded.
+    pub cost: f32,
+    /// Sum of squared residuals (m², rad²).
+    pub miss: f32,
+    /// Whether it may meet the constraints.
+    pub near: bool,
 }
 
 /// State of the start in one lane.
@@ -72,8 +128,9 @@ fn single(v: &Vector3<f64>) -> Single {
 }
 
 impl BatchProjection {
-    /// `near` is what residuals have to be less than together.
-    pub fn new(robot: &Robot, model: &Model, resolved: &Resolved, workspace: Option<[[f64; 3]; 2]>, near: f64) -> Self {
+    /// Of a problem; `hand` is where the hand is where planning begins, `near` what residuals have to be less than together.
+    pub fn new(problem: &KeypointProblem, model: &Model, resolved: &Resolved, hand: &Pose, near: f64) -> Self {
+        let (robot, weights) = (&problem.robot, problem.joint_weights(model));
         let joints = robot.joints();
         let chain: Vec<usize> = robot.chain().joint_indices().collect();
         let link_of = |joint: usize| robot.links().iter().position(|l| l.joint() == Some(joint));
@@ -96,6 +153,12 @@ impl BatchProjection {
                 range: [(a.center - slack) as f32, (a.center + slack) as f32],
             }
         });
+        let costs = resolved.costs.iter().map(|t| Plane {
+            on_hand: single(&t.on_hand),
+            target: single(&t.target),
+            normal: single(&t.normal),
+            weight: t.weight as f32,
+        });
         let inside = |[low, high]: [[f64; 3]; 2]| {
             let inner = |k: usize| INNER.min(0.25 * (high[k] - low[k]));
             [[0, 1, 2].map(|k| (low[k] + inner(k)) as f32), [0, 1, 2].map(|k| (high[k] - inner(k)) as f32)]
@@ -114,18 +177,28 @@ impl BatchProjection {
             columns: columns.collect(),
             points: resolved.points.iter().map(|p| [single(&p.on_hand), single(&p.target)]).collect(),
             axes: axes.collect(),
-            workspace: workspace.map(inside),
+            workspace: problem.options.workspace.map(inside),
             lower: limits(&model.lower),
             upper: limits(&model.upper),
             near: [(near * near) as f32, (reach * reach) as f32],
+            weights: std::array::from_fn(|v| weights[v] as f32),
+            begin_turn: [0, 1, 2].map(|i| [0, 1, 2].map(|j| hand.rotation[(i, j)] as f32)),
+            begin_at: single(&hand.translation.vector),
+            costs: costs.collect(),
+            metric: metric(&weights[..model.n().min(MAX_JOINTS)]),
+            begin: model.unwound(&model.start(), &[0.0; MAX_JOINTS]),
+            endless: *model.endless(),
             q: Vec::new(),
             frames: Vec::new(),
         }
     }
 
-    /// Takes seeds onto the constraints: where each ends, in their order, and whether it may meet them there.
-    pub fn project(&mut self, seeds: &[Row]) -> Vec<(Row, bool)> {
-        let mut out = vec![([0.0; MAX_JOINTS], false); seeds.len()];
+    /// Takes seeds onto the constraints, by at most `rounds` steps each: where each ends, in their order.
+    pub fn project(&mut self, seeds: &[Seed], rounds: usize) -> Vec<Arrival> {
+        let nowhere = Seed::at([0.0; MAX_JOINTS]);
+        let nothing = Arrival { seed: nowhere, cost: f32::INFINITY, miss: f32::INFINITY, near: false };
+        let mut out = vec![nothing; seeds.len()];
+        let (mut cost, mut begin) = (F32x8::ZERO, [F32x8::ZERO; MAX_JOINTS]);
         let (mut x, mut norm) = ([F32x8::ZERO; MAX_JOINTS], F32x8::splat(f32::INFINITY));
         let mut damping = F32x8::splat(DAMPING[1]);
         let (mut lines, mut trial_lines): (Vec<Line>, Vec<Line>) = (Vec::new(), Vec::new());
@@ -136,11 +209,14 @@ impl BatchProjection {
             for (lane, seat) in seats.iter_mut().enumerate().filter(|(_, seat)| seat.start.is_none()) {
                 // A start is a step that is always taken; lanes that are left over take up what others began with.
                 let start = seeds.get(next_start).or(seeds.first());
-                for (v, value) in start.into_iter().flatten().take(self.n).enumerate() {
+                let begun = start.map_or(DAMPING[1], |seed| seed.damping);
+                for (v, value) in start.into_iter().flat_map(|seed| &seed.x).take(self.n).enumerate() {
                     trial[v].set(lane, (*value as f32).clamp(self.lower[v], self.upper[v]));
+                    let turns = if self.endless[v] { ((*value - self.begin[v]) / TAU).round() } else { 0.0 };
+                    begin[v].set(lane, (self.begin[v] + TAU * turns) as f32);
                 }
                 norm.set(lane, f32::INFINITY);
-                damping.set(lane, DAMPING[1]);
+                damping.set(lane, begun);
                 let taken = (next_start < seeds.len()).then_some(next_start);
                 *seat = Seat { start: taken, rounds: 0, milestone: f32::INFINITY };
                 next_start += usize::from(taken.is_some());
@@ -148,18 +224,21 @@ impl BatchProjection {
             if seats.iter().all(|seat| seat.start.is_none()) {
                 return out;
             }
-            let next = self.look(&trial, &mut trial_lines);
+            let [next, new_cost] = self.look(&trial, &begin, &mut trial_lines);
             if lines.len() == trial_lines.len() {
                 wide(Take {
+                    n: self.n,
                     before: norm,
                     after: next,
+                    cost: &mut cost,
+                    new_cost,
                     x: &mut x,
                     trial: &trial,
                     lines: &mut lines,
                     new: &trial_lines,
                 });
             } else {
-                x = trial;
+                (x, cost) = (trial, new_cost);
                 std::mem::swap(&mut lines, &mut trial_lines);
             }
             let (before, after) = (norm.to_array(), next.to_array());
@@ -167,11 +246,12 @@ impl BatchProjection {
                 let Some(start) = seat.start else { continue };
                 let damped = damping.to_array()[lane];
                 let taken = after[lane] < before[lane];
-                damping.set(lane, if taken { (0.2 * damped).max(DAMPING[0]) } else { 10.0 * damped });
                 let left = if taken { after[lane] } else { before[lane] };
                 norm.set(lane, left);
                 if seat.rounds == 0 {
                     seat.milestone = left;
+                } else {
+                    damping.set(lane, if taken { (0.2 * damped).max(DAMPING[0]) } else { 10.0 * damped });
                 }
                 let late = seat.rounds > 0 && seat.rounds.is_multiple_of(PATIENCE);
                 let stuck = late && left > 0.5 * seat.milestone;
@@ -179,12 +259,14 @@ impl BatchProjection {
                     seat.milestone = left;
                 }
                 let arrived = left < self.near[0];
-                if arrived || stuck || seat.rounds >= PROJECTIONS || damping.to_array()[lane] > DAMPING[2] {
+                if arrived || stuck || seat.rounds >= rounds || damping.to_array()[lane] > DAMPING[2] {
                     let mut end = [0.0; MAX_JOINTS];
                     for v in 0..self.n {
                         end[v] = f64::from(x[v].to_array()[lane]);
                     }
-                    out[start] = (end, left < self.near[1]);
+                    let seed = Seed { x: end, damping: damping.to_array()[lane] };
+                    let near = left < self.near[1];
+                    out[start] = Arrival { seed, cost: cost.to_array()[lane], miss: left, near };
                     seat.start = None;
                 }
                 seat.rounds += 1;
@@ -192,8 +274,8 @@ impl BatchProjection {
         }
     }
 
-    /// Residuals that vanish inside the constraints, with their gradients; the sum of their squares.
-    fn look(&mut self, x: &Lanes, lines: &mut Vec<Line>) -> F32x8 {
+    /// Residuals that vanish inside the constraints, with their gradients; the sum of their squares, and the cost.
+    fn look(&mut self, x: &Lanes, begin: &Lanes, lines: &mut Vec<Line>) -> [F32x8; 2] {
         let mut q = std::mem::take(&mut self.q);
         let mut frames = std::mem::take(&mut self.frames);
         q.clear();
@@ -203,240 +285,16 @@ impl BatchProjection {
         }
         self.posing.place(&q, &mut frames);
         lines.clear();
-        let sum = wide(Look { batch: self, frames: &frames, lines });
+        let seen = wide(Look { batch: self, frames: &frames, x, begin, lines });
         (self.q, self.frames) = (q, frames);
-        sum
-    }
-}
-
-/// Takes steps where they lead nearer.
-struct Take<'a> {
-    before: F32x8,
-    after: F32x8,
-    x: &'a mut Lanes,
-    trial: &'a Lanes,
-    lines: &'a mut [Line],
-    new: &'a [Line],
-}
-
-impl Wide for Take<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { before, after, x, trial, lines, new } = self;
-        for v in 0..MAX_JOINTS {
-            x[v] = after.below(before, trial[v], x[v]);
-        }
-        for i in 0..lines.len().min(new.len()) {
-            let ((row, r), (other, s)) = (&mut lines[i], &new[i]);
-            for v in 0..MAX_JOINTS {
-                row[v] = after.below(before, other[v], row[v]);
-            }
-            *r = after.below(before, *s, *r);
-        }
-    }
-}
-
-/// A look at where the hand is.
-struct Look<'a> {
-    batch: &'a BatchProjection,
-    frames: &'a [Frames],
-    lines: &'a mut Vec<Line>,
-}
-
-type Vector = [F32x8; 3];
-
-#[inline(always)]
-fn cross(a: &Vector, b: &Vector) -> Vector {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-#[inline(always)]
-fn dot(a: &Vector, b: &Vector) -> F32x8 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-fn splat(v: &Single) -> Vector {
-    [F32x8::splat(v[0]), F32x8::splat(v[1]), F32x8::splat(v[2])]
-}
-
-impl Wide for Look<'_> {
-    type Output = F32x8;
-
-    #[inline(always)]
-    fn run(self) -> F32x8 {
-        let Self { batch, frames, lines } = self;
-        let zero = F32x8::ZERO;
-        // Turn, and velocity of the point at the base origin, of each column.
-        let mut columns = [([zero; 3], [zero; 3]); MAX_JOINTS];
-        let count = batch.columns.len().min(MAX_JOINTS);
-        for k in 0..count {
-            let column = &batch.columns[k];
-            let frame = &frames[column.link];
-            let axis = frame.direction(&column.axis);
-            let axis = [axis[0] * column.factor, axis[1] * column.factor, axis[2] * column.factor];
-            columns[k] = if column.turns { (axis, cross(&frame.t, &axis)) } else { ([zero; 3], axis) };
-        }
-        let hand = &frames[batch.hand];
-        let mut sum = zero;
-        for p in &batch.points {
-            let at = hand.point(&p[0]);
-            let mut rows = [[zero; MAX_JOINTS]; 3];
-            for k in 0..count {
-                let (turn, shift) = &columns[k];
-                let way = cross(turn, &at);
-                let v = batch.columns[k].variable;
-                for e in 0..3 {
-                    rows[e][v] = rows[e][v] + shift[e] + way[e];
-                }
-            }
-            for e in 0..3 {
-                let miss = at[e] - F32x8::splat(p[1][e]);
-                sum = sum + miss * miss;
-                lines.push((rows[e], miss));
-            }
-        }
-        for a in &batch.axes {
-            let u = hand.direction(&a.on_hand);
-            let target = splat(&a.target);
-            let between = cross(&u, &target);
-            let sin = dot(&between, &between).sqrt();
-            let angle = F32x8::angle(sin, dot(&u, &target));
-            let miss = angle - angle.max(F32x8::splat(a.range[0])).min(F32x8::splat(a.range[1]));
-            let flat = F32x8::splat(1e-5);
-            let scale = F32x8::ONE / sin.max(flat);
-            let across = splat(&a.across);
-            let mut row = [zero; MAX_JOINTS];
-            let mut normal = [zero; 3];
-            for e in 0..3 {
-                normal[e] = sin.below(flat, across[e], between[e] * scale);
-            }
-            for k in 0..count {
-                let v = batch.columns[k].variable;
-                row[v] = row[v] - dot(&normal, &columns[k].0);
-            }
-            sum = sum + miss * miss;
-            lines.push((row, miss));
-        }
-        if let Some([low, high]) = &batch.workspace {
-            for e in 0..3 {
-                let c = hand.t[e];
-                let miss = c - c.max(F32x8::splat(low[e])).min(F32x8::splat(high[e]));
-                let mut row = [zero; MAX_JOINTS];
-                for k in 0..count {
-                    let (turn, shift) = &columns[k];
-                    let v = batch.columns[k].variable;
-                    // Where the hand is inside, nothing pulls.
-                    let way = shift[e] + cross(turn, &hand.t)[e];
-                    row[v] = row[v] + zero.below(miss.abs(), way, zero);
-                }
-                sum = sum + miss * miss;
-                lines.push((row, miss));
-            }
-        }
-        sum
-    }
-}
-
-/// The next step of every lane.
-struct Step<'a> {
-    batch: &'a BatchProjection,
-    x: &'a Lanes,
-    lines: &'a [Line],
-    damping: F32x8,
-}
-
-impl Wide for Step<'_> {
-    type Output = Lanes;
-
-    #[inline(always)]
-    fn run(self) -> Lanes {
-        // Arms have six or seven joints: for those the compiler unrolls all loops.
-        match self.batch.n {
-            6 => self.of(6),
-            7 => self.of(7),
-            n => self.of(n),
-        }
-    }
-}
-
-impl Step<'_> {
-    #[inline(always)]
-    fn of(self, n: usize) -> Lanes {
-        let Self { batch, x, lines, damping } = self;
-        let n = n.min(MAX_JOINTS);
-        let zero = F32x8::ZERO;
-        let mut gradient = [zero; MAX_JOINTS];
-        let mut normal = [[zero; MAX_JOINTS]; MAX_JOINTS];
-        for (row, r) in lines {
-            for i in 0..n {
-                gradient[i] = gradient[i] + row[i] * *r;
-                for k in 0..=i {
-                    normal[i][k] = normal[i][k] + row[i] * row[k];
-                }
-            }
-        }
-        for v in 0..n {
-            // Joints at a limit that would be pushed further stay there.
-            let (low, high) = (F32x8::splat(batch.lower[v]), F32x8::splat(batch.upper[v]));
-            let down = low.below(x[v], F32x8::ONE, zero.below(gradient[v], zero, F32x8::ONE));
-            let up = x[v].below(high, F32x8::ONE, gradient[v].below(zero, zero, F32x8::ONE));
-            let moves = down * up;
-            gradient[v] = gradient[v] * moves;
-            for k in 0..n {
-                if k != v {
-                    let (i, j) = if v > k { (v, k) } else { (k, v) };
-                    normal[i][j] = normal[i][j] * moves;
-                }
-            }
-            normal[v][v] = normal[v][v] * moves + (F32x8::ONE - moves) + damping;
-        }
-        // An LDL factorization, and the step that it gives.
-        let mut l = [[zero; MAX_JOINTS]; MAX_JOINTS];
-        let mut scaled = [[zero; MAX_JOINTS]; MAX_JOINTS];
-        let mut inverse = [zero; MAX_JOINTS];
-        let mut step = [zero; MAX_JOINTS];
-        for i in 0..n {
-            let mut rest = zero - gradient[i];
-            let mut pivot = normal[i][i];
-            for k in 0..i {
-                let mut sum = normal[i][k];
-                for m in 0..k {
-                    sum = sum - l[i][m] * scaled[k][m];
-                }
-                scaled[i][k] = sum;
-                l[i][k] = sum * inverse[k];
-                pivot = pivot - l[i][k] * sum;
-                rest = rest - l[i][k] * step[k];
-            }
-            inverse[i] = F32x8::ONE / pivot;
-            step[i] = rest;
-        }
-        let mut longest = zero;
-        for i in (0..n).rev() {
-            let mut sum = step[i] * inverse[i];
-            for k in i + 1..n {
-                sum = sum - l[k][i] * step[k];
-            }
-            step[i] = sum;
-            longest = longest.max(sum.abs());
-        }
-        let most = F32x8::splat(STEP as f32);
-        let shrink = most / longest.max(most);
-        let mut out = *x;
-        for v in 0..n {
-            let moved = x[v] + step[v] * shrink;
-            out[v] = moved.max(F32x8::splat(batch.lower[v])).min(F32x8::splat(batch.upper[v]));
-        }
-        out
+        seen
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::ActuationSearch;
+    use super::super::projection::PROJECTIONS;
     use super::super::tests::problem;
     use super::*;
 
@@ -446,12 +304,12 @@ mod tests {
         let model = Model::new(&problem.robot, &problem.q_start).unwrap();
         let resolved = problem.resolve().unwrap();
         let mut search = ActuationSearch::new(&problem, &model, &resolved);
-        let seeds: Vec<Row> = (0..41).map(|k| search.start(k)).collect();
-        let found = search.batch.project(&seeds);
+        let seeds: Vec<Seed> = (0..41).map(|k| Seed::at(search.start(k))).collect();
+        let found = search.batch.project(&seeds, PROJECTIONS);
         assert_eq!(found.len(), seeds.len());
         let (mut arrived, mut same) = (0, 0);
-        for (start, (end, there)) in seeds.iter().zip(&found) {
-            let mut alone = *start;
+        for (start, Arrival { seed: Seed { x: end, .. }, near: there, .. }) in seeds.iter().zip(&found) {
+            let mut alone = start.x;
             let single = search.project(&mut alone) <= 0.0;
             arrived += usize::from(*there);
             if *there {
@@ -463,7 +321,7 @@ mod tests {
                 same += usize::from(model.are_near(&alone, end, 0.01));
             }
         }
-        let alone = seeds.iter().filter(|start| search.project(&mut (**start).clone()) <= 0.0).count();
+        let alone = seeds.iter().filter(|start| search.project(&mut start.x.clone()) <= 0.0).count();
         assert!(arrived > 8 && arrived.abs_diff(alone) <= 3, "{arrived} {alone}");
         assert!(4 * same > 3 * arrived, "{same} of {arrived}");
     }

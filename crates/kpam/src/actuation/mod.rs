@@ -6,25 +6,22 @@
 mod bands;
 mod batch;
 mod descent;
+mod look;
+mod multistart;
 mod projection;
 pub(crate) mod seeds;
+mod step;
 
 use gensim2_geometry::Pose;
-use gensim2_geometry::lanes::WIDTH;
 
 use self::batch::BatchProjection;
+use self::multistart::Aside;
 use self::projection::{Aim, Residuals};
-use self::seeds::NEARBY;
 use crate::KeypointProblem;
-use crate::model::{MAX_JOINTS, Model, Placed, Row};
+use crate::model::{Model, Placed, Row};
 use crate::qp::{ActiveSet, Bound};
 use crate::resolve::Resolved;
 
-/// Half as many seeds again are spent while fewer than this many have led to the constraints, or where the cheapest pose
-/// lies beyond where most of them lie.
-const ENOUGH: usize = 3;
-/// So many times as many are spent before it is said that none leads there.
-const PERSISTENCE: usize = 5;
 /// Poses closer than this in every joint are one (rad or m).
 const SAME: f64 = 0.02;
 
@@ -59,6 +56,7 @@ pub(crate) struct ActuationSearch<'p> {
     aim: Aim,
     placed: Placed,
     batch: BatchProjection,
+    aside: Aside,
     qp: ActiveSet,
     // Buffers that live from one iteration to the next.
     residuals: Residuals,
@@ -69,27 +67,27 @@ pub(crate) struct ActuationSearch<'p> {
 impl<'p> ActuationSearch<'p> {
     pub fn new(problem: &'p KeypointProblem, model: &'p Model, resolved: &'p Resolved) -> Self {
         let (start, near) = (model.start(), resolved.nearness());
-        let mut search = Self {
+        let mut placed = Placed::default();
+        placed.place(&problem.robot, model, &start);
+        Self {
             problem,
             model,
             resolved,
             start,
-            start_hand: Pose::identity(),
+            start_hand: placed.hand,
             lower: model.lower,
             upper: model.upper,
             weights: problem.joint_weights(model),
             near,
             aim: Aim::default(),
-            placed: Placed::default(),
-            batch: BatchProjection::new(&problem.robot, model, resolved, problem.options.workspace, near),
+            batch: BatchProjection::new(problem, model, resolved, &placed.hand, near),
+            placed,
+            aside: Aside::default(),
             qp: ActiveSet::default(),
             residuals: Vec::new(),
             trial_residuals: Vec::new(),
             bounds: Vec::new(),
-        };
-        search.place(&start);
-        search.start_hand = search.placed.hand;
-        search
+        }
     }
 
     /// Hand pose at `x`.
@@ -100,71 +98,6 @@ impl<'p> ActuationSearch<'p> {
 
     fn place(&mut self, x: &Row) {
         self.placed.place(&self.problem.robot, self.model, x);
-    }
-
-    /// Searches from the present joints, from points about them, and from points spread evenly over the joint ranges:
-    /// `num_seeds` of them, half as many more where few lead to the constraints or the cheapest pose lies beyond the points about
-    /// the present joints, and wider ones while none does.
-    ///
-    /// Every start is projected onto the constraints; the cheapest of the distinct poses that gives are then moved to
-    /// their optima. Projected poses stay candidates: off the optimum they are other points of the constraint set,
-    /// from which the motion may be free where the cheapest pose's is not.
-    pub fn run(&mut self, seeds: usize) -> Actuation {
-        let mut poses: Vec<Candidate> = Vec::new();
-        let mut least = f64::INFINITY;
-        let mut best_effort = None;
-        let mut used = 0;
-        let most = seeds + seeds / 2;
-        let last = PERSISTENCE * seeds;
-        loop {
-            let end = match used {
-                _ if used < seeds => seeds,
-                _ if used < most && poses.len() < ENOUGH => (used + WIDTH).min(most),
-                _ if used < most && self.are_far(&poses) => most,
-                _ if used < last && poses.is_empty() => (used + WIDTH).min(last),
-                _ => break,
-            };
-            // Single precision knows angles near zero best; whole turns of joints without limits change nothing.
-            let unwound = |x: Row| self.model.unwound(&x, &[0.0; MAX_JOINTS]);
-            let from: Vec<Row> = (used..end)
-                .map(|k| unwound(if k < most { self.start(k) } else { self.further_start(k - most) }))
-                .collect();
-            for (mut x, near) in self.batch.project(&from) {
-                let miss = if near { self.project(&mut x) } else { self.violation(&x) };
-                if miss <= 0.0 {
-                    poses.push(self.candidate(&x));
-                } else if miss < least {
-                    least = miss;
-                    best_effort = Some(self.model.unwound(&x, &self.start));
-                }
-            }
-            used = end;
-        }
-        let mut poses = self.distinct(poses);
-        let mut optima: Vec<Candidate> = Vec::new();
-        for pose in poses.iter().take(self.problem.options.num_refinements) {
-            if let Some(better) = self.descend(&pose.x, &optima) {
-                optima.push(better);
-            }
-        }
-        poses.extend(optima);
-        let candidates = self.distinct(poses);
-        if !candidates.is_empty() {
-            best_effort = None;
-        }
-        Actuation { candidates, best_effort }
-    }
-
-    /// Whether the cheapest of some poses lies beyond the seeds about the present joints: what is cheapest there is told
-    /// by few seeds.
-    fn are_far(&self, poses: &[Candidate]) -> bool {
-        let best = poses.iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
-        best.is_some_and(|best| {
-            (0..self.model.n()).any(|v| {
-                let (low, high) = self.model.range(v);
-                (best.x[v] - self.start[v]).abs() > 0.5 * NEARBY * (high - low)
-            })
-        })
     }
 
     /// A pose that meets the constraints, no further than half a turn from the start in joints without limits.
@@ -356,7 +289,7 @@ mod tests {
             let model = Model::new(&problem.robot, &problem.q_start).unwrap();
             let resolved = problem.resolve().unwrap();
             let mut search = ActuationSearch::new(&problem, &model, &resolved);
-            let found = search.run(24);
+            let found = search.all(24);
             for c in &found.candidates {
                 prop_assert!(search.violation(&c.x) <= 0.0);
                 prop_assert!((search.cost(&c.x) - c.cost).abs() < 1e-9);

@@ -245,7 +245,7 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
         times.trajectory = clock.elapsed().as_secs_f64() - times.setup;
         return Ok((plan, times));
     }
-    let found = search.run(problem.options.num_seeds);
+    let found = search.cheapest(problem.options.num_seeds);
     times.actuation = clock.elapsed().as_secs_f64() - times.setup;
     let plan = match found.candidates.first() {
         None => {
@@ -265,7 +265,7 @@ fn outside_the_box(problem: &KeypointProblem, model: &Model, resolved: &Resolved
     let mut open = problem.clone();
     open.options.workspace = None;
     let mut search = ActuationSearch::new(&open, model, resolved);
-    let found = search.run(problem.options.num_seeds);
+    let found = search.all(problem.options.num_seeds);
     let mut outside = |x: &Row| {
         let hand = search.hand(x).translation.vector;
         (0..3).map(|i| (low[i] - hand[i]).max(hand[i] - high[i])).fold(0.0, f64::max)
@@ -296,7 +296,8 @@ pub fn ik(problem: &KeypointProblem, max_solutions: usize) -> Result<Vec<IkSolut
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;
     let mut search = ActuationSearch::new(problem, &model, &resolved);
-    let found = search.run(problem.options.num_seeds);
+    let seeds = problem.options.num_seeds;
+    let found = if max_solutions > 1 { search.all(seeds) } else { search.cheapest(seeds) };
     let full = |x| {
         let mut q = Vec::new();
         model.map().positions(x, &mut q);

@@ -178,11 +178,18 @@ impl<'p> Planner<'p> {
         let options = &self.problem.options;
         let (samples, most) = (options.samples, options.candidates);
         let mut trial = Trial::default();
+        // Poses beside the cheapest are looked for where no motion to that one stands.
+        let (cheapest, mut others) = (found.candidates[0], None);
         for margin in self.margins_in_turn() {
             self.set_margin(margin);
             // The longest part that keeps less is no measure for what keeps more.
             trial = Trial { tried: trial.tried, poses: trial.poses, ..Trial::default() };
-            self.try_each(&found.candidates, most, samples.min(FIRST_SAMPLES), &mut trial);
+            self.try_each(&[cheapest], most, samples.min(FIRST_SAMPLES), &mut trial);
+            if !self.is_done(&trial) {
+                let others = others.get_or_insert_with(|| search.others(&found.candidates));
+                others.retain(|c| c.x != cheapest.x);
+                self.try_each(others, most - 1, samples.min(FIRST_SAMPLES), &mut trial);
+            }
             if self.is_done(&trial) {
                 break;
             }
@@ -205,7 +212,8 @@ impl<'p> Planner<'p> {
             let attempt = self.attempt(&x, rank, samples, trial.bar());
             self.keep(attempt, &mut trial);
         }
-        self.conclude(trial, &found.candidates[0])
+        let better = others.iter().flatten().find(|c| c.cost < cheapest.cost);
+        self.conclude(trial, better.unwrap_or(&cheapest))
     }
 
     /// Margins that are tried one after the other.
