@@ -1,10 +1,11 @@
 //! The joints between the base and one link: forward kinematics and the Jacobian.
 
-use nalgebra::{ArrayStorage, Matrix3, Rotation3, Translation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
-use crate::{Joint, JointCountError, JointKind, Link, Pose, RobotError, rotation_about};
+use crate::pose::{product, rotated, turned};
+use crate::{Joint, JointCountError, JointKind, Link, Pose, RobotError};
 
 /// One moving joint of a chain, with the fixed transforms before it folded in.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -106,9 +107,9 @@ impl Chain {
         let mut r = Matrix3::identity();
         let mut p = Vector3::zeros();
         for joint in &self.joints {
-            p += r * joint.origin.translation.vector;
+            p += rotated(&r, &joint.origin.translation.vector);
             r = product(&r, joint.origin.rotation.matrix());
-            let axis = r * joint.axis;
+            let axis = rotated(&r, &joint.axis);
             out.axes.push(axis);
             out.origins.push(p);
             let value = q[joint.joint];
@@ -117,7 +118,7 @@ impl Chain {
                 JointKind::Prismatic => p += axis * value,
             }
         }
-        p += r * self.tail.translation.vector;
+        p += rotated(&r, &self.tail.translation.vector);
         r = product(&r, self.tail.rotation.matrix());
         out.tip = Pose::from_parts(Translation3::from(p), Rotation3::from_matrix_unchecked(r));
         Ok(())
@@ -143,30 +144,4 @@ impl Chain {
             JointKind::Prismatic => Vector3::zeros(),
         })
     }
-}
-
-/// A product of matrices, inlined: that of the library is a call.
-#[inline(always)]
-fn product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
-    let (a, b) = (&a.data.0, &b.data.0);
-    let mut out = [[0.0; 3]; 3];
-    for (column, weights) in out.iter_mut().zip(b) {
-        for (i, value) in column.iter_mut().enumerate() {
-            *value = a[0][i] * weights[0] + a[1][i] * weights[1] + a[2][i] * weights[2];
-        }
-    }
-    Matrix3::from_array_storage(ArrayStorage(out))
-}
-
-/// A rotation after one about a unit axis; about z, as nearly every URDF arm writes it, without the general product.
-#[inline(always)]
-fn turned(r: &Matrix3<f64>, axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
-    if axis.x == 0.0 && axis.y == 0.0 {
-        let (s, c) = (angle * axis.z).sin_cos();
-        let [x, y, z] = r.data.0;
-        let along = [0, 1, 2].map(|i| x[i] * c + y[i] * s);
-        let across = [0, 1, 2].map(|i| y[i] * c - x[i] * s);
-        return Matrix3::from_array_storage(ArrayStorage([along, across, z]));
-    }
-    product(r, rotation_about(axis, angle).matrix())
 }

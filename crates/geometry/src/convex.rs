@@ -7,6 +7,7 @@ use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
+use crate::pose::rotated;
 use crate::{Aabb, Corners, Pose, ShapeError};
 
 /// Sides of the prism that stands for a cylinder. It is drawn around the circle: 0.5 % wider at the corners, never
@@ -151,8 +152,9 @@ impl Convex {
     /// Box around the shape moved by a pose, from the moved box of the shape.
     #[must_use]
     pub fn aabb_at(&self, pose: &Pose) -> Aabb {
-        let center = pose * self.center;
-        let reach = pose.rotation.matrix().abs() * self.half + Vector3::repeat(self.radius);
+        let r = pose.rotation.matrix();
+        let center = Point3::from(rotated(r, &self.center.coords) + pose.translation.vector);
+        let reach = rotated(&r.abs(), &self.half) + Vector3::repeat(self.radius);
         Aabb { min: center - reach, max: center + reach }
     }
 

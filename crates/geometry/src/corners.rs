@@ -40,12 +40,18 @@ impl Corners {
         let mut total = [0.0; LANES];
         let (r, t) = (pose.rotation.matrix(), &pose.translation.vector);
         for chunk in points.chunks(LANES) {
-            let mut block = [[0.0; LANES]; 3];
+            let mut own = [[0.0; LANES]; 3];
             for lane in 0..LANES {
                 let p = chunk.get(lane).unwrap_or(&chunk[0]);
-                let moved = r * p.coords + t;
                 for k in 0..3 {
-                    block[k][lane] = moved[k];
+                    own[k][lane] = p[k];
+                }
+            }
+            let mut block = [[0.0; LANES]; 3];
+            for k in 0..3 {
+                for lane in 0..LANES {
+                    block[k][lane] =
+                        r[(k, 0)] * own[0][lane] + r[(k, 1)] * own[1][lane] + r[(k, 2)] * own[2][lane] + t[k];
                 }
             }
             for lane in 0..LANES {

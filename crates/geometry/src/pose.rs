@@ -1,7 +1,7 @@
 //! Rigid transforms. A [`Pose`] keeps its rotation as a matrix: chains of products dominate here, and those are
 //! cheaper on matrices than on quaternions.
 
-use nalgebra::{IsometryMatrix3, Matrix3, Matrix4, Rotation3, Translation3, Unit, Vector3};
+use nalgebra::{ArrayStorage, IsometryMatrix3, Matrix3, Matrix4, Rotation3, Translation3, Unit, Vector3};
 
 /// Rigid transform `T_a_b`.
 pub type Pose = IsometryMatrix3<f64>;
@@ -59,6 +59,43 @@ pub fn pose_to_matrix(pose: &Pose) -> Matrix4<f64> {
 #[must_use]
 pub fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Rotation3<f64> {
     Rotation3::from_axis_angle(&Unit::new_unchecked(*axis), angle)
+}
+
+/// A matrix times a vector, inlined as [`product`] is.
+#[inline(always)]
+pub(crate) fn rotated(m: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
+    let [x, y, z] = &m.data.0;
+    Vector3::new(
+        x[0] * v.x + y[0] * v.y + z[0] * v.z,
+        x[1] * v.x + y[1] * v.y + z[1] * v.z,
+        x[2] * v.x + y[2] * v.y + z[2] * v.z,
+    )
+}
+
+/// A product of matrices, inlined: that of the library is a call, of which a plan makes millions.
+#[inline(always)]
+pub(crate) fn product(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
+    let (a, b) = (&a.data.0, &b.data.0);
+    let mut out = [[0.0; 3]; 3];
+    for (column, weights) in out.iter_mut().zip(b) {
+        for (i, value) in column.iter_mut().enumerate() {
+            *value = a[0][i] * weights[0] + a[1][i] * weights[1] + a[2][i] * weights[2];
+        }
+    }
+    Matrix3::from_array_storage(ArrayStorage(out))
+}
+
+/// A rotation after one about a unit axis; about z, as nearly every URDF arm writes it, without the general product.
+#[inline(always)]
+pub(crate) fn turned(r: &Matrix3<f64>, axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
+    if axis.x == 0.0 && axis.y == 0.0 {
+        let (s, c) = (angle * axis.z).sin_cos();
+        let [x, y, z] = r.data.0;
+        let along = [0, 1, 2].map(|i| x[i] * c + y[i] * s);
+        let across = [0, 1, 2].map(|i| y[i] * c - x[i] * s);
+        return Matrix3::from_array_storage(ArrayStorage([along, across, z]));
+    }
+    product(r, rotation_about(axis, angle).matrix())
 }
 
 /// Rotation vector (axis times angle, angle in 0..pi) of a rotation.

@@ -3,11 +3,13 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
+use nalgebra::{Rotation3, Translation3};
 use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
+use crate::pose::{product, rotated, turned};
 use crate::{
-    Chain, ChainFrames, Cover, Joint, JointCountError, Link, Mimic, Pose, RobotBuilder, RobotError, UrdfError, file,
+    Chain, ChainFrames, Cover, Joint, JointCountError, JointKind, Link, Mimic, Pose, RobotBuilder, RobotError, UrdfError, file,
     urdf,
 };
 
@@ -331,11 +333,17 @@ impl Robot {
             let pose = match link.parent {
                 None => Pose::identity(),
                 Some(p) => {
-                    let frame = out[p] * link.origin;
-                    match link.joint {
-                        Some(j) => frame * self.joints[j].motion(q[j]),
-                        None => frame,
+                    let above = out[p].rotation.matrix();
+                    let mut at = rotated(above, &link.origin.translation.vector) + out[p].translation.vector;
+                    let mut r = product(above, link.origin.rotation.matrix());
+                    if let Some(j) = link.joint {
+                        let axis = &self.joints[j].axis;
+                        match self.joints[j].kind {
+                            JointKind::Revolute => r = turned(&r, axis, q[j]),
+                            JointKind::Prismatic => at += rotated(&r, &(axis * q[j])),
+                        }
                     }
+                    Pose::from_parts(Translation3::from(at), Rotation3::from_matrix_unchecked(r))
                 }
             };
             out.push(pose);
