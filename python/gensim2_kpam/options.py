@@ -80,9 +80,9 @@ class Options(TypedDict, total=False):
     """Value of the finger joints (those below the hand) while planning, m or rad, within their limits; mimic joints
     among them follow; default as in q_start."""
     num_seeds: int
-    """Start values of the actuation pose, 1 to 1,000 (48)."""
+    """Start values of the actuation pose, 1 to 1,000 (64)."""
     num_refinements: int
-    """Poses on the constraints that are moved to their optimum, 1 to 1,000 (3)."""
+    """Poses on the constraints that are moved to their optimum, 1 to 1,000 (2)."""
     candidates: int
     """Most poses that are tried for the whole motion, 1 to 1,000 (40)."""
     extra_seeds: int

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use crate::checked::checked_when_read;
 use crate::pose::{product, rotated, turned};
 use crate::{
-    Chain, ChainFrames, Cover, Joint, JointCountError, JointKind, Link, Mimic, Pose, RobotBuilder, RobotError, UrdfError, file,
-    urdf,
+    Chain, ChainFrames, Cover, Joint, JointCountError, JointKind, Link, Mimic, Pose, RobotBuilder, RobotError,
+    UrdfError, file, urdf,
 };
 
 /// A robot arm.

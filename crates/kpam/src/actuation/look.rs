@@ -113,6 +113,10 @@ impl Wide for Look<'_> {
                 let c = hand.t[e];
                 let miss = c - c.max(F32x8::splat(low[e])).min(F32x8::splat(high[e]));
                 let mut row = [zero; MAX_JOINTS];
+                if miss == zero {
+                    lines.push((row, miss));
+                    continue;
+                }
                 for k in 0..count {
                     let (turn, shift) = &columns[k];
                     let v = batch.columns[k].variable;

@@ -1,5 +1,5 @@
-//! Many starts, few of which are taken to the end: most that look dear after two steps are dear, and most arrivals end in
-//! the same few optima.
+//! Many starts, few of which are taken to the end: most that look dear after a step onto the constraints are dear, and most
+//! arrivals end in the same few optima.
 
 use std::ops::Range;
 
@@ -17,7 +17,7 @@ const ENOUGH: usize = 3;
 /// So many times as many are spent before it is said that none leads there.
 const PERSISTENCE: usize = 5;
 /// Steps after which seeds are compared.
-const SCREEN: usize = 2;
+const SCREEN: usize = 1;
 /// One of so many goes on then.
 const KEPT: usize = 4;
 /// Weight of what a seed still misses the constraints by (m, rad) beside its cost, when seeds are compared.
@@ -51,7 +51,7 @@ impl ActuationSearch<'_> {
     /// the joint ranges: `seeds` of them, half as many more where few lead to the constraints or the cheapest pose lies
     /// beyond the points about the present joints, and wider ones while none does.
     ///
-    /// Every start takes two steps onto the constraints; a quarter of them, that cost least by then, go on, and the others
+    /// Every start takes a step onto the constraints; a quarter of them, that cost least by then, go on, and the others
     /// where few of those arrive. The cheapest of the distinct poses that gives are then moved to their optima.
     pub fn cheapest(&mut self, seeds: usize) -> Actuation {
         let (most, last) = (seeds + seeds / 2, PERSISTENCE * seeds);
@@ -120,9 +120,9 @@ impl ActuationSearch<'_> {
         let mut seen = self.batch.project(&seeds, SCREEN);
         let rank = |a: &Arrival| a.cost + MISS * a.miss.sqrt();
         seen.sort_by(|a, b| rank(a).total_cmp(&rank(b)));
-        let mut kept: Vec<Seed> = seen.iter().map(|a| a.seed).collect();
-        self.aside.waiting.extend(kept.split_off(kept.len().div_ceil(KEPT)));
-        kept
+        let waiting = seen.split_off(seen.len().div_ceil(KEPT));
+        self.aside.waiting.extend(waiting.iter().map(|a| a.seed));
+        seen.iter().map(|a| a.seed).collect()
     }
 
     /// Where seeds meet the constraints, by single precision.

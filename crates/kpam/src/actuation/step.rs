@@ -37,6 +37,10 @@ impl Step<'_> {
         let mut gradient = [zero; N];
         let mut normal = [[zero; N]; N];
         for (row, r) in lines {
+            // Most are inside the workspace: then its lines are empty.
+            if row[..N].iter().all(|value| *value == zero) {
+                continue;
+            }
             for i in 0..N {
                 gradient[i] = gradient[i] + row[i] * *r;
                 for k in 0..=i {
