@@ -26,9 +26,7 @@ def test_a_real_object_stands_still_for_five_seconds_and_can_be_planned_for(
     name: str, real_assets: Path, real_library: Library
 ) -> None:
     # One object a class for all tasks, as each is taken apart into hulls when it is first used.
-    instances = {
-        role: min(real_library.instances(used.asset_class)) for role, used in load_task(name).objects.items()
-    }
+    instances = {role: min(real_library.instances(used.asset_class)) for role, used in load_task(name).objects.items()}
     lane = HeadlessEnv(name, assets=real_assets, instances=instances)
     result = no_op_baseline(lane, 1, steps=100)
     assert not result.success
