@@ -19,7 +19,7 @@ demo: setup ## design a task from nothing, take a long one from the library, ver
 	@.venv/bin/gensim2 run-pipeline --assets builtin --from-empty --num-tasks $(DEMO_TASKS) --stored-task $(DEMO_LONG) \
 		--episodes $(DEMO_EPISODES) --seed $(DEMO_SEED) --library none --out $(DEMO_OUT) --resume
 
-test: setup ## everything that must hold: format, lint, types, Rust and Python tests
+test: ## setup, then everything that must hold: format, lint, types, Rust and Python tests
 	@scripts/check.sh
 
 fast: setup ## linters and the quick tests of every room: a minute, while you work

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Everything that must hold, each check once, with one summary at the end. Ends with 1 if any check failed.
+# Make .venv/ ready, then everything that must hold, each check once, with one summary at the end. Ends with 1 if any
+# check failed.
 set -uo pipefail
 cd "$(dirname "$0")/.."
 
@@ -12,7 +13,8 @@ if [ -z "${GENSIM2_ASSETS:-}" ]; then
     echo "check: GENSIM2_ASSETS is not set: tests on real objects will be skipped" >&2
 fi
 
-# Two lanes side by side: compilers leave a core idle half of the time. What the Rust lane says is shown when it has ended.
+# Two lanes side by side: compilers and downloads leave a core idle half of the time. What the Rust lane says is shown
+# when it has ended.
 work=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null; rm -rf "$work"' EXIT
 
@@ -23,12 +25,15 @@ check() {
     printf '\n== %s\n' "$name"
     "$@" || outcome=FAILED
     printf '%-14s %-8s %s\n' "$name" "$outcome" $((SECONDS - started)) >>"$work/$lane.outcomes"
+    [ "$outcome" = passed ]
 }
 
 rust_lane() {
     check rust "cargo fmt" cargo fmt --all --check
-    check rust "clippy" cargo clippy --quiet --workspace --all-targets -- -D warnings
     check rust "cargo test" cargo test --quiet
+    # The bindings, and the example below, need the interpreter that the other lane makes.
+    while [ ! -e "$work/setup-ended" ]; do sleep 1; done
+    check rust "clippy" cargo clippy --quiet --workspace --all-targets -- -D warnings
     check rust "cargo doc" env RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps
     # Built with the tests; for the one package alone Cargo would build everything again, with fewer features.
     check rust "Rust example" "${CARGO_TARGET_DIR:-target}/debug/examples/reach" "$(python -c '
@@ -37,6 +42,10 @@ print(robot("panda").urdf)')"
 }
 
 python_lane() {
+    local ready=0
+    check python "setup" scripts/setup.sh || ready=1
+    touch "$work/setup-ended"
+    [ "$ready" = 0 ] || return 1
     check python "ruff" ruff check .
     check python "ruff format" ruff format --check .
     check python "words" python scripts/words.py
@@ -53,4 +62,4 @@ wait
 cat "$work/rust.log"
 printf '\n%-14s %-8s %s\n' check outcome seconds
 cat "$work/rust.outcomes" "$work/python.outcomes"
-[ "$(wc -l <"$work/rust.outcomes")" = 5 ] && ! grep -q FAILED "$work"/*.outcomes
+[ "$(cat "$work"/*.outcomes | wc -l)" = 12 ] && ! grep -q FAILED "$work"/*.outcomes

@@ -62,7 +62,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(skip)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def real_assets() -> Path:
     """Folder of the real objects."""
     return Path(os.environ["GENSIM2_ASSETS"])

@@ -103,15 +103,15 @@ SLOW_ROOMS = ("real",)
 
 #: Files that take longest, begun first so that no core waits for one of them at the end.
 LONGEST = (
-    "real/test_sim_real.py",
-    "kpam/test_recheck.py",
     "kill/test_kills.py",
+    "kpam/test_recheck.py",
+    "real/test_sim_real.py",
     "tasks/test_library_strategies.py",
     "sim/test_headless.py",
+    "deploy/test_processes.py",
     "pages/test_pages.py",
     "processes/test_ray.py",
     "sim/test_env.py",
-    "deploy/test_processes.py",
     "policy/test_train.py",
     "policy/experiments/test_experiment.py",
     "policy/keypose/test_learn.py",

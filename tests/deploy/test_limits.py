@@ -19,8 +19,9 @@ def slow() -> ArmLimits:
     return ArmLimits.of(robot("panda"))
 
 
-def test_100_000_hostile_targets_pass_no_limit() -> None:
-    found = judge.run(100_000, seed=0, speed=0.1)
+def test_no_limit_is_passed_by_hostile_targets() -> None:
+    """The first of the million of ``benchmarks/limits.py``."""
+    found = judge.run(20_000, seed=0, speed=0.1)
     assert found["passed"] == 0, found["limits"]
     assert found["moved_rad"] > 100.0  # standing still would pass nothing, too
     assert {"velocity", "acceleration", "position", "tool speed", "clearance", "refused"} <= set(found["clips"])

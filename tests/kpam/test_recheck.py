@@ -20,7 +20,7 @@ from .random_problems import RandomProblem, random_problem
 
 #: Random problems on arms of their own and on six arms, and how many a test looks at, so that a failure is found early.
 #: ``benchmarks/random_plans.py`` looks at 20,000.
-PROBLEMS, ON_SIX_ARMS, SHARE = 500, 1000, 100
+PROBLEMS, ON_SIX_ARMS, SHARE = 200, 1000, 100
 
 
 def traits(problem: RandomProblem, plan: kpam.Plan) -> list[str]:

@@ -7,17 +7,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gensim2.objects import Library, open_library
 from gensim2.rollout.motion import changes
 from gensim2.rollout.no_op import no_op_baseline
 from gensim2.sim.headless import HeadlessEnv
-from gensim2.tasks.library import task_names
+from gensim2.tasks.library import load_task, task_names
 
 pytestmark = pytest.mark.real
 
 
+@pytest.fixture(scope="module")
+def real_library(real_assets: Path) -> Library:
+    return open_library(str(real_assets))
+
+
 @pytest.mark.parametrize("name", task_names("paper"))
-def test_a_real_object_stands_still_for_five_seconds_and_can_be_planned_for(name: str, real_assets: Path) -> None:
-    lane = HeadlessEnv(name, assets=real_assets)
+def test_a_real_object_stands_still_for_five_seconds_and_can_be_planned_for(
+    name: str, real_assets: Path, real_library: Library
+) -> None:
+    # One object a class for all tasks, as each is taken apart into hulls when it is first used.
+    instances = {role: min(real_library.instances(used.asset_class)) for role, used in load_task(name).objects.items()}
+    lane = HeadlessEnv(name, assets=real_assets, instances=instances)
     result = no_op_baseline(lane, 1, steps=100)
     assert not result.success
     for moved in changes(result.start, result.end).values():
