@@ -16,6 +16,7 @@ import json
 import os
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +25,11 @@ import torch
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs.types import SimConfig
 
-from gensim2.objects import Library, open_library
+from gensim2.objects import Library, RigidObject, open_library
 from gensim2.objects.library.loading import load_all
 from gensim2.progress import ConsoleProgress
 from gensim2.sim.objects import load_object
+from gensim2.sim.rigid import load_rigid
 
 
 def empty_scene() -> ManiSkillScene:
@@ -49,6 +51,9 @@ def _no_pictures() -> object:
 def into_scene(library: Library, asset_class: str, instance_id: str) -> None:
     """Load an object as an environment does that has not had it before."""
     instance = copy.copy(library).load(asset_class, instance_id)  # a copy holds nothing that was loaded
+    if isinstance(instance, RigidObject):
+        load_rigid(empty_scene(), instance)
+        return
     place = instance.placement
     load_object(empty_scene(), instance, sapien.Pose(place.position, place.quaternion))
 
@@ -99,7 +104,7 @@ def main() -> None:
             progress.start(f"{library.name}: load", len(usable))
             table[library.name] = {}
             for item in usable:
-                cost = cpu_ms(lambda item=item, library=library: into_scene(library, *item), options.repeats)
+                cost = cpu_ms(partial(into_scene, library, *item), options.repeats)
                 table[library.name]["/".join(item)] = cost
                 progress.advance()
         if options.raw is not None:
@@ -108,7 +113,7 @@ def main() -> None:
             table[f"{options.raw.name}, unprepared"] = {}
             for file in files:
                 scale = json.loads((file.parent / "info.json").read_text()).get("scale", 0.25)
-                cost = cpu_ms(lambda file=file, scale=scale: raw(file, scale), 1)
+                cost = cpu_ms(partial(raw, file, scale), 1)
                 table[f"{options.raw.name}, unprepared"]["/".join(file.parent.parts[-2:])] = cost
                 progress.advance()
 

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from contacts import Clock, checked_pairs
+from contacts import Clock, Obstacle, checked_pairs
 from judge import CUTOFF, judge, refine
-from peers import Arm, Obstacle, scene_obstacles
+from peers import Arm, scene_obstacles
 from rules import (
     BOX,
     NUMERICAL,

@@ -18,8 +18,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
+from contacts import Obstacle
 from kinematics import spent_us
-from peers import Arm, Obstacle, hull, panda_files, part
+from parts import hull, part
+from peers import Arm, panda_files
 from sampling import Stages
 
 import gensim2_kpam as kpam

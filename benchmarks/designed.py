@@ -14,11 +14,12 @@ import sys
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from gensim2.design.drafting import verbs
 from gensim2.design.shelving import MADE_JSON, shelve
 from gensim2.objects import open_library
+from gensim2.objects.types import Kind
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import TaskSpec
 
@@ -100,9 +101,9 @@ def _summary(tasks: list[TaskSpec]) -> list[str]:
     ]
 
 
-def _types(tasks: list[TaskSpec], kinds: dict[str, Counter[str]]) -> list[tuple[object, ...]]:
-    def told(count: Counter[str]) -> str:
-        return " and ".join(f"{count[kind]} {kind}" for kind in ("articulated", "rigid") if count[kind])
+def _types(tasks: list[TaskSpec], kinds: dict[str, Counter[Kind]]) -> list[tuple[object, ...]]:
+    def told(count: Counter[Kind]) -> str:
+        return " and ".join(f"{count[kind]} {kind}" for kind in get_args(Kind) if count[kind])
 
     single = Counter(told(kinds[task.name]) for task in tasks if task.is_single_step)
     long = Counter(told(kinds[task.name]) for task in tasks if not task.is_single_step)

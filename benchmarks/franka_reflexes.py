@@ -72,7 +72,8 @@ class Franka:
         for joint in self._arm.active_joints[:7]:
             joint.set_drive_properties(0.0, 0.0)
             joint.set_armature(np.array([ROTOR], dtype=np.float32))
-        self.now, self.reflex = 0.0, None
+        self.now = 0.0
+        self.reflex: str | None = None
         self.motion: Any = None
         self.most = dict.fromkeys(("torque", "torque rate", "velocity"), 0.0)
         self._torque = np.zeros(7)

@@ -32,7 +32,7 @@ from gensim2.objects import RigidObject, open_library
 from gensim2.objects.region import STANDARD_REGION
 from gensim2.processes import WorkerPool, enumerated
 from gensim2.processes import results as run
-from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot, robot_names
+from gensim2.robots import DEFAULT_ROBOT, RobotProfile, SlidingGripper, robot, robot_names
 from gensim2.seeding import rng
 from gensim2.sim import agents
 from gensim2.sim.arm import base_pose
@@ -125,7 +125,7 @@ class Lift:
     rank: int
     raised: float
     score: float
-    quality: dict[str, float]
+    quality: kpam.GraspQuality | None
     grasps: int
     search_ms: float
     plan_ms: float
@@ -159,7 +159,8 @@ def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) ->
         T_world_table = np.eye(4)
         T_world_table[2, 3] = -HALF_SIZE[2]
         table = kpam.Body("table", "table", [kpam.Shape.convex_hull(corners())], T_base_world @ T_world_table)
-        options = {"friction": (profile.gripper.friction + rigid.friction) / 2}  # PhysX takes the mean
+        # PhysX takes the mean.
+        options: kpam.GraspOptions = {"friction": (profile.gripper.friction + rigid.friction) / 2}
         scene = kpam.Scene(profile.model, [table, body])
         began = time.process_time()
         grasps = scene.grasps(rigid.asset_class, gripper, center_of_mass=rigid.center_of_mass, options=options)
@@ -170,7 +171,7 @@ def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) ->
         times = {"search_ms": 1e3 * (searched - began), "plan_ms": 1e3 * (planned - searched)}
         if found is None:
             cause = "no motion to any grasp" if grasps else "no grasp"
-            return Lift(rigid.asset_class, episode, cause, -1, 0.0, 0.0, {}, len(grasps), **times)
+            return Lift(rigid.asset_class, episode, cause, -1, 0.0, 0.0, None, len(grasps), **times)
         grasp = grasps[found.index]
         cause, raised = execute(env, found.pick, grasp.opening)
         return Lift(
@@ -182,6 +183,7 @@ def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) ->
 
 def press(profile: RobotProfile) -> float:
     """Target (m) of a finger joint with which it presses."""
+    assert isinstance(profile.gripper, SlidingGripper)
     return profile.gripper.closed
 
 
@@ -193,7 +195,7 @@ def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) ->
     arm = trajectory.sample_every(1.0 / profile.control_hz)[:, : profile.arm_size]
     arrive = max(profile.lag_steps) + ARRIVE_STEPS
     time_of = {frame["label"]: frame["time"] for frame in plan.keyframes}
-    grip = min(round(time_of["actuation"] * profile.control_hz), len(arm) - 1)
+    grip = min(round((time_of["actuation"] or 0.0) * profile.control_hz), len(arm) - 1)
     center = env.rigid.center_of_mass
 
     def height() -> float:

@@ -274,7 +274,10 @@ def _moving_joint(element: ElementTree.Element) -> MovingJoint:
     kind, limit = element.get("type"), element.find("limit")
     axis = element.find("axis")
     direction = numbers(None if axis is None else axis.get("xyz"), "1 0 0")
-    get = (lambda name: float(limit.get(name, "0"))) if limit is not None else (lambda name: 0.0)
+
+    def get(name: str) -> float:
+        return 0.0 if limit is None else float(limit.get(name, "0"))
+
     bounded = kind != "continuous"
     return MovingJoint(
         element.get("name", ""),

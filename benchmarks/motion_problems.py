@@ -121,7 +121,7 @@ def shelf(kind: str) -> Callable[[np.random.Generator], Scene]:
             half = 0.17 if kind == "small" else 0.82
             for y in (-wide, wide):
                 out.box((deep, 0.02, half), np.array([0, y, 0.5 * step if kind == "small" else 0.12]))
-        things = []
+        things: list[Array] = []
         for k in range(boards - 1):
             for _ in range(3 if kind != "thin" else 2):
                 at = np.array([random.uniform(-0.9 * deep, 0.0), random.uniform(-0.85, 0.85) * wide, k * step + 0.08])
@@ -184,7 +184,10 @@ def table(below: bool) -> Callable[[np.random.Generator], Scene]:
         for x in (-0.55, 0.55):
             for y in (-0.95, 0.95):
                 out.box((0.025, 0.025, 0.35), np.array([x, y, -0.37]))
-        place = lambda height: np.array([random.uniform(-0.5, 0.1), random.uniform(-0.55, 0.55), height])  # noqa: E731
+
+        def place(height: float) -> Array:
+            return np.array([random.uniform(-0.5, 0.1), random.uniform(-0.55, 0.55), height])
+
         out.box((0.125, 0.125, 0.125), place(0.145), turned(random.uniform(-1, 1)))
         out.cylinder(0.05, 0.35, place(0.195))
         for half in ((0.1, 0.01, 0.2), (0.01, 0.1, 0.2), (0.1, 0.025, 0.175), (0.1, 0.025, 0.175)):

@@ -17,7 +17,7 @@ import pinocchio as pin
 import trimesh
 from contacts import Obstacle
 from mechanism import Mechanism
-from parts import hull, part
+from parts import Part, hull, part
 
 Array = np.ndarray
 HAND_LINKS = ("panda_hand", "panda_leftfinger", "panda_rightfinger")
@@ -93,7 +93,8 @@ def object_obstacles(
     model = pin.buildModelFromXML(ElementTree.tostring(tree, encoding="unicode"))
     data = model.createData()
     pin.framesForwardKinematics(model, data, np.array([value]) if model.nq == 1 else _turn(value))
-    poses, parts, missing = {}, {False: [], True: []}, []
+    poses, missing = {}, []
+    parts: dict[bool, list[Part]] = {False: [], True: []}
     for link in tree.findall("link"):
         name = link.get("name", "")
         frame = model.getFrameId(name)
@@ -101,7 +102,7 @@ def object_obstacles(
         moves = model.frames[frame].parentJoint > 0
         for element in link.findall("collision"):
             origin, mesh = element.find("origin"), element.find("geometry/mesh")
-            path = folder / mesh.get("filename", "")
+            path = folder / ("" if mesh is None else mesh.get("filename", ""))
             if not path.exists():
                 missing.append(path.name)
                 continue

@@ -14,7 +14,6 @@ import argparse
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -34,7 +33,7 @@ def cost_of(waypoints: np.ndarray) -> float:
 
 def refined(
     question: kpam.KeypointProblem, plan: kpam.Plan, times: np.ndarray, keep: bool
-) -> tuple[dict[str, Any], float]:
+) -> tuple[kpam.Refined, float]:
     """A refinement, and CPU ms that it took."""
     begin = time.process_time()
     found = kpam.refine(question, plan, times=times, keep_paths=keep)

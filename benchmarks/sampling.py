@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from peers import HAND_LINKS, Arm, Obstacle
+from contacts import Obstacle
+from peers import HAND_LINKS, Arm
 from rules import BOX, Keyframe, constraint_errors, rotation
 
 Array = np.ndarray
@@ -171,7 +172,7 @@ def between_poses(one: Keyframe, two: Keyframe) -> list[Array]:
     poses = []
     if two.turn is not None:
         center, axis, angle = two.turn
-        reach = np.linalg.norm(start[:3, 3] - center) + 0.2
+        reach = float(np.linalg.norm(start[:3, 3] - center)) + 0.2
         count = max(1, int(np.ceil(max(abs(angle) * reach / HAND_STEP, abs(angle) / TURN_STEP))))
         basis = np.linalg.svd(axis[None])[2]
         frame = np.column_stack([basis[1], basis[2], axis])

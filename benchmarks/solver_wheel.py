@@ -45,7 +45,7 @@ def uv() -> str:
 def built(folder: Path) -> Path:
     """The wheel, made from the source distribution."""
     maturin = Path(sys.executable).with_name("maturin")
-    command = [maturin, "build", "--release", "--sdist", "--out", folder]
+    command: list[str | Path] = [maturin, "build", "--release", "--sdist", "--out", folder]
     subprocess.run(command, cwd=ROOT / "crates/python", check=True, env={**os.environ, "VIRTUAL_ENV": sys.prefix})
     (wheel,) = folder.glob("*.whl")
     return wheel

@@ -135,7 +135,8 @@ def _zarr_fill(store: Any, arrays: Arrays) -> None:
 
 
 def _zarr_arrays(store: Any) -> Arrays:
-    return {name: item[:] for name, item in zarr.open_group(store, mode="r").members(None) if hasattr(item, "shape")}
+    members = zarr.open_group(store, mode="r").members(None)
+    return {name: np.asarray(item[:]) for name, item in members if isinstance(item, zarr.Array)}
 
 
 def _zip_write(path: Path, arrays: Arrays) -> None:

@@ -17,6 +17,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -129,7 +130,7 @@ def on_problems(problems: Path, assets: Path | None, every: int, jerk_factor: fl
     robot = robots.robot("panda").model
     folder = None if assets is None else check_assets(assets)
     limits = {"velocity_limits": VELOCITY, "acceleration_limits": ACCELERATION, "jerk_limits": jerk_factor * JERK}
-    options = {name: np.append(row, [1.0, 1.0]) for name, row in limits.items()} | {"timing": "limits"}
+    options: Any = {name: np.append(row, [1.0, 1.0]) for name, row in limits.items()} | {"timing": "limits"}
     ratios, seconds, stops = [], [], []
     for problem in read_problems(problems)[::every]:
         scene = problem_scene(problem, folder, robot.forward_kinematics(np.asarray(problem.q_current)))
@@ -179,10 +180,10 @@ def at_gentle_limits(count: int, seed: int) -> None:
             draw = rng(seed, "straight", index)
             ends = np.stack([np.zeros(7), draw.normal(0.0, 1.0, 7) * 10.0 ** draw.uniform(-1.5, 0.3)])
             motion, _ = kpam.retime(ends, VELOCITY, acceleration, jerk)
-            straight.append(motion.duration / ruckig_seconds(*ends, acceleration, jerk))
+            straight.append(motion.duration / ruckig_seconds(ends[0], ends[1], acceleration, jerk))
             share = max(share, worst_share(motion, acceleration, jerk))
             milliseconds, (motion, _) = spent(
-                lambda w=waypoints, s=stop, a=acceleration, j=jerk: kpam.retime(w, VELOCITY, a, j, stops=[s])
+                partial(kpam.retime, waypoints, VELOCITY, acceleration, jerk, stops=[stop])
             )
             pieces = [part for part in (waypoints[: stop + 1], waypoints[stop:]) if len(part) > 1]
             best = sum(toppra_seconds(piece, VELOCITY, acceleration) for piece in pieces)

@@ -19,6 +19,7 @@ import argparse
 import contextlib
 import json
 import os
+import re
 import resource
 import shlex
 import signal
@@ -26,6 +27,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 
@@ -205,9 +207,16 @@ def summary(found: list[Command]) -> dict[str, object]:
         "to_the_end": sum(not command.interrupted for command in done),
         "interrupted": sum(command.interrupted for command in done),
         "failed": sum(command.fault is not None for command in done),
+        "not_run": len(found) - len(done),
         "seconds": round(sum(command.seconds for command in done), 1),
         "cpu_s": round(sum(command.cpu_s for command in done), 1),
     }
+
+
+def rules(found: list[Command]) -> dict[str, int]:
+    """Return how many commands were not run, by why: those named first that leave out most."""
+    why = [re.sub(r"^as \S+", "run already", command.why) for command in found if command.why is not None]
+    return dict(Counter(why).most_common())
 
 
 def main() -> int:
@@ -234,8 +243,10 @@ def main() -> int:
         run_all(found, State(given.state or Path(temporary)), None if given.full else given.limit)
     told = summary(found)
     if given.json:
-        whole = {**told, "each": [asdict(command) for command in found]}
+        whole = {**told, "why_not_run": rules(found), "each": [asdict(command) for command in found]}
         given.json.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+    for why, count in rules(found).items():
+        print(f"not run, {why}: {count}")
     print("; ".join(f"{name.replace('_', ' ')}: {value}" for name, value in told.items()))
     return 1 if told["failed"] else 0
 

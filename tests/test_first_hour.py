@@ -65,6 +65,8 @@ def test_no_command_is_left_out(commands: list[first_hour_pages.Command]) -> Non
         assert command.run or command.why
         for test in re.findall(r"(?:tests|benchmarks)/[\w/]+\.py", command.why or ""):
             assert (ROOT / test).is_file(), f"{command.page}: {test}"
+    told = first_hour.summary(commands)
+    assert told["not_run"] == sum(first_hour.rules(commands).values()) == len(commands) - int(str(told["run"]))
 
 
 def test_every_line_of_a_shell_block_is_a_command() -> None:

@@ -103,6 +103,7 @@ def _refusals(folder: Path) -> list[tuple[list[str], str]]:
         (["demo", "OpenDrawer", "--time-limit", "nan"], "time_limit: must lie in"),
         (["demo", "OpenDrawer", "--jobs-per-worker", NINES], "--jobs-per-worker"),
         (["run-pipeline", "--num-tasks", NINES], "--num-tasks"),
+        (["run-pipeline", "--single", "0"], "single, long: no task is asked for (ask for one"),
         (["run-pipeline", "--episodes", "-1"], "--episodes"),
         (["run-pipeline", "--target-task", "Nope"], "unknown task"),
         (["run-pipeline", "--target-task", ""], "unknown task"),

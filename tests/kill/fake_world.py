@@ -35,7 +35,8 @@ def install() -> None:
     worker.PRELOAD = ("gensim2.rollout.worker", "gensim2.rollout.recording")
     worker.prepare = prepare
     worker.screen_scene = screen_scene
-    worker.episode = worker.trial = episode
+    worker.episode = episode
+    worker.trial = trial
     worker.demonstrate = demonstrate
     worker.record = record
 
@@ -52,6 +53,10 @@ def screen_scene(config: EpisodeConfig, seed: int, candidates: Sequence[StepStra
 
 def episode(config: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
     return demonstrate(config, strategies, seed)[0]
+
+
+def trial(config: EpisodeConfig, ways: StepStrategies, seed: int) -> Episode:
+    return demonstrate(config, {}, seed)[0]
 
 
 def demonstrate(config: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:

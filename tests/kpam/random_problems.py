@@ -110,7 +110,7 @@ class RandomProblem:
                 kpam.Body(thing.name, thing.role, thing.solid.ours(), thing.pose)  # type: ignore[arg-type]
                 for thing in self.things
             ],
-            options={
+            options={  # type: ignore[arg-type]
                 "velocity_scale": 1.0,
                 "acceleration_scale": 1.0,
                 "velocity_limits": self.mechanism.velocity,

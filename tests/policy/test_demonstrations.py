@@ -28,6 +28,7 @@ from gensim2.policy.frames import SEEN
 from gensim2.policy.heads.actions import ACTION
 from gensim2.policy.source import SENTENCE
 from gensim2.policy.training import train
+from gensim2.progress import NullProgress
 from gensim2.sim import HeadlessEnv
 
 SPEC = ObservationSpec.of({"points": 48, "candidates": 512})
@@ -231,8 +232,35 @@ def test_what_is_no_number_is_refused_by_name(folder: Path, tmp_path: Path) -> N
     shutil.rmtree(Path(gensim2.files.cache_dir()) / "policy" / "frames", ignore_errors=True)
     with pytest.raises(InputError, match=r"000001.h5: proprioception/qvel: is no finite number at frame 7"):
         decode([copy])
-    path.unlink()
-    with pytest.raises(InputError, match=r"000001.h5: is not there"):
+
+
+class Messages(NullProgress):
+    """Keeps what is said."""
+
+    def __init__(self) -> None:
+        self.messages: list[str] = []
+
+    def message(self, text: str) -> None:
+        self.messages.append(text)
+
+
+def test_what_was_not_rendered_is_left_out_and_said(folder: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "set"
+    shutil.copytree(folder, copy)
+    before = decode([copy]).record
+    files = sorted((copy / "CloseBox/observations").glob("*.h5"))
+    files[1].unlink()
+    said = Messages()
+    found = decode([copy], progress=said)
+    assert found.record.episodes == len(files) - 1 == before.episodes - 1
+    assert found.record.digest != before.digest
+    assert len(found.arrays["xyz"]) == found.record.frames < before.frames
+    assert said.messages == [
+        f"1 of {len(files)} episodes have no observations and are left out (`gensim2 render` with --resume makes them)"
+    ]
+    for file in files[:1] + files[2:]:
+        file.unlink()
+    with pytest.raises(InputError, match=r"holds no observations \(run `gensim2 render`"):
         decode([copy])
 
 

@@ -8,7 +8,13 @@ import threading
 from collections.abc import Iterator
 from types import FrameType
 
-_STOPPING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+_STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+#: Packages with ``except BaseException``, around their imports too: Ctrl-C there would be taken for a missing module.
+SWALLOWING = ("networkx", "trimesh")
+
+#: Seconds after which a signal that came in one of them is looked at again.
+AGAIN = 0.05
 
 
 class Stopped(BaseException):
@@ -26,24 +32,44 @@ def exit_code(error: BaseException) -> int:
 
 @contextlib.contextmanager
 def stopping_signals() -> Iterator[None]:
-    """Raise :class:`Stopped` in the block on SIGTERM and SIGHUP, once: what follows does not disturb the cleaning up.
+    """Raise in the block :class:`Stopped` on SIGTERM and SIGHUP, once, and KeyboardInterrupt on Ctrl-C.
 
-    A signal that the parent had us ignore (``nohup``) stays ignored.
+    What comes after one of the former does not disturb the cleaning up. A signal that the parent had us ignore
+    (``nohup``) stays ignored. What comes inside a package of ``SWALLOWING`` is raised once that has returned.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    caught = [number for number in _STOPPING if signal.getsignal(number) is signal.SIG_DFL]
+    ours = [number for number in _STOPPING if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)]
+    before = {number: signal.getsignal(number) for number in (*ours, signal.SIGALRM)}
 
-    def stop(number: int, _: FrameType | None) -> None:
-        for each in caught:
+    def stop(number: int, frame: FrameType | None) -> None:
+        if _swallowed(frame):
+            signal.signal(signal.SIGALRM, lambda _, later: stop(number, later))
+            signal.setitimer(signal.ITIMER_REAL, AGAIN)
+            return
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
+        for each in ours:
             signal.signal(each, signal.SIG_IGN)
         raise Stopped(number)
 
     try:
-        for number in caught:
+        for number in ours:
             signal.signal(number, stop)
         yield
     finally:
-        for number in caught:
-            signal.signal(number, signal.SIG_DFL)
+        if signal.getsignal(signal.SIGALRM) is not before[signal.SIGALRM]:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for number, handler in before.items():
+            if handler is not None:  # not Python's
+                signal.signal(number, handler)
+
+
+def _swallowed(frame: FrameType | None) -> bool:
+    """Whether what is raised at a frame would end in one of the packages that catch everything."""
+    while frame is not None:
+        if str(frame.f_globals.get("__name__")).partition(".")[0] in SWALLOWING:
+            return True
+        frame = frame.f_back
+    return False

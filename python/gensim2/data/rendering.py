@@ -183,7 +183,7 @@ class _Rendering:
             expected = _description(store, row, self._spec)
             for name in ("episode_digest", *self._spec.to_dict()):
                 if found.get(name) != expected[name]:
-                    remedy = "give the same, or remove the folder of observations"
+                    remedy = "give the same options, or remove the folder of observations"
                     raise InputError(f"was made with {found.get(name)!r}", file=path, field=name, remedy=remedy)
             self._there += 1
             self._size += path.stat().st_size

@@ -84,7 +84,7 @@ def remember(run: Path, memory: Memory | None = None) -> Remembered:
         return Remembered(None, (), {})
     path = run / RUN_JSON
     if not path.is_file():
-        raise InputError("holds no run", file=run, remedy="give the folder of a run-pipeline")
+        raise InputError("holds no run", file=run, remedy="give the folder of a run-pipeline, or of a task.yaml")
     record = read_record(path, RunRecord, "restore the file")
     added, left_out = [], {}
     for folder in sorted((run / "tasks").glob("*/")):

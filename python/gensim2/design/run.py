@@ -73,7 +73,7 @@ def run_pipeline(
     Args:
         num_tasks: number of tasks to keep; fewer if the library affords fewer, and the notes say so. ``single`` and
             ``long`` take its place where one of them is given.
-        single, long: number of tasks of one step, and of several.
+        single, long: number of tasks of one step, and of several; both 0: ``stored_tasks`` alone.
         verify: number of fresh episodes that decide whether a task is kept.
         from_empty: the designer knows of no task; else of all that are stored, and proposes none of them again. What
             repeats the paper's suite is then made as a piece of longer tasks at best, and not counted.
@@ -106,7 +106,11 @@ def run_pipeline(
             ``resume`` goes on.
     """
     wanted = Wanted(num_tasks) if single is None and long is None else _by_kind(single or 0, long or 0)
-    check_counts(num_tasks=wanted.total, verify=verify)
+    check_counts(verify=verify)
+    if single is None and long is None:
+        check_counts(num_tasks=num_tasks)
+    elif wanted.total == 0 and target_task is None and not stored_tasks:
+        raise InputError("no task is asked for", field="single, long", remedy="ask for one of them, or a stored task")
     if episodes < 0:
         raise InputError(f"must be at least 0, not {episodes}", field="episodes")
     check_workers(time_limit, jobs_per_worker, workers, ray)

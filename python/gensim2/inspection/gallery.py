@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 VIEWS = 8
 SIZE = 176  # pixels, edge of one view
+WROTE = "give a file that `gensim2 assets validate --json` wrote"
 FORMAT_VERSION = "1"  # of the sheets: another one makes all pictures anew
 
 
@@ -229,17 +230,12 @@ def _verdicts(path: Path) -> _Verdicts:
     try:
         value = ObjectFolder(file.parent).read_json(file.name)
     except AssetError as error:
-        raise InputError(error.message, file=path, field="--findings", remedy=error.remedy) from error
+        raise InputError(error.message, file=path, field="--findings", remedy=error.remedy or WROTE) from error
     try:
         found = {(str(entry["class"]), str(entry["id"])): _findings(entry) for entry in value["objects"]}
         library = value.get("library")
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            "holds no findings",
-            file=path,
-            field="--findings",
-            remedy="give a file that `gensim2 assets validate --json` wrote",
-        ) from error
+        raise InputError("holds no findings", file=path, field="--findings", remedy=WROTE) from error
     return (str(library) if library else None), found
 
 

@@ -83,12 +83,16 @@ class _Row:
     language: str
     noisy: bool
 
+    @property
+    def rendered(self) -> bool:
+        return self.store.observation_path(self.row.index).exists()
+
 
 def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Progress = NULL_PROGRESS) -> DecodedData:
-    """Return all episodes that held, from the cache folder if they were decoded before.
+    """Return the episodes that held and were rendered, from the cache folder if they were decoded before.
 
     Args:
-        folders: of rendered data sets.
+        folders: of rendered data sets; of one that was rendered in part the listener is told how much is left out.
         tasks: names; none: all.
 
     Raises:
@@ -106,9 +110,15 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         spec.require(each.observation_spec(), str(each.path), of=str(sets[0].path))
     if "pointcloud" not in spec.modalities:
         raise InputError("holds no point clouds", file=sets[0].path, remedy="run `gensim2 render` on it")
-    rows = list(_rows(sets, tasks))
-    if not rows:
+    held = list(_rows(sets, tasks))
+    if not held:
         raise InputError("hold no episode that held", field="--data")
+    rows = [each for each in held if each.rendered]
+    if not rows:
+        raise InputError("hold no rendered episode", field="--data", remedy="run `gensim2 render` on them")
+    if len(rows) < len(held):
+        left_out = f"{len(held) - len(rows)} of {len(held)} episodes have no observations and are left out"
+        progress.message(f"{left_out} (`gensim2 render` with --resume makes them)")
     robot = robots.pop()
     digest = _digest(rows, robot, spec)
     place = cache_dir() / "policy" / "frames" / f"{VERSION}-{digest[:32]}"
@@ -198,11 +208,9 @@ def _read(each: _Row, spec: ObservationSpec) -> dict[str, Array]:
     """The rows of one episode.
 
     Raises:
-        InputError: a file is not there, damaged, of another spec, or holds a number that is not finite.
+        InputError: a file is damaged, of another spec, or holds a number that is not finite.
     """
     path = each.store.observation_path(each.row.index)
-    if not path.exists():
-        raise InputError("is not there", file=path, remedy="run `gensim2 render` with --resume")
     seen = read_observation(path, each.row.episode_digest)
     spec.require(spec_of_file(seen.description, path), str(path), of="the rest of the data")
     recording = each.store.read(each.row).recording

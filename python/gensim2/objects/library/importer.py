@@ -141,7 +141,12 @@ class _Source:
         self.folder, self.asset_class = ObjectFolder(folder), asset_class
         self.notes: list[str] = []
         self.fixed: list[str] = []
-        written = read_urdf(self.folder)
+        try:
+            written = read_urdf(self.folder)
+        except MissingFileError as error:
+            raise AssetError(
+                error.message, file=error.file, remedy=f"give a PartNet-Mobility folder, with {URDF}"
+            ) from error
         self.file, self.root = written.file, written.root
         self.semantics = _semantics(self.folder)
         chosen = self._choose(written.joints, joint)
