@@ -172,12 +172,14 @@ pub(crate) fn connect(
     Err(NoWay::NotFound(hit))
 }
 
-/// For a start that overlaps something: a pose near it that is free, straight to which the overlap only lessens.
+/// For a start that overlaps something: a pose near it that is free, straight to which the overlap only lessens, and all
+/// else keeps to margins.
 pub(crate) fn way_out(
     world: &mut World<'_>,
     model: &Model,
     start: &Row,
     segment: MotionSegment,
+    kept: &Margins,
     seed: usize,
 ) -> Option<Row> {
     let (n, metric) = (model.n(), Metric::of(&world.problem.robot, model));
@@ -208,7 +210,7 @@ pub(crate) fn way_out(
             depth = next;
             less
         });
-        if lessens {
+        if lessens && world.sweep(start, &end, segment, kept).is_none() {
             return Some(end);
         }
     }

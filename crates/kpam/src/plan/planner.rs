@@ -225,7 +225,7 @@ impl<'p> Planner<'p> {
 
     fn set_margin(&mut self, margin: f64) {
         if self.margin.to_bits() != margin.to_bits() {
-            (self.margin, self.transition_checked) = (margin, None);
+            (self.margin, self.transition_checked, self.exit) = (margin, None, None);
         }
     }
 
@@ -366,7 +366,12 @@ impl<'p> Planner<'p> {
         let out = self.way_out(&start, segment);
         let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
         pieces.splice(0..0, transition.line());
-        let wide = self.margins(&begin, goal, segment, self.margin + CURVED, out.is_some());
+        let mut wide = self.margins(&start, goal, segment, self.margin + CURVED, out.is_some());
+        if out.is_some() {
+            // What came apart keeps what it has there; all else what it has at the start, not on the way out.
+            let there = self.margins(&begin, &begin, segment, self.margin + CURVED, true);
+            self.world.keep_apart(&mut wide, there);
+        }
         let curved = wide.with_clearance(self.margin + PAD);
         // On the way out of what it overlaps at the start the motion is still inside.
         let kept = Margins { forgiving: true, ..wide.with_clearance(self.margin) };
@@ -486,8 +491,9 @@ impl<'p> Planner<'p> {
             return None;
         }
         if self.exit.is_none() {
-            self.exit =
-                Some(free_space::way_out(&mut self.world, self.model, start, segment, self.problem.options.seed));
+            let kept = self.margins(start, start, segment, self.margin, false);
+            let seed = self.problem.options.seed;
+            self.exit = Some(free_space::way_out(&mut self.world, self.model, start, segment, &kept, seed));
         }
         self.exit.flatten()
     }

@@ -243,6 +243,13 @@ impl World<'_> {
         out
     }
 
+    /// Adds what pairs that overlapped at the start have left where they have come apart.
+    pub fn keep_apart(&self, margins: &mut Margins, there: Margins) {
+        let overlapped = |start: f64| start.is_finite();
+        margins.bodies.extend(there.bodies.into_iter().filter(|((g, b), _)| overlapped(self.known.body(*g, *b).0)));
+        margins.pairs.extend(there.pairs.into_iter().filter(|(pair, _)| overlapped(self.known.pair(*pair).0)));
+    }
+
     /// Pairs nearer than `clearance` (m) in a state that may not touch, and overlaps where it may; how near
     /// or deep (m), and whether it may.
     pub fn nearest(&mut self, state: State<'_>, segment: MotionSegment, clearance: f64) -> Vec<(Hit, bool)> {
