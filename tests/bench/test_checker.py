@@ -35,8 +35,14 @@ def errors_of(problem: dict[str, Any], record: dict[str, Any], assets: Path) -> 
     return "\n".join(finding.errors)
 
 
+def at(record: dict[str, Any], time: float) -> int:
+    """Number of the waypoint at a time."""
+    (found,) = np.flatnonzero(np.isclose(record["waypoint_times"], time, rtol=0.0, atol=1e-9))
+    return int(found)
+
+
 def shift_waypoint(problem: dict[str, Any], record: dict[str, Any]) -> None:
-    index = record["waypoint_times"].index(20)
+    index = at(record, 20)
     record["waypoints"][index][1] += 0.01
 
 
@@ -76,7 +82,7 @@ def start_elsewhere(problem: dict[str, Any], record: dict[str, Any]) -> None:
 
 
 def forget_a_keyframe(problem: dict[str, Any], record: dict[str, Any]) -> None:
-    index = record["waypoint_times"].index(28)
+    index = at(record, 28)
     del record["waypoint_times"][index], record["waypoints"][index]
 
 
@@ -85,7 +91,7 @@ def go_back_in_time(problem: dict[str, Any], record: dict[str, Any]) -> None:
 
 
 def cut_the_corner(problem: dict[str, Any], record: dict[str, Any]) -> None:
-    first, last = (record["waypoint_times"].index(t) for t in (16, 20))
+    first, last = at(record, 16), at(record, 20)
     middle = (first + last) // 2
     record["waypoints"][middle][0] += 0.02
 
