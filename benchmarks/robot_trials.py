@@ -29,9 +29,12 @@ from gensim2.deploy.config import Delays
 from gensim2.deploy.trial.protocol import protocol_names, read_protocol
 from gensim2.deploy.trial.record import write_table
 from gensim2.deploy.trial.run import trial
+from gensim2.deploy.watch import WatchRules
 from gensim2.progress import ConsoleProgress
 
 DELAYS = Delays(camera=(0.02, 0.06), controller=(0.03, 0.09))
+#: Pictures are 0.1 s apart and come up to 0.06 s late, by clocks that are off by some 0.01 s each.
+RULES = WatchRules(frame_age=0.2)
 CPU = "cpu.json"
 
 
@@ -79,6 +82,7 @@ def main() -> int:
                     pixels=(width, height),
                     noise="deployed",
                     delays=DELAYS,
+                    rules=RULES,
                     seed=options.seed,
                     simulated_clock=True,
                     assets=options.assets,

@@ -136,3 +136,13 @@ def test_a_blocked_arm_is_not_pressed_on_ever_harder(slow: ArmLimits) -> None:
         sent = limit(sent, HOME + 1.0, slow, measured=HOME)
     assert "leash" in sent.clips
     np.testing.assert_allclose(sent.q, HOME + slow.leash, atol=1e-6)
+
+
+@pytest.mark.parametrize(("force", "share"), [(70.0, 1.0), (105.0, 0.5), (140.0, 0.0)])
+def test_an_arm_that_is_pressed_on_gives_way(slow: ArmLimits, force: float, share: float) -> None:
+    sent = begin(HOME, slow)
+    for _ in range(500):
+        sent = limit(sent, HOME + 1.0, slow, measured=HOME)
+    for _ in range(500):
+        sent = limit(sent, HOME + 1.0, slow, force, HOME)
+    np.testing.assert_allclose(sent.q, HOME + share * slow.leash, atol=1e-6)

@@ -128,7 +128,8 @@ def limit(
     wanted = _finite(target, limits)
     clips: list[str] = []
     if measured is not None:
-        near = np.clip(wanted, measured - limits.leash, measured + limits.leash)
+        leash = limits.leash_under(force)
+        near = np.clip(wanted, measured - leash, measured + leash)
         if (near != wanted).any():
             wanted, clips = near, ["leash"]
     rate = _rate_towards(sent, wanted, limits, clips)
