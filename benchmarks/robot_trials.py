@@ -43,6 +43,12 @@ def checkpoint(folder: Path, task: str) -> Path:
     return folder / task if (folder / task).is_dir() else folder
 
 
+def spent(folder: Path) -> float:
+    """Seconds of CPU that a folder's trials took, as far as they are over."""
+    file = folder / CPU
+    return float(json.loads(file.read_text())) if file.exists() else 0.0
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tasks", nargs="*", default=protocol_names())
@@ -88,12 +94,10 @@ def main() -> int:
                     assets=options.assets,
                     instances=options.instances,
                 )
-            spent = place / task / CPU
-            before = json.loads(spent.read_text()) if spent.exists() else 0.0
-            spent.write_text(json.dumps(before + time.process_time() - begun))
+            (place / task / CPU).write_text(json.dumps(spent(place / task) + time.process_time() - begun))
         found = write_table(place)
         for row in found["rows"]:
-            row["cpu_s"] = json.loads((place / row["task"] / CPU).read_text())
+            row["cpu_s"] = spent(place / row["task"])
             low, high = row["interval"]
             said = f"{row['successes']}/{row['trials']} ({low:.2f} to {high:.2f}), {row['cpu_s']:.0f} s of CPU"
             print(f"{name:12} {row['task']:20} {said}  {row['causes']}", flush=True)

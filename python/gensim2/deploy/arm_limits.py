@@ -56,8 +56,8 @@ class ArmLimits:
         low, high: (3,) corners of the workspace of the tool in the robot's base frame, m.
         clearance: that the robot keeps from itself and from the table, m.
         force: that presses on the arm from outside, N.
-        leash: rad (m) by which a target may lead the measured arm: what is blocked is pressed on no harder. From half of
-            ``force`` on it grows shorter.
+        leash: rad (m) by which a target may lead the measured arm: what is blocked is pressed on no harder. A force
+            shortens it.
         jump: rad (m) by which the first target of an episode may lie off where the arm stands, and by which any may lie
             outside the range of a joint.
     """
@@ -141,8 +141,8 @@ class ArmLimits:
         )
 
     def leash_under(self, force: float) -> float:
-        """Leash (rad or m) under a force (N): whole up to half of what may press on the arm, none at all of it."""
-        return self.leash * min(1.0, 2.0 * (1.0 - force / self.force))
+        """Leash (rad or m) under a force (N), by the share that is left of what may press on the arm."""
+        return self.leash * (1.0 - force / self.force)
 
     @property
     def size(self) -> int:
