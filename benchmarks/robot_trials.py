@@ -12,8 +12,8 @@ with one for each task, by its name. Killed, it goes on where it was when called
 
 Policies are taught with this noise and without it, by at most 200 demonstrations of each task:
 
-    gensim2 learn TASK --scenes 200 --noise deployed --assets builtin --out noisy/TASK
-    gensim2 learn TASK --scenes 200 --assets builtin --out clean/TASK
+    gensim2 learn TASK --scenes 200 --minutes 2 --noise deployed --assets builtin --out noisy/TASK
+    gensim2 learn TASK --scenes 200 --minutes 2 --assets builtin --out clean/TASK
 """
 
 from __future__ import annotations

@@ -50,8 +50,8 @@ python_lane() {
     check python "ruff" ruff check .
     check python "ruff format" ruff format --check .
     # One file is one process: fixtures of a module or a session are made once. tests/conftest.py orders the files.
-    # Four processes, also where there are fewer cores: some tests wait for clocks and other processes.
-    check python "pytest" python -m pytest -q -n 4 --dist loadfile --no-loadscope-reorder --durations 10
+    # One process more than there are cores, four at most: some tests wait for clocks and other processes.
+    check python "pytest" python -m pytest -q -n "$(($(nproc) < 4 ? $(nproc) + 1 : 4))" --dist loadfile --no-loadscope-reorder --durations 10
 }
 
 rust_lane >"$work/rust.log" 2>&1 &

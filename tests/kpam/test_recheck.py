@@ -20,7 +20,7 @@ from .random_problems import RandomProblem, random_problem
 
 #: Random problems on arms of their own and on six arms, and how many a test looks at, so that a failure is found early.
 #: ``benchmarks/random_plans.py`` looks at 20,000.
-PROBLEMS, ON_SIX_ARMS, SHARE = 200, 1000, 100
+PROBLEMS, ON_SIX_ARMS, SHARE = 100, 1000, 100
 
 #: Problems on six arms of which a plan was false once: on the way out of an overlap the hand went into something else.
 ONCE_FALSE = (50_043,)
