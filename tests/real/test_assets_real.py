@@ -27,7 +27,6 @@ def test_every_class_is_found(real_assets: Path) -> None:
     [
         ("faucet", "1011", "1 mesh files missing: textured_objs/original-5.obj"),
         ("safe_rotate", "102278", "1 collision files are one slanted triangle, which PhysX drops, made a plate"),
-        ("coffee_machine", "102145", "6 collision files are one slanted triangle, which PhysX drops"),
         ("dishwasher", "12085", "joint is prismatic, the class is known as revolute"),
         ("trash_can", "102181", "no scale: 0.4, the median of its class"),
         ("bucket_swing", "100435", "disjoint from the limits"),
@@ -39,9 +38,7 @@ def test_what_is_odd_is_noted(real_assets: Path, asset_class: str, instance_id: 
     assert any(note in warning for warning in warnings), warnings
 
 
-@pytest.mark.parametrize(
-    "asset_class", ["box_rotate", "drawer", "faucet", "laptop_rotate", "microwave", "toaster_move"]
-)
+@pytest.mark.parametrize("asset_class", ["box_rotate", "drawer", "faucet", "microwave", "toaster_move"])
 def test_import_proposes_about_what_people_annotated(real_assets: Path, tmp_path: Path, asset_class: str) -> None:
     """The models of the release, taken for plain PartNet-Mobility folders: heads within 35 mm for most."""
     gaps = []
