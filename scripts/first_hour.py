@@ -241,11 +241,11 @@ def main() -> int:
         return 0
     with tempfile.TemporaryDirectory(prefix="first-hour-") as temporary:
         run_all(found, State(given.state or Path(temporary)), None if given.full else given.limit)
-    told = summary(found)
+    told, left_out = summary(found), rules(found)
     if given.json:
-        whole = {**told, "why_not_run": rules(found), "each": [asdict(command) for command in found]}
+        whole = {**told, "why_not_run": left_out, "each": [asdict(command) for command in found]}
         given.json.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
-    for why, count in rules(found).items():
+    for why, count in left_out.items():
         print(f"not run, {why}: {count}")
     print("; ".join(f"{name.replace('_', ' ')}: {value}" for name, value in told.items()))
     return 1 if told["failed"] else 0

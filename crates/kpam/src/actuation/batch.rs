@@ -71,7 +71,8 @@ pub(super) struct BatchProjection {
     pub metric: [f32; MAX_JOINTS],
     /// Weights of the joints' squared ways.
     pub weights: [f32; MAX_JOINTS],
-    /// Where ways count from: the joints, with those without limits near zero; rotation by rows and place of the hand there.
+    /// Start configuration, from which costs count, continuous joints unwound near zero; rotation (by rows) and position of the
+    /// hand there.
     pub begin: Row,
     pub begin_turn: [Single; 3],
     pub begin_at: Single,
@@ -102,7 +103,7 @@ impl Seed {
     }
 }
 
-/// Where a seed came to.
+/// Result of the projection of a seed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Arrival {
     pub seed: Seed,

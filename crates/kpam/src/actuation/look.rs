@@ -1,4 +1,4 @@
-//! What eight joint vectors at a time miss the constraints by, and what they cost.
+//! Residuals of the constraints, their gradients and the cost, for eight joint vectors at a time.
 
 use gensim2_geometry::Frames;
 use gensim2_geometry::lanes::{F32x8, Wide};
@@ -6,7 +6,7 @@ use gensim2_geometry::lanes::{F32x8, Wide};
 use super::batch::{BatchProjection, Lanes, Line, Single};
 use crate::model::MAX_JOINTS;
 
-/// A look at where the hand is.
+/// Evaluation at the present poses of the links.
 pub(super) struct Look<'a> {
     pub batch: &'a BatchProjection,
     pub frames: &'a [Frames],

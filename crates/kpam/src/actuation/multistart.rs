@@ -22,10 +22,10 @@ const SCREEN: usize = 1;
 const KEPT: usize = 4;
 /// Weight of what a seed still misses the constraints by (m, rad) beside its cost, when seeds are compared.
 const MISS: f32 = 10.0;
-/// Where less than this share of those that went on arrives, the constraints are hard to meet, and the others go on too.
+/// Share of the continued seeds that must arrive; below it the constraints are hard to meet, and the others continue too.
 const HARD: [usize; 2] = [3, 4];
 
-/// What the search for the cheapest pose left aside.
+/// Seeds and arrivals that the search for the cheapest pose has postponed.
 #[derive(Default)]
 pub(super) struct Aside {
     /// Seeds that did not go on.
@@ -125,7 +125,7 @@ impl ActuationSearch<'_> {
         seen.iter().map(|a| a.seed).collect()
     }
 
-    /// Where seeds meet the constraints, by single precision.
+    /// Arrivals of seeds that meet the constraints in single precision.
     fn arrivals(&mut self, from: &[Seed], effort: &mut Effort) -> Vec<Arrival> {
         let (near, far): (Vec<_>, Vec<_>) =
             self.batch.project(from, PROJECTIONS).into_iter().partition(|arrival| arrival.near);
