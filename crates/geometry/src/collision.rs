@@ -2,7 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{Aabb, Contact, Convex, Corners, Obstacles, Pose, Robot, signed_distance};
+use crate::distance::{Depth, measured};
+use crate::{Aabb, Contact, Convex, Corners, Obstacles, Pose, Robot};
 
 /// Thing near a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,6 +67,11 @@ impl Scratch {
     /// that there are some.
     pub fn set_early_exit(&mut self, early_exit: bool) {
         self.early_exit = early_exit;
+    }
+
+    /// How exactly depths are wanted.
+    fn depth(&self) -> Depth {
+        if self.early_exit { Depth::AtLeast } else { Depth::Measured }
     }
 
     /// Poses of the groups as last placed.
@@ -245,11 +251,12 @@ impl<'a> MovingShapes<'a> {
                         self.ensure(piece, scratch);
                         let mut toward =
                             scratch.toward(piece, e, || element.center - nalgebra::center(&bounds.min, &bounds.max));
-                        let found = signed_distance(
+                        let found = measured(
                             (&scratch.corners[piece], self.pieces[piece].shape.radius()),
                             (&element.corners, element.radius),
                             &mut toward,
-                            limit.max(0.0),
+                            limit,
+                            scratch.depth(),
                         );
                         scratch.remember(piece, e, toward);
                         found.filter(|contact| contact.distance < limit)
@@ -343,11 +350,12 @@ impl<'a> MovingShapes<'a> {
                 let mut toward = scratch.toward(i, other, || {
                     nalgebra::center(&theirs.min, &theirs.max) - nalgebra::center(&mine.min, &mine.max)
                 });
-                let found = signed_distance(
+                let found = measured(
                     (&scratch.corners[i], self.pieces[i].shape.radius()),
                     (&scratch.corners[j], self.pieces[j].shape.radius()),
                     &mut toward,
-                    limit.max(0.0),
+                    limit,
+                    scratch.depth(),
                 );
                 scratch.remember(i, other, toward);
                 if let Some(contact) = found

@@ -35,6 +35,25 @@ pub fn signed_distance(
     toward: &mut Vector3<f64>,
     reach: f64,
 ) -> Option<Contact> {
+    measured(first, second, toward, reach, Depth::Measured)
+}
+
+/// How exactly the depth of an overlap is wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Depth {
+    Measured,
+    /// Any depth that is not less than is asked for, and not more than it is.
+    AtLeast,
+}
+
+/// As [`signed_distance`], where the depth may be less than it is.
+pub(crate) fn measured(
+    first: (&Corners, f64),
+    second: (&Corners, f64),
+    toward: &mut Vector3<f64>,
+    reach: f64,
+    depth: Depth,
+) -> Option<Contact> {
     let (a, b) = (first.0, second.0);
     let rounding = first.1 + second.1;
     if !(a.are_measurable() && b.are_measurable() && rounding.abs() <= FURTHEST && !reach.is_nan()) {
@@ -43,11 +62,13 @@ pub fn signed_distance(
     let reach = reach.min(FURTHEST);
     let same = Isometry3::identity();
     let direction = Unit::try_new(*toward, 1e-12).unwrap_or(Vector3::x_axis());
-    // Their ends along any direction tell how far apart they are at least.
+    // Their ends along any direction tell how far apart they are at least, or how deep they overlap at the most.
     let extreme = CSOPoint::from_shapes(&same, a, b, &direction);
     if -extreme.point.coords.dot(&direction) > reach + rounding {
         return None;
     }
+    let least = -reach - rounding;
+    let reach = reach.max(0.0);
     let mut simplex = VoronoiSimplex::new();
     simplex.reset(extreme);
     let found = match gjk::closest_points(&same, a, b, reach + rounding, true, &mut simplex) {
@@ -58,7 +79,14 @@ pub fn signed_distance(
             None
         }
         GJKResult::NoIntersection(_) => Some(undecided(a, b, &direction)).filter(|found| found.3 <= reach + rounding),
-        GJKResult::Proximity(_) | GJKResult::Intersection => Some(deepest(a, b, &simplex, &direction)),
+        GJKResult::Proximity(_) | GJKResult::Intersection => {
+            let shown = if depth == Depth::AtLeast { depth_shown(&simplex) } else { 0.0 };
+            if shown > least.max(0.0) {
+                Some((a.furthest(&direction), b.furthest(&-direction.into_inner()), direction.into_inner(), -shown))
+            } else {
+                Some(deepest(a, b, &simplex, &direction))
+            }
+        }
     };
     let (p, q, normal, core) = found?;
     *toward = normal;
@@ -153,6 +181,23 @@ fn undecided(
     }
     let (n, apart) = widest;
     (a.furthest(&n), b.furthest(&-n), n, apart)
+}
+
+/// Radius of the ball about the origin in a tetrahedron of points of the difference of two hulls, zero where there is none:
+/// they overlap at least so deep.
+fn depth_shown(simplex: &VoronoiSimplex) -> f64 {
+    if simplex.dimension() != 3 {
+        return 0.0;
+    }
+    let corners = [0, 1, 2, 3].map(|k| simplex.point(k).point.coords);
+    let outward = |k: usize| {
+        let [a, b, c] = [1, 2, 3].map(|i| corners[(k + i) % 4]);
+        let normal = (b - a).cross(&(c - a)).try_normalize(0.0)?;
+        let (face, apex) = (normal.dot(&a), normal.dot(&corners[k]));
+        // Of a flat one it is not known which side is inside.
+        Some(if apex < face { face } else { -face }).filter(|_| (apex - face).abs() > 1e-9)
+    };
+    (0..4).map(|k| outward(k).unwrap_or(0.0)).fold(f64::INFINITY, f64::min).max(0.0)
 }
 
 /// Points, normal and depth (negative) of two overlapping hulls; `simplex` is what shows that they overlap.
@@ -253,6 +298,25 @@ mod tests {
                 if let Some(contact) = found {
                     prop_assert!((contact.distance - wanted.distance).abs() < 1e-7, "{contact:?} {wanted:?}");
                 }
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn whether_two_overlap_deeper_than_this_is_told_without_their_depth(
+            at in prop::array::uniform3(-0.4..0.4f64), guess in prop::array::uniform3(-1.0..1.0f64), asked in 0.0..0.3f64,
+            round in 0.0..0.05f64,
+        ) {
+            let (a, b) = (cube(0.2, [0.0; 3]), cube(0.1, at));
+            let wanted = between(&a, &b).distance - round;
+            prop_assume!((wanted + asked).abs() > 1e-6);
+            let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+            for depth in [Depth::Measured, Depth::AtLeast] {
+                let found = measured((&p, round), (&q, 0.0), &mut Vector3::from(guess), -asked, depth);
+                let deeper = found.filter(|contact| contact.distance < -asked);
+                prop_assert_eq!(deeper.is_some(), wanted < -asked, "{} {:?}", wanted, found);
+                prop_assert!(deeper.is_none_or(|contact| contact.distance >= wanted - 1e-7));
             }
         }
     }

@@ -1,17 +1,17 @@
 //! Free motion between two joint vectors: the straight segment where it is free, else RRT-Connect (Kuffner and
 //! LaValle, 2000) and shortcuts. Samples come from a counter, so the same problem gives the same path.
 
-use gensim2_geometry::{JointKind, Robot};
+use gensim2_geometry::Robot;
 
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, World};
 
-/// Longest edge that a tree grows by (weighted rad).
-const EDGE: f64 = 0.6;
+/// Longest edge that a tree grows by (weighted, m).
+const EDGE: f64 = 0.3;
 /// Directions that are tried to leave an overlap, ever longer ones, at most an edge long.
 const EXITS: usize = 96;
-/// Step at which that is watched (rad).
-const EXIT_STEP: f64 = 0.02;
+/// Step at which that is watched (weighted, m).
+const EXIT_STEP: f64 = 0.01;
 /// Rounds of shortcuts.
 const SHORTCUTS: usize = 60;
 
@@ -42,7 +42,8 @@ impl Tree {
     }
 }
 
-/// Distance of joint vectors in radians: a joint that slides counts by the turn that moves the arm as far.
+/// Distance of joint vectors in metres: each joint counts by how far it moves the robot's furthest points in the mean over
+/// its ranges, so that sliding and turning compare.
 #[derive(Debug, Clone, Copy)]
 struct Metric {
     n: usize,
@@ -51,18 +52,7 @@ struct Metric {
 
 impl Metric {
     fn of(robot: &Robot, model: &Model) -> Self {
-        let mut weights = [1.0; MAX_JOINTS];
-        let slides = |joint: usize| robot.joints()[joint].kind() == JointKind::Prismatic;
-        let own: Vec<usize> = model.map().indices().to_vec();
-        if own.iter().any(|j| slides(*j)) {
-            let turning: Vec<f64> = own.iter().filter(|j| !slides(**j)).map(|j| robot.cover().levers()[*j]).collect();
-            // Where nothing turns, all are metres.
-            let reach = if turning.is_empty() { 1.0 } else { turning.iter().sum::<f64>() / turning.len() as f64 };
-            for (weight, _) in weights.iter_mut().zip(&own).filter(|(_, j)| slides(**j)) {
-                *weight = 1.0 / reach;
-            }
-        }
-        Self { n: model.n(), weights }
+        Self { n: model.n(), weights: model.mean_levers(robot) }
     }
 
     fn squared(&self, a: &Row, b: &Row) -> f64 {
@@ -298,8 +288,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_slide_counts_by_the_turn_that_moves_the_arm_as_far() {
-        // A carriage that carries an arm of 2 m: a metre of it is half a radian of the arm, or so.
+    fn joints_count_by_how_far_they_move_the_arm() {
+        // A carriage that carries an arm of 2 m: a radian of it is two metres of the carriage.
         let urdf = r#"<robot name="crane"><link name="base"/><link name="carriage"/>
             <link name="arm"><collision><origin xyz="1 0 0"/><geometry><box size="2 0.02 0.02"/></geometry></collision></link>
             <joint name="slide" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>
@@ -315,6 +305,6 @@ mod tests {
             x
         };
         let (slid, turned) = (metric.length(&at(0.0, 0.0), &at(1.0, 0.0)), metric.length(&at(0.0, 0.0), &at(0.0, 1.0)));
-        assert!((slid - 0.5).abs() < 0.03 && (turned - 1.0).abs() < 1e-12, "{slid} {turned}");
+        assert!((slid - 1.0).abs() < 1e-12 && (turned - 2.0).abs() < 0.05, "{slid} {turned}");
     }
 }

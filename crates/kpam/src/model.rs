@@ -91,6 +91,16 @@ impl Model {
         &self.map
     }
 
+    /// Way (m) of the robot's furthest points a unit of each variable, in the mean over the joints' ranges.
+    #[must_use]
+    pub fn mean_levers(&self, robot: &Robot) -> Row {
+        let mut out = [0.0; MAX_JOINTS];
+        for driven in self.map.driven() {
+            out[driven.variable] += driven.factor.abs() * robot.cover().levers()[driven.joint];
+        }
+        out
+    }
+
     /// Joints of the chain to the hand that variables drive: place in the chain, variable and factor.
     pub(crate) fn columns(&self) -> &[(usize, usize, f64)] {
         &self.columns

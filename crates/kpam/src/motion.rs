@@ -66,6 +66,7 @@ impl HandPath {
 
 /// Keyframes in time (pre_{n-1}, ..., pre_0, actuation, post_0, ..., let_go) and the paths between them: path i leads from
 /// keyframe i to i + 1.
+#[derive(Clone)]
 pub(crate) struct Motions {
     pub keyframes: Vec<Keyframe>,
     pub paths: Vec<HandPath>,

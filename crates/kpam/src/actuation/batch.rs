@@ -22,8 +22,18 @@ const DAMPING: [f32; 3] = [1e-6, 1e-3, 1e3];
 
 /// One number a variable.
 pub(super) type Lanes = [F32x8; MAX_JOINTS];
-/// A residual with its gradient.
-pub(super) type Line = (Lanes, F32x8);
+/// Normal equations of a Gauss-Newton step: half the gradient of the squared residuals, and the lower triangle of the
+/// products of their gradients.
+#[derive(Debug, Clone)]
+pub(super) struct Normal {
+    pub gradient: Lanes,
+    pub matrix: [Lanes; MAX_JOINTS],
+}
+
+impl Normal {
+    const ZERO: Self = Self { gradient: [F32x8::ZERO; MAX_JOINTS], matrix: [[F32x8::ZERO; MAX_JOINTS]; MAX_JOINTS] };
+}
+
 pub(super) type Single = [f32; 3];
 
 /// A joint that moves the hand.
@@ -113,6 +123,8 @@ pub(super) struct Arrival {
     pub miss: f32,
     /// Whether it may meet the constraints.
     pub near: bool,
+    /// Whether it has not got there yet, but may with more steps.
+    pub late: bool,
 }
 
 /// State of the start in one lane.
@@ -197,16 +209,16 @@ impl BatchProjection {
     /// Takes seeds onto the constraints, by at most `rounds` steps each: where each ends, in their order.
     pub fn project(&mut self, seeds: &[Seed], rounds: usize) -> Vec<Arrival> {
         let nowhere = Seed::at([0.0; MAX_JOINTS]);
-        let nothing = Arrival { seed: nowhere, cost: f32::INFINITY, miss: f32::INFINITY, near: false };
+        let nothing = Arrival { seed: nowhere, cost: f32::INFINITY, miss: f32::INFINITY, near: false, late: false };
         let mut out = vec![nothing; seeds.len()];
         let (mut cost, mut begin) = (F32x8::ZERO, [F32x8::ZERO; MAX_JOINTS]);
         let (mut x, mut norm) = ([F32x8::ZERO; MAX_JOINTS], F32x8::splat(f32::INFINITY));
         let mut damping = F32x8::splat(DAMPING[1]);
-        let (mut lines, mut trial_lines): (Vec<Line>, Vec<Line>) = (Vec::new(), Vec::new());
+        let (mut normal, mut trial_normal) = (Normal::ZERO, Normal::ZERO);
         let mut seats = [Seat { start: None, rounds: 0, milestone: f32::INFINITY }; WIDTH];
         let mut next_start = 0;
         loop {
-            let mut trial = wide(Step { batch: self, x: &x, lines: &lines, damping });
+            let mut trial = wide(Step { batch: self, x: &x, normal: &normal, damping });
             for (lane, seat) in seats.iter_mut().enumerate().filter(|(_, seat)| seat.start.is_none()) {
                 // A start is a step that is always taken; lanes that are left over take up what others began with.
                 let start = seeds.get(next_start).or(seeds.first());
@@ -225,23 +237,18 @@ impl BatchProjection {
             if seats.iter().all(|seat| seat.start.is_none()) {
                 return out;
             }
-            let [next, new_cost] = self.look(&trial, &begin, &mut trial_lines);
-            if lines.len() == trial_lines.len() {
-                wide(Take {
-                    n: self.n,
-                    before: norm,
-                    after: next,
-                    cost: &mut cost,
-                    new_cost,
-                    x: &mut x,
-                    trial: &trial,
-                    lines: &mut lines,
-                    new: &trial_lines,
-                });
-            } else {
-                (x, cost) = (trial, new_cost);
-                std::mem::swap(&mut lines, &mut trial_lines);
-            }
+            let [next, new_cost] = self.look(&trial, &begin, &mut trial_normal);
+            wide(Take {
+                n: self.n,
+                before: norm,
+                after: next,
+                cost: &mut cost,
+                new_cost,
+                x: &mut x,
+                trial: &trial,
+                normal: &mut normal,
+                new: &trial_normal,
+            });
             let (before, after) = (norm.to_array(), next.to_array());
             for (lane, seat) in seats.iter_mut().enumerate() {
                 let Some(start) = seat.start else { continue };
@@ -254,20 +261,22 @@ impl BatchProjection {
                 } else {
                     damping.set(lane, if taken { (0.2 * damped).max(DAMPING[0]) } else { 10.0 * damped });
                 }
-                let late = seat.rounds > 0 && seat.rounds.is_multiple_of(PATIENCE);
-                let stuck = late && left > 0.5 * seat.milestone;
-                if late {
+                let due = seat.rounds > 0 && seat.rounds.is_multiple_of(PATIENCE);
+                let lost = damping.to_array()[lane] > DAMPING[2];
+                let stuck = due && left > 0.5 * seat.milestone || lost;
+                if due {
                     seat.milestone = left;
                 }
                 let arrived = left < self.near[0];
-                if arrived || stuck || seat.rounds >= rounds || damping.to_array()[lane] > DAMPING[2] {
+                if arrived || stuck || seat.rounds >= rounds {
                     let mut end = [0.0; MAX_JOINTS];
                     for v in 0..self.n {
                         end[v] = f64::from(x[v].to_array()[lane]);
                     }
                     let seed = Seed { x: end, damping: damping.to_array()[lane] };
                     let near = left < self.near[1];
-                    out[start] = Arrival { seed, cost: cost.to_array()[lane], miss: left, near };
+                    let late = !(near || stuck);
+                    out[start] = Arrival { seed, cost: cost.to_array()[lane], miss: left, near, late };
                     seat.start = None;
                 }
                 seat.rounds += 1;
@@ -275,8 +284,8 @@ impl BatchProjection {
         }
     }
 
-    /// Residuals that vanish inside the constraints, with their gradients; the sum of their squares, and the cost.
-    fn look(&mut self, x: &Lanes, begin: &Lanes, lines: &mut Vec<Line>) -> [F32x8; 2] {
+    /// Normal equations of the residuals, which vanish inside the constraints; the sum of their squares, and the cost.
+    fn look(&mut self, x: &Lanes, begin: &Lanes, normal: &mut Normal) -> [F32x8; 2] {
         let mut q = std::mem::take(&mut self.q);
         let mut frames = std::mem::take(&mut self.frames);
         q.clear();
@@ -285,8 +294,7 @@ impl BatchProjection {
             q[d.joint] = x[d.variable] * d.factor as f32 + F32x8::splat(d.offset as f32);
         }
         self.posing.place(&q, &mut frames);
-        lines.clear();
-        let seen = wide(Look { batch: self, frames: &frames, x, begin, lines });
+        let seen = wide(Look { batch: self, frames: &frames, x, begin, normal });
         (self.q, self.frames) = (q, frames);
         seen
     }
@@ -298,6 +306,7 @@ mod tests {
     use super::super::projection::PROJECTIONS;
     use super::super::tests::problem;
     use super::*;
+    use crate::resolve::PlaneTerm;
 
     #[test]
     fn eight_at_a_time_arrive_where_one_at_a_time_does() {
@@ -325,5 +334,31 @@ mod tests {
         let alone = seeds.iter().filter(|start| search.project(&mut start.x.clone()) <= 0.0).count();
         assert!(arrived > 8 && arrived.abs_diff(alone) <= 3, "{arrived} {alone}");
         assert!(4 * same > 3 * arrived, "{same} of {arrived}");
+    }
+
+    #[test]
+    fn the_cost_of_eight_at_a_time_is_that_of_one() {
+        let mut problem = problem(-1.0, 0.02, [0.5, 0.1, 0.3]);
+        problem.options.joint_weights = Some(vec![10.0, 0.3, 1.0, 2.0, 1.0, 5.0]);
+        let model = Model::new(&problem.robot, &problem.q_start).unwrap();
+        let mut resolved = problem.resolve().unwrap();
+        let plane = |normal: [f64; 3], weight: f64| PlaneTerm {
+            on_hand: Vector3::new(0.1, -0.05, 0.2),
+            target: Vector3::new(0.3, 0.2, 0.1),
+            normal: normal.into(),
+            weight,
+        };
+        resolved.costs = vec![plane([0.6, 0.0, 0.8], 3.0), plane([0.0, 1.0, 0.0], 0.7)];
+        let mut search = ActuationSearch::new(&problem, &model, &resolved);
+        let seeds: Vec<Seed> = (0..43).map(|k| Seed::at(search.start(k))).collect();
+        // No step: where each begins.
+        let begun = search.batch.project(&seeds, 0);
+        let mut costs = Vec::new();
+        for (seed, there) in seeds.iter().zip(&begun) {
+            let wanted = search.cost(&seed.x);
+            assert!((f64::from(there.cost) - wanted).abs() < 1e-5 * (1.0 + wanted), "{} {wanted}", there.cost);
+            costs.push(wanted);
+        }
+        assert!(costs[0] < 0.5 * costs[1..].iter().copied().fold(f64::INFINITY, f64::min), "{costs:?}");
     }
 }

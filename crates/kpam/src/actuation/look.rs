@@ -1,9 +1,10 @@
-//! Residuals of the constraints, their gradients and the cost, for eight joint vectors at a time.
+//! Residuals of the constraints, the normal equations of their Gauss-Newton step and the cost, for eight joint vectors at a
+//! time.
 
 use gensim2_geometry::Frames;
 use gensim2_geometry::lanes::{F32x8, Wide};
 
-use super::batch::{BatchProjection, Lanes, Line, Single};
+use super::batch::{BatchProjection, Lanes, Normal, Single};
 use crate::model::MAX_JOINTS;
 
 /// Evaluation at the present poses of the links.
@@ -12,7 +13,7 @@ pub(super) struct Look<'a> {
     pub frames: &'a [Frames],
     pub x: &'a Lanes,
     pub begin: &'a Lanes,
-    pub lines: &'a mut Vec<Line>,
+    pub normal: &'a mut Normal,
 }
 
 type Vector = [F32x8; 3];
@@ -37,22 +38,65 @@ impl Wide for Look<'_> {
 
     #[inline(always)]
     fn run(self) -> [F32x8; 2] {
-        let Self { batch, frames, x, begin, lines } = self;
+        // Arms have six or seven joints: for those the compiler unrolls all loops.
+        match self.batch.n {
+            6 => self.of::<6>(),
+            7 => self.of::<7>(),
+            _ => self.of::<MAX_JOINTS>(),
+        }
+    }
+}
+
+impl Normal {
+    #[inline(always)]
+    fn clear<const N: usize>(&mut self) {
+        for i in 0..N {
+            self.gradient[i] = F32x8::ZERO;
+            for k in 0..=i {
+                self.matrix[i][k] = F32x8::ZERO;
+            }
+        }
+    }
+
+    /// Adds a residual with its gradient.
+    #[inline(always)]
+    fn add<const N: usize>(&mut self, row: &[F32x8; N], miss: F32x8) {
+        for i in 0..N {
+            self.gradient[i] = self.gradient[i] + row[i] * miss;
+            for k in 0..=i {
+                self.matrix[i][k] = self.matrix[i][k] + row[i] * row[k];
+            }
+        }
+    }
+}
+
+impl Look<'_> {
+    /// Sum of squared residuals, and the cost, of an arm with at most `N` joints.
+    #[inline(always)]
+    fn of<const N: usize>(self) -> [F32x8; 2] {
+        let Self { batch, frames, x, begin, normal } = self;
         let zero = F32x8::ZERO;
-        // Turn, and velocity of the point at the base origin, of each column.
-        let mut columns = [([zero; 3], [zero; 3]); MAX_JOINTS];
-        let count = batch.columns.len().min(MAX_JOINTS);
-        for k in 0..count {
-            let column = &batch.columns[k];
+        // Turn, and velocity of the point at the base origin, of each variable.
+        let (mut turns, mut shifts) = ([[zero; 3]; N], [[zero; 3]; N]);
+        for column in &batch.columns {
             let frame = &frames[column.link];
             let axis = frame.direction(&column.axis);
             let axis = [axis[0] * column.factor, axis[1] * column.factor, axis[2] * column.factor];
-            columns[k] = if column.turns { (axis, cross(&frame.t, &axis)) } else { ([zero; 3], axis) };
+            let moment = cross(&frame.t, &axis);
+            let v = column.variable.min(N - 1);
+            for e in 0..3 {
+                if column.turns {
+                    turns[v][e] = turns[v][e] + axis[e];
+                    shifts[v][e] = shifts[v][e] + moment[e];
+                } else {
+                    shifts[v][e] = shifts[v][e] + axis[e];
+                }
+            }
         }
         let hand = &frames[batch.hand];
         // As `ActuationSearch::cost`.
         let mut cost = F32x8::splat(1.5);
-        for v in 0..batch.n {
+        for v in 0..N {
             let step = x[v] - begin[v];
             cost = cost + step * step * batch.weights[v];
         }
@@ -69,21 +113,20 @@ impl Wide for Look<'_> {
             cost = cost + off * off * term.weight;
         }
         let mut sum = zero;
+        normal.clear::<N>();
         for p in &batch.points {
             let at = hand.point(&p[0]);
-            let mut rows = [[zero; MAX_JOINTS]; 3];
-            for k in 0..count {
-                let (turn, shift) = &columns[k];
-                let way = cross(turn, &at);
-                let v = batch.columns[k].variable;
+            let mut rows = [[zero; N]; 3];
+            for v in 0..N {
+                let way = cross(&turns[v], &at);
                 for e in 0..3 {
-                    rows[e][v] = rows[e][v] + shift[e] + way[e];
+                    rows[e][v] = shifts[v][e] + way[e];
                 }
             }
             for e in 0..3 {
                 let miss = at[e] - F32x8::splat(p[1][e]);
                 sum = sum + miss * miss;
-                lines.push((rows[e], miss));
+                normal.add(&rows[e], miss);
             }
         }
         for a in &batch.axes {
@@ -96,36 +139,32 @@ impl Wide for Look<'_> {
             let flat = F32x8::splat(1e-5);
             let scale = F32x8::ONE / sin.max(flat);
             let across = splat(&a.across);
-            let mut row = [zero; MAX_JOINTS];
-            let mut normal = [zero; 3];
+            let mut about = [zero; 3];
             for e in 0..3 {
-                normal[e] = sin.below(flat, across[e], between[e] * scale);
+                about[e] = sin.below(flat, across[e], between[e] * scale);
             }
-            for k in 0..count {
-                let v = batch.columns[k].variable;
-                row[v] = row[v] - dot(&normal, &columns[k].0);
+            let mut row = [zero; N];
+            for v in 0..N {
+                row[v] = zero - dot(&about, &turns[v]);
             }
             sum = sum + miss * miss;
-            lines.push((row, miss));
+            normal.add(&row, miss);
         }
         if let Some([low, high]) = &batch.workspace {
             for e in 0..3 {
                 let c = hand.t[e];
                 let miss = c - c.max(F32x8::splat(low[e])).min(F32x8::splat(high[e]));
-                let mut row = [zero; MAX_JOINTS];
-                if miss == zero {
-                    lines.push((row, miss));
+                // Most are inside: then nothing pulls.
+                if miss.all_at_least(zero) && zero.all_at_least(miss) {
                     continue;
                 }
-                for k in 0..count {
-                    let (turn, shift) = &columns[k];
-                    let v = batch.columns[k].variable;
-                    // Where the hand is inside, nothing pulls.
-                    let way = shift[e] + cross(turn, &hand.t)[e];
-                    row[v] = row[v] + zero.below(miss.abs(), way, zero);
+                let mut row = [zero; N];
+                for v in 0..N {
+                    let way = shifts[v][e] + cross(&turns[v], &hand.t)[e];
+                    row[v] = zero.below(miss.abs(), way, zero);
                 }
                 sum = sum + miss * miss;
-                lines.push((row, miss));
+                normal.add(&row, miss);
             }
         }
         [sum, cost]

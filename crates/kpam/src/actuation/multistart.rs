@@ -20,6 +20,8 @@ const PERSISTENCE: usize = 5;
 const SCREEN: usize = 1;
 /// One of so many goes on then.
 const KEPT: usize = 4;
+/// Steps that those get first: most that arrive have by then. The others wait, as those that did not go on.
+const SOON: usize = 7;
 /// Weight of what a seed still misses the constraints by (m, rad) beside its cost, when seeds are compared.
 const MISS: f32 = 10.0;
 /// Share of the continued seeds that must arrive; below it the constraints are hard to meet, and the others continue too.
@@ -70,13 +72,15 @@ impl ActuationSearch<'_> {
                     _ if used < last && arrived.is_empty() => (used + WIDTH).min(last),
                     _ => break,
                 };
-                let from = match end {
-                    _ if end == used => std::mem::take(&mut self.aside.waiting),
-                    _ if end <= most => self.screened(used..end),
-                    _ => (used..end).map(|k| self.seed(self.further_start(k - most))).collect(),
+                let (from, steps) = match end {
+                    _ if end == used => (std::mem::take(&mut self.aside.waiting), PROJECTIONS),
+                    _ if end <= most => (self.screened(used..end), SOON),
+                    _ => ((used..end).map(|k| self.seed(self.further_start(k - most))).collect(), PROJECTIONS),
                 };
-                (used, sent) = (end, sent + from.len());
-                arrived.extend(self.arrivals(&from, &mut effort));
+                let (near, late) = self.arrivals(&from, steps, &mut effort);
+                (used, sent) = (end, sent + from.len() - late.len());
+                arrived.extend(near);
+                self.aside.waiting.extend(late);
             }
             self.aside.arrived = self.distinct_arrivals(arrived);
             let candidates = self.descend_cheapest(&mut effort);
@@ -97,7 +101,7 @@ impl ActuationSearch<'_> {
     pub fn others(&mut self, known: &[Candidate]) -> Vec<Candidate> {
         let mut effort = Effort::default();
         let Aside { waiting, mut arrived } = std::mem::take(&mut self.aside);
-        arrived.extend(self.arrivals(&waiting, &mut effort));
+        arrived.extend(self.arrivals(&waiting, PROJECTIONS, &mut effort).0);
         let mut poses = known.to_vec();
         poses.extend(arrived.iter().filter_map(|a| self.home(a, &mut effort)));
         self.distinct(poses)
@@ -125,14 +129,21 @@ impl ActuationSearch<'_> {
         seen.iter().map(|a| a.seed).collect()
     }
 
-    /// Arrivals of seeds that meet the constraints in single precision.
-    fn arrivals(&mut self, from: &[Seed], effort: &mut Effort) -> Vec<Arrival> {
-        let (near, far): (Vec<_>, Vec<_>) =
-            self.batch.project(from, PROJECTIONS).into_iter().partition(|arrival| arrival.near);
-        for arrival in far {
-            effort.note(self.violation(&arrival.seed.x), &arrival.seed.x);
+    /// Arrivals of seeds that meet the constraints in single precision within `steps`, and those that may with more.
+    fn arrivals(&mut self, from: &[Seed], steps: usize, effort: &mut Effort) -> (Vec<Arrival>, Vec<Seed>) {
+        let (mut near, mut late) = (Vec::new(), Vec::new());
+        for arrival in self.batch.project(from, steps) {
+            if arrival.near {
+                near.push(arrival);
+                continue;
+            }
+            if arrival.late && steps < PROJECTIONS {
+                late.push(arrival.seed);
+            } else {
+                effort.note(self.violation(&arrival.seed.x), &arrival.seed.x);
+            }
         }
-        near
+        (near, late)
     }
 
     /// The pose of an arrival, where it meets the constraints in double precision too.

@@ -2,7 +2,7 @@
 
 use gensim2_geometry::lanes::{F32x8, Wide};
 
-use super::batch::{BatchProjection, Lanes, Line};
+use super::batch::{BatchProjection, Lanes, Normal};
 use super::projection::STEP;
 use crate::model::MAX_JOINTS;
 
@@ -10,7 +10,7 @@ use crate::model::MAX_JOINTS;
 pub(super) struct Step<'a> {
     pub batch: &'a BatchProjection,
     pub x: &'a Lanes,
-    pub lines: &'a [Line],
+    pub normal: &'a Normal,
     pub damping: F32x8,
 }
 
@@ -32,20 +32,14 @@ impl Step<'_> {
     /// Of an arm with at most `N` joints: those that are not there have no rows, and stay.
     #[inline(always)]
     fn of<const N: usize>(self) -> Lanes {
-        let Self { batch, x, lines, damping } = self;
+        let Self { batch, x, normal, damping } = self;
         let zero = F32x8::ZERO;
         let mut gradient = [zero; N];
-        let mut normal = [[zero; N]; N];
-        for (row, r) in lines {
-            // Most are inside the workspace: then its lines are empty.
-            if row[..N].iter().all(|value| *value == zero) {
-                continue;
-            }
-            for i in 0..N {
-                gradient[i] = gradient[i] + row[i] * *r;
-                for k in 0..=i {
-                    normal[i][k] = normal[i][k] + row[i] * row[k];
-                }
+        let mut matrix = [[zero; N]; N];
+        for i in 0..N {
+            gradient[i] = normal.gradient[i];
+            for k in 0..=i {
+                matrix[i][k] = normal.matrix[i][k];
             }
         }
         for v in 0..N {
@@ -58,10 +52,10 @@ impl Step<'_> {
             for k in 0..N {
                 if k != v {
                     let (i, j) = if v > k { (v, k) } else { (k, v) };
-                    normal[i][j] = normal[i][j] * moves;
+                    matrix[i][j] = matrix[i][j] * moves;
                 }
             }
-            normal[v][v] = normal[v][v] * moves + (F32x8::ONE - moves) + damping * batch.metric[v];
+            matrix[v][v] = matrix[v][v] * moves + (F32x8::ONE - moves) + damping * batch.metric[v];
         }
         // An LDL factorization, and the step that it gives.
         let mut l = [[zero; N]; N];
@@ -70,9 +64,9 @@ impl Step<'_> {
         let mut step = [zero; N];
         for i in 0..N {
             let mut rest = zero - gradient[i];
-            let mut pivot = normal[i][i];
+            let mut pivot = matrix[i][i];
             for k in 0..i {
-                let mut sum = normal[i][k];
+                let mut sum = matrix[i][k];
                 for m in 0..k {
                     sum = sum - l[i][m] * scaled[k][m];
                 }
@@ -113,8 +107,8 @@ pub(super) struct Take<'a> {
     pub new_cost: F32x8,
     pub x: &'a mut Lanes,
     pub trial: &'a Lanes,
-    pub lines: &'a mut [Line],
-    pub new: &'a [Line],
+    pub normal: &'a mut Normal,
+    pub new: &'a Normal,
 }
 
 impl Wide for Take<'_> {
@@ -122,18 +116,14 @@ impl Wide for Take<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { n, before, after, cost, new_cost, x, trial, lines, new } = self;
-        let n = n.min(MAX_JOINTS);
+        let Self { n, before, after, cost, new_cost, x, trial, normal, new } = self;
         *cost = after.below(before, new_cost, *cost);
-        for v in 0..n {
-            x[v] = after.below(before, trial[v], x[v]);
-        }
-        for i in 0..lines.len().min(new.len()) {
-            let ((row, r), (other, s)) = (&mut lines[i], &new[i]);
-            for v in 0..n {
-                row[v] = after.below(before, other[v], row[v]);
+        for i in 0..n.min(MAX_JOINTS) {
+            x[i] = after.below(before, trial[i], x[i]);
+            normal.gradient[i] = after.below(before, new.gradient[i], normal.gradient[i]);
+            for k in 0..=i {
+                normal.matrix[i][k] = after.below(before, new.matrix[i][k], normal.matrix[i][k]);
             }
-            *r = after.below(before, *s, *r);
         }
     }
 }

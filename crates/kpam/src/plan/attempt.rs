@@ -1,18 +1,34 @@
 //! The motion through the keyframes of one actuation pose.
 
+use super::approach::Approach;
 use super::failure::Failure;
-use super::planner::{Approach, PAD, Planner};
+use super::planner::{PAD, Planner};
 use super::timed::Timed;
 use crate::free_space::NoWay;
-use crate::hand_path::Followed;
 use crate::model::Row;
-use crate::motion::{Motions, motions};
-use crate::world::{Hit, Margins, State, Way, World, even, travel_along, travel_over};
+use crate::motion::Motions;
+use crate::world::{Hit, Margins, Way};
+
+/// Extent of what is known of a motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Stage {
+    /// The arm follows the hand's paths so far. It goes no further, but there may be something in the way.
+    Followed,
+    /// Nothing is in the way at any waypoint.
+    Seen,
+    /// Nor between them; with its margin it goes so far.
+    Swept,
+}
 
 /// A candidate's motion as far as it goes: joint waypoints of each path, and what stopped it.
+#[derive(Clone)]
 pub(super) struct Attempt {
     pub x: Row,
+    /// The same before whole turns were taken from it.
+    pub origin: Row,
+    /// Number of its pose in the order of trial.
     pub rank: usize,
+    pub stage: Stage,
     pub motions: Motions,
     /// Free motions to the first keyframe, each from rest to rest; empty where there is none.
     pub approach: Vec<Vec<Row>>,
@@ -29,6 +45,10 @@ pub(super) struct Attempt {
     pub after: (usize, f64),
     pub hits: Vec<(usize, Hit)>,
     pub failure: Option<Failure>,
+    /// Extent and failure of following the paths, whatever is in the way.
+    pub reach: ((usize, f64), Option<Failure>),
+    /// Path and waypoint up to which nothing may be in the way, once something is known to be beyond it.
+    seen: Option<(usize, usize)>,
     /// Whether the pose itself overlaps something, so that no motion was looked for.
     pub overlaps: bool,
     /// The timed motion, once approach and pre-actuation motions stand: with a failure, the part before it.
@@ -38,13 +58,15 @@ pub(super) struct Attempt {
 }
 
 impl Attempt {
-    fn new(x: &Row, rank: usize, motions: Motions, first: usize) -> Self {
+    pub fn new(x: &Row, motions: Motions, first: usize) -> Self {
         let count = motions.paths.len();
         // What lies before the first path is done.
         let done = first.saturating_sub(motions.actuation);
         Self {
             x: *x,
-            rank,
+            origin: *x,
+            rank: 0,
+            stage: Stage::Followed,
             motions,
             approach: Vec::new(),
             paths: vec![Vec::new(); count],
@@ -55,6 +77,8 @@ impl Attempt {
             after: (done, 0.0),
             hits: Vec::new(),
             failure: None,
+            reach: ((done, 0.0), None),
+            seen: None,
             overlaps: false,
             timed: None,
             first,
@@ -71,15 +95,17 @@ impl Attempt {
         self.timed.is_some() && self.failure.is_none()
     }
 
-    /// Extent if the approach to it is free: zero, if it does not get to the actuation pose and past it.
-    fn extent(&self) -> f64 {
+    /// Extent if the approach to it is free: zero, if it does not get to the actuation pose and past it. It is no more than
+    /// this, but it may be less before it is swept.
+    pub fn extent(&self) -> f64 {
         let short = self.failure.as_ref().is_some_and(|f| f.keyframe() <= self.motions.actuation);
         if short { 0.0 } else { 1.0 + self.after.0 as f64 + self.after.1 }
     }
 
     /// Fraction of a path after the actuation that was followed.
     fn followed(&self, path: usize) -> f64 {
-        if path - self.motions.actuation < self.after.0 { 1.0 } else { self.after.1 }
+        let (whole, part) = self.reach.0;
+        if path - self.motions.actuation < whole { 1.0 } else { part }
     }
 
     /// Paths in the order in which they are looked at: from the actuation pose to the start, then to the end.
@@ -89,12 +115,12 @@ impl Attempt {
     }
 
     /// A path with the travel of the object's joint along it.
-    fn way(&self, path: usize) -> Way<'_> {
+    pub fn way(&self, path: usize) -> Way<'_> {
         Way { waypoints: &self.paths[path], travel: &self.travel[path], off: &[] }
     }
 
     /// Something is in the way on a path. Before the actuation that leaves no motion but what lies between it and there.
-    fn block(&mut self, path: usize, hit: Hit) {
+    pub fn block(&mut self, path: usize, hit: Hit) {
         let act = self.motions.actuation;
         if path < act {
             self.paths[..=path].iter_mut().for_each(Vec::clear);
@@ -107,89 +133,40 @@ impl Attempt {
 }
 
 impl Planner<'_> {
-    /// The motion through the keyframes of one actuation pose, as far as it goes. Where there is a score to beat,
-    /// `bar`, no more is spent on a motion than it takes to see that it does not.
-    pub(super) fn attempt(&mut self, x: &Row, rank: usize, samples: usize, bar: Option<f64>) -> Attempt {
-        let hand = self.follower.hand(x);
-        let motions = motions(self.problem, &hand);
-        let act = motions.actuation;
-        let first = if self.entry > act { self.entry - 1 } else { self.entry };
-        let mut out = Attempt::new(x, rank, motions, first);
-        self.world.act_at(x, out.motions.letting_go());
-        // What overlapped at the start has come apart on the approach, where there is one.
-        let plain = if self.entry > act { Margins::plain(0.0) } else { Margins::plain(0.0).parted() };
-        let overlap = match self.entry <= act {
-            true => {
-                let segment = self.world.schedule.last_before_actuation();
-                self.judge(bar, |world| world.hit_at(State::still(x), segment, &plain))
-            }
-            false => None,
-        };
-        if let Some(hit) = overlap {
-            out.hits.push((act, hit.clone()));
-            if self.problem.options.avoid_collisions {
-                out.failure = Some(Failure::Blocked { keyframe: act, hit });
-                out.overlaps = true;
-                return out;
+    /// Looks at single waypoints after the actuation: what is in the way at one of them says how far the motion goes at the
+    /// most, at far less cost than a sweep.
+    pub(super) fn see(&mut self, out: &mut Attempt) {
+        let act = out.motions.actuation;
+        if self.problem.options.avoid_collisions {
+            self.act(out);
+            let (last_path, last) = out.seen.unwrap_or((out.paths.len(), 0));
+            for i in act.max(out.first)..out.paths.len().min(last_path + 1) {
+                let steps = out.paths[i].len().saturating_sub(1);
+                let most = if i == last_path { last } else { steps };
+                if most == 0 {
+                    continue;
+                }
+                let segment = self.world.schedule.along(i);
+                let plain = self.overlaps_only();
+                let met = self.judge(true, |world| world.hit_at_any(out.way(i).until(most), segment, &plain));
+                if let Some((k, hit)) = met {
+                    out.seen = Some((i, k - 1));
+                    out.after = (i - act, out.followed(i) * (k - 1) as f64 / steps as f64);
+                    out.failure = Some(Failure::Blocked { keyframe: i + 1, hit });
+                    return;
+                }
             }
         }
-        self.follow_before(&mut out);
-        // What comes after the actuation is not followed where there is no way to it.
-        if bar.is_some_and(|bar| self.falls_short(&mut out, bar, &plain, true)) {
-            return out;
-        }
-        if out.failure.is_none() {
-            self.follow_after(&mut out);
-        }
-        self.unwind(&mut out);
-        if self.entry > act {
-            self.take_up(&mut out);
-        }
-        if bar.is_some_and(|bar| self.falls_short(&mut out, bar, &plain, false)) {
-            return out;
-        }
-        self.sweep_all(&mut out, bar);
-        let worth = self.problem.options.allow_partial && out.extent() > bar.unwrap_or(0.0);
-        if out.failure.is_some() && !worth {
-            // It still says how far it goes, but the free motion is not spent on it.
-            return out;
-        }
-        if self.entry > act || self.approach_first(&mut out, samples) {
-            match self.emit(&mut out) {
+        out.stage = Stage::Seen;
+    }
+
+    /// Looks for the free motion to the first keyframe, and times the whole.
+    pub(super) fn complete(&mut self, out: &mut Attempt, samples: usize) {
+        self.act(out);
+        if self.entry > out.motions.actuation || self.approach_first(out, samples) {
+            match self.emit(out) {
                 Ok(timed) => out.timed = Some(timed),
                 Err(failure) => out.failure = Some(failure),
-            }
-        }
-        out
-    }
-
-    /// A hit that turns an attempt down. Where there is a score to beat, its reason is not reported: any will do.
-    fn judge(&mut self, bar: Option<f64>, look: impl FnOnce(&mut World<'_>) -> Option<Hit>) -> Option<Hit> {
-        self.world.set_early_exit(bar.is_some() && !self.explain && self.problem.options.avoid_collisions);
-        let hit = look(&mut self.world);
-        self.world.set_early_exit(false);
-        hit
-    }
-
-    /// Takes up a motion past the actuation pose: what overlaps there may persist, and the brake is swept.
-    fn take_up(&mut self, out: &mut Attempt) {
-        let path = self.entry - 1;
-        let segment = self.world.schedule.along(path);
-        let travel = out.travel[path].first().copied().unwrap_or(0.0);
-        let near = self.model.start();
-        let start = State { x: &near, travel };
-        self.world.measure_start(start, segment);
-        if let Some(hit) = self.too_deep() {
-            out.failure = Some(Failure::Inside { keyframe: self.entry, hit });
-            return;
-        }
-        let way = self.transitions[self.transition].way(&self.start);
-        let brake = Way { waypoints: &way, travel: &[travel], off: &[] };
-        let margins = self.world.margins_between([start, start], segment, self.margin);
-        if let Some((_, hit)) = self.world.sweep_along(brake, segment, &margins) {
-            out.hits.push((self.entry, hit.clone()));
-            if self.problem.options.avoid_collisions {
-                out.failure = Some(Failure::Blocked { keyframe: self.entry, hit });
             }
         }
     }
@@ -216,104 +193,12 @@ impl Planner<'_> {
         false
     }
 
-    /// Follows the paths before the actuation: all of them whole, or there is no motion at all.
-    fn follow_before(&mut self, out: &mut Attempt) {
-        let act = out.motions.actuation;
-        let mut at = out.x;
-        for i in (self.entry..act).rev() {
-            let Followed { mut waypoints, fraction } = self.follower.follow(&out.motions.paths[i], &at, true);
-            if fraction < 1.0 {
-                out.failure = Some(Failure::Unreachable { keyframe: i, fraction });
-                return;
-            }
-            waypoints.reverse();
-            at = waypoints[0];
-            out.paths[i] = waypoints;
-        }
-    }
-
-    /// Follows the paths after the actuation as far as the hand gets.
-    fn follow_after(&mut self, out: &mut Attempt) {
-        let act = out.motions.actuation;
-        let mut at = out.x;
-        let mut travel = 0.0;
-        for i in act..out.paths.len() {
-            let path = &out.motions.paths[i];
-            // What lies before the entry is done; the path to it is followed from the present state.
-            if i + 1 < self.entry {
-                travel = travel_over(self.problem, i - act, path, travel, 0.0..1.0);
-                continue;
-            }
-            let (waypoints, done, fraction) = if i + 1 == self.entry {
-                let (waypoints, done, fraction) = self.rest_of(path);
-                travel = travel_over(self.problem, i - act, path, travel, 0.0..done[0]);
-                (waypoints, done, fraction)
-            } else {
-                let Followed { waypoints, fraction } = self.follower.follow(path, &at, false);
-                let done = even(&(0.0..fraction), waypoints.len());
-                (waypoints, done, fraction)
-            };
-            at = waypoints[waypoints.len() - 1];
-            out.travel[i] = travel_along(self.problem, i - act, path, travel, &done);
-            travel = out.travel[i].last().copied().unwrap_or(travel);
-            out.paths[i] = waypoints;
-            if fraction < 1.0 {
-                out.failure = Some(Failure::Unreachable { keyframe: i + 1, fraction });
-                out.after = (i - act, fraction);
-                return;
-            }
-            out.after.0 = i - act + 1;
-        }
-    }
-
-    /// Takes the motion as many whole turns back, in joints without limits, as it begins beyond half a turn from the
-    /// start: the approach to it goes the short way.
-    fn unwind(&self, out: &mut Attempt) {
-        let before = out.paths.get(self.entry..out.motions.actuation);
-        let Some(first) = before.and_then(<[_]>::first).and_then(|path| path.first()) else { return };
-        let near = self.model.unwound(first, &self.model.start());
-        let shift: Vec<f64> = (0..self.model.n()).map(|v| near[v] - first[v]).collect();
-        for x in out.paths.iter_mut().flatten().chain(std::iter::once(&mut out.x)) {
-            x.iter_mut().zip(&shift).for_each(|(value, by)| *value += by);
-        }
-    }
-
-    /// Whether a look at single waypoints, before the actuation or after it, shows that the motion goes no further than
-    /// `bar`. That costs far less than a sweep, and most motions of a problem that has no whole one end here.
-    fn falls_short(&mut self, out: &mut Attempt, bar: f64, margins: &Margins, before: bool) -> bool {
-        let partial = self.problem.options.allow_partial;
-        if out.failure.is_some() && !(partial && out.extent() > bar) {
-            return true;
-        }
-        if !self.problem.options.avoid_collisions {
-            return false;
-        }
-        let act = out.motions.actuation;
-        for i in out.outwards().filter(|i| (*i < act) == before) {
-            let steps = out.paths[i].len().saturating_sub(1);
-            // A hit here or before means that the last free waypoint is no further than the bar.
-            let most = if i < act || !partial {
-                steps
-            } else {
-                let left = (bar - 1.0 - (i - act) as f64) / out.followed(i);
-                if left < 0.0 { 0 } else { ((left * steps as f64 + 1e-9) as usize + 1).min(steps) }
-            };
-            if most == 0 {
-                continue;
-            }
-            let segment = self.world.schedule.along(i);
-            let hit = self.judge(Some(bar), |world| world.hit_at_any(out.way(i).until(most), segment, margins));
-            if let Some(hit) = hit {
-                out.block(i, hit);
-                return true;
-            }
-        }
-        false
-    }
-
     /// Sweeps the paths, and cuts the motion where it hits something. Each keeps the margin, or what either of its ends
     /// leaves where that is less.
-    fn sweep_all(&mut self, out: &mut Attempt, bar: Option<f64>) {
+    pub(super) fn sweep_all(&mut self, out: &mut Attempt, bar: Option<f64>) {
+        out.stage = Stage::Swept;
+        self.act(out);
+        (out.after, out.failure) = out.reach.clone();
         let act = out.motions.actuation;
         for i in out.outwards() {
             if out.paths[i].is_empty() {
@@ -361,7 +246,7 @@ impl Planner<'_> {
                 let extent = 1.0 + (path - act) as f64 + out.followed(path) * k as f64 / steps.max(1) as f64;
                 self.explain || bar.is_none_or(|bar| extent > bar)
             };
-            let partial = self.problem.options.allow_partial && path >= act;
+            let partial = self.partial && path >= act;
             if !partial || met.as_ref().is_none_or(|(k, _)| *k == 0 || !worth(*k)) {
                 return met;
             }

@@ -1,8 +1,10 @@
 //! Putting it together: the cheapest actuation pose whose whole motion is reachable and free.
 
+mod approach;
 mod attempt;
 mod emitted;
 mod failure;
+mod follow;
 mod outcome;
 mod planner;
 mod replay;
@@ -10,6 +12,7 @@ mod report;
 mod request;
 mod resume;
 mod timed;
+mod trials;
 
 use serde::{Deserialize, Serialize};
 

@@ -2,9 +2,10 @@
 
 use std::borrow::Cow;
 
+use super::approach::{NEAR, WIDE};
 use super::attempt::Attempt;
 use super::failure::Failure;
-use super::planner::{NEAR, Planner, WIDE};
+use super::planner::Planner;
 use crate::hand_path::OFF_PATH;
 use crate::model::{MAX_JOINTS, Row};
 use crate::motion::HandPath;
@@ -12,6 +13,7 @@ use crate::timing::{Builder, Refusal, Spline, Trajectory, append, length, rounde
 use crate::world::{Margins, MotionSegment};
 
 /// A motion in time.
+#[derive(Clone)]
 pub(super) struct Timed {
     pub trajectory: Trajectory,
     /// When each keyframe is met, where it is.

@@ -54,16 +54,12 @@ pub(super) struct Field<'s> {
 impl<'s> Field<'s> {
     pub fn new(scene: &'s Scene, model: &'s Model, needs: Needs, ending: Ending) -> Self {
         let world = scene.compiled();
-        let mut weights = [0.0; MAX_JOINTS];
-        for driven in model.map().driven() {
-            weights[driven.variable] += driven.factor.abs() * scene.robot().cover().levers()[driven.joint];
-        }
         Self {
             scene,
             world,
             model,
             needs,
-            weights,
+            weights: model.mean_levers(scene.robot()),
             resolution: RESOLUTION,
             along: None,
             checks: 0,

@@ -202,6 +202,11 @@ impl<'p> World<'p> {
         self.is_spent() || self.is_late() || self.is_cancelled()
     }
 
+    /// Whether it may have to end before all is tried.
+    pub fn is_limited(&self) -> bool {
+        self.end.is_some() || self.max_checks < u64::MAX
+    }
+
     /// Whether the time is up.
     pub fn is_late(&self) -> bool {
         self.end.is_some_and(|end| Instant::now() >= end)

@@ -35,15 +35,15 @@ struct Onwards {
 }
 
 impl World<'_> {
-    /// A checked pair nearer than its margin at any waypoint but the first, where there is one. One about the middle is
+    /// A waypoint but the first at which a checked pair is nearer than its margin, where there is one. One about the middle is
     /// looked at first, then those about the middles of what is left: what blocks a path shows soon.
-    pub fn hit_at_any(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> Option<Hit> {
+    pub fn hit_at_any(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> Option<(usize, Hit)> {
         let mut stride = way.waypoints.len().next_power_of_two();
         while stride > 1 {
             let half = stride / 2;
             for k in (half..way.waypoints.len()).step_by(stride) {
                 if let Some(hit) = self.hit_at(way.state(k), segment, margins) {
-                    return Some(hit);
+                    return Some((k, hit));
                 }
             }
             stride = half;

@@ -1,0 +1,208 @@
+//! The free motion from the start to the first keyframe.
+
+use super::planner::{PAD, Planner};
+use crate::free_space::{self, NoWay, Sampling};
+use crate::model::{Model, Row};
+use crate::timing::{Spline, rounded, turn};
+use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, Way, World};
+
+/// Free motions are searched for with this much more than the margin (m): a smooth curve may take it from its corners.
+const CURVED: f64 = 1e-3;
+/// Spacings of waypoints (rad or m) on the free approach, and that near its ends.
+const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
+pub(super) const WIDE: f64 = 0.5;
+pub(super) const NEAR: f64 = 0.04;
+
+/// A free motion to the first keyframe.
+pub(super) struct Approach {
+    /// Pieces end at rest, and begin there but for the first of a start under way.
+    pub pieces: Vec<Vec<Row>>,
+    /// The same motion with a stop wherever it turns.
+    pub corners: Vec<Vec<Row>>,
+    /// Margins that it keeps.
+    pub kept: Margins,
+    /// Hits, where hits do not count.
+    pub hit: Option<Hit>,
+}
+impl Planner<'_> {
+    /// Free motion from the start to the first keyframe.
+    pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<Approach, NoWay> {
+        let n = self.model.n();
+        let segment = self.world.schedule.toward(self.entry);
+        let braking = self.choose_start_transition(segment);
+        if let (Some(hit), true) = (&braking, self.problem.options.avoid_collisions) {
+            return Err(NoWay::Blocked(hit.clone()));
+        }
+        let transition = self.transitions[self.transition].clone();
+        let start = transition.rest();
+        let straight = |corners: &[Row]| rounded(n, corners, WIDE, NEAR);
+        if !self.problem.options.avoid_collisions {
+            let hit = braking.or_else(|| self.world.sweep(&start, goal, segment, &Margins::plain(0.0)));
+            let room = [&self.model.lower, &self.model.upper];
+            let pieces = match turn(
+                &self.builder,
+                &transition,
+                room,
+                goal,
+                |end| straight(&[*end, *goal])[1..].to_vec(),
+                |_| true,
+            ) {
+                Some(turned) => vec![turned.waypoints],
+                None => transition.line().into_iter().chain([straight(&[start, *goal])]).collect(),
+            };
+            return Ok(Approach { pieces, corners: Vec::new(), kept: Margins::plain(0.0), hit });
+        }
+        // What overlaps at the start comes apart first, and then stays apart.
+        let out = self.way_out(&start, segment);
+        let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
+        pieces.splice(0..0, transition.line());
+        let mut wide = self.margins(&start, goal, segment, self.margin + CURVED, out.is_some());
+        if out.is_some() {
+            // What came apart keeps what it has there; all else what it has at the start, not on the way out.
+            let there = self.margins(&begin, &begin, segment, self.margin + CURVED, true);
+            self.world.keep_apart(&mut wide, there);
+        }
+        let curved = wide.with_clearance(self.margin + PAD);
+        // On the way out of what it overlaps at the start the motion is still inside.
+        let kept = Margins { forgiving: true, ..wide.with_clearance(self.margin) };
+        if let Some(way) = self.warm_start_way(&begin, goal, segment, &curved) {
+            let along = |_: &Row, _: f64| way.clone();
+            let corners: Vec<_> = pieces.iter().cloned().chain(way.windows(2).map(<[_]>::to_vec)).collect();
+            if let Some(turned) = self.turned(&way, segment, &curved, along).filter(|_| out.is_none()) {
+                return Ok(Approach { pieces: vec![turned], corners, kept, hit: None });
+            }
+            if curve_is_free(&mut self.world, self.model, &Spline::through(n, &way, None), segment, &curved) {
+                pieces.push(way);
+                return Ok(Approach { pieces, corners, kept, hit: None });
+            }
+        }
+        let corners = match self.connect(&begin, goal, segment, &wide, samples) {
+            // Straight from stop to stop no more than the margin is needed.
+            Err(_) => self.connect(&begin, goal, segment, &curved, samples)?,
+            Ok(corners) => corners,
+        };
+        let stops: Vec<_> = pieces.iter().cloned().chain(corners.windows(2).map(straight)).collect();
+        let from = |end: &Row, spacing: f64| {
+            let mut corners = corners.clone();
+            corners[0] = *end;
+            rounded(n, &corners, spacing, NEAR)
+        };
+        if let Some(turned) = self.turned(&corners, segment, &curved, from).filter(|_| out.is_none()) {
+            return Ok(Approach { pieces: vec![turned], corners: stops, kept, hit: None });
+        }
+        if corners.len() == 2 {
+            return Ok(Approach { pieces: stops, corners: Vec::new(), kept, hit: None });
+        }
+        match self.rounded(&corners, segment, &curved) {
+            Some(curve) => pieces.push(curve),
+            None => pieces.extend(corners.windows(2).map(straight)),
+        }
+        Ok(Approach { pieces, corners: stops, kept, hit: None })
+    }
+
+    /// One smooth curve near the corners, with knots ever closer to them, where one stays free.
+    fn rounded(&mut self, corners: &[Row], segment: MotionSegment, margins: &Margins) -> Option<Vec<Row>> {
+        let n = self.model.n();
+        SPACINGS.into_iter().map(|spacing| rounded(n, corners, spacing, NEAR)).find(|curve| {
+            curve_is_free(&mut self.world, self.model, &Spline::through(n, curve, None), segment, margins)
+        })
+    }
+
+    /// The way along waypoints from a start under way, which leaves its line in a turn without coming to rest, where
+    /// such a one is free. `from` gives the waypoints from the end of the turn on, that end first, for a spacing.
+    fn turned(
+        &mut self,
+        way: &[Row],
+        segment: MotionSegment,
+        margins: &Margins,
+        from: impl Fn(&Row, f64) -> Vec<Row>,
+    ) -> Option<Vec<Row>> {
+        let transition = &self.transitions[self.transition];
+        let (builder, model, world) = (&self.builder, self.model, &mut self.world);
+        SPACINGS.into_iter().find_map(|spacing| {
+            let free = |path: &Spline| curve_is_free(world, model, path, segment, margins);
+            turn(
+                builder,
+                transition,
+                [&model.lower, &model.upper],
+                way.get(1)?,
+                |end| from(end, spacing)[1..].to_vec(),
+                free,
+            )
+            .map(|turned| turned.waypoints)
+        })
+    }
+
+    /// Margins of the free motion between two poses; `parted` where what overlapped at the start has come apart.
+    fn margins(&mut self, from: &Row, to: &Row, segment: MotionSegment, clearance: f64, parted: bool) -> Margins {
+        let margins = self.world.margins_between([State::still(from), State::still(to)], segment, clearance);
+        if parted { margins.parted() } else { margins }
+    }
+
+    /// Whether no way from the start to rest is known to be free: then there is no motion to any pose.
+    pub(super) fn start_is_blocked(&self) -> bool {
+        self.problem.options.avoid_collisions && self.transition_checked.as_ref().is_some_and(Option::is_some)
+    }
+
+    /// Chooses the first way from the start to rest that is free, where none was chosen yet; what is in the way where
+    /// none is.
+    fn choose_start_transition(&mut self, segment: MotionSegment) -> Option<Hit> {
+        if self.transition_checked.is_none() {
+            let mut first = None;
+            let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
+            let start = self.start.position;
+            let margins = self.margins(&start, &start, segment, clearance, false);
+            for (k, transition) in self.transitions.iter().enumerate() {
+                let way = transition.way(&self.start);
+                match self.world.sweep_along(Way::still(&way), segment, &margins) {
+                    None => {
+                        (self.transition, first) = (k, None);
+                        break;
+                    }
+                    Some((_, hit)) => first = first.or(Some(hit)),
+                }
+            }
+            self.transition_checked = Some(first);
+        }
+        self.transition_checked.clone().flatten()
+    }
+
+    /// Corners of a free motion that keeps to margins.
+    fn connect(
+        &mut self,
+        from: &Row,
+        to: &Row,
+        segment: MotionSegment,
+        margins: &Margins,
+        samples: usize,
+    ) -> Result<Vec<Row>, NoWay> {
+        let sampling = Sampling { max_samples: samples, seed: self.problem.options.seed };
+        free_space::connect(&mut self.world, self.model, from, to, segment, margins, sampling)
+    }
+
+    /// A free pose near the start, where that overlaps something and can get out of it.
+    fn way_out(&mut self, start: &Row, segment: MotionSegment) -> Option<Row> {
+        if self.world.start_overlap <= TOUCH {
+            return None;
+        }
+        if self.exit.is_none() {
+            let kept = self.margins(start, start, segment, self.margin, false);
+            let seed = self.problem.options.seed;
+            self.exit = Some(free_space::way_out(&mut self.world, self.model, start, segment, &kept, seed));
+        }
+        self.exit.flatten()
+    }
+}
+
+/// Whether a curve stays within the joint limits, or where its waypoints are, and off everything.
+fn curve_is_free(
+    world: &mut World<'_>,
+    model: &Model,
+    path: &Spline,
+    segment: MotionSegment,
+    margins: &Margins,
+) -> bool {
+    let all = 0..path.intervals();
+    path.keeps_within(all.clone(), &model.lower, &model.upper)
+        && world.sweep_along(Way::still(&path.along(all, 0.05)), segment, margins).is_none()
+}

@@ -1,0 +1,197 @@
+//! The hand's paths before and after one actuation pose, followed.
+
+use super::attempt::Attempt;
+use super::failure::Failure;
+use super::planner::Planner;
+use crate::hand_path::Followed;
+use crate::model::Row;
+use crate::motion::motions;
+use crate::world::{Margins, State, Way, World, even, travel_along, travel_over};
+
+impl Planner<'_> {
+    /// The motion from one actuation pose as far as the arm follows the hand's paths. `one_of_many` are looked at
+    /// for what turns them down before they are followed further than that takes; any reason will do.
+    pub(super) fn followed(&mut self, x: &Row, one_of_many: bool) -> Attempt {
+        let hand = self.follower.hand(x);
+        let motions = motions(self.problem, &hand);
+        let act = motions.actuation;
+        let first = if self.entry > act { self.entry - 1 } else { self.entry };
+        let mut out = Attempt::new(x, motions, first);
+        self.act(&out);
+        self.follow(&mut out, one_of_many);
+        out.reach = (out.after, out.failure.clone());
+        out
+    }
+
+    fn follow(&mut self, out: &mut Attempt, one_of_many: bool) {
+        let act = out.motions.actuation;
+        let plain = self.overlaps_only();
+        let overlap = match self.entry <= act {
+            true => {
+                let segment = self.world.schedule.last_before_actuation();
+                let x = out.x;
+                self.judge(one_of_many, |world| world.hit_at(State::still(&x), segment, &plain))
+            }
+            false => None,
+        };
+        if let Some(hit) = overlap {
+            out.hits.push((act, hit.clone()));
+            if self.problem.options.avoid_collisions {
+                out.failure = Some(Failure::Blocked { keyframe: act, hit });
+                out.overlaps = true;
+                return;
+            }
+        }
+        self.follow_before(out);
+        // What comes after the actuation is not followed where there is no way to it.
+        if one_of_many {
+            self.see_before(out);
+        }
+        if one_of_many && out.failure.is_some() {
+            return;
+        }
+        if out.failure.is_none() {
+            self.follow_after(out);
+        }
+        self.unwind(out);
+        if self.entry > act {
+            self.take_up(out);
+        }
+    }
+
+    /// Margins that only overlaps break. What overlapped at the start has come apart on the approach, where there is one.
+    pub(super) fn overlaps_only(&self) -> Margins {
+        let plain = Margins::plain(0.0);
+        if self.entry > self.world.schedule.actuation() { plain } else { plain.parted() }
+    }
+
+    /// Fixes what is picked to the hand, and places what is released, as at the actuation pose of an attempt.
+    pub(super) fn act(&mut self, attempt: &Attempt) {
+        if self.acting != Some(attempt.origin) {
+            self.world.act_at(&attempt.origin, attempt.motions.letting_go());
+            self.acting = Some(attempt.origin);
+        }
+    }
+
+    /// A hit that turns an attempt down. Of `one_of_many` the reason is not reported: any will do.
+    pub(super) fn judge<T>(&mut self, one_of_many: bool, look: impl FnOnce(&mut World<'_>) -> Option<T>) -> Option<T> {
+        self.world.set_early_exit(one_of_many && !self.explain && self.problem.options.avoid_collisions);
+        let hit = look(&mut self.world);
+        self.world.set_early_exit(false);
+        hit
+    }
+
+    /// Looks at what turns a motion down before the actuation: something in the way at a waypoint, or where the free
+    /// approach is to end, at which hand and fingers may not touch what they may on the path from there.
+    fn see_before(&mut self, out: &mut Attempt) {
+        let act = out.motions.actuation;
+        if out.failure.is_some() || self.entry > act || !self.problem.options.avoid_collisions {
+            return;
+        }
+        let goal = out.paths[self.entry..act].first().map_or(out.x, |path| path[0]);
+        let toward = self.world.schedule.toward(self.entry);
+        let mut plain = Margins::plain(0.0);
+        if self.problem.options.reach_clearance.is_some() {
+            // What is nearer than that there already may stay so.
+            plain = self.world.margins_between([State::still(&goal); 2], toward, 0.0);
+        }
+        if let Some(hit) = self.judge(true, |world| world.hit_at(State::still(&goal), toward, &plain)) {
+            out.failure = Some(Failure::Blocked { keyframe: self.entry, hit });
+            return;
+        }
+        let parted = self.overlaps_only();
+        for i in (self.entry..act).rev() {
+            let segment = self.world.schedule.along(i);
+            let met = self.judge(true, |world| world.hit_at_any(out.way(i), segment, &parted));
+            if let Some((_, hit)) = met {
+                out.block(i, hit);
+                return;
+            }
+        }
+    }
+
+    /// Takes up a motion past the actuation pose: what overlaps there may persist, and the brake is swept.
+    fn take_up(&mut self, out: &mut Attempt) {
+        let path = self.entry - 1;
+        let segment = self.world.schedule.along(path);
+        let travel = out.travel[path].first().copied().unwrap_or(0.0);
+        let near = self.model.start();
+        let start = State { x: &near, travel };
+        self.world.measure_start(start, segment);
+        if let Some(hit) = self.too_deep() {
+            out.failure = Some(Failure::Inside { keyframe: self.entry, hit });
+            return;
+        }
+        let way = self.transitions[self.transition].way(&self.start);
+        let brake = Way { waypoints: &way, travel: &[travel], off: &[] };
+        let margins = self.world.margins_between([start, start], segment, self.margin);
+        if let Some((_, hit)) = self.world.sweep_along(brake, segment, &margins) {
+            out.hits.push((self.entry, hit.clone()));
+            if self.problem.options.avoid_collisions {
+                out.failure = Some(Failure::Blocked { keyframe: self.entry, hit });
+            }
+        }
+    }
+
+    /// Follows the paths before the actuation: all of them whole, or there is no motion at all.
+    fn follow_before(&mut self, out: &mut Attempt) {
+        let act = out.motions.actuation;
+        let mut at = out.x;
+        for i in (self.entry..act).rev() {
+            let Followed { mut waypoints, fraction } = self.follower.follow(&out.motions.paths[i], &at, true);
+            if fraction < 1.0 {
+                out.failure = Some(Failure::Unreachable { keyframe: i, fraction });
+                return;
+            }
+            waypoints.reverse();
+            at = waypoints[0];
+            out.paths[i] = waypoints;
+        }
+    }
+
+    /// Follows the paths after the actuation as far as the hand gets.
+    fn follow_after(&mut self, out: &mut Attempt) {
+        let act = out.motions.actuation;
+        let mut at = out.x;
+        let mut travel = 0.0;
+        for i in act..out.paths.len() {
+            let path = &out.motions.paths[i];
+            // What lies before the entry is done; the path to it is followed from the present state.
+            if i + 1 < self.entry {
+                travel = travel_over(self.problem, i - act, path, travel, 0.0..1.0);
+                continue;
+            }
+            let (waypoints, done, fraction) = if i + 1 == self.entry {
+                let (waypoints, done, fraction) = self.rest_of(path);
+                travel = travel_over(self.problem, i - act, path, travel, 0.0..done[0]);
+                (waypoints, done, fraction)
+            } else {
+                let Followed { waypoints, fraction } = self.follower.follow(path, &at, false);
+                let done = even(&(0.0..fraction), waypoints.len());
+                (waypoints, done, fraction)
+            };
+            at = waypoints[waypoints.len() - 1];
+            out.travel[i] = travel_along(self.problem, i - act, path, travel, &done);
+            travel = out.travel[i].last().copied().unwrap_or(travel);
+            out.paths[i] = waypoints;
+            if fraction < 1.0 {
+                out.failure = Some(Failure::Unreachable { keyframe: i + 1, fraction });
+                out.after = (i - act, fraction);
+                return;
+            }
+            out.after.0 = i - act + 1;
+        }
+    }
+
+    /// Takes the motion as many whole turns back, in joints without limits, as it begins beyond half a turn from the
+    /// start: the approach to it goes the short way.
+    fn unwind(&self, out: &mut Attempt) {
+        let before = out.paths.get(self.entry..out.motions.actuation);
+        let Some(first) = before.and_then(<[_]>::first).and_then(|path| path.first()) else { return };
+        let near = self.model.unwound(first, &self.model.start());
+        let shift: Vec<f64> = (0..self.model.n()).map(|v| near[v] - first[v]).collect();
+        for x in out.paths.iter_mut().flatten().chain(std::iter::once(&mut out.x)) {
+            x.iter_mut().zip(&shift).for_each(|(value, by)| *value += by);
+        }
+    }
+}

@@ -1,0 +1,237 @@
+//! The search for the cheapest actuation pose whose whole motion is reachable and free, or else for the longest part of
+//! one after the actuation.
+//!
+//! Poses are taken in the order of their cost, and the first whole motion ends the search. Of the others it is told at
+//! single waypoints how far they go at the most; those that may go furthest are looked at first, once no pose is left that
+//! may allow the whole motion, so that few of them are swept and nearly always one is timed.
+
+use super::Plan;
+use super::TriedPose;
+use super::attempt::{Attempt, Stage};
+use super::failure::Failure;
+use super::planner::Planner;
+use crate::actuation::{Actuation, ActuationSearch, Candidate};
+use crate::model::Row;
+
+/// Samples of the first round over all candidates; only where all fail is the full number spent.
+const FIRST_SAMPLES: usize = 150;
+/// Candidates that get the full number.
+const SECOND_CHANCES: usize = 4;
+
+/// Trials so far, and the best of them.
+#[derive(Default)]
+pub(super) struct Trials {
+    pub best: Option<Attempt>,
+    pub tried: usize,
+    /// Outcome of each pose, where that is asked for.
+    pub poses: Vec<TriedPose>,
+    /// Motions that are known not to be whole, but not yet how far they go.
+    parts: Vec<Attempt>,
+    /// Motions that lack nothing but the free approach.
+    again: Vec<Attempt>,
+}
+
+impl Trials {
+    pub fn done(&self) -> bool {
+        self.best.as_ref().is_some_and(Attempt::is_whole)
+    }
+
+    /// The score to beat by a pose, once there is one: among equals the cheapest pose counts.
+    fn bar(&self, rank: usize) -> Option<f64> {
+        self.best.as_ref().map(|b| if rank < b.rank { b.score().next_down() } else { b.score() })
+    }
+
+    /// The motion that may go furthest, where it may go further than the best so far; of equals the cheapest.
+    fn furthest(&mut self) -> Option<Attempt> {
+        let order = |a: &Attempt, b: &Attempt| a.extent().total_cmp(&b.extent()).then(b.rank.cmp(&a.rank));
+        let k = (0..self.parts.len()).max_by(|a, b| order(&self.parts[*a], &self.parts[*b]))?;
+        let beats = self.bar(self.parts[k].rank).is_none_or(|bar| self.parts[k].extent() > bar);
+        beats.then(|| self.parts.swap_remove(k))
+    }
+
+    fn keep(&mut self, attempt: Attempt) {
+        let beats = |bar: f64| attempt.is_whole() || attempt.score() > bar;
+        if self.bar(attempt.rank).is_none_or(beats) {
+            self.best = Some(attempt);
+        }
+    }
+}
+
+impl Planner<'_> {
+    /// The motion that goes on from an earlier plan: through its actuation pose, where that still serves. Past the
+    /// actuation there is no other.
+    pub(super) fn warm_start_motion(&mut self, search: &mut ActuationSearch<'_>, x: &Row) -> Option<Plan> {
+        let past = self.entry > self.world.schedule.actuation();
+        let pose = if past { Candidate { x: *x, cost: search.cost(x) } } else { search.from(x)? };
+        let mut trials = Trials::default();
+        let samples = if past { 0 } else { self.problem.options.samples.min(FIRST_SAMPLES) };
+        for margin in self.margins_in_turn() {
+            self.set_margin(margin);
+            self.try_at_once(&pose.x, samples, &mut trials);
+            if self.is_done(&trials) {
+                break;
+            }
+        }
+        let stands = past || trials.done();
+        if !stands {
+            self.set_margin(self.problem.options.margin);
+        }
+        stands.then(|| self.conclude(trials, &pose))
+    }
+
+    pub(super) fn whole_motion(&mut self, found: &Actuation, search: &mut ActuationSearch<'_>) -> Plan {
+        let options = &self.problem.options;
+        let (samples, most) = (options.samples.min(FIRST_SAMPLES), options.candidates);
+        let mut trials = Trials::default();
+        // Poses beside the cheapest are looked for where no motion to that one stands.
+        let (cheapest, mut others) = (found.candidates[0], None);
+        // The hand's paths from a pose are the same whatever the margin.
+        let mut followed: Vec<Attempt> = Vec::new();
+        let margins = self.margins_in_turn();
+        for (round, margin) in margins.iter().enumerate() {
+            let is_last = round + 1 == margins.len();
+            self.set_margin(*margin);
+            // The longest part that keeps less is no measure for what keeps more, nor is it taken where less will do.
+            self.partial = options.allow_partial && (is_last || self.world.is_limited());
+            self.drop_parts(&mut trials);
+            trials = Trials { tried: trials.tried, poses: trials.poses, ..Trials::default() };
+            if most > 0 && !self.is_done(&trials) {
+                self.try_at_once(&cheapest.x, samples, &mut trials);
+            }
+            if !self.is_done(&trials) {
+                let others = others.get_or_insert_with(|| search.others(&found.candidates));
+                others.retain(|c| c.x != cheapest.x);
+                for (k, pose) in others.iter().take(most - 1).enumerate() {
+                    if self.is_done(&trials) {
+                        break;
+                    }
+                    if followed.len() == k {
+                        followed.push(self.followed_and_seen(&pose.x));
+                    }
+                    let attempt = followed[k].clone();
+                    self.try_followed(attempt, samples, &mut trials);
+                }
+            }
+            if self.is_done(&trials) {
+                break;
+            }
+        }
+        // Yet more poses of the same constraints, for a motion that the cheap ones do not allow.
+        let mut extra = 0;
+        for start in 0..options.extra_seeds {
+            if self.is_done(&trials) || extra > most {
+                break;
+            }
+            let Some(pose) = search.sample(start) else { continue };
+            let attempt = self.followed_and_seen(&pose.x);
+            // Poses that overlap something themselves cost next to nothing to turn down.
+            extra += usize::from(!attempt.overlaps);
+            self.try_followed(attempt, samples, &mut trials);
+        }
+        self.try_parts(samples, &mut trials);
+        for attempt in std::mem::take(&mut trials.again) {
+            if self.is_done(&trials) {
+                break;
+            }
+            if trials.bar(attempt.rank).is_none_or(|bar| attempt.extent() > bar) {
+                self.finish(attempt, options.samples, &mut trials);
+            }
+        }
+        self.drop_parts(&mut trials);
+        let better = others.iter().flatten().find(|c| c.cost < cheapest.cost);
+        self.conclude(trials, better.unwrap_or(&cheapest))
+    }
+
+    /// Whether there is nothing more to try: a whole motion is found, or planning has to end.
+    fn is_done(&self, trials: &Trials) -> bool {
+        trials.done() || self.world.is_over()
+    }
+
+    fn keep(&self, attempt: Attempt, trials: &mut Trials) {
+        if self.explain {
+            trials.poses.push(self.explained(&attempt));
+        }
+        trials.keep(attempt);
+    }
+
+    /// Gives up the motions whose extents do not matter any more.
+    fn drop_parts(&self, trials: &mut Trials) {
+        for attempt in std::mem::take(&mut trials.parts) {
+            self.keep(attempt, trials);
+        }
+    }
+
+    /// Tries one pose by itself, most likely to allow the whole motion: what it comes to is reported.
+    fn try_at_once(&mut self, x: &Row, samples: usize, trials: &mut Trials) {
+        let bar = trials.bar(trials.tried);
+        let mut attempt = self.followed(x, false);
+        attempt.rank = trials.tried;
+        trials.tried += 1;
+        if !attempt.overlaps {
+            self.sweep_all(&mut attempt, bar);
+        }
+        let worth = attempt.failure.is_none() || self.partial && attempt.extent() > bar.unwrap_or(0.0);
+        if worth { self.finish(attempt, samples, trials) } else { self.keep(attempt, trials) }
+    }
+
+    /// What of a pose does not depend on the margin.
+    fn followed_and_seen(&mut self, x: &Row) -> Attempt {
+        let mut attempt = self.followed(x, true);
+        if attempt.failure.is_none() {
+            self.see(&mut attempt);
+        }
+        attempt
+    }
+
+    /// Tries one pose of many. Where its motion is not whole, it is put aside.
+    fn try_followed(&mut self, mut attempt: Attempt, samples: usize, trials: &mut Trials) {
+        attempt.rank = trials.tried;
+        trials.tried += 1;
+        if attempt.failure.is_none() && !self.start_is_blocked() {
+            let bar = trials.bar(attempt.rank);
+            self.sweep_all(&mut attempt, bar);
+            if attempt.failure.is_none() {
+                return self.finish(attempt, samples, trials);
+            }
+        }
+        if self.partial && attempt.extent() > 0.0 {
+            trials.parts.push(attempt);
+        } else {
+            self.keep(attempt, trials);
+        }
+    }
+
+    /// Finds the longest of the motions that were put aside.
+    fn try_parts(&mut self, samples: usize, trials: &mut Trials) {
+        while !self.is_done(trials)
+            && let Some(mut attempt) = trials.furthest()
+        {
+            match attempt.stage {
+                Stage::Followed => self.see(&mut attempt),
+                Stage::Seen => {
+                    let bar = trials.bar(attempt.rank);
+                    self.sweep_all(&mut attempt, bar);
+                }
+                Stage::Swept => {
+                    self.finish(attempt, samples, trials);
+                    continue;
+                }
+            }
+            trials.parts.push(attempt);
+        }
+    }
+
+    /// Looks for the free approach of a motion that is swept, and times it.
+    fn finish(&mut self, mut attempt: Attempt, samples: usize, trials: &mut Trials) {
+        let before = (attempt.failure.clone(), attempt.hits.len());
+        self.complete(&mut attempt, samples);
+        let not_found = matches!(attempt.failure, Some(Failure::NotFound { .. }));
+        if not_found && samples < self.problem.options.samples && trials.again.len() < SECOND_CHANCES {
+            let mut again = attempt.clone();
+            again.failure = before.0;
+            again.hits.truncate(before.1);
+            trials.again.push(again);
+        }
+        self.keep(attempt, trials);
+    }
+}
