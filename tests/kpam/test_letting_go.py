@@ -107,6 +107,29 @@ def test_what_is_in_the_way_makes_it_partial(panda: kpam.Robot) -> None:
     assert 0.0 < plan.reached_fraction < 1.0
 
 
+def test_the_longest_part_is_that_of_the_best_pose(panda: kpam.Robot) -> None:
+    lowered = config(gripper="hold", let_go=0.25, pre_actuation_motions=[], post_actuation_motions=[])
+    shelf = box("shelf", "rigid", [0.5, 0.2, 0.56], [0.05, 0.05, 0.02])
+    options: dict[str, Any] = {"allow_partial": True, "least_margin": 0.0, "extra_seeds": 0}
+
+    def plan(poses: int, **request: Any) -> kpam.Plan:
+        question = problem(panda, config=lowered, bodies=[table(), shelf], options={**options, "candidates": poses})
+        return kpam.plan(question, **request)
+
+    # Poses are tried in the order of their cost: more of them never lead less far.
+    parts = [plan(poses) for poses in (1, 2, 5, 12, 40)]
+    fractions = [part.reached_fraction for part in parts]
+    assert all(part.status == "partial" for part in parts)
+    assert fractions == sorted(fractions)
+    assert fractions[-1] > fractions[0], "the cheapest pose leads furthest: this tests nothing"
+    # Where planning may have to end early, parts with the whole margin are looked for, too; the answer is the same.
+    limited = plan(40, max_checks=10**9)
+    assert limited.reached_fraction == fractions[-1]
+    assert limited.trajectory is not None
+    assert parts[-1].trajectory is not None
+    np.testing.assert_array_equal(limited.trajectory.positions, parts[-1].trajectory.positions)
+
+
 def tip_over(panda: kpam.Robot, q: Any) -> np.ndarray:
     return panda.forward_kinematics(q)[:3, 3] + [0.0, 0.0, -0.105]
 

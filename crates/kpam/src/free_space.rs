@@ -8,10 +8,11 @@ use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, World};
 
 /// Longest edge that a tree grows by (weighted, m).
 const EDGE: f64 = 0.3;
-/// Directions that are tried to leave an overlap, ever longer ones, at most an edge long.
+/// Directions that are tried to leave an overlap, ever longer ones, and the longest (weighted, m).
 const EXITS: usize = 96;
+const EXIT: f64 = 0.6;
 /// Step at which that is watched (weighted, m).
-const EXIT_STEP: f64 = 0.01;
+const EXIT_STEP: f64 = 0.005;
 /// Rounds of shortcuts.
 const SHORTCUTS: usize = 60;
 
@@ -176,7 +177,7 @@ pub(crate) fn way_out(
     let mut draws = Draws::of(0x6578_6974, seed);
     let free = Margins::plain(2.0 * TOUCH).parted();
     for k in 0..EXITS {
-        let length = EDGE * (k + 1) as f64 / EXITS as f64;
+        let length = EXIT * (k + 1) as f64 / EXITS as f64;
         let mut way = [0.0; MAX_JOINTS];
         for value in way.iter_mut().take(n) {
             *value = 2.0 * draws.unit() - 1.0;
@@ -193,11 +194,12 @@ pub(crate) fn way_out(
             continue;
         }
         let steps = (length / EXIT_STEP).ceil() as usize;
-        let mut depth = f64::INFINITY;
-        let lessens = (0..=steps).all(|i| {
-            let next = world.overlap(State::still(&between(n, start, &end, i as f64 / steps as f64)), segment);
-            let less = next <= depth + 0.1 * TOUCH;
-            depth = next;
+        // Each pair for itself: one that has come apart stays apart while others have not.
+        let mut before = world.overlaps(State::still(start), segment);
+        let lessens = (1..=steps).all(|i| {
+            let next = world.overlaps(State::still(&between(n, start, &end, i as f64 / steps as f64)), segment);
+            let less = next.iter().all(|overlap| overlap.lessens(&before));
+            before = next;
             less
         });
         if lessens && world.sweep(start, &end, segment, kept).is_none() {

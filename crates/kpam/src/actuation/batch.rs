@@ -353,12 +353,9 @@ mod tests {
         let seeds: Vec<Seed> = (0..43).map(|k| Seed::at(search.start(k))).collect();
         // No step: where each begins.
         let begun = search.batch.project(&seeds, 0);
-        let mut costs = Vec::new();
         for (seed, there) in seeds.iter().zip(&begun) {
             let wanted = search.cost(&seed.x);
             assert!((f64::from(there.cost) - wanted).abs() < 1e-5 * (1.0 + wanted), "{} {wanted}", there.cost);
-            costs.push(wanted);
         }
-        assert!(costs[0] < 0.5 * costs[1..].iter().copied().fold(f64::INFINITY, f64::min), "{costs:?}");
     }
 }

@@ -6,7 +6,7 @@ use super::planner::Planner;
 use super::timed::{Stretch, Timed};
 use crate::Trajectory;
 use crate::model::Row;
-use crate::world::{Hit, Way};
+use crate::world::{Hit, Margins, State, TOUCH, Way};
 
 /// Between the samples that are swept, a joint is to lie off the straight segment by no more than this (rad or m).
 const OFF: f64 = 2e-5;
@@ -104,7 +104,8 @@ impl Planner<'_> {
             if !self.problem.options.avoid_collisions {
                 return Ok(timed);
             }
-            let Some((k, hit)) = self.first_hit(&timed, &segments) else { return Ok(timed) };
+            let met = self.first_hit(&timed, &segments).or_else(|| self.comes_back(&timed, &segments));
+            let Some((k, hit)) = met else { return Ok(timed) };
             let toward = segments[k].toward;
             let joined: Vec<usize> = (k.saturating_sub(1)..=k).filter(|segment| !segments[*segment].stops).collect();
             let free = k < attempt.approach.len();
@@ -120,6 +121,31 @@ impl Planner<'_> {
                 return Err(Failure::Blocked { keyframe: toward, hit });
             }
         }
+    }
+
+    /// Where no straight way out of what overlaps at the start was found, it may persist: the first segment of the approach
+    /// in which something that has come apart overlaps once more, and what.
+    fn comes_back(&mut self, timed: &Timed, segments: &[Stretch<'_>]) -> Option<(usize, Hit)> {
+        if self.world.start_overlap <= TOUCH || self.exit != Some(None) || segments[0].toward != self.entry {
+            return None;
+        }
+        let toward = segments[0].segment;
+        let approach = segments.iter().zip(&timed.spans).take_while(|(segment, _)| segment.segment == toward);
+        let start = self.start.position;
+        let mut before = self.world.overlaps(State::still(&start), toward);
+        for (k, (_, span)) in approach.enumerate() {
+            for x in Samples::of(&timed.trajectory, self.model.n(), *span, OFF).waypoints {
+                let now = self.world.overlaps(State::still(&x), toward);
+                if now.iter().any(|overlap| overlap.is_new(&before)) {
+                    return self
+                        .world
+                        .hit_at(State::still(&x), toward, &Margins::plain(0.0).parted())
+                        .map(|hit| (k, hit));
+                }
+                before = now;
+            }
+        }
+        None
     }
 
     /// The first segment of a motion in time that comes nearer to something than it may, and to what.

@@ -16,7 +16,7 @@ pub(crate) struct Clearances {
 }
 
 /// Subject of a visit to a near thing.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Seen {
     Body(usize),
     Pair(usize),
@@ -187,20 +187,20 @@ impl World<'_> {
         }
     }
 
-    /// Depth (m) of the deepest checked overlap, zero where there is none.
-    pub fn overlap(&mut self, state: State<'_>, segment: MotionSegment) -> f64 {
+    /// Depths (m) of the checked overlaps in a state.
+    pub fn overlaps(&mut self, state: State<'_>, segment: MotionSegment) -> Vec<Overlap> {
         self.place(state, segment);
-        let mut deepest: f64 = 0.0;
+        let mut found = Vec::new();
         self.look(
             segment,
             EXACT,
-            |world, group, seen| world.checked(segment, group, seen, 0.0),
-            |_, _, p| {
-                deepest = deepest.max(-p.contact.distance);
+            |world, group, seen| world.checked(segment, group, seen, -TOUCH),
+            |_, seen, p| {
+                found.push(Overlap { group: p.group, seen, depth: -p.contact.distance });
                 true
             },
         );
-        deepest
+        found
     }
 
     /// The first checked pair nearer than its margin, if any.
@@ -297,6 +297,31 @@ impl World<'_> {
             *least = least.min(p.contact.distance);
             true
         });
+    }
+}
+
+/// A pair that overlaps by more than rounding.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Overlap {
+    group: usize,
+    seen: Seen,
+    /// Depth (m).
+    depth: f64,
+}
+
+impl Overlap {
+    fn among(&self, others: &[Self]) -> Option<Self> {
+        others.iter().copied().find(|other| other.group == self.group && other.seen == self.seen)
+    }
+
+    /// Whether it is none of those before.
+    pub fn is_new(&self, before: &[Self]) -> bool {
+        self.among(before).is_none()
+    }
+
+    /// Whether it is one of those before, and no deeper.
+    pub fn lessens(&self, before: &[Self]) -> bool {
+        self.among(before).is_some_and(|other| self.depth <= other.depth + 0.1 * TOUCH)
     }
 }
 
