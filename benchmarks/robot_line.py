@@ -228,7 +228,7 @@ def main() -> int:
         print(f"{quiet['state']}: {quiet['reason']}; {quiet['episodes']} episodes, success {quiet['success']}")
         for reason, times in Counter(re.sub(r"[0-9.]+", "#", each["reason"]) for each in quiet["halts"]).items():
             print(f"held {times} times: {reason}")
-        for name, state in ((name, ENDS[name]) for name in options.only):
+        for name, state in ((name, ENDS[name]) for name in options.only if options.faults):
             found = []
             policy = stack.enter_context(served()) if name == "policy-token" else options.policy
             for number in range(options.faults):
