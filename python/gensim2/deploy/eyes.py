@@ -18,9 +18,9 @@ PIXELS = 320 * 240
 """Pixels of a picture that are looked at, at least: a cloud is drawn of a few thousand of them."""
 
 
-def thinned(camera: Camera) -> tuple[Camera, int]:
-    """A camera that has each n-th pixel of a larger one's rows and columns, and n; no fewer pixels than ``PIXELS``."""
-    step = max(1, int((camera.width * camera.height / PIXELS) ** 0.5))
+def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
+    """A camera that has each n-th pixel of a larger one's rows and columns, and n; no fewer pixels than asked for."""
+    step = max(1, int((camera.width * camera.height / pixels) ** 0.5))
     if step == 1:
         return camera, 1
     intrinsic = camera.intrinsic.copy()
@@ -58,13 +58,19 @@ class Eyes:
         profile: of the robot.
         cameras: that there are.
         language: what is to be done.
+        pixels: that are looked at of each picture, at least.
 
     Raises:
         InputError: a camera of the spec is not there, or it asks for what no camera gives.
     """
 
     def __init__(
-        self, spec: ObservationSpec, profile: RobotProfile, cameras: tuple[Camera, ...], language: str
+        self,
+        spec: ObservationSpec,
+        profile: RobotProfile,
+        cameras: tuple[Camera, ...],
+        language: str,
+        pixels: float = PIXELS,
     ) -> None:
         there = {camera.name: camera for camera in cameras}
         for name in spec.cameras if spec.modalities else ():
@@ -75,7 +81,7 @@ class Eyes:
         used = [there[name] for name in spec.cameras] if spec.modalities else []
         # Depth is asked for in the size in which it was taken.
         whole = "depth" in spec.modalities
-        looked = [(camera, 1) if whole else thinned(camera) for camera in used]
+        looked = [(camera, 1) if whole else thinned(camera, pixels) for camera in used]
         self._used, self._steps = tuple(camera for camera, _ in looked), tuple(step for _, step in looked)
         self._own = OwnPoints(profile, self._used)
         self._encoder = Encoder(spec, profile, language, self._own.robot)

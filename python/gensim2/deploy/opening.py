@@ -20,6 +20,7 @@ from gensim2.deploy.calibration.file import serials as calibrated_serials
 from gensim2.deploy.clocks import MachineClock, SimulatedClock
 from gensim2.deploy.config import SIMULATED, SOFTWARE, LineConfig
 from gensim2.deploy.devices import ArmDriver, ArmState
+from gensim2.deploy.eyes import PIXELS
 from gensim2.deploy.faults import Fault, FullDisk
 from gensim2.deploy.fit_noise import read_noise
 from gensim2.deploy.journal import Journal, Journals, NoJournal
@@ -265,6 +266,7 @@ def _about(prepared: Prepared, believed: tuple[Camera, ...]) -> dict[str, Any]:
         "speed": config.speed,
         "margin": config.margin,
         "seed": config.seed,
+        "pixels": PIXELS,
         "observation": looked_at(prepared.seen, believed).to_dict(),
         "cameras": [camera_to_dict(camera) for camera in believed],
     }
