@@ -11,7 +11,7 @@ periods, how late they began, pictures to clouds, and for each fault how often i
 long it took from being noticed to the last command that moves, and whether the log replays. Ends with 1 where a limit
 was passed, a fault was not noticed, the arm not held or stopped within a period of that, or a log is not whole.
 
-In the run without a fault somebody resumes at once what the watch holds, and every hold is listed. --cameras software:
+The run without a fault is resumed at once whenever the watch holds it, and every hold is listed. --cameras software:
 the pictures of the simulated cameras go through software devices of the RealSense library. --cameras recordings: files
 of such devices are made first, of the scene in which the arm stands, and played again and again in a dry run. Both want
 ``pip install pyrealsense2``.
