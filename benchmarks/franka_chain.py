@@ -1,8 +1,9 @@
 """Does the stream raise an arm's reflexes? The Franka driver and ``franky-control`` against an FCI over SAPIEN.
 
-    uv venv fci --python .venv/bin/python                # an environment of its own: docs/robot.md, "Drivers"
-    uv pip install --python fci '.[sim,franka]' franky-sim
-    fci/bin/python benchmarks/franka_chain.py [--runs 100] [--speed 0.1 0.5] [--pace 5] [--json OUT]
+    fci/bin/python benchmarks/franka_chain.py [--runs 100] [--speed 0.1 0.5] [--pace 4] [--json OUT]
+
+in an environment of its own, with ``franky-sim`` and ``franky-control`` beside the clone's packages: docs/robot.md,
+"Drivers", says how it is made.
 
 The whole chain as it drives an arm, but for the arm: commands 100 a second through the limits, our driver, the maker's
 client with its 1 kHz loop, UDP and TCP, and in a process of its own a server that speaks the FCI and moves an arm in
@@ -239,7 +240,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--patience", type=float, default=1.0, help="seconds that a state waits for its answer")
     parser.add_argument(
-        "--pace", type=float, default=5.0, help="ms by the wall that a cycle of a motion takes at least"
+        "--pace", type=float, default=4.0, help="ms by the wall that a cycle of a motion takes at least"
     )
     parser.add_argument(
         "--cores", action="store_true", help="the server keeps to the last core, the client to the others"
