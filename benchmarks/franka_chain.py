@@ -1,6 +1,6 @@
 """Does the stream raise an arm's reflexes? The Franka driver and ``franky-control`` against an FCI over SAPIEN.
 
-    fci/bin/python benchmarks/franka_chain.py [--runs 100] [--speed 0.1 0.5] [--pace 4] [--json OUT]
+    fci/bin/python benchmarks/franka_chain.py [--runs 100] [--speed 0.1 0.5] [--pace 1] [--json OUT]
 
 in an environment of its own, with ``franky-sim`` and ``franky-control`` beside the clone's packages: docs/robot.md,
 "Drivers", says how it is made.
@@ -13,7 +13,7 @@ aborted and the state says so, as the arm does.
 
 The server's cycle waits for the client (``--patience``) and takes ``--pace`` milliseconds by the wall at least, and all
 times on this side are those of the arm's states: on a machine that is busy the arm is slow, and both go on together;
-the client's two threads in Python get the time that they need. ``--pace 1`` leaves them what a real arm does.
+the client's two threads in Python have no more time than a real arm leaves them, unless it is paced slower.
 
 Each run is one second of the arm's time towards a random pose, as hostile as the limits let it be, the hand closing and
 opening. Last, the same step of 0.3 rad around the limits, and also around the client's own limit of a torque's change,
@@ -240,7 +240,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--patience", type=float, default=1.0, help="seconds that a state waits for its answer")
     parser.add_argument(
-        "--pace", type=float, default=4.0, help="ms by the wall that a cycle of a motion takes at least"
+        "--pace", type=float, default=1.0, help="ms by the wall that a cycle of a motion takes at least"
     )
     parser.add_argument(
         "--cores", action="store_true", help="the server keeps to the last core, the client to the others"
