@@ -26,14 +26,14 @@ TORQUE_RATE = 1000.0
 SINGLE = 1e-5
 """Share of a limit that rounding may add: the arm tells its client the last torque as single floats."""
 BRAKES = 50.0
-"""N m s/rad of what holds an arm that is sent no torque."""
+"""N m s/rad that hold an arm which is sent no torque."""
 ROTOR = 0.1
 """kg m^2 of a motor's rotor behind its gear, as public models of the arm have it; the URDF says none."""
 
 
 @dataclass(frozen=True)
 class Reflex:
-    """Why an arm has stopped by itself.
+    """The reason of an arm that has stopped by itself.
 
     Attributes:
         error: as the FCI names it.
@@ -46,13 +46,13 @@ class Reflex:
 
 @dataclass
 class Checker:
-    """What the arm's controller looks at in each cycle.
+    """The checks of the arm's controller in each cycle.
 
     Attributes:
-        most: largest share of each limit that was used.
+        largest: greatest share of each limit that was used.
     """
 
-    most: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("torque", "torque rate", "velocity"), 0.0))
+    largest: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("torque", "torque rate", "velocity"), 0.0))
 
     def reflex(self, torque: Array, last: Array, q: Array, v: Array) -> Reflex | None:
         """The reflex that a torque raises after the last one, (7,) N m each, at (7,) rad and rad/s; None: none."""
@@ -63,7 +63,7 @@ class Checker:
         }
         found = None
         for name, (error, share) in shares.items():
-            self.most[name] = max(self.most[name], float(share.max()))
+            self.largest[name] = max(self.largest[name], float(share.max()))
             if not (share <= 1.0 + SINGLE).all():  # nor what is no number
                 found = Reflex(error, f"{name} of joint {int(share.argmax()) + 1}: {share.max():.2f} of its limit")
         if not ((q >= LOWER) & (q <= UPPER)).all():

@@ -218,10 +218,10 @@ def leap(options: argparse.Namespace, unlimited: bool) -> dict[str, Any]:
 def tell(found: dict[str, Any]) -> None:
     """Print the figures of a speed."""
     server = found["server"]
-    most = ", ".join(f"{name} {share:.2f}" for name, share in server["most"].items())
+    shares = ", ".join(f"{name} {share:.2f}" for name, share in server["largest"].items())
     said = f"{found['mode']}, reflex: {server['reflex']}, trouble: {found['trouble']}"
     print(f"speed {found['speed']}: {found['runs']} runs, {said}")
-    print(f"    at most {most} of the limits; {1e3 * (found['off_rad'] or 0.0):.1f} mrad off at most")
+    print(f"    at most {shares} of the limits; {1e3 * (found['off_rad'] or 0.0):.1f} mrad off at most")
     print(f"    {found['passed']} commands passed a limit; a second of the arm took {found['slower']:.1f} by the wall")
     print(f"    {server['cycles']} cycles, {server['lost']} packets lost")
     for name, milliseconds in (
@@ -229,8 +229,8 @@ def tell(found: dict[str, Any]) -> None:
         ("from one of the driver's cycles to the next", found["driver_ms"]),
         ("the server's cycle, by the wall", server["cycle_ms"]),
     ):
-        middle, most_are, worst = milliseconds
-        print(f"    {name}: {middle:.1f} ms on median, {most_are:.1f} at 99 %, {worst:.1f} at worst", flush=True)
+        median, nearly_all, worst = milliseconds
+        print(f"    {name}: {median:.1f} ms on median, {nearly_all:.1f} at 99 %, {worst:.1f} at worst", flush=True)
 
 
 def main() -> int:

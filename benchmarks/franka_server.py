@@ -182,7 +182,7 @@ class Server(FrankaRobotServer):  # type: ignore[misc]
 
 
 def serve(pipe: Connection, patience: float, pace: float, core: int | None) -> None:
-    """Serve until the pipe says so: sends the address first, and what happened last.
+    """Serve until the pipe says so: sends the address first, and last a record of what happened.
 
     Args:
         pipe: to who started this process.
@@ -207,7 +207,7 @@ def serve(pipe: Connection, patience: float, pace: float, core: int | None) -> N
                 time.sleep(max(0.0, begun + (pace if server.current_motion_id else STEP) - time.monotonic()))
         found: dict[str, Any] = {
             "reflex": None if arm.reflex is None else [arm.reflex.error, arm.reflex.said],
-            "most": arm.checker.most,
+            "largest": arm.checker.largest,
             "cycles": server.cycles,
             "lost": server.lost,
             "cycle_ms": [1e3 * float(each) for each in np.quantile(took, (0.5, 0.99, 1.0))] if took else None,

@@ -37,4 +37,4 @@ def test_what_passes_a_limit_is_a_reflex(
 def test_what_is_at_its_limits_is_none_and_shares_are_kept() -> None:
     checker = Checker()
     assert checker.reflex(TORQUE, TORQUE - 1.0, HOME, VELOCITY) is None
-    assert checker.most == pytest.approx({"torque": 1.0, "torque rate": 1.0, "velocity": 1.0})
+    assert checker.largest == pytest.approx({"torque": 1.0, "torque rate": 1.0, "velocity": 1.0})
