@@ -20,7 +20,7 @@ class FakeBody:
         self.grips: list[float] = []
         self.halts = 0
         self.force = 5.0
-        self.stopped = self.refuses = self.closed = False
+        self.stopped = self.refuses = self.falls = self.closed = False
 
     def take(self, q: Any) -> bool:
         if self.refuses:
@@ -132,7 +132,7 @@ def franka(body: FakeBody) -> dict[str, types.ModuleType]:
     module.JointReference = lambda q, v: np.asarray(q)
 
     class JointImpedanceTrackingMotion:
-        def __init__(self, stiffness: np.ndarray, damping: np.ndarray) -> None: ...
+        def __init__(self, stiffness: np.ndarray, damping: np.ndarray, max_delta_tau: float) -> None: ...
 
         def set_reference(self, reference: np.ndarray) -> None:
             self.reference = reference
@@ -150,12 +150,15 @@ def franka(body: FakeBody) -> dict[str, types.ModuleType]:
             force = [0.0, 0.0, body.force, 0.0, 0.0, 0.0]
             return types.SimpleNamespace(q=body.q, dq=np.zeros(7), O_F_ext_hat_K=force, robot_mode=mode)
 
-        def move(self, motion: Any, asynchronous: bool) -> None:
+        def move(self, motion: Any, asynchronous: bool, cutoff_frequency: float = 100.0) -> None:
             if motion == "stop":
                 body.halt()
 
         def poll_motion(self) -> bool:
-            return True
+            if body.falls:  # the real one raises once what ended a motion; False: it goes on
+                body.falls, body.stopped = False, True
+                raise module.ControlException("motion aborted by reflex!")
+            return False
 
     class Gripper:
         max_width = 0.08

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+import types
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from fake_makers import FakeBody
 from gensim2.deploy.arm import Arm
 from gensim2.deploy.arm_limits import CYCLE, ArmLimits
 from gensim2.deploy.devices import Frame
+from gensim2.deploy.drivers import streamed
 from gensim2.deploy.drivers.franka import FrankaArm
 from gensim2.deploy.drivers.realsense import RealSenseCameras, connected, recorded
 from gensim2.deploy.drivers.software_realsense import SoftwareDevice
@@ -130,6 +132,86 @@ def test_a_reflex_is_told(arm: tuple[StreamedArm, FakeBody]) -> None:
     driver, body = arm
     body.stopped = True
     until(lambda: said(driver).mode == "reflex")
+
+
+def test_a_motion_that_a_reflex_ends_is_a_reflex(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the client says so between two states."""
+    body = FakeBody(7)
+    monkeypatch.setitem(sys.modules, "franky", fake_makers.franka(body)["franky"])
+    driver = FrankaArm("here", PROFILE)
+    driver.send(HOME, 1.0, 0.0)
+    until(lambda: len(body.sent) > 0)
+    body.falls = True
+    until(lambda: said(driver).mode != "ready")
+    assert (said(driver).mode, driver.trouble) == ("reflex", None)
+    driver.close()
+
+
+class Followed(StreamedArm):
+    """A driver without threads that keeps what it is to write."""
+
+    def __init__(self) -> None:
+        super().__init__(PROFILE, 200.0)
+        self.written: list[tuple[np.ndarray, np.ndarray]] = []
+        self.halts = 0
+
+    def _read(self) -> Any:
+        return HOME, np.zeros(7), 0.0, "ready"
+
+    def _write(self, q: np.ndarray, v: np.ndarray) -> None:
+        self.written.append((q, v))
+
+    def _halt(self) -> None:
+        self.halts += 1
+
+    def _grip(self, command: float) -> None: ...
+
+    def _disconnect(self) -> None: ...
+
+
+def stream(monkeypatch: pytest.MonkeyPatch, came: list[int], cycles: int) -> tuple[Followed, np.ndarray, np.ndarray]:
+    """So many targets of a path with 1 rad/s came in each cycle of 5 ms; (k, 7) rad behind the start, and rad/s."""
+    now = 100.0
+    clock = types.SimpleNamespace(monotonic=lambda: now)
+    monkeypatch.setattr(streamed, "time", clock)
+    driver, sent = Followed(), 0
+    driver._cycle()
+    for cycle in range(cycles):
+        for _ in range(came[cycle] if cycle < len(came) else 0):
+            sent += 1
+            driver.send(HOME + CYCLE * sent, 1.0, 0.0)
+        now += 0.005
+        driver._cycle()
+    q, v = (np.array(each) for each in zip(*driver.written, strict=True))
+    return driver, q - HOME, v
+
+
+def test_targets_that_are_late_make_the_arm_neither_halt_nor_hurry(monkeypatch: pytest.MonkeyPatch) -> None:
+    steady, pause = [1, 0] * 20, [0] * 16  # 80 ms without a target, then all of them at once
+    _, q, v = stream(monkeypatch, [*steady, *pause, 9, 0, *steady * 3], 180)
+    assert (np.diff(q, axis=0) >= -1e-12).all()
+    assert (np.diff(q, axis=0) <= 0.005 * streamed.FASTER + 1e-12).all(), "from one reference to the next"
+    assert (v <= streamed.FASTER + 1e-12).all()
+    np.testing.assert_allclose(v[2:40], 1.0, atol=1e-9)
+    sent = CYCLE * (20 + 9 + 60)
+    assert q[-1, 0] == pytest.approx(sent, abs=3 * CYCLE), "it has made up"
+
+
+def test_the_last_target_is_reached_smoothly_and_never_passed(monkeypatch: pytest.MonkeyPatch) -> None:
+    driver, q, v = stream(monkeypatch, [1, 0] * 20, 90)
+    assert (q <= CYCLE * 20 + 1e-12).all()
+    assert q[-1, 0] == pytest.approx(CYCLE * 20, abs=1e-3)
+    assert (np.diff(v[40:, 0]) <= 1e-12).all()
+    assert np.abs(np.diff(v[40:, 0])).max() < 0.5, "no halt at once"
+    assert driver.halts == 1
+    assert driver.trouble == "no target for 150 ms"
+
+
+def test_more_targets_than_an_arm_can_follow_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    driver, _, v = stream(monkeypatch, [1] * 80, 80)
+    assert (v <= streamed.FASTER + 1e-12).all()
+    assert driver.halts == 1, "and stays where it is"
+    assert driver.trouble == "more than 100 targets a second"
 
 
 def test_an_arm_behind_its_limits_goes_where_it_is_asked_to(arm: tuple[StreamedArm, FakeBody]) -> None:
