@@ -1,15 +1,20 @@
 """The deployed line by the machine's clock: its periods, clouds and stops. For a quiet machine.
 
     python benchmarks/robot_line.py [--task CloseBox] [--policy DIR] [--minutes 10] [--speed 0.5] [--pixels 320x240]
-        [--faults 10] [--simulated-clock] [--json OUT]
+        [--cameras simulated|software|recordings] [--rate 10] [--faults 10] [--simulated-clock] [--json OUT]
 
 With ``--simulated-clock`` everything goes by a clock that waits for it: what is noticed and what follows, on any
 machine, and no figure of its speed.
 
-Runs ``gensim2 robot run`` once without a fault, then each fault so many times at random moments. Prints periods, how
-late they began, pictures to clouds, and for each fault how often it ended in the state that it must, how long it took
-from being noticed to the last command that moves, and whether the log replays. Ends with 1 where a limit was passed, a
-fault was not noticed, the arm not held or stopped within a period of that, or a log is not whole.
+Runs the line once without a fault, then ``gensim2 robot run`` with each fault so many times at random moments. Prints
+periods, how late they began, pictures to clouds, and for each fault how often it ended in the state that it must, how
+long it took from being noticed to the last command that moves, and whether the log replays. Ends with 1 where a limit
+was passed, a fault was not noticed, the arm not held or stopped within a period of that, or a log is not whole.
+
+The run without a fault is resumed at once whenever the watch holds it, and every hold is listed. --cameras software:
+the pictures of the simulated cameras go through software devices of the RealSense library. --cameras recordings: files
+of such devices are made first, of the scene in which the arm stands, and played again and again in a dry run. Both want
+``pip install pyrealsense2``.
 """
 
 from __future__ import annotations
@@ -18,21 +23,31 @@ import argparse
 import contextlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import threading
+import time
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from gensim2.deploy.drivers.realsense import RealSenseCameras
+from gensim2.deploy.drivers.software_realsense import SoftwareDevice
 from gensim2.deploy.faults import Fault
+from gensim2.deploy.keys import Keys
 from gensim2.deploy.live import looking
 from gensim2.deploy.remote import protocol
 from gensim2.deploy.remote.server import PolicyServer
 from gensim2.deploy.replay import replay
 from gensim2.deploy.run import run as run_line
+from gensim2.deploy.simulated_cameras import SimulatedCameras, simulated_cameras
+from gensim2.deploy.simulated_world import SimulatedWorld
+from gensim2.rollout.inputs import read_task_input
 from gensim2.seeding import rng
 
 ENDS = {
@@ -59,6 +74,8 @@ SECONDS, SIMULATED_SECONDS = 60.0, 4.0
 """Within which each fault begins, by the machine's clock and by a simulated one."""
 DEADLINE = 30.0
 """Seconds for a server's answer: it is to be refused, not late."""
+SHOTS, RECORDED = 60, 20.0
+"""Pictures of a recording that differ in their noise, and its seconds."""
 WITHIN = 100.0
 """Milliseconds from being noticed within which the last command that moves is sent: a period."""
 
@@ -71,6 +88,69 @@ def run(words: list[str], minutes: float, folder: Path) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(out.read_text())
     again = replay(folder / "log")
     return found | {"replayed": again.clouds, "differs": len(again.different)}
+
+
+class Resuming(Keys):
+    """A person who resumes at once."""
+
+    @property
+    def is_there(self) -> bool:
+        """Always."""
+        return True
+
+    def pressed(self) -> str | None:
+        """To go on."""
+        return "r"
+
+
+def run_quiet(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """The line by the machine's clock and without a fault, its devices in processes of their own."""
+    width, height = map(int, options.pixels.split("x"))
+    source = options.cameras
+    if source == "recordings":
+        files = record(options, folder.parent, (width, height))
+        source = "recording:" + ",".join(f"{name}={file}" for name, file in files.items())
+    found = run_line(
+        options.task,
+        policy=options.policy,
+        deadline=DEADLINE,
+        speed=options.speed,
+        pixels=(width, height),
+        rate=options.rate,
+        cameras=source,
+        minutes=options.minutes,
+        dry=options.cameras == "recordings",
+        log=folder,
+        keys=Resuming(),
+        assets="builtin",
+    )
+    again = replay(folder)
+    return found | {"replayed": again.clouds, "differs": len(again.different)}
+
+
+def record(options: argparse.Namespace, folder: Path, pixels: tuple[int, int]) -> dict[str, Path]:
+    """Recordings of the scene in which the arm stands, by camera."""
+    given = read_task_input(options.task, assets="builtin")
+    world = SimulatedWorld(given.scene)
+    world.reset(0)
+    cameras = [each for each in simulated_cameras(world.profile, *pixels) if each.link is None]
+    taker = SimulatedCameras(world.profile, tuple(cameras), seed=0)
+    shots = [{frame.camera: frame for frame in taker.take(world.rows(0.0))} for _ in range(SHOTS)]
+    files = {camera.name: folder / f"{camera.name}.db3" for camera in cameras}
+    rate = round(options.rate)
+    devices = {camera.name: SoftwareDevice(camera, f"recorded-{camera.name}", rate) for camera in cameras}
+    recorders = {name: device.recorder(files[name]) for name, device in devices.items()}
+    films = RealSenseCameras(cameras, recorders, rate)  # what is not open is not recorded
+    due = time.monotonic()
+    for number in range(round(RECORDED * options.rate)):
+        for name, device in devices.items():
+            device.give(replace(shots[number % SHOTS][name], number=number, captured=due))
+        films.poll()
+        due += 1.0 / options.rate
+        time.sleep(max(0.0, due - time.monotonic()))
+    films.close()
+    world.close()
+    return files
 
 
 def run_simulated(
@@ -120,6 +200,8 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--speed", type=float, default=0.5)
     parser.add_argument("--pixels", default="320x240")
+    parser.add_argument("--cameras", choices=("simulated", "software", "recordings"), default="simulated")
+    parser.add_argument("--rate", type=float, default=10.0)
     parser.add_argument("--faults", type=int, default=10, help="times that each is tried")
     parser.add_argument("--simulated-clock", action="store_true")
     parser.add_argument("--only", nargs="*", default=list(ENDS), help="names of faults")
@@ -135,14 +217,18 @@ def main() -> int:
         if options.simulated_clock:
             quiet = run_simulated(options, options.policy, folder)
         else:
-            quiet = run(words_of(options, options.policy), options.minutes, folder)
+            quiet = run_quiet(options, folder)
         figures["quiet"] = quiet
         wrong += quiet["limits_passed"] + quiet["differs"]
         for name in ("periods_ms", "overrun_ms", "clouds_ms", "picture_age_ms", "acting_ms"):
             each = {key: None if value is None else round(value, 2) for key, value in quiet[name].items()}
             print(f"{name:16} {each}")
+        counted = ("overruns", "skipped_ms", "late_actions", "limits_passed", "replayed", "differs")
+        print(", ".join(f"{name} {quiet[name]}" for name in counted))
         print(f"{quiet['state']}: {quiet['reason']}; {quiet['episodes']} episodes, success {quiet['success']}")
-        for name, state in ((name, ENDS[name]) for name in options.only):
+        for reason, times in Counter(re.sub(r"[0-9.]+", "#", each["reason"]) for each in quiet["halts"]).items():
+            print(f"held {times} times: {reason}")
+        for name, state in ((name, ENDS[name]) for name in options.only if options.faults):
             found = []
             policy = stack.enter_context(served()) if name == "policy-token" else options.policy
             for number in range(options.faults):

@@ -72,7 +72,7 @@ NEEDS: dict[str, str] = {
     r"--ray head": "a cluster; tests/processes/test_ray.py has one, benchmarks/ray_two_nodes.py one of two nodes",
     r"^(pip|export|cargo|maturin) |^make ": "sets up or builds the clone itself: part of its own checks",
     r"^python (benchmarks|scripts)/": "measures or writes files of the clone: its options are looked up in its source",
-    r"^python -m franky_sim": "a simulator in an environment of its own: benchmarks/franka_chain.py says how",
+    r"^uv .*\bfci\b": "an environment of its own for benchmarks/franka_chain.py",
     r"replay_trajectory": "a renderer; tests/rollout/test_trajectory.py",
     r"import 45001|--assets mylibrary|--findings": "objects of the reader's; tests/real/test_assets_real.py",
     r"arms\.yaml": "a file of the reader's; tests/policy/experiments/test_experiment.py",

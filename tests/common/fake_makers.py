@@ -20,7 +20,7 @@ class FakeBody:
         self.grips: list[float] = []
         self.halts = 0
         self.force = 5.0
-        self.stopped = self.refuses = self.closed = False
+        self.stopped = self.refuses = self.falls = self.closed = False
 
     def take(self, q: Any) -> bool:
         if self.refuses:
@@ -132,7 +132,7 @@ def franka(body: FakeBody) -> dict[str, types.ModuleType]:
     module.JointReference = lambda q, v: np.asarray(q)
 
     class JointImpedanceTrackingMotion:
-        def __init__(self, stiffness: np.ndarray, damping: np.ndarray) -> None: ...
+        def __init__(self, stiffness: np.ndarray, damping: np.ndarray, max_delta_tau: float) -> None: ...
 
         def set_reference(self, reference: np.ndarray) -> None:
             self.reference = reference
@@ -150,12 +150,15 @@ def franka(body: FakeBody) -> dict[str, types.ModuleType]:
             force = [0.0, 0.0, body.force, 0.0, 0.0, 0.0]
             return types.SimpleNamespace(q=body.q, dq=np.zeros(7), O_F_ext_hat_K=force, robot_mode=mode)
 
-        def move(self, motion: Any, asynchronous: bool) -> None:
+        def move(self, motion: Any, asynchronous: bool, cutoff_frequency: float = 100.0) -> None:
             if motion == "stop":
                 body.halt()
 
         def poll_motion(self) -> bool:
-            return True
+            if body.falls:  # the real one raises once what ended a motion; False: it goes on
+                body.falls, body.stopped = False, True
+                raise module.ControlException("motion aborted by reflex!")
+            return False
 
     class Gripper:
         max_width = 0.08
@@ -172,52 +175,3 @@ def franka(body: FakeBody) -> dict[str, types.ModuleType]:
 
     module.JointImpedanceTrackingMotion, module.Robot, module.Gripper = JointImpedanceTrackingMotion, Robot, Gripper
     return {"franky": module}
-
-
-def realsense(pictures: list[tuple[int, float, np.ndarray, np.ndarray]], coeffs: list[float]) -> types.ModuleType:
-    """``pyrealsense2``: one device that gives so many pictures (number, ms, depth, colours)."""
-    rs: Any = types.ModuleType("pyrealsense2")
-    space = types.SimpleNamespace
-    rs.stream, rs.format = space(depth="depth", color="color"), space(z16=1, rgb8=2)
-    rs.camera_info = space(serial_number=0)
-    rs.align = lambda to: space(process=lambda frames: frames)
-
-    class Config:
-        enable_device = enable_stream = enable_device_from_file = lambda self, *_, **__: None
-
-    class Picture:
-        def __init__(self, number: int, at: float, data: np.ndarray) -> None:
-            self.number, self.at, self.data = number, at, data
-
-        def get_frame_number(self) -> int:
-            return self.number
-
-        def get_timestamp(self) -> float:
-            return self.at
-
-        def get_data(self) -> np.ndarray:
-            return self.data
-
-    class Pipeline:
-        def start(self, config: Config) -> Any:
-            seen = space(width=8, height=6, fx=10.0, fy=11.0, ppx=3.5, ppy=2.5, coeffs=coeffs)
-            device = space(
-                get_info=lambda what: "827112070000",
-                first_depth_sensor=lambda: space(get_depth_scale=lambda: 0.001),
-                as_playback=lambda: space(set_real_time=lambda wanted: None),
-            )
-            video = space(as_video_stream_profile=lambda: space(get_intrinsics=lambda: seen))
-            return space(get_device=lambda: device, get_stream=lambda which: video)
-
-        def poll_for_frames(self) -> Any:
-            if not pictures:
-                return None
-            number, at, depth, colors = pictures.pop(0)
-            return space(
-                get_depth_frame=lambda: Picture(number, at, depth), get_color_frame=lambda: Picture(number, at, colors)
-            )
-
-        def stop(self) -> None: ...
-
-    rs.config, rs.pipeline = Config, Pipeline
-    return rs

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
+import types
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import fake_makers
@@ -15,14 +17,18 @@ from fake_makers import FakeBody
 
 from gensim2.deploy.arm import Arm
 from gensim2.deploy.arm_limits import CYCLE, ArmLimits
+from gensim2.deploy.devices import Frame
+from gensim2.deploy.drivers import streamed
 from gensim2.deploy.drivers.franka import FrankaArm
-from gensim2.deploy.drivers.realsense import RealSenseCameras
+from gensim2.deploy.drivers.realsense import RealSenseCameras, connected, recorded
+from gensim2.deploy.drivers.software_realsense import SoftwareDevice
 from gensim2.deploy.drivers.streamed import DriverError, StreamedArm
 from gensim2.deploy.drivers.ur import URArm
 from gensim2.deploy.drivers.xarm import XArm
-from gensim2.deploy.simulated_cameras import simulated_cameras
+from gensim2.deploy.simulated_cameras import simulated_cameras, sized
 from gensim2.deploy.watch import State, Watch
 from gensim2.errors import InputError, MissingExtraError
+from gensim2.observations import Camera
 from gensim2.robots import robot
 
 PROFILE = robot("panda")  # its seven joints stand for those of any arm here
@@ -128,6 +134,86 @@ def test_a_reflex_is_told(arm: tuple[StreamedArm, FakeBody]) -> None:
     until(lambda: said(driver).mode == "reflex")
 
 
+def test_a_motion_that_a_reflex_ends_is_a_reflex(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the client says so between two states."""
+    body = FakeBody(7)
+    monkeypatch.setitem(sys.modules, "franky", fake_makers.franka(body)["franky"])
+    driver = FrankaArm("here", PROFILE)
+    driver.send(HOME, 1.0, 0.0)
+    until(lambda: len(body.sent) > 0)
+    body.falls = True
+    until(lambda: said(driver).mode != "ready")
+    assert (said(driver).mode, driver.trouble) == ("reflex", None)
+    driver.close()
+
+
+class Followed(StreamedArm):
+    """A driver without threads that keeps what it is to write."""
+
+    def __init__(self) -> None:
+        super().__init__(PROFILE, 200.0)
+        self.written: list[tuple[np.ndarray, np.ndarray]] = []
+        self.halts = 0
+
+    def _read(self) -> Any:
+        return HOME, np.zeros(7), 0.0, "ready"
+
+    def _write(self, q: np.ndarray, v: np.ndarray) -> None:
+        self.written.append((q, v))
+
+    def _halt(self) -> None:
+        self.halts += 1
+
+    def _grip(self, command: float) -> None: ...
+
+    def _disconnect(self) -> None: ...
+
+
+def stream(monkeypatch: pytest.MonkeyPatch, came: list[int], cycles: int) -> tuple[Followed, np.ndarray, np.ndarray]:
+    """So many targets of a path with 1 rad/s came in each cycle of 5 ms; (k, 7) rad behind the start, and rad/s."""
+    now = 100.0
+    clock = types.SimpleNamespace(monotonic=lambda: now)
+    monkeypatch.setattr(streamed, "time", clock)
+    driver, sent = Followed(), 0
+    driver._cycle()
+    for cycle in range(cycles):
+        for _ in range(came[cycle] if cycle < len(came) else 0):
+            sent += 1
+            driver.send(HOME + CYCLE * sent, 1.0, 0.0)
+        now += 0.005
+        driver._cycle()
+    q, v = (np.array(each) for each in zip(*driver.written, strict=True))
+    return driver, q - HOME, v
+
+
+def test_targets_that_are_late_make_the_arm_neither_halt_nor_hurry(monkeypatch: pytest.MonkeyPatch) -> None:
+    steady, pause = [1, 0] * 20, [0] * 16  # 80 ms without a target, then all of them at once
+    _, q, v = stream(monkeypatch, [*steady, *pause, 9, 0, *steady * 3], 180)
+    assert (np.diff(q, axis=0) >= -1e-12).all()
+    assert (np.diff(q, axis=0) <= 0.005 * streamed.FASTER + 1e-12).all(), "from one reference to the next"
+    assert (v <= streamed.FASTER + 1e-12).all()
+    np.testing.assert_allclose(v[2:40], 1.0, atol=1e-9)
+    sent = CYCLE * (20 + 9 + 60)
+    assert q[-1, 0] == pytest.approx(sent, abs=3 * CYCLE), "it has made up"
+
+
+def test_the_last_target_is_reached_smoothly_and_never_passed(monkeypatch: pytest.MonkeyPatch) -> None:
+    driver, q, v = stream(monkeypatch, [1, 0] * 20, 90)
+    assert (q <= CYCLE * 20 + 1e-12).all()
+    assert q[-1, 0] == pytest.approx(CYCLE * 20, abs=1e-3)
+    assert (np.diff(v[40:, 0]) <= 1e-12).all()
+    assert np.abs(np.diff(v[40:, 0])).max() < 0.5, "no halt at once"
+    assert driver.halts == 1
+    assert driver.trouble == "no target for 150 ms"
+
+
+def test_more_targets_than_an_arm_can_follow_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    driver, _, v = stream(monkeypatch, [1] * 80, 80)
+    assert (v <= streamed.FASTER + 1e-12).all()
+    assert driver.halts == 1, "and stays where it is"
+    assert driver.trouble == "more than 100 targets a second"
+
+
 def test_an_arm_behind_its_limits_goes_where_it_is_asked_to(arm: tuple[StreamedArm, FakeBody]) -> None:
     driver, body = arm
     behind = Arm(driver, ArmLimits.of(PROFILE, speed=0.5))
@@ -162,28 +248,110 @@ def test_an_arm_that_is_not_there_and_a_library_that_is_not_are_told(
 
 # --------------------------------------------------------------------- cameras
 
-CAMERA = replace(simulated_cameras(PROFILE, 8, 6)[0], name="left")
+LEFT = replace(sized(simulated_cameras(PROFILE, 32, 24), 32, 24)[0], name="left")
 
 
-def test_pictures_come_with_their_time_their_device_and_our_pixel_centres(monkeypatch: pytest.MonkeyPatch) -> None:
-    depth, colors = np.full((6, 8), 700, np.uint16), np.zeros((6, 8, 3), np.uint8)
-    pictures = [(number, 1e3 * (time.time() - 0.05 + 0.01 * number), depth, colors) for number in range(3)]
-    monkeypatch.setitem(sys.modules, "pyrealsense2", fake_makers.realsense(pictures, [0.0] * 5))
-    cameras = RealSenseCameras([CAMERA], {"left": "827112070000"})
-    np.testing.assert_allclose(cameras.cameras[0].intrinsic, [[10, 0, 4.0], [0, 11, 3.0], [0, 0, 1]])
-    frames = cameras.poll()
-    assert [frame.number for frame in frames] == [0, 1, 2]
-    assert frames[0].serial == cameras.serials["left"] == "827112070000"
-    assert time.monotonic() - frames[0].captured == pytest.approx(0.05, abs=0.5)
-    assert cameras.poll() == []
+@pytest.fixture
+def rs() -> Any:
+    """The maker's library itself: its software devices are given pictures."""
+    return pytest.importorskip("pyrealsense2", exc_type=ImportError, reason="RealSense's library wants libusb")
 
 
-def test_cameras_that_cannot_be_used_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pyrealsense2", fake_makers.realsense([], [0.1, 0, 0, 0, 0]))
+def shot(number: int, captured: float, depth: int = 700) -> Frame:
+    """A picture whose colours say which pixel each is."""
+    rows, columns = np.mgrid[:24, :32].astype(np.uint8)
+    return Frame("left", number, captured, np.full((24, 32), depth, np.uint16), np.dstack([rows, columns, rows]))
+
+
+def filmed(device: SoftwareDevice, cameras: RealSenseCameras, count: int) -> tuple[list[Frame], list[Frame]]:
+    """Pictures that were given to a device, and those that came of them."""
+    given: list[Frame] = []
+    found: list[Frame] = []
+    for number in range(count):
+        given.append(shot(number, time.monotonic(), 700 + number))
+        device.give(given[-1])
+        end = time.monotonic() + 1 / 30
+        while time.monotonic() < end:
+            found += cameras.poll()
+            time.sleep(0.001)
+    return given, found
+
+
+def test_pictures_come_with_their_time_their_device_and_our_pixel_centres(rs: Any) -> None:
+    device = SoftwareDevice(LEFT, "827112070000", 30)
+    cameras = RealSenseCameras([replace(LEFT, intrinsic=np.eye(3))], {"left": device.device}, 30)
+    np.testing.assert_allclose(cameras.cameras[0].intrinsic, LEFT.intrinsic, rtol=1e-6)
+    given, found = filmed(device, cameras, 12)
+    cameras.close()
+    numbers = [frame.number for frame in found]
+    assert numbers == sorted(set(numbers)), "each comes once"
+    assert len(numbers) >= 5, "the library needs a picture or two to tell what belongs together"
+    for frame in found:
+        sent = given[frame.number]
+        np.testing.assert_array_equal(frame.depth, sent.depth)
+        off = np.abs(frame.colors.astype(int) - sent.colors.astype(int))
+        assert off.max() <= 1, "colours come from the same pixel, or from the next one where it lies between two"
+        assert frame.captured == pytest.approx(sent.captured, abs=1e-3)
+        assert (frame.camera, frame.serial) == ("left", "827112070000")
+    assert cameras.serials == {"left": "827112070000"}
+
+
+def test_a_recording_is_played_again_and_again_at_its_own_rate(rs: Any, tmp_path: Path) -> None:
+    device, file = SoftwareDevice(LEFT, "827112070000", 30), tmp_path / "left.db3"
+    recorder = RealSenseCameras([LEFT], {"left": device.recorder(file)}, 30)
+    given, _ = filmed(device, recorder, 12)
+    recorder.close()
+    # It is not asked for what it cannot know: its size and rate are its own.
+    there = replace(LEFT, width=320, height=240)
+    cameras = RealSenseCameras([there], recorded({"left": file}))
+    assert (cameras.cameras[0].width, cameras.serials) == (32, {"left": "827112070000"})
+    found: list[Frame] = []
+    until(lambda: bool(found.extend(cameras.poll())) or len(found) > 18)
+    cameras.close()
+    assert [frame.number for frame in found] == list(range(len(found))), "numbers go on when it begins again"
+    first = [int(frame.depth[0, 0]) for frame in found]
+    again = next(place for place in range(1, len(first)) if first[place] < first[place - 1])
+    assert again > 2
+    # A stalled machine misses pictures, as it does of a camera.
+    apart = np.diff([frame.captured for frame in found[:again]])
+    known = np.diff([given[depth - 700].captured for depth in first[:again]])
+    np.testing.assert_allclose(apart, known, atol=1e-3)
+
+
+def test_cameras_that_cannot_be_used_are_told(rs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(DriverError, match="no device 1 is plugged in; there are: none"):
+        connected({"left": "1"})
+    with pytest.raises(InputError, match="no device"):
+        RealSenseCameras([LEFT], {})
+    with pytest.raises(InputError, match=r"no such recording"):
+        recorded({"left": tmp_path / "none.db3"})
+    (tmp_path / "text.db3").write_text("no recording")
+    with pytest.raises(InputError, match=r"text\.db3.*is no recording"):
+        recorded({"left": tmp_path / "text.db3"})
+    with pytest.raises(DriverError, match="no depth and colours of 64x24 at 30 Hz; it has: 32x24 at 30 Hz"):
+        RealSenseCameras([replace(LEFT, width=64)], {"left": SoftwareDevice(LEFT, "1", 30).device}, 30)
+
+    class Distorted(SoftwareDevice):
+        def _intrinsics(self, camera: Camera) -> Any:
+            found = super()._intrinsics(camera)
+            found.model, found.coeffs = rs.distortion.brown_conrady, [0.1, 0, 0, 0, 0]
+            return found
+
     with pytest.raises(DriverError, match="distorted"):
-        RealSenseCameras([CAMERA], {"left": "1"})
-    with pytest.raises(InputError, match="no serial number"):
-        RealSenseCameras([CAMERA], {})
+        RealSenseCameras([LEFT], {"left": Distorted(LEFT, "1", 30).device}, 30)
     monkeypatch.setitem(sys.modules, "pyrealsense2", None)
     with pytest.raises(MissingExtraError, match=r"gensim2\[realsense\]"):
-        RealSenseCameras([CAMERA], {"left": "1"})
+        connected({"left": "1"})
+
+
+def test_a_device_whose_times_are_its_own_clocks_is_told(rs: Any) -> None:
+    class Own(SoftwareDevice):
+        def __init__(self, *given: Any) -> None:
+            super().__init__(*given)
+            self.domain = rs.timestamp_domain.hardware_clock
+
+    device = Own(LEFT, "1", 30)
+    cameras = RealSenseCameras([LEFT], {"left": device.device}, 30)
+    with pytest.raises(DriverError, match="its own clock's"):
+        filmed(device, cameras, 8)
+    cameras.close()

@@ -1,10 +1,13 @@
-"""Real devices by the words of the command line, against fakes of the makers' libraries; and the page of a line."""
+"""Real devices by the words of the command line: a fake arm, software cameras; and the page of a line."""
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
 import urllib.request
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +16,15 @@ import numpy as np
 import pytest
 from fake_makers import FakeBody
 
-from gensim2.deploy.config import LineConfig
-from gensim2.deploy.devices import ArmState
+from gensim2.deploy.config import CameraSource, LineConfig
+from gensim2.deploy.devices import ArmState, Frame
+from gensim2.deploy.drivers.software_realsense import SoftwareDevice
 from gensim2.deploy.line import DeviceGoneError
 from gensim2.deploy.mind import Answer
 from gensim2.deploy.opening import prepare
-from gensim2.deploy.real import PolledCameras, camera_serials, open_cameras
+from gensim2.deploy.real import PolledCameras, open_cameras
 from gensim2.deploy.run import run
-from gensim2.deploy.simulated_cameras import simulated_cameras
+from gensim2.deploy.simulated_cameras import simulated_cameras, sized
 from gensim2.deploy.watch import WatchRules
 from gensim2.errors import InputError
 from gensim2.observations.columns import CLOUD
@@ -41,33 +45,45 @@ PATIENT = WatchRules(
     overrun=60.0,
 )
 STILL = ControllerSpec("gensim2.policy.no_op:NoOpPolicy", {"arm": 7})
-REAL: dict[str, Any] = {"arm": "franka:here", "cameras": "realsense:left=827112070000", "rules": PATIENT}
+REAL: dict[str, Any] = {
+    "arm": "franka:here",
+    "cameras": "realsense:left=827112070000",
+    "pixels": (32, 24),
+    "rate": 20.0,
+    "rules": PATIENT,
+}
 
 
-class Filming(list[Any]):
-    """A fake device's pictures: one each 50 ms, no two alike."""
+LEFT = replace(sized(simulated_cameras(PROFILE, 32, 24), 32, 24)[0], name="left")
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._draw, self._due, self._number = np.random.default_rng(0), 0.0, 0
 
-    def __bool__(self) -> bool:
-        return time.monotonic() >= self._due
-
-    def pop(self, index: Any = -1) -> Any:
-        self._due, self._number = time.monotonic() + 0.05, self._number + 1
-        depth = self._draw.integers(300, 900, (6, 8)).astype(np.uint16)
-        return self._number, 1e3 * time.time(), depth, np.zeros((6, 8, 3), np.uint8)
+def film(device: SoftwareDevice, over: threading.Event) -> None:
+    """Give a device pictures, one each 50 ms, no two alike."""
+    draw, number = np.random.default_rng(0), 0
+    while not over.wait(0.05):
+        depth = draw.integers(300, 900, (24, 32)).astype(np.uint16)
+        device.give(Frame("left", number, time.monotonic(), depth, np.zeros((24, 32, 3), np.uint8)))
+        number += 1
 
 
 @pytest.fixture
-def body(monkeypatch: pytest.MonkeyPatch) -> FakeBody:
+def body(monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeBody]:
+    """A fake arm, and a software device of the real library for the camera that is plugged in."""
+    pytest.importorskip("pyrealsense2", exc_type=ImportError, reason="RealSense's library wants libusb")
+    from gensim2.deploy.drivers import realsense
+
     found = FakeBody(7)
     found.q = HOME.copy()
-    fakes = {**fake_makers.franka(found), "pyrealsense2": fake_makers.realsense(Filming(), [0.0] * 5)}
-    for name, module in fakes.items():
+    for name, module in fake_makers.franka(found).items():
         monkeypatch.setitem(sys.modules, name, module)
-    return found
+    device = SoftwareDevice(LEFT, "827112070000", 20)
+    monkeypatch.setattr(realsense, "connected", lambda serials: dict.fromkeys(serials, device.device))
+    over = threading.Event()
+    camera = threading.Thread(target=film, args=(device, over))
+    camera.start()
+    yield found
+    over.set()
+    camera.join()
 
 
 def test_a_dry_run_reaches_the_drivers_and_moves_nothing_and_a_run_does(body: FakeBody, tmp_path: Path) -> None:
@@ -85,16 +101,15 @@ def test_a_dry_run_reaches_the_drivers_and_moves_nothing_and_a_run_does(body: Fa
     with pytest.raises(InputError, match="--calibration"):
         run("CloseBox", **given)
     assert body.sent == []
-    pose = simulated_cameras(PROFILE, 320, 240)[0].T_base_camera
-    intrinsic = [[10.0, 0.0, 4.0], [0.0, 11.0, 3.0], [0.0, 0.0, 1.0]]
+    pose, intrinsic = LEFT.T_base_camera, LEFT.intrinsic.tolist()
     camera = {"serial": "827112070000", "method": "mesh", "link": None, "pose": pose.tolist(), "width": 320}
-    camera |= {"height": 6, "intrinsic": intrinsic, "residual_mm": 0.5, "held_out_mm": 0.5}
+    camera |= {"height": 24, "intrinsic": intrinsic, "residual_mm": 0.5, "held_out_mm": 0.5}
     made = {"made": time.strftime("%Y-%m-%dT%H:%M:%S+00:00", time.gmtime()), "robot": "panda"}
     path = tmp_path / "calibration.json"
     Calibration.model_validate({**made, "cameras": {"left": camera}}).write(path)
-    with pytest.raises(InputError, match="320x6 pixels, the camera gives 8x6"):
+    with pytest.raises(InputError, match="320x24 pixels, the camera gives 32x24"):
         run("CloseBox", calibration=path, **given)
-    Calibration.model_validate({**made, "cameras": {"left": {**camera, "width": 8}}}).write(path)
+    Calibration.model_validate({**made, "cameras": {"left": {**camera, "width": 32}}}).write(path)
     found = run("CloseBox", calibration=path, **given)
     assert found["state"] == "idle", found["reason"]
     assert len(body.sent) > 10
@@ -116,16 +131,30 @@ def test_cameras_that_are_to_be_calibrated_are_logged_without_clouds(body: FakeB
 
 
 def test_words_that_cannot_be_used_are_told() -> None:
-    assert camera_serials("realsense:left=1,right=2") == {"left": "1", "right": "2"}
-    for word in ("realsense", "realsense:1", "kinect:left=1", "realsense:left=1,left=2"):
+    assert CameraSource.parse("realsense:left=1,right=2") == CameraSource("realsense", {"left": "1", "right": "2"})
+    assert CameraSource.parse("recording:left=a/b.db3").devices == {"left": "a/b.db3"}
+    for word in (
+        "realsense",
+        "realsense:1",
+        "kinect:left=1",
+        "realsense:left=1,left=2",
+        "simulated:left=1",
+        "recording:",
+    ):
         with pytest.raises(InputError, match="--cameras"):
-            camera_serials(word)
+            CameraSource.parse(word)
     with pytest.raises(InputError, match="no arm 'franka'"):
         LineConfig(arm="franka", cameras="realsense:left=1", policy=STILL)
-    with pytest.raises(InputError, match="clock"):
-        LineConfig(policy=STILL, simulated_clock=True, **{**REAL, "rules": None})
+    for arm, cameras in (("simulated", "realsense:left=1"), ("ur:1", "software"), ("ur:1", "recording:left=a.db3")):
+        with pytest.raises(InputError, match="both are real, or both are simulated"):
+            LineConfig(arm=arm, cameras=cameras, policy=STILL)
+    with pytest.raises(InputError, match=r"do not follow the arm.*dry-run"):
+        LineConfig(cameras="recording:left=a.db3", policy=STILL)
+    for cameras in ("software", "recording:left=a.db3"):
+        with pytest.raises(InputError, match="clock"):
+            LineConfig(cameras=cameras, policy=STILL, simulated_clock=True, dry=True)
     with pytest.raises(InputError, match="'top'"):
-        open_cameras("realsense:top=1", simulated_cameras(PROFILE, 64, 48), 30)
+        open_cameras(CameraSource.parse("realsense:top=1"), simulated_cameras(PROFILE, 64, 48), 30)
 
 
 def test_what_is_shown_the_truth_and_simulated_faults_need_a_simulation() -> None:
@@ -197,9 +226,9 @@ def test_a_loop_elsewhere_moves_the_arm_behind_limits_and_watch(body: FakeBody, 
         puppet.state()
     puppet.connect()
     try:
-        assert puppet.cameras == {"left": (6, 8)}
+        assert puppet.cameras == {"left": (24, 32)}
         np.testing.assert_allclose(puppet.state().q[:7], HOME)
-        assert puppet.frames()["left"].depth.shape == (6, 8)
+        assert puppet.frames()["left"].depth.shape == (24, 32)
         goal, sent = HOME + 0.05, HOME
         for _ in range(40):
             sent = puppet.send(goal, 1.0)

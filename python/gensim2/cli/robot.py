@@ -80,14 +80,14 @@ def view(ctx: click.Context, /, policy: str | None, plan: bool, no_clouds: bool,
 
     With --policy or --plan the page shows the actions that it would take next, too.
     """
+    from gensim2.deploy.config import CameraSource
     from gensim2.deploy.live import PATIENT, looking
-    from gensim2.deploy.real import camera_serials
 
     if no_clouds and (plan or policy is not None):
         raise click.UsageError("--no-clouds is without --policy and --plan.")
     decides: Any = policy
     if policy is None and not plan:
-        names = None if given["cameras"] == "simulated" else tuple(camera_serials(given["cameras"]))
+        names = tuple(CameraSource.parse(given["cameras"]).devices) or None
         decides = looking(given["robot"], names, not no_clouds)
     given = {**given, "policy": decides, "plan": plan, "view": True, "minutes": 1e4}
     _run(ctx, None, given, dry=True, episodes=ENDLESS, rules=PATIENT)

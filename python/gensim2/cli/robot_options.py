@@ -49,8 +49,9 @@ LINE = (
         "--cameras",
         default="simulated",
         show_default=True,
-        metavar="simulated|realsense:NAME=SERIAL,...",
-        help="Real ones have the names that the policy looks through.",
+        metavar="simulated|software|recording:NAME=FILE,...|realsense:NAME=SERIAL,...",
+        help="Real ones have the names that the policy looks through; software: simulated ones through the RealSense "
+        "library; recordings: with dry-run.",
     ),
     click.option(
         "--policy",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from gensim2.deploy.arm_limits import FORCE, JUMP, MARGIN, SPEED
 from gensim2.deploy.calibration.file import DAYS
@@ -17,8 +17,50 @@ from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.scenes.config import SceneArguments, split_arguments
 
 SIMULATED = "simulated"
+SOFTWARE = "software"
 ARMS = ("franka", "ur", "xarm")
 """Makers of arms that there is a driver for."""
+
+
+CameraKind = Literal["simulated", "software", "recording", "realsense"]
+
+
+@dataclass(frozen=True)
+class CameraSource:
+    """Source of the pictures.
+
+    Attributes:
+        kind: ``simulated``: rays; ``software``: rays that go through software devices of ``pyrealsense2``;
+            ``recording``: files of devices; ``realsense``: devices.
+        devices: file or serial number of each camera, by name; empty where pictures are rendered.
+    """
+
+    kind: CameraKind
+    devices: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_rendered(self) -> bool:
+        """Whether pictures follow the simulated world."""
+        return self.kind in (SIMULATED, SOFTWARE)
+
+    @classmethod
+    def parse(cls, word: str) -> CameraSource:
+        """Read ``simulated``, ``software``, ``recording:NAME=FILE,...`` or ``realsense:NAME=SERIAL,...``.
+
+        Raises:
+            InputError: it is not written so.
+        """
+        if word in (SIMULATED, SOFTWARE):
+            return cls(cast(CameraKind, word))
+        kind, _, rest = word.partition(":")
+        pairs = [each.partition("=") for each in rest.split(",")]
+        if kind not in ("recording", "realsense") or not all(name and device for name, _, device in pairs):
+            remedy = f"{SIMULATED}, {SOFTWARE}, recording:NAME=FILE,... or realsense:NAME=SERIAL,..."
+            raise InputError(f"no cameras {word!r}", field="--cameras", remedy=remedy)
+        found = {name: device for name, _, device in pairs}
+        if len(found) < len(pairs):
+            raise InputError(f"{word!r} names a camera twice", field="--cameras")
+        return cls(cast(CameraKind, kind), found)
 
 
 @dataclass(frozen=True)
@@ -68,7 +110,8 @@ class LineConfig:
 
     Attributes:
         arm: ``simulated``, or ``franka:HOST``, ``ur:HOST``, ``xarm:HOST``.
-        cameras: ``simulated``, or ``realsense:NAME=SERIAL,...``.
+        cameras: see :meth:`CameraSource.parse`. Recordings do not follow an arm: they go with a dry run of a
+            simulated one.
         policy: a checkpoint, the URL of a server (``ws://host:port``), or a controller; None: the plan's chain, which
             is shown the true scene.
         deadline: seconds within which an action must come from a server.
@@ -115,18 +158,26 @@ class LineConfig:
         if self.arm != SIMULATED and (kind not in ARMS or not host):
             known = ", ".join(f"{each}:HOST" for each in ARMS)
             raise InputError(f"no arm {self.arm!r}", field="--arm", remedy=f"{SIMULATED}, {known}")
-        if (self.arm == SIMULATED) != (self.cameras == SIMULATED):
+        kind = self.source.kind
+        if (self.arm == SIMULATED) != (kind != "realsense"):
             said = f"--arm {self.arm} with --cameras {self.cameras}: both are real, or both are simulated"
             raise InputError(said, field="--cameras", remedy="as --arm franka:HOST --cameras realsense:left=SERIAL")
-        if not self.is_simulated and self.simulated_clock:
-            raise InputError("real devices go by the machine's clock", field="simulated_clock")
+        if kind == "recording" and not self.dry:
+            raise InputError("recordings do not follow the arm", field="--cameras", remedy="gensim2 robot dry-run")
+        if kind != SIMULATED and self.simulated_clock:
+            raise InputError("devices go by the machine's clock", field="simulated_clock")
         if not self.is_simulated and self.policy is None:
             raise InputError("is shown the true scene, which there is in a simulation only", field="--plan")
 
     @property
     def is_simulated(self) -> bool:
-        """Whether arm and cameras are simulated."""
+        """Whether the arm is simulated."""
         return self.arm == SIMULATED
+
+    @property
+    def source(self) -> CameraSource:
+        """Source of the pictures."""
+        return CameraSource.parse(self.cameras)
 
     @classmethod
     def split(cls, given: Mapping[str, Any]) -> tuple[LineConfig, SceneArguments]:

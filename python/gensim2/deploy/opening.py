@@ -18,14 +18,15 @@ from gensim2.deploy.arm_limits import ArmLimits, Array
 from gensim2.deploy.calibration.file import Calibration, calibrated, read_calibration, require_calibrated
 from gensim2.deploy.calibration.file import serials as calibrated_serials
 from gensim2.deploy.clocks import MachineClock, SimulatedClock
-from gensim2.deploy.config import LineConfig
+from gensim2.deploy.config import SIMULATED, SOFTWARE, LineConfig
 from gensim2.deploy.devices import ArmDriver, ArmState
+from gensim2.deploy.eyes import PIXELS
 from gensim2.deploy.faults import Fault, FullDisk
 from gensim2.deploy.fit_noise import read_noise
 from gensim2.deploy.journal import Journal, Journals, NoJournal
 from gensim2.deploy.line import Line
 from gensim2.deploy.mind import MindSpec, looked_at
-from gensim2.deploy.real import ByHand, PolledCameras, camera_serials, open_arm, open_cameras
+from gensim2.deploy.real import ByHand, PolledCameras, open_arm, open_cameras
 from gensim2.deploy.remote.client import RemoteController
 from gensim2.deploy.remote.protocol import is_url
 from gensim2.deploy.replay import camera_to_dict
@@ -117,9 +118,9 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
     if privileged and not config.is_simulated:
         raise InputError("is shown the true scene, which there is in a simulation only", field=controller.target)
     cameras = simulated_cameras(profile, *config.pixels)
-    if not config.is_simulated:
-        there = camera_serials(config.cameras)
-        if seen.modalities and not set(seen.cameras) <= set(there):
+    source = config.source
+    if not source.is_rendered:
+        if seen.modalities and not set(seen.cameras) <= set(source.devices):
             said = f"the policy looks through {', '.join(seen.cameras)}"
             raise InputError(said, field="--cameras", remedy="name the device of each")
     elif seen.modalities:
@@ -127,15 +128,20 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
     for fault in faults:
         if fault.name == "policy-token" and controller.target != REMOTE:
             raise InputError("there is no server to refuse a token", field="--fault", remedy="--policy ws://HOST:PORT")
-        if fault.kind in ("arm", "camera") and not config.is_simulated:
+        if (fault.kind == "arm" and not config.is_simulated) or (fault.kind == "camera" and not source.is_rendered):
             raise InputError(f"{fault.name} is a fault of simulated devices", field="--fault")
-        if fault.name in ("camera-swapped", "camera-mislabelled") and len(cameras) < 2:
-            raise InputError("there is one camera, and nothing to exchange it with", field="fault")
+        if fault.name in ("camera-swapped", "camera-mislabelled"):
+            if len(cameras) < 2:
+                raise InputError("there is one camera, and nothing to exchange it with", field="fault")
+            if source.kind == SOFTWARE:
+                raise InputError(
+                    "a software device gives its own pictures", field="fault", remedy=f"--cameras {SIMULATED}"
+                )
     calibration = None
     if config.calibration is not None:
-        asked = cameras if config.is_simulated else ()  # real ones say their pixels when they are open
+        asked = cameras if source.is_rendered else ()  # real ones say their pixels when they are open
         calibration = read_calibration(config.calibration, given.scene.robot, asked, days=config.calibration_days)
-    elif not config.is_simulated and not config.dry:
+    elif not source.is_rendered and not config.dry:
         raise InputError(
             "real cameras need one",
             field="--calibration",
@@ -190,8 +196,8 @@ def opened(
     with contextlib.ExitStack() as stack:
         real: PolledCameras | None = None
         cameras = prepared.cameras
-        if not config.is_simulated:
-            real = open_cameras(config.cameras, cameras, config.rate)
+        if not config.source.is_rendered:
+            real = open_cameras(config.source, cameras, config.rate)
             giving_up = stack.enter_context(contextlib.ExitStack())
             giving_up.callback(real.close)
             cameras = real.cameras
@@ -211,13 +217,15 @@ def opened(
             stack.callback(written.close)
             journals.append(written)
         spec = MindSpec(prepared.controller, given.spec, given.scene.robot, believed)
-        if real is not None:
-            devices = _real(prepared, spec, real, mind)
-            giving_up.pop_all()
-        elif config.simulated_clock:
+        if config.simulated_clock:
             devices = _local(prepared, spec, noise_seed, mind)
+        elif config.is_simulated:
+            devices = _in_processes(prepared, spec, noise_seed, mind, real)
         else:
-            devices = _in_processes(prepared, spec, noise_seed, mind)
+            assert real is not None, "a real arm has real cameras"
+            devices = _real(prepared, spec, real, mind)
+        if real is not None:
+            giving_up.pop_all()
         stack.callback(devices.close)
         rules = config.rules
         if rules is None:
@@ -258,6 +266,7 @@ def _about(prepared: Prepared, believed: tuple[Camera, ...]) -> dict[str, Any]:
         "speed": config.speed,
         "margin": config.margin,
         "seed": config.seed,
+        "pixels": PIXELS,
         "observation": looked_at(prepared.seen, believed).to_dict(),
         "cameras": [camera_to_dict(camera) for camera in believed],
     }
@@ -293,16 +302,21 @@ def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None)
     return Devices(arm, seeing, mind, clock, arm, {"arm": arm.fail, "camera": seeing.fail, "policy": mind.fail})
 
 
-def _in_processes(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None) -> Devices:
+def _in_processes(
+    prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None, played: PolledCameras | None
+) -> Devices:
     from gensim2.deploy.processes import ProcessArm, ProcessCameras, ProcessMind, preload
 
     preload()
-    scene = prepared.given.scene
+    config, scene = prepared.config, prepared.given.scene
     arm = ProcessArm(scene)
-    seeing = ProcessCameras(scene.robot, prepared.cameras, arm.eyes, seed, prepared.config.rate, prepared.noise)
     mind = mind or ProcessMind(spec, arm.truth)
-    failing = {"arm": arm.fail, "camera": seeing.fail, "policy": mind.fail}
-    return Devices(arm, seeing, mind, MachineClock(), arm, failing)
+    failing = {"arm": arm.fail, "policy": mind.fail}
+    if played is not None:
+        return Devices(arm, played, mind, MachineClock(), arm, failing)
+    through = config.source.kind == SOFTWARE
+    seeing = ProcessCameras(scene.robot, prepared.cameras, arm.eyes, seed, config.rate, prepared.noise, through)
+    return Devices(arm, seeing, mind, MachineClock(), arm, failing | {"camera": seeing.fail})
 
 
 def _real(prepared: Prepared, spec: MindSpec, cameras: PolledCameras, mind: OpenMind | None) -> Devices:

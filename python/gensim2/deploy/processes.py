@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.process import BaseProcess
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gensim2.deploy.arm_limits import CYCLE, Array
 from gensim2.deploy.devices import ArmState, Frame
@@ -28,9 +28,14 @@ from gensim2.robots import robot
 from gensim2.scenes.config import SceneConfig
 from gensim2.tasks.measurement import Measurement
 
+if TYPE_CHECKING:
+    from gensim2.deploy.drivers.software_realsense import SoftwareCameras
+
 PRELOAD = ("gensim2.deploy.processes", "gensim2.deploy.simulated_world", "gensim2.deploy.simulated_cameras")
 GOAL_EVERY = 10
 """Cycles from one look at the goal to the next."""
+PASSING = 0.02
+"""Seconds that pictures may take through the maker's library before the next ones are taken."""
 SLIP = 0.2
 """Seconds that the simulated time may be behind and still catch up."""
 
@@ -257,6 +262,10 @@ class ProcessCameras:
         seed: of their noise.
         rate: pictures a second.
         noise: on them.
+        through: pictures go through software devices of ``pyrealsense2``.
+
+    Raises:
+        MissingExtraError: they are to, and it is not installed.
     """
 
     def __init__(
@@ -267,10 +276,15 @@ class ProcessCameras:
         seed: int,
         rate: float,
         noise: DepthNoise,
+        through: bool = False,
     ) -> None:
+        if through:
+            from gensim2.deploy.drivers.realsense import library
+
+            library()  # what is missing is said before a process is begun
         self.cameras = cameras
         self.serials: Mapping[str, str] = simulated_serials(cameras)
-        self._process = _Process("cameras", _serve_cameras, robot_name, cameras, world, seed, rate, noise)
+        self._process = _Process("cameras", _serve_cameras, robot_name, cameras, world, seed, rate, noise, through)
 
     def poll(self) -> Sequence[Frame]:
         """Pictures that came."""
@@ -293,10 +307,16 @@ def _serve_cameras(
     seed: int,
     rate: float,
     noise: DepthNoise,
+    through: bool,
 ) -> None:
     from gensim2.deploy.simulated_cameras import SimulatedCameras
 
     taker = SimulatedCameras(robot(robot_name), cameras, seed, noise)
+    devices: SoftwareCameras | None = None
+    if through:
+        from gensim2.deploy.drivers.software_realsense import SoftwareCameras
+
+        devices = SoftwareCameras(cameras, taker.serials, round(rate))
     due = time.monotonic()
     while True:
         while pipe.poll():
@@ -306,6 +326,8 @@ def _serve_cameras(
             taker.faults.add(message)
         world.send("rows")
         frames = taker.take(world.recv())
+        if devices is not None:
+            frames = devices.passed(frames, PASSING)
         if frames:
             pipe.send(frames)
         due = max(due + 1.0 / rate, time.monotonic())

@@ -11,14 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.deploy.arm_limits import Array
-from gensim2.deploy.config import LineArguments, LineConfig
+from gensim2.deploy.config import SIMULATED, CameraSource, LineArguments, LineConfig
 from gensim2.deploy.devices import ArmState, Frame
 from gensim2.deploy.limits import RefusedError
 from gensim2.deploy.line import PERIOD
 from gensim2.deploy.live import looking
 from gensim2.deploy.mind import Answer, Begin, Question
 from gensim2.deploy.opening import Opened, opened, prepare
-from gensim2.deploy.real import camera_serials
 from gensim2.deploy.session import Layout, Session
 from gensim2.deploy.watch import State
 from gensim2.errors import GenSim2Error, InputError
@@ -91,9 +90,9 @@ class Puppet:
 
     def __init__(self, task: str = "CloseBox", *, move: bool = False, **line: Unpack[LineArguments]) -> None:
         scene: SceneArguments
-        names = camera_serials(line["cameras"]) if line.get("cameras", "simulated") != "simulated" else None
+        source = CameraSource.parse(line.get("cameras", SIMULATED))
         robot_name = line.get("robot", "panda")
-        decides = looking(robot_name, None if names is None else tuple(names))
+        decides = looking(robot_name, tuple(source.devices) or None)
         config, scene = LineConfig.split({**line, "policy": decides, "dry": not move})
         self.profile: RobotProfile = robot(robot_name)
         self._given = read_task_input(task, seed=config.seed, **scene)

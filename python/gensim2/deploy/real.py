@@ -6,8 +6,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from gensim2.deploy.config import CameraSource
 from gensim2.deploy.devices import Frame
 from gensim2.deploy.drivers.streamed import StreamedArm
 from gensim2.errors import InputError, near
@@ -43,23 +45,6 @@ def open_arm(word: str, profile: RobotProfile) -> StreamedArm:
     from gensim2.deploy.drivers.xarm import XArm
 
     return XArm(host, profile)
-
-
-def camera_serials(word: str) -> dict[str, str]:
-    """Serial numbers by camera, of ``realsense:NAME=SERIAL,...``.
-
-    Raises:
-        InputError: it is not written so.
-    """
-    kind, _, rest = word.partition(":")
-    pairs = [each.partition("=") for each in rest.split(",")]
-    if kind != "realsense" or not all(name and serial for name, _, serial in pairs):
-        remedy = "simulated, or realsense:NAME=SERIAL,NAME=SERIAL"
-        raise InputError(f"no cameras {word!r}", field="--cameras", remedy=remedy)
-    found = {name: serial for name, _, serial in pairs}
-    if len(found) < len(pairs):
-        raise InputError(f"{word!r} names a camera twice", field="--cameras")
-    return found
 
 
 class PolledCameras:
@@ -109,26 +94,30 @@ class PolledCameras:
             self._error = error
 
 
-def open_cameras(word: str, there: Sequence[Camera], rate: float) -> PolledCameras:
-    """Open RealSense cameras.
+def open_cameras(source: CameraSource, there: Sequence[Camera], rate: float) -> PolledCameras:
+    """Open RealSense cameras, or recordings of them.
 
     Args:
-        word: ``realsense:NAME=SERIAL,...``.
+        source: with their devices or files.
         there: cameras by their names, with pixels and a first guess of their poses.
-        rate: pictures a second.
+        rate: pictures a second; recordings give what they have.
 
     Raises:
-        InputError: a name is none of theirs, or the word is not written so.
+        InputError: a name is none of theirs, or a file is no recording.
         MissingExtraError: the maker's library is not installed.
         DriverError: a device is not there.
     """
-    from gensim2.deploy.drivers.realsense import RealSenseCameras
+    from gensim2.deploy.drivers.realsense import RealSenseCameras, connected, recorded
 
-    serials, known = camera_serials(word), {camera.name: camera for camera in there}
-    for name in serials:
+    known = {camera.name: camera for camera in there}
+    for name in source.devices:
         if name not in known:
             raise InputError(f"there is no camera {name!r}", field="--cameras", remedy=near(name, known))
-    return PolledCameras(RealSenseCameras([known[name] for name in serials], serials, round(rate)))
+    if source.kind == "recording":
+        devices = recorded({name: Path(file) for name, file in source.devices.items()})
+    else:
+        devices = connected(source.devices)
+    return PolledCameras(RealSenseCameras([known[name] for name in devices], devices, round(rate)))
 
 
 class ByHand:

@@ -131,7 +131,9 @@ def replay(folder: Path) -> Replay:
             if eyes is None:
                 cameras = tuple(camera_of(each) for each in plain["cameras"])
                 spec = ObservationSpec.of(plain["observation"])
-                eyes = Eyes(spec, robot(plain["robot"]), cameras, plain["language"])
+                # Logs of version 0.1 looked at all pixels, and do not say so.
+                pixels = plain.get("pixels", np.inf)
+                eyes = Eyes(spec, robot(plain["robot"]), cameras, plain["language"], pixels)
         elif topic.startswith("/camera/"):
             frame = frame_of(plain, arrays)
             frames[frame.camera, frame.number] = frame

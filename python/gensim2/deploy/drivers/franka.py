@@ -19,6 +19,12 @@ RATE = 200.0
 """References a second; between them the 1 kHz loop keeps the last."""
 STIFFNESS = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])
 """N m/rad."""
+CUTOFF = 100.0
+"""Hz, libfranka's own low-pass of the torques."""
+DELTA = 2.4
+"""N m by which the torque that is asked for may differ from the last one that went out, before the low-pass, which lets
+0.386 of it through in a cycle: 0.93 N m go out, and the arm's reflex stops it at 1. The library's own 1 N m would leave
+0.39, at which the arm trails its references and then overshoots them."""
 TORQUES, FORCES = 20.0, 30.0
 """N m and N from which on the arm's own reflex stops it."""
 GRIP_SPEED, GRIP_FORCE = 0.05, 30.0
@@ -61,19 +67,27 @@ class FrankaArm(StreamedArm):
         self.start()
 
     def _read(self) -> tuple[Array, Array, float, ArmMode]:
-        state = self._robot.state
+        ended: Exception | None = None
+        if self._motion is not None:
+            try:
+                self._robot.poll_motion()  # raises what ended the motion, once
+            except self._franky.ControlException as error:
+                ended = error
+        state = self._robot.state  # afterwards, so that it knows of the reflex that ended the motion
         stopped = state.robot_mode in (self._franky.RobotMode.Reflex, self._franky.RobotMode.UserStopped)
+        if ended is not None and not stopped:
+            raise DriverError(f"the motion has ended: {ended}") from ended
         force = float(np.linalg.norm(finite(state.O_F_ext_hat_K, 3, "what presses on it")))
         q, v = finite(state.q, 7, "where it stands"), finite(state.dq, 7, "how it moves")
-        if self._motion is not None and not stopped:
-            self._robot.poll_motion()  # raises what ended the motion
         return q, v, force, "reflex" if stopped else "ready"
 
     def _write(self, q: Array, v: Array) -> None:
         if self._motion is None:
-            motion = self._franky.JointImpedanceTrackingMotion(stiffness=STIFFNESS, damping=2.0 * np.sqrt(STIFFNESS))
+            motion = self._franky.JointImpedanceTrackingMotion(
+                stiffness=STIFFNESS, damping=2.0 * np.sqrt(STIFFNESS), max_delta_tau=DELTA
+            )
             motion.set_reference(self._franky.JointReference(q, v))
-            self._robot.move(motion, asynchronous=True)
+            self._robot.move(motion, asynchronous=True, cutoff_frequency=CUTOFF)
             self._motion = motion
         else:
             self._motion.set_reference(self._franky.JointReference(q, v))

@@ -1,4 +1,8 @@
-"""RealSense cameras, or a recording of one, by ``pyrealsense2`` (extra ``realsense``). Never tried on a camera."""
+"""RealSense cameras, and recordings of them, by ``pyrealsense2`` (extra ``realsense``). Never tried on a camera.
+
+Devices are opened sensor by sensor into the library's syncer, so that one way serves cameras, recordings, and the
+library's software devices (:mod:`gensim2.deploy.drivers.software_realsense`), by which it is tried.
+"""
 
 from __future__ import annotations
 
@@ -16,101 +20,216 @@ from gensim2.errors import InputError, MissingExtraError
 from gensim2.observations import Camera
 
 MILLIMETRE = 1e-3
+QUEUE = 4
+"""Pairs of pictures that wait in the library at most; the oldest are dropped."""
+
+
+def library() -> Any:
+    """Import ``pyrealsense2``.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        import pyrealsense2
+    except ImportError as error:
+        raise MissingExtraError("pyrealsense2", "realsense") from error
+    return pyrealsense2
+
+
+def connected(serials: Mapping[str, str]) -> dict[str, Any]:
+    """Devices that are plugged in, by camera.
+
+    Args:
+        serials: number of the device of each camera, by name.
+
+    Raises:
+        DriverError: one is not there.
+        MissingExtraError: ``pyrealsense2`` is not installed.
+    """
+    rs = library()
+    there = {device.get_info(rs.camera_info.serial_number): device for device in rs.context().query_devices()}
+    for name, serial in serials.items():
+        if serial not in there:
+            known = ", ".join(sorted(there)) or "none"
+            raise DriverError(f"camera {name}: no device {serial} is plugged in; there are: {known}")
+    return {name: there[serial] for name, serial in serials.items()}
+
+
+def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
+    """Recordings (``.bag``, ``.db3``) as devices, by camera.
+
+    Args:
+        files: of each camera, one camera a file.
+
+    Raises:
+        InputError: a file is none, or none that the library can read.
+        MissingExtraError: ``pyrealsense2`` is not installed.
+    """
+    context = library().context()
+    found = {}
+    for name, file in files.items():
+        if not file.is_file():
+            raise InputError("there is no such recording", file=file, field=f"cameras.{name}")
+        try:
+            found[name] = context.load_device(str(file))
+        except RuntimeError as error:
+            raise InputError(f"is no recording of a RealSense: {error}", file=file, field=f"cameras.{name}") from error
+    return found
 
 
 class RealSenseCameras:
-    """Cameras by their serial numbers; colours are brought onto the depth picture.
+    """Devices that are asked for pictures; colours are brought onto the depth picture.
+
+    Recordings are played at the rate at which they were made, begin again when they are over, and their pictures count
+    as taken when they come.
 
     Args:
         cameras: that there are: names, pixels and poses; intrinsics are asked of the devices.
-        serials: number of the device of each, by name.
-        rate: pictures a second.
-        recording: a ``.bag`` or ``.db3`` in place of a device, of one camera; played as fast as it is read.
+        devices: of each, by name (:func:`connected`, :func:`recorded`).
+        rate: pictures a second; None: whatever a device gives.
 
     Attributes:
         cameras: with the intrinsics of the devices; our pixel centres lie at .5, the library's at 0.
+        serials: numbers of the devices, as they say themselves, by camera.
 
     Raises:
         MissingExtraError: ``pyrealsense2`` is not installed.
-        InputError: a camera has no serial number, or a recording is of more than one.
-        DriverError: a device is not there, or its depth is distorted.
+        InputError: a camera has no device.
+        DriverError: a device does not give such pictures, or its depth is distorted.
     """
 
-    def __init__(
-        self,
-        cameras: Sequence[Camera],
-        serials: Mapping[str, str],
-        rate: int = 30,
-        recording: Path | None = None,
-    ) -> None:
-        try:
-            import pyrealsense2 as rs
-        except ImportError as error:
-            raise MissingExtraError("pyrealsense2", "realsense") from error
-        if recording is not None and len(cameras) != 1:
-            raise InputError("is of one camera", file=recording, field="cameras")
-        self._rs: Any = rs
-        self.serials = dict(serials)
-        self._pipelines: dict[str, Any] = {}
-        self._align = rs.align(rs.stream.depth)
-        # The library's clock is the system's, where its devices' global time is on; ours is the monotonic one.
-        self._offset = time.monotonic() - time.time()
+    def __init__(self, cameras: Sequence[Camera], devices: Mapping[str, Any], rate: int | None = None) -> None:
+        rs = library()
+        self.serials: dict[str, str] = {}
+        self._films: list[_Film] = []
         found = []
         for camera in cameras:
-            if camera.name not in serials:
-                raise InputError("has no serial number", field=camera.name)
-            found.append(self._open(camera, serials[camera.name], rate, recording))
+            if camera.name not in devices:
+                raise InputError("has no device", field=camera.name)
+            film = _Film(rs, camera, devices[camera.name], rate)
+            self._films.append(film)
+            self.serials[camera.name] = film.serial
+            found.append(film.camera)
         self.cameras = tuple(found)
 
     def poll(self) -> Sequence[Frame]:
-        """Pictures that came since the last call, oldest first."""
-        found = []
-        for name, pipeline in self._pipelines.items():
-            frames = pipeline.poll_for_frames()
-            while frames:
-                found.append(self._frame(name, self._align.process(frames)))
-                frames = pipeline.poll_for_frames()
-        return sorted(found, key=lambda frame: frame.captured)
+        """Pictures that came since the last call, oldest first.
+
+        Raises:
+            DriverError: a device's clock is not the machine's.
+        """
+        return sorted((frame for film in self._films for frame in film.poll()), key=lambda frame: frame.captured)
 
     def close(self) -> None:
         """Leave the devices."""
-        for pipeline in self._pipelines.values():
-            pipeline.stop()
+        for film in self._films:
+            film.close()
 
-    def _open(self, camera: Camera, serial: str, rate: int, recording: Path | None) -> Camera:
-        rs = self._rs
-        pipeline, config = rs.pipeline(), rs.config()
-        if recording is not None:
-            config.enable_device_from_file(str(recording), repeat_playback=False)
-        else:
-            config.enable_device(serial)
-            config.enable_stream(rs.stream.depth, camera.width, camera.height, rs.format.z16, rate)
-            config.enable_stream(rs.stream.color, camera.width, camera.height, rs.format.rgb8, rate)
-        try:
-            profile = pipeline.start(config)
-        except RuntimeError as error:
-            raise DriverError(f"camera {camera.name}, {serial}: {error}") from error
-        device = profile.get_device()
-        if recording is not None:
-            device.as_playback().set_real_time(False)
-        self.serials[camera.name] = device.get_info(rs.camera_info.serial_number)
-        unit = device.first_depth_sensor().get_depth_scale()
-        if abs(unit - MILLIMETRE) > 1e-6:
-            raise DriverError(f"camera {camera.name}: depth comes in units of {unit} m, must be {MILLIMETRE}")
-        seen = profile.get_stream(rs.stream.depth).as_video_stream_profile().get_intrinsics()
+
+class _Film:
+    """Depth and colours of one device that belong together."""
+
+    def __init__(self, rs: Any, camera: Camera, device: Any, rate: int | None) -> None:
+        self._rs, self._device = rs, device
+        self._playback: Any = device.as_playback() if device.is_playback() else None
+        self.serial: str = device.get_info(rs.camera_info.serial_number)
+        unit = rs.option.depth_units  # a recorder's sensors have it, and are no depth sensors to the library
+        units = [sensor.get_option(unit) for sensor in device.query_sensors() if sensor.supports(unit)]
+        if not units or abs(units[0] - MILLIMETRE) > 1e-6:
+            raise DriverError(f"camera {camera.name}: depth comes in units of {units} m, must be {MILLIMETRE}")
+        self._wanted = (camera.width, camera.height, rate)
+        self._profiles = self._choose(camera.name)
+        seen = self._profiles[rs.stream.depth].get_intrinsics()
         if any(seen.coeffs):
             raise DriverError(f"camera {camera.name}: its depth is distorted: {list(seen.coeffs)}")
-        self._pipelines[camera.name] = pipeline
         intrinsic = np.array([[seen.fx, 0.0, seen.ppx + 0.5], [0.0, seen.fy, seen.ppy + 0.5], [0.0, 0.0, 1.0]])
-        return replace(camera, width=seen.width, height=seen.height, intrinsic=intrinsic)
+        self.camera = replace(camera, width=seen.width, height=seen.height, intrinsic=intrinsic)
+        # The library's clock is the system's, where its devices' global time is on; ours is the monotonic one.
+        self._offset: float | None = None if self._playback else time.monotonic() - time.time()
+        self._align = rs.align(rs.stream.depth)
+        self._count = 0
+        self._start()
 
-    def _frame(self, name: str, frames: Any) -> Frame:
-        depth, color = frames.get_depth_frame(), frames.get_color_frame()
+    def poll(self) -> list[Frame]:
+        """Pictures that came; colours on the depth picture."""
+        found = []
+        pair = self._syncer.poll_for_frames()
+        while pair:
+            depth = pair.get_depth_frame()
+            if depth and pair.get_color_frame():
+                found.append(self._frame(depth, self._align.process(pair)))
+            pair = self._syncer.poll_for_frames()
+        if self._playback and self._count_played and self._is_over():
+            self._stop()
+            self._start()
+        return found
+
+    def close(self) -> None:
+        """Leave the device."""
+        self._stop()
+
+    def _choose(self, name: str) -> dict[Any, Any]:
+        """Depth and colours in the asked size and rate; a recording gives what it has."""
+        rs = self._rs
+        kinds = {rs.stream.depth: rs.format.z16, rs.stream.color: rs.format.rgb8}
+        self._sensors: list[tuple[Any, list[Any]]] = []
+        found: dict[Any, Any] = {}
+        sizes = set()
+        for sensor in self._device.query_sensors():
+            opened = []
+            for profile in sensor.get_stream_profiles():
+                kind = profile.stream_type()
+                if profile.format() != kinds.get(kind) or kind in found:
+                    continue
+                video = profile.as_video_stream_profile()
+                has = (video.width(), video.height(), profile.fps())
+                sizes.add(has)
+                if self._playback or has == self._wanted:
+                    found[kind] = video
+                    opened.append(profile)
+            if opened:
+                if not self._playback and sensor.supports(rs.option.global_time_enabled):
+                    sensor.set_option(rs.option.global_time_enabled, 1)
+                self._sensors.append((sensor, opened))
+        if len(found) < len(kinds):
+            width, height, rate = self._wanted
+            known = ", ".join(f"{one}x{other} at {each} Hz" for one, other, each in sorted(sizes)) or "none"
+            said = f"no depth and colours of {width}x{height} at {rate} Hz; it has: {known}"
+            raise DriverError(f"camera {name}, {self.serial}: {said}")
+        return found
+
+    def _start(self) -> None:
+        self._syncer = self._rs.syncer(QUEUE)
+        self._count_played = 0
+        for sensor, profiles in self._sensors:
+            sensor.open(profiles)
+            sensor.start(self._syncer)
+
+    def _stop(self) -> None:
+        for sensor, _ in self._sensors:
+            sensor.stop()
+            sensor.close()
+
+    def _is_over(self) -> bool:
+        return bool(self._playback.current_status() == self._rs.playback_status.stopped)
+
+    def _frame(self, depth: Any, aligned: Any) -> Frame:
+        taken = MILLIMETRE * float(depth.get_timestamp())
+        if self._playback:
+            if not self._count_played:
+                self._offset = time.monotonic() - taken
+            self._count_played += 1
+        elif depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
+            said = "its times are its own clock's; switch its global time on"
+            raise DriverError(f"camera {self.camera.name}, {self.serial}: {said}")
+        assert self._offset is not None
+        self._count += 1
         return Frame(
-            name,
-            int(depth.get_frame_number()),
-            1e-3 * float(depth.get_timestamp()) + self._offset,
+            self.camera.name,
+            self._count - 1 if self._playback else int(depth.get_frame_number()),
+            taken + self._offset,
             np.array(depth.get_data(), dtype=np.uint16),
-            np.array(color.get_data(), dtype=np.uint8),
-            self.serials[name],
+            np.array(aligned.get_color_frame().get_data(), dtype=np.uint8),
+            self.serial,
         )

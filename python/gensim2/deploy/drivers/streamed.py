@@ -23,6 +23,12 @@ KEPT = 1000
 SILENT = 0.15
 """Seconds without a target after which an arm is stopped, and refuses what comes then: the loop sends one each 10 ms,
 and makes up for a tenth of a second."""
+LEAST, MOST = 1.0, 3.0
+"""Cycles that the arm is behind the stream: with less left to go it slows down, with more it goes ``FASTER``."""
+FASTER = 1.1
+"""Of the stream's pace, where the arm is too far behind: after targets that were late and came all at once."""
+TOO_MANY = 30
+"""Targets that wait at most: more than the loop makes up for."""
 
 
 class DriverError(GenSim2Error):
@@ -32,9 +38,10 @@ class DriverError(GenSim2Error):
 class StreamedArm(ABC):
     """An arm that takes joint positions at a rate of its own.
 
-    Targets come 100 a second and are gone to in a straight line over the next cycle, so that what the arm is sent is a
-    cycle late and smooth. A target's successor that does not come stops the arm. The gripper has a thread of its own
-    and is told of changes only: it may take its time.
+    Targets come 100 a second and are gone through in straight lines, a cycle each, one to three cycles behind: what
+    comes a little late, or all at once after a pause, makes the arm neither halt nor hurry. Where no successor comes,
+    it slows down towards the last target and is never sent beyond; soon after it is stopped. The gripper has a thread
+    of its own and is told of changes only: it may take its time.
 
     Args:
         profile: of the robot.
@@ -45,7 +52,9 @@ class StreamedArm(ABC):
         self.profile, self._period = profile, 1.0 / rate
         self._states: deque[ArmState] = deque(maxlen=KEPT)
         self._lock = threading.Lock()
-        self._goals: tuple[tuple[float, Array], tuple[float, Array]] | None = None
+        self._goals: deque[Array] = deque()
+        self._passed: Array | None = None
+        self._share = self._told = self._played = 0.0
         self._stood: Array | None = None
         self._gripper = OPEN
         self._grips: queue.SimpleQueue[float | None] = queue.SimpleQueue()
@@ -70,12 +79,14 @@ class StreamedArm(ABC):
 
     def send(self, q: Array, gripper: float, t: float) -> None:
         """Targets for the time t (s): (m,) of the arm's joints, and the gripper from -1 to 1."""
+        if self._trouble is not None:
+            return  # its states say so
         with self._lock:
-            now = time.monotonic()
-            start = self._stood if self._goals is None else self._between(now)
-            if start is None:
-                start = np.array(q)
-            self._goals = (now, start), (now + CYCLE, np.array(q, dtype=np.float64))
+            self._told, target = time.monotonic(), np.array(q, dtype=np.float64)
+            if self._passed is None:
+                self._passed = target if self._stood is None else self._stood
+                self._share, self._played = 0.0, self._told + CYCLE  # there is always one more to go to
+            self._goals.append(target)
             self._standing = False
         if gripper != self._gripper:
             self._gripper = float(gripper)
@@ -84,7 +95,8 @@ class StreamedArm(ABC):
     def stand(self) -> None:
         """Stop at once by the arm's own means."""
         with self._lock:
-            self._standing, self._goals = True, None
+            self._standing, self._passed = True, None
+            self._goals.clear()
         self._attempt(self._halt)
 
     def close(self) -> None:
@@ -143,27 +155,35 @@ class StreamedArm(ABC):
             q[list(self.profile.gripper_columns)] = self.profile.gripper.at_command(self._gripper)
             self._states.append(ArmState(now, q, v, force, "refusing" if self._trouble else mode))
         with self._lock:
-            if self._standing or self._goals is None:
+            if self._standing or self._passed is None:
                 return
-            silent = now - self._goals[1][0] > SILENT
-            if not silent:
-                goal, speed = self._between(now), self._speed(now)
-        if silent:
-            self.stand()
-            self._trouble = f"no target for {1e3 * SILENT:.0f} ms"
-        else:
+            trouble = None
+            if now - self._told > SILENT:
+                trouble = f"no target for {1e3 * SILENT:.0f} ms"
+            elif len(self._goals) > TOO_MANY:
+                trouble = f"more than {1 / CYCLE:.0f} targets a second"
+            goal, speed = self._play(now)
+        if trouble is None:
             self._attempt(lambda: self._write(goal, speed))
+        else:
+            self.stand()
+            self._trouble = trouble
 
-    def _between(self, now: float) -> Array:
-        assert self._goals is not None
-        (begun, start), (due, goal) = self._goals
-        share = np.clip((now - begun) / (due - begun), 0.0, 1.0)
-        return np.asarray(start + share * (goal - start))
-
-    def _speed(self, now: float) -> Array:
-        assert self._goals is not None
-        (begun, start), (due, goal) = self._goals
-        return np.asarray((goal - start) / (due - begun) if now < due else np.zeros_like(goal))
+    def _play(self, now: float) -> tuple[Array, Array]:
+        """Go on along the targets; returns (m,) rad and rad/s."""
+        assert self._passed is not None
+        if now < self._played:
+            return self._passed, np.zeros_like(self._passed)
+        self._share += _gone(len(self._goals) - self._share, (now - self._played) / CYCLE)
+        self._played = now
+        while self._goals and self._share >= 1.0:
+            self._passed = self._goals.popleft()
+            self._share -= 1.0
+        if not self._goals:
+            self._share = 0.0
+            return self._passed, np.zeros_like(self._passed)
+        way = self._goals[0] - self._passed
+        return self._passed + self._share * way, _pace(len(self._goals) - self._share) * way / CYCLE
 
     def _run_gripper(self) -> None:
         while True:
@@ -187,6 +207,19 @@ class StreamedArm(ABC):
     def trouble(self) -> str | None:
         """The last error of the arm's library; None: nothing went wrong."""
         return self._trouble
+
+
+def _pace(left: float) -> float:
+    """Cycles of the stream that are gone through in a cycle, with so many left to go."""
+    return FASTER if left > MOST else min(1.0, left / LEAST)
+
+
+def _gone(left: float, cycles: float) -> float:
+    """Cycles of the stream that are gone through in so many cycles, with so many left to go: fewer than are left."""
+    pace = max(1.0, _pace(left))
+    straight = min(pace * cycles, max(0.0, left - LEAST))
+    rest = cycles - straight / pace
+    return straight + min(left, LEAST) * (1.0 - float(np.exp(-rest / LEAST)))
 
 
 def finite(values: Any, size: int, what: str) -> npt.NDArray[np.float64]:

@@ -1,0 +1,32 @@
+"""Large pictures are thinned out before a cloud is made of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from gensim2.deploy.eyes import PIXELS, thinned
+from gensim2.deploy.simulated_cameras import simulated_cameras, sized
+from gensim2.observations import Camera
+from gensim2.robots import robot
+
+CAMERAS = simulated_cameras(robot("panda"), 320, 240)
+
+
+def rays(camera: Camera) -> npt.NDArray[np.float64]:
+    """Directions through the centres of all pixels, (H, W, 3)."""
+    rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
+    return np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.intrinsic).T
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "step"), [(64, 48, 1), (320, 240, 1), (424, 240, 1), (640, 480, 2), (1279, 719, 3)]
+)
+def test_each_pixel_that_stays_looks_where_it_looked(width: int, height: int, step: int) -> None:
+    camera = sized(CAMERAS, width, height)[0]
+    fewer, found = thinned(camera)
+    assert found == step
+    assert fewer.width * fewer.height >= min(PIXELS, width * height)
+    np.testing.assert_allclose(rays(fewer), rays(camera)[::step, ::step], atol=1e-12)
+    assert fewer.name == camera.name
