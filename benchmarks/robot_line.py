@@ -47,6 +47,7 @@ from gensim2.deploy.replay import replay
 from gensim2.deploy.run import run as run_line
 from gensim2.deploy.simulated_cameras import SimulatedCameras, simulated_cameras
 from gensim2.deploy.simulated_world import SimulatedWorld
+from gensim2.deploy.watch import WatchRules
 from gensim2.rollout.inputs import read_task_input
 from gensim2.seeding import rng
 
@@ -74,6 +75,8 @@ SECONDS, SIMULATED_SECONDS = 60.0, 4.0
 """Within which each fault begins, by the machine's clock and by a simulated one."""
 DEADLINE = 30.0
 """Seconds for a server's answer: it is to be refused, not late."""
+RAYS = WatchRules(frame_age=0.25)
+"""Pictures of simulated cameras are 0.1 s apart and come 0.08 s late: so long rays are cast for three of them."""
 SHOTS, RECORDED = 60, 20.0
 """Pictures of a recording that differ in their noise, and its seconds."""
 WITHIN = 100.0
@@ -122,6 +125,7 @@ def run_quiet(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
         dry=options.cameras == "recordings",
         log=folder,
         keys=Resuming(),
+        rules=None if options.cameras == "recordings" else RAYS,
         assets="builtin",
     )
     again = replay(folder)

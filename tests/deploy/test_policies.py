@@ -10,7 +10,11 @@ import pytest
 
 from gensim2.deploy.replay import messages, replay
 from gensim2.deploy.run import run
+from gensim2.observations import CloudSettings, Observation, ObservationSpec
+from gensim2.policy.no_op import NoOpPolicy
 from gensim2.policy.train import train_policy
+from gensim2.rollout.controller import PROPRIOCEPTIVE
+from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.tasks.library import load_task
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "policy"))
@@ -51,3 +55,34 @@ def test_a_policy_drives_the_arm_within_its_limits(checkpoint: Path, tmp_path: P
     again = replay(tmp_path / "log")
     assert again.different == ()
     assert again.clouds == again.questions == len(asked)
+
+
+class Glances(NoOpPolicy):
+    """Looks at the scene once, when the episode begins, as a policy that predicts keyposes does."""
+
+    def __init__(self) -> None:
+        super().__init__(7)
+        self.observation_spec = ObservationSpec(cameras=("left", "front"), cloud=CloudSettings(points=64))
+
+    def reset(self, observation: Observation, seed: int) -> None:
+        super().reset(observation, seed)
+        self.observation_spec = PROPRIOCEPTIVE
+
+
+def test_a_cloud_that_was_seen_once_is_logged_and_replayed(tmp_path: Path) -> None:
+    found = run(
+        "CloseBox",
+        policy=ControllerSpec(f"{__file__}:Glances"),
+        speed=0.5,
+        minutes=0.1,
+        episodes=1,
+        assets="builtin",
+        pixels=(96, 72),
+        simulated_clock=True,
+        log=tmp_path,
+    )
+    assert found["episodes"] == 1, found["reason"]
+    again = replay(tmp_path)
+    assert again.different == ()
+    assert again.clouds == 1
+    assert again.questions > again.clouds, "afterwards the arm alone was looked at"

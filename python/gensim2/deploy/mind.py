@@ -213,7 +213,7 @@ class LineBody:
         if shown.cloud is not None:
             self._encoding_ms = 1e3 * (time.perf_counter() - begun)
             self._cloud_ms = 1e3 * (self._now() - max(frame.captured for frame in sight.frames))
-        self._shown = inputs(shown)
+        self._shown |= inputs(shown)  # a controller may look in several ways at one instant
         return observation
 
     def _eyes_of(self, spec: ObservationSpec) -> Eyes:

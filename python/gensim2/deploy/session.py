@@ -250,11 +250,12 @@ class Session:
         over, seconds = line.done, clock.now() - begun
         settled = clock.now() + SETTLE_SECONDS
         line.done = True
-        while clock.now() < settled and line.watch.state is State.RUNNING:
+        while clock.now() < settled:
             self._cycle()
-        if line.watch.state is not State.RUNNING:
-            self._come_to_rest()
-            return True
+            if line.watch.state in (State.HOLDING, State.STOPPED):
+                self._come_to_rest()
+                if not self._resumed():
+                    return True
         self.in_episode = False
         goal = self._devices.stage.goal
         self._outcomes.append(goal)
