@@ -1,7 +1,8 @@
 """The deployed line by the machine's clock: its periods, clouds and stops. For a quiet machine.
 
     python benchmarks/robot_line.py [--task CloseBox] [--policy DIR] [--minutes 10] [--speed 0.5] [--pixels 320x240]
-        [--cameras simulated|software|recordings] [--rate 10] [--faults 10] [--simulated-clock] [--json OUT]
+        [--cameras simulated|software|recordings] [--rate 10] [--force 140] [--faults 10]
+        [--simulated-clock] [--json OUT]
 
 With ``--simulated-clock`` everything goes by a clock that waits for it: what is noticed and what follows, on any
 machine, and no figure of its speed.
@@ -120,6 +121,7 @@ def run_quiet(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
         speed=options.speed,
         pixels=(width, height),
         rate=options.rate,
+        force=options.force,
         cameras=source,
         minutes=options.minutes,
         dry=options.cameras == "recordings",
@@ -204,6 +206,7 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--speed", type=float, default=0.5)
     parser.add_argument("--pixels", default="320x240")
+    parser.add_argument("--force", type=float, default=140.0, help="that stops the run without a fault, N")
     parser.add_argument("--cameras", choices=("simulated", "software", "recordings"), default="simulated")
     parser.add_argument("--rate", type=float, default=10.0)
     parser.add_argument("--faults", type=int, default=10, help="times that each is tried")
