@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pytest
 
-from gensim2.deploy.arm_limits import CYCLE
-from gensim2.deploy.line import FRESH_CYCLES, PERIOD_CYCLES, phase_shift
+from gensim2.deploy.arm import Arm
+from gensim2.deploy.arm_limits import CYCLE, ArmLimits
+from gensim2.deploy.clocks import SimulatedClock
+from gensim2.deploy.devices import Frame
+from gensim2.deploy.journal import NoJournal
+from gensim2.deploy.line import FRESH_CYCLES, PERIOD_CYCLES, Line, phase_shift
+from gensim2.deploy.simulated_cameras import simulated_cameras
+from gensim2.deploy.watch import Watch
+from gensim2.robots import robot
 
 
 @pytest.mark.parametrize("phase", range(PERIOD_CYCLES))
@@ -35,3 +45,42 @@ def test_pictures_that_come_late_are_met_without_growing_too_old(phase: int) -> 
 @pytest.mark.parametrize("waited", [PERIOD_CYCLES + 1, 1000])
 def test_nothing_is_followed_where_no_pictures_come(waited: int) -> None:
     assert phase_shift(waited) == 0
+
+
+class Still:
+    """An arm that says nothing, a controller that is asked nothing."""
+
+    profile, is_alive = robot("panda"), True
+
+    def poll(self) -> list[Any]:
+        return []
+
+
+class Given:
+    """Cameras whose next pictures are given."""
+
+    cameras = simulated_cameras(Still.profile, 8, 6)[:2]
+    serials: Mapping[str, str] = {}
+
+    def __init__(self) -> None:
+        self.next: list[Frame] = []
+
+    def poll(self) -> list[Frame]:
+        found, self.next = self.next, []
+        return found
+
+    def give(self, which: int) -> None:
+        name = self.cameras[which].name
+        self.next.append(Frame(name, 0, 0.0, np.ones((6, 8), np.uint16), np.zeros((6, 8, 3), np.uint8)))
+
+
+def test_pictures_of_a_set_that_was_not_complete_are_forgotten_with_their_episode() -> None:
+    cameras, still = Given(), Still()
+    arm = Arm(still, ArmLimits.of(Still.profile))  # type: ignore[arg-type]
+    line = Line(arm, cameras, still, Watch(), SimulatedClock(), NoJournal(), pace=20.0)  # type: ignore[arg-type]
+    cameras.give(0)
+    line.cycle()
+    line.forget()
+    cameras.give(1)
+    line.cycle()
+    assert set(line.frames) == {Given.cameras[1].name}

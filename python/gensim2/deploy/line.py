@@ -159,6 +159,7 @@ class Line:
         self.watch.clear()
         self._streamer.clear()
         self.frames: dict[str, Frame] = {}
+        self._fresh.clear()  # pictures of a set that was not complete belong to what is forgotten
         self._steps = 0
         self._due = 0.0
         self._open: Question | None = None
