@@ -141,6 +141,7 @@ class Line:
         self._cycle = self._next_period = 0
         self._fresh: set[str] = set()
         self._fresh_at = 0
+        self._written: dict[str, Frame] = {}
         self._latency = 0.0
         self.in_phase = False
         self._number = 0
@@ -215,6 +216,7 @@ class Line:
             shift = phase_shift(self._cycle - self._fresh_at, self._latency, self.watch.rules.frame_age)
             self._next_period = self._cycle + PERIOD_CYCLES + shift
             self.in_phase = shift == 0
+            self._write_frames()
         self._check(now)
         if begins and self.watch.state is State.RUNNING:
             self.watch.check_frames(self._names, now)
@@ -241,13 +243,19 @@ class Line:
                 self.watch.saw_frame(frame, now)
                 self.frames[frame.camera] = frame
                 self._saw_fresh(frame.camera, now)
-                self._journal.frame(frame)
         except DeviceGoneError as error:
             self.watch.stop(now, str(error))
         for answer in self._mind.poll():
             self._hear(answer, now)
         if not self._mind.is_alive:
             self.watch.stop(now, "the controller's process is gone")
+
+    def _write_frames(self) -> None:
+        """Log the newest picture of each camera: a question is about no other, and devices give three times as many."""
+        for name, frame in self.frames.items():
+            if frame is not self._written.get(name):
+                self._journal.frame(frame)
+                self._written[name] = frame
 
     def _saw_fresh(self, camera: str, now: float) -> None:
         self._fresh.add(camera)
