@@ -2,13 +2,16 @@
 
 use std::sync::Arc;
 
-use crate::lanes::F32x8;
+use crate::lanes::{F32x8, Wide, wide};
 use nalgebra::Vector3;
 
 use super::points::PointGrid;
 use super::solid::{Points, Solid};
 use crate::distance::{Reach, keeps_apart};
 use crate::{Aabb, Convex, Corners, Pose, signed_distance};
+
+/// Rounding of places in single precision is less (m).
+const ROUGH: f64 = 1e-4;
 
 /// A convex part of what moves with a link, in the link's frame.
 #[derive(Debug, Clone)]
@@ -150,70 +153,91 @@ impl Measure {
         least
     }
 
-    /// Visits the points of a cloud that a group's shapes may come within `reach` of, in the link's frame.
-    fn near_cloud(
+    /// Distance of a group from a cloud, at most `reach`: `measured` gives that of a piece from a point, both in the link's
+    /// frame, at most what it is told. What is likely nearest is measured first, and what is surely further is not.
+    fn to_cloud(
         &self,
         group: usize,
         cloud: &PointGrid,
         poses: &[Pose],
         reach: f64,
-        mut visit: impl FnMut(&Piece, &Corners) -> bool,
-    ) -> bool {
+        mut measured: impl FnMut(&Piece, &Corners, f64) -> f64,
+    ) -> f64 {
         let (link, pieces) = &self.groups[group];
         let pose = &poses[*link];
         let back = pose.inverse();
-        let m = back.rotation.matrix().cast::<f32>();
-        let t = back.translation.vector.cast::<f32>();
-        let within = reach.max(0.0) + cloud.radius;
-        // Single precision decides only what is surely further.
-        let limit = F32x8::splat(within as f32 + 1e-4);
-        let mut one = Corners::default();
-        pieces.iter().all(|piece| {
-            let bounds = piece.shape.aabb_at(pose).grown(within);
-            let mut look = |points: &Points| {
-                let here = [0, 1, 2].map(|i| {
-                    points[0] * m[(i, 0)] + points[1] * m[(i, 1)] + points[2] * m[(i, 2)] + F32x8::splat(t[i])
-                });
-                let near = piece.solid.distance(&here);
-                if super::survey::all_at_least(near, limit) {
-                    return true;
+        let (mut least, mut one, mut near) = (reach, Corners::default(), Vec::new());
+        for piece in pieces.iter() {
+            wide(Gather { piece, cloud, pose, back: &back, within: least.max(0.0) + cloud.radius, near: &mut near });
+            if let Some(first) = (0..near.len()).min_by(|a, b| near[*a].0.total_cmp(&near[*b].0)) {
+                near.swap(0, first);
+            }
+            for (bound, at) in &near {
+                if f64::from(*bound) - ROUGH > least.max(0.0) + cloud.radius {
+                    continue;
                 }
-                let (near, limit) = (near.to_array(), limit.to_array());
-                (0..super::LANES).filter(|l| near[*l] < limit[*l]).all(|l| {
-                    let at = nalgebra::Point3::new(
-                        f64::from(points[0].to_array()[l]),
-                        f64::from(points[1].to_array()[l]),
-                        f64::from(points[2].to_array()[l]),
-                    );
-                    one.place(&[at], &back);
-                    visit(piece, &one)
-                })
-            };
-            cloud.within(&bounds, &mut look)
-        })
+                one.place(&[nalgebra::Point3::from(at.map(f64::from))], &back);
+                least = least.min(measured(piece, &one, least));
+                if least == f64::NEG_INFINITY {
+                    return least;
+                }
+            }
+        }
+        least
     }
 
     pub(super) fn keeps_from_cloud(&self, group: usize, cloud: &PointGrid, poses: &[Pose], apart: f64) -> bool {
-        self.near_cloud(group, cloud, poses, apart, |piece, point| {
+        let found = self.to_cloud(group, cloud, poses, apart, |piece, point, _| {
             let toward = point.middle() - piece.shape.center();
-            keeps_apart((&piece.corners, piece.shape.radius()), (point, cloud.radius), &toward, apart) == Reach::Beyond
-        })
+            let shapes = ((&piece.corners, piece.shape.radius()), (point, cloud.radius));
+            match keeps_apart(shapes.0, shapes.1, &toward, apart) {
+                Reach::Beyond => apart,
+                _ => f64::NEG_INFINITY,
+            }
+        });
+        found > f64::NEG_INFINITY
     }
 
     pub(super) fn cloud_distance(&self, group: usize, cloud: &PointGrid, poses: &[Pose], reach: f64) -> f64 {
-        let mut least = reach;
-        self.near_cloud(group, cloud, poses, reach, |piece, point| {
+        self.to_cloud(group, cloud, poses, reach, |piece, point, least| {
             let mut toward = point.middle() - piece.shape.center();
-            if let Some(contact) = signed_distance(
-                (&piece.corners, piece.shape.radius()),
-                (point, cloud.radius),
-                &mut toward,
-                least.max(0.0),
-            ) {
-                least = least.min(contact.distance);
+            let shapes = ((&piece.corners, piece.shape.radius()), (point, cloud.radius));
+            signed_distance(shapes.0, shapes.1, &mut toward, least.max(0.0)).map_or(least, |contact| contact.distance)
+        })
+    }
+}
+
+/// Points of a cloud that a piece may be nearer to than `within` (m), each with a lower bound of the distance to its middle.
+struct Gather<'a> {
+    piece: &'a Piece,
+    cloud: &'a PointGrid,
+    pose: &'a Pose,
+    back: &'a Pose,
+    within: f64,
+    near: &'a mut Vec<(f32, [f32; 3])>,
+}
+
+impl Wide for Gather<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { piece, cloud, pose, back, within, near } = self;
+        near.clear();
+        let m = back.rotation.matrix().cast::<f32>();
+        let t = back.translation.vector.cast::<f32>();
+        // Single precision decides only what is surely further.
+        let limit = F32x8::splat((within + ROUGH) as f32);
+        cloud.within(&piece.shape.aabb_at(pose).grown(within), |points: &Points| {
+            let here = [0, 1, 2]
+                .map(|i| points[0] * m[(i, 0)] + points[1] * m[(i, 1)] + points[2] * m[(i, 2)] + F32x8::splat(t[i]));
+            let bounds = piece.solid.distance(&here);
+            if super::survey::all_at_least(bounds, limit) {
+                return;
             }
-            true
+            let (bounds, limit) = (bounds.to_array(), limit.to_array());
+            let [x, y, z] = points.map(F32x8::to_array);
+            near.extend((0..super::LANES).filter(|l| bounds[*l] < limit[*l]).map(|l| (bounds[l], [x[l], y[l], z[l]])));
         });
-        least
     }
 }

@@ -130,6 +130,7 @@ pub struct Batch {
     ready: Vec<bool>,
     near: Vec<u32>,
     open: Vec<bool>,
+    bounds: Vec<F32x8>,
 }
 
 impl Batch {
@@ -213,7 +214,7 @@ impl Screen {
         for (body, (shapes, pose)) in bodies.into_iter().enumerate() {
             out.bodies = body + 1;
             match as_cloud(shapes, pose) {
-                Some((points, radius)) => out.clouds.push(PointGrid::new(body, points, radius)),
+                Some((points, radius)) => out.clouds.push(PointGrid::new(body, &points, radius)),
                 None => {
                     for shape in shapes {
                         let placed = shape.moved(pose);

@@ -1,6 +1,6 @@
-//! Point clouds as obstacles: a bucket grid, and how many cells away the nearest point is.
+//! Point clouds as obstacles: a bucket grid, and lower bounds of the distance at its corners.
 
-use crate::lanes::{F32x8, WIDTH, Wide, wide};
+use crate::lanes::{F32x8, WIDTH};
 use nalgebra::Point3;
 
 use super::solid::Points;
@@ -10,36 +10,53 @@ use crate::Aabb;
 const CELL: f64 = 0.04;
 /// Most cells of a grid.
 const MAX_CELLS: f64 = 400_000.0;
+/// Distances along an axis beyond so many cells are not told apart.
+const FURTHEST: i16 = 12;
+/// Up to so many cells away the boxes around the points of cells count, beyond that the cells.
+const TIGHT: usize = 3;
+/// Corners in a row that a cell's box is held against at once: all that are nearer than that.
+const RUN: usize = 8;
+/// Relative error of a squared distance in single precision.
+const ROUNDING: f32 = 1e-6;
 
-/// Points of one radius in cells of a grid.
+/// Points of one radius in cells of a grid that is the box around them.
 #[derive(Debug, Clone)]
 pub(crate) struct PointGrid {
     /// Body that the points belong to.
     pub body: usize,
     /// Radius of every point (m).
     pub radius: f64,
-    points: Vec<Point3<f64>>,
     lanes: Vec<Points>,
     /// First block of lanes of each cell.
     starts: Vec<u32>,
-    /// Cells between each cell and the nearest that holds a point (Chebyshev).
-    near: Vec<u8>,
+    /// Lower bound of the squared distance (m²) of each corner of a cell from the nearest point.
+    field: Vec<f32>,
     origin: Point3<f64>,
     cell: f64,
     dims: [usize; 3],
     /// Bound on the rounding error of a distance in single precision (m).
     slack: f32,
+    /// Bound on the rounding error of a squared distance (m²).
+    squared_slack: f32,
 }
 
-/// Cells around the occupied ones, so that places near the cloud lie in the grid.
-const RIM: usize = 3;
+/// Box around the points of a cell, in cells from the grid's origin.
+#[derive(Clone, Copy)]
+struct Extent {
+    low: [f32; 3],
+    high: [f32; 3],
+}
+
+impl Extent {
+    const NOTHING: Self = Self { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
+}
 
 impl PointGrid {
     /// The grid of a cloud in the base frame.
-    pub fn new(body: usize, points: Vec<Point3<f64>>, radius: f64) -> Self {
-        let bounds = Aabb::around(&points, 0.0);
+    pub fn new(body: usize, points: &[Point3<f64>], radius: f64) -> Self {
+        let bounds = Aabb::around(points, 0.0);
         let span = bounds.max - bounds.min;
-        let count = |cell: f64| (0..3).map(move |k| (span[k] / cell).floor() + 1.0 + 2.0 * RIM as f64);
+        let count = |cell: f64| (0..3).map(move |k| (span[k] / cell).floor() + 1.0);
         let mut cell = CELL;
         while count(cell).product::<f64>() > MAX_CELLS {
             cell *= 1.5;
@@ -48,90 +65,127 @@ impl PointGrid {
         for (d, n) in dims.iter_mut().zip(count(cell)) {
             *d = n as usize;
         }
-        let origin = bounds.min - nalgebra::Vector3::repeat(cell * RIM as f64);
         let size = points.iter().map(|p| p.coords.norm()).fold(1.0, f64::max);
         let mut out = Self {
             body,
             radius,
-            points,
             lanes: Vec::new(),
             starts: Vec::new(),
-            near: Vec::new(),
-            origin,
+            field: Vec::new(),
+            origin: bounds.min,
             cell,
             dims,
-            slack: (2e-6 * size) as f32,
+            slack: (4e-6 * size) as f32,
+            squared_slack: ROUNDING * size as f32,
         };
-        out.fill();
+        out.fill(points);
         out
     }
 
-    fn fill(&mut self) {
+    fn fill(&mut self, points: &[Point3<f64>]) {
         let cells = self.dims.iter().product::<usize>();
-        let home: Vec<u32> = self
-            .points
-            .iter()
-            .map(|p| self.index([0, 1, 2].map(|k| (p[k] - self.origin[k]) / self.cell)) as u32)
-            .collect();
         let mut counts = vec![0u32; cells];
-        for c in &home {
-            counts[*c as usize] += 1;
-        }
-        self.starts = Vec::with_capacity(cells + 1);
+        let mut extents = vec![Extent::NOTHING; cells];
+        let place = |p: &Point3<f64>| {
+            let at = [0, 1, 2].map(|k| (p[k] - self.origin[k]) / self.cell);
+            let c = self.index(at);
+            counts[c] += 1;
+            let extent = &mut extents[c];
+            for k in 0..3 {
+                extent.low[k] = extent.low[k].min(at[k] as f32);
+                extent.high[k] = extent.high[k].max(at[k] as f32);
+            }
+            c as u32
+        };
+        let home: Vec<u32> = points.iter().map(place).collect();
+        let mut starts = Vec::with_capacity(cells + 1);
         let mut total = 0;
         for n in &counts {
-            self.starts.push(total);
-            total += n.div_ceil(8);
+            starts.push(total);
+            total += n.div_ceil(WIDTH as u32);
         }
-        self.starts.push(total);
+        starts.push(total);
         // Lanes that hold no point are out of reach of everything.
-        let mut flat = vec![[[1e9f32; 8]; 3]; total as usize];
+        let mut lanes = vec![[F32x8::splat(1e9); 3]; total as usize];
         let mut filled = vec![0u32; cells];
-        for (p, c) in self.points.iter().zip(&home) {
+        for (p, c) in points.iter().zip(&home) {
             let c = *c as usize;
-            let (block, lane) = (self.starts[c] + filled[c] / 8, filled[c] % 8);
+            let (block, lane) = (starts[c] as usize + filled[c] as usize / WIDTH, filled[c] as usize % WIDTH);
             for k in 0..3 {
-                flat[block as usize][k][lane as usize] = p[k] as f32;
+                lanes[block][k].set(lane, p[k] as f32);
             }
             filled[c] += 1;
         }
-        self.lanes = flat.into_iter().map(|[x, y, z]| [F32x8::new(x), F32x8::new(y), F32x8::new(z)]).collect();
-        self.near = counts.iter().map(|n| if *n > 0 { 0 } else { u8::MAX }).collect();
-        self.spread();
+        self.field = self.spread(&counts, &extents);
+        (self.lanes, self.starts) = (lanes, starts);
     }
 
-    /// Chebyshev distances, axis by axis: along each, a cell is `max(steps, distance there)` from the best in its row.
-    fn spread(&mut self) {
-        const FURTHEST: usize = 12;
+    /// Lower bounds of the squared distances of the cells' corners (m²).
+    fn spread(&self, counts: &[u32], extents: &[Extent]) -> Vec<f32> {
+        let (far, near) = (self.beyond_cells(counts), self.beyond_extents(extents));
+        let [mx, my, mz] = self.dims.map(|n| n + 1);
+        let stride = mx + RUN - 1;
+        let mut field = Vec::with_capacity(mx * my * mz);
+        let squared = (self.cell * self.cell) as f32;
+        for (far, near) in far.chunks_exact(mx).zip(near.chunks_exact(stride)) {
+            // What both say is true.
+            field.extend(far.iter().zip(&near[TIGHT..]).map(|(f, n)| f32::from(*f).max(*n) * squared));
+        }
+        field
+    }
+
+    /// Squared distances (in cells) from the nearest cell with points, at most that of [`FURTHEST`]: axis by axis.
+    fn beyond_cells(&self, counts: &[u32]) -> Vec<i16> {
+        const MOST: i16 = FURTHEST * FURTHEST;
         let [nx, ny, nz] = self.dims;
-        let mut next = self.near.clone();
-        for (stride, length) in [(1, nx), (nx, ny), (nx * ny, nz)] {
-            next.fill(u8::MAX);
-            let lines = nx * ny * nz / length.max(1);
-            for line in 0..lines {
-                let first = match stride {
-                    1 => line * nx,
-                    s if s == nx => (line / nx) * nx * ny + line % nx,
-                    _ => line,
-                };
-                for i in 0..length {
-                    let value = self.near[first + i * stride];
-                    if value == u8::MAX {
-                        continue;
-                    }
-                    let (low, high) = (i.saturating_sub(FURTHEST), (i + FURTHEST).min(length - 1));
-                    for j in low..=high {
-                        let steps = i.abs_diff(j) as u8;
-                        let at = first + j * stride;
-                        next[at] = next[at].min(value.max(steps));
+        let (mx, my) = (nx + 1, ny + 1);
+        let mut rows = vec![MOST; mx * ny * nz];
+        for (row, cells) in rows.chunks_exact_mut(mx).zip(counts.chunks_exact(nx)) {
+            let mut gap = FURTHEST;
+            for v in 0..mx {
+                gap = if v > 0 && cells[v - 1] > 0 { 0 } else { (gap + 1).min(FURTHEST) };
+                row[v] = gap;
+            }
+            gap = FURTHEST;
+            for v in (0..mx).rev() {
+                gap = if v < nx && cells[v] > 0 { 0 } else { (gap + 1).min(FURTHEST) };
+                let least = row[v].min(gap);
+                row[v] = least * least;
+            }
+        }
+        let slabs = further(&rows, nz, ny, mx);
+        further(&slabs, 1, nz, mx * my)
+    }
+
+    /// Squared distances (in cells) from the nearest box around the points of a cell, at most that of [`TIGHT`] cells; rows
+    /// begin with as many entries that are no corners, and end with others.
+    fn beyond_extents(&self, extents: &[Extent]) -> Vec<f32> {
+        let [nx, ny, nz] = self.dims;
+        let (my, mz) = (ny + 1, nz + 1);
+        let stride = nx + RUN;
+        let mut near = vec![(TIGHT * TIGHT) as f32; stride * my * mz];
+        let off = |corner: usize, low: f32, high: f32| (low - corner as f32).max(corner as f32 - high).max(0.0).powi(2);
+        for (c, e) in extents.iter().enumerate().filter(|(_, e)| e.low[0] <= e.high[0]) {
+            let home = [c % nx, c / nx % ny, c / nx / ny];
+            let mut along = [0.0; RUN];
+            for (i, value) in along.iter_mut().enumerate() {
+                let corner = (home[0] + i) as f32 - TIGHT as f32;
+                *value = (e.low[0] - corner).max(corner - e.high[0]).max(0.0).powi(2);
+            }
+            let range = |k: usize, m: usize| home[k].saturating_sub(TIGHT - 1)..(home[k] + TIGHT + 1).min(m);
+            for z in range(2, mz) {
+                let above = off(z, e.low[2], e.high[2]);
+                for y in range(1, my) {
+                    let aside = above + off(y, e.low[1], e.high[1]);
+                    let first = stride * (y + my * z) + home[0];
+                    for (value, x) in near[first..first + RUN].iter_mut().zip(&along) {
+                        let squared = aside + x;
+                        *value = if squared < *value { squared } else { *value };
                     }
                 }
             }
-            std::mem::swap(&mut self.near, &mut next);
         }
-        for n in &mut self.near {
-            *n = (*n).min(FURTHEST as u8 + 1);
-        }
+        near
     }
 
     fn index(&self, at: [f64; 3]) -> usize {
@@ -139,67 +193,130 @@ impl PointGrid {
         clamp(0) + self.dims[0] * (clamp(1) + self.dims[1] * clamp(2))
     }
 
-    /// Lower bounds of the distance (m) from places to the nearest ball of the cloud. Beyond a cell's width they are coarse.
-    pub fn distances(&self, p: &Points) -> [f32; WIDTH] {
-        struct Work<'a>(&'a PointGrid, &'a Points);
-        impl Wide for Work<'_> {
-            type Output = [f32; WIDTH];
-            #[inline(always)]
-            fn run(self) -> Self::Output {
-                let [x, y, z] = [self.1[0].to_array(), self.1[1].to_array(), self.1[2].to_array()];
-                let mut out = [0.0; WIDTH];
-                for l in 0..WIDTH {
-                    out[l] = self.0.distance([x[l], y[l], z[l]]);
-                }
-                out
-            }
-        }
-        wide(Work(self, p))
+    /// Distance (m) from the middle of a point within which it touches what is within `slack` of where it is said to be.
+    #[inline(always)]
+    pub fn ball(&self) -> f32 {
+        self.radius as f32 + self.slack
     }
 
+    /// Distance (m) from the middle of a point within which it surely touches what is where it is said to be.
     #[inline(always)]
-    fn distance(&self, p: [f32; 3]) -> f32 {
-        let at = [0, 1, 2].map(|k| (f64::from(p[k]) - self.origin[k]) / self.cell);
-        // Outside of the grid: at least as far as its empty rim is wide, and what lies between.
-        let mut outside: f64 = 0.0;
+    pub fn inner_ball(&self) -> f32 {
+        self.radius as f32 - self.slack
+    }
+
+    /// Lower bounds of the distance (m) from places to the nearest ball of the cloud.
+    ///
+    /// The squared distance to a point less the squared distance to the origin is linear, and the least of linear functions
+    /// is concave: inside of a cell it is at least what is interpolated between the corners.
+    #[inline(always)]
+    pub fn bounds(&self, p: &Points) -> F32x8 {
+        let cell = self.cell as f32;
+        let inverse = 1.0 / cell;
+        let mut squared = F32x8::splat(-self.squared_slack);
+        let mut shares = [[0.0_f32; WIDTH]; 3];
+        let mut first = [0_u32; WIDTH];
+        let mut stride = 1;
         for k in 0..3 {
-            outside = outside.max(-at[k]).max(at[k] - self.dims[k] as f64);
+            let most = F32x8::splat(self.dims[k] as f32 * cell);
+            let from = p[k] - F32x8::splat(self.origin[k] as f32);
+            // All points lie in the grid: outside it is further from them than the nearest place inside, and that squared
+            // adds up with the way there.
+            let inside = from.max(F32x8::ZERO).min(most);
+            let beyond = from - inside;
+            squared = squared + beyond * beyond;
+            let at = (inside * inverse).to_array();
+            let last = (self.dims[k] - 1) as u32;
+            for l in 0..WIDTH {
+                let corner = (at[l] as u32).min(last);
+                first[l] += corner * stride;
+                shares[k][l] = at[l] - corner as f32;
+            }
+            stride *= self.dims[k] as u32 + 1;
+        }
+        let (row, slab) = (self.dims[0] + 1, (self.dims[0] + 1) * (self.dims[1] + 1));
+        let mut corners = [[0.0_f32; WIDTH]; 8];
+        for l in 0..WIDTH {
+            for (k, start) in [0, row, slab, slab + row].into_iter().enumerate() {
+                let at = first[l] as usize + start;
+                corners[2 * k][l] = self.field[at];
+                corners[2 * k + 1][l] = self.field[at + 1];
+            }
+        }
+        let (x, y, z) = (F32x8::new(shares[0]), F32x8::new(shares[1]), F32x8::new(shares[2]));
+        let mut edges = [F32x8::ZERO; 4];
+        for k in 0..4 {
+            let (low, high) = (F32x8::new(corners[2 * k]), F32x8::new(corners[2 * k + 1]));
+            edges[k] = low + (high - low) * x;
+        }
+        let (near, far) = (edges[0] + (edges[1] - edges[0]) * y, edges[2] + (edges[3] - edges[2]) * y);
+        let between = near + (far - near) * z;
+        let bend = x * (F32x8::ONE - x) + y * (F32x8::ONE - y) + z * (F32x8::ONE - z);
+        squared = squared + between - bend * (cell * cell);
+        squared.max(F32x8::ZERO).sqrt() - F32x8::splat(self.ball())
+    }
+
+    /// Distance (m) from a place to the middle of the nearest point, where that is less than `within`.
+    #[inline(always)]
+    pub fn nearest(&self, p: [f32; 3], within: f32) -> Option<f32> {
+        if !p.iter().all(|v| v.is_finite()) {
+            return Some(0.0);
         }
         let cell = self.cell as f32;
-        let ball = self.radius as f32 + self.slack;
-        if outside > 0.0 {
-            return (outside as f32 + RIM as f32 - 1.0) * cell - ball;
-        }
-        let near = self.near[self.index(at)];
-        if near > 1 {
-            return f32::from(near - 1) * cell - ball;
-        }
-        // Points beyond the neighbouring cells are at least one cell away.
-        let mut least = F32x8::splat(cell * cell);
-        let home = at.map(|v| v as usize);
+        let inverse = 1.0 / cell;
+        let at = [0, 1, 2].map(|k| (p[k] - self.origin[k] as f32) * inverse);
         let [x, y, z] = p.map(F32x8::splat);
-        for k in home[2].saturating_sub(1)..=(home[2] + 1).min(self.dims[2] - 1) {
-            for j in home[1].saturating_sub(1)..=(home[1] + 1).min(self.dims[1] - 1) {
+        let mut least = F32x8::splat(within * within);
+        let mut most = within * within;
+        // Cells of an axis that a ball of this radius meets; a little more, for rounding.
+        let range = |k: usize, radius: f32| {
+            let (low, high) = (at[k] - radius * inverse - 1e-3, at[k] + radius * inverse + 1e-3);
+            let last = self.dims[k] - 1;
+            let empty = high < 0.0 || low >= self.dims[k] as f32;
+            if empty { (1, 0) } else { (low.max(0.0) as usize, (high as usize).min(last)) }
+        };
+        let gap = |k: usize, c: usize| {
+            let c = c as f32;
+            (c - at[k] - 1e-3).max(at[k] - c - 1.0 - 1e-3).max(0.0) * cell
+        };
+        let (planes, rows) = (range(2, within), range(1, within));
+        for k in outwards(at[2], planes) {
+            let above = gap(2, k).powi(2);
+            if above >= most {
+                continue;
+            }
+            for j in outwards(at[1], rows) {
+                let aside = above + gap(1, j).powi(2);
+                if aside >= most {
+                    continue;
+                }
+                let (from, to) = range(0, (most - aside).sqrt());
+                if from > to {
+                    continue;
+                }
                 let row = self.dims[0] * (j + self.dims[1] * k);
-                let (from, to) = (home[0].saturating_sub(1), (home[0] + 1).min(self.dims[0] - 1));
                 // Cells of a row lie one after the other.
                 let blocks = self.starts[row + from] as usize..self.starts[row + to + 1] as usize;
+                if blocks.is_empty() {
+                    continue;
+                }
                 for [a, b, c] in &self.lanes[blocks] {
                     let (a, b, c) = (*a - x, *b - y, *c - z);
                     least = least.min(a * a + b * b + c * c);
                 }
+                most = least.to_array().into_iter().fold(most, |m, d| if d < m { d } else { m });
             }
         }
-        least.to_array().into_iter().fold(f32::MAX, f32::min).sqrt() - ball
+        (most < within * within).then(|| most.sqrt())
     }
 
     /// Calls `visit` with the points in a box, eight at a time; lanes without a point are far away.
     #[inline(always)]
-    pub fn within(&self, bounds: &Aabb, mut visit: impl FnMut(&Points) -> bool) -> bool {
+    pub fn within(&self, bounds: &Aabb, mut visit: impl FnMut(&Points)) {
         let low = [0, 1, 2].map(|k| ((bounds.min[k] - self.origin[k]) / self.cell).floor());
         let high = [0, 1, 2].map(|k| ((bounds.max[k] - self.origin[k]) / self.cell).floor());
         if (0..3).any(|k| high[k] < 0.0 || low[k] >= self.dims[k] as f64) {
-            return true;
+            return;
         }
         let range = |k: usize| (low[k].max(0.0) as usize, (high[k] as usize).min(self.dims[k] - 1));
         let ([xl, xh], [yl, yh], [zl, zh]) =
@@ -208,14 +325,42 @@ impl PointGrid {
             for j in yl..=yh {
                 let row = self.dims[0] * (j + self.dims[1] * k);
                 for block in self.starts[row + xl] as usize..self.starts[row + xh + 1] as usize {
-                    if !visit(&self.lanes[block]) {
-                        return false;
-                    }
+                    visit(&self.lanes[block]);
                 }
             }
         }
-        true
     }
+}
+
+/// One axis more of squared distances from cells: of `blocks` blocks of `count` lines of `width` entries, one line a cell,
+/// those at the cells' `count + 1` corners.
+fn further(lines: &[i16], blocks: usize, count: usize, width: usize) -> Vec<i16> {
+    const MOST: i16 = FURTHEST * FURTHEST;
+    let mut out = vec![MOST; blocks * (count + 1) * width];
+    for (block, below) in out.chunks_exact_mut((count + 1) * width).zip(lines.chunks_exact(count * width)) {
+        for (corner, line) in block.chunks_exact_mut(width).enumerate() {
+            let reach = FURTHEST as usize;
+            for c in corner.saturating_sub(reach)..(corner + reach).min(count) {
+                let gap = if c >= corner { c - corner } else { corner - c - 1 } as i16;
+                for (value, d) in line.iter_mut().zip(&below[c * width..(c + 1) * width]) {
+                    *value = (*value).min(*d + gap * gap);
+                }
+            }
+        }
+    }
+    out
+}
+
+/// Numbers from `from` to `to`, those nearest to `at` first; none where `from` is more than `to`.
+#[inline(always)]
+fn outwards(at: f32, (from, to): (usize, usize)) -> impl Iterator<Item = usize> {
+    let middle = (at.max(0.0) as usize).clamp(from.min(to), to.max(from));
+    let steps = if from > to { 0 } else { (middle - from).max(to - middle) + 1 };
+    (0..steps).flat_map(move |step| {
+        let below = middle.checked_sub(step).filter(|k| *k >= from);
+        let above = Some(middle + step).filter(|k| step > 0 && *k <= to);
+        below.into_iter().chain(above)
+    })
 }
 
 #[cfg(test)]
@@ -225,17 +370,36 @@ mod tests {
 
     proptest! {
         #[test]
-        fn bounds_are_never_above_the_distance(
+        fn bounds_are_never_above_the_distance_nor_far_below(
             cloud in prop::collection::vec(prop::array::uniform3(-0.4..0.4f64), 1..60),
-            at in prop::array::uniform3(-0.8..0.8f64),
+            at in prop::array::uniform3(-0.6..0.6f64),
+            within in 0.001..1.0f32,
         ) {
             let points: Vec<Point3<f64>> = cloud.iter().map(|p| Point3::from(*p)).collect();
-            let grid = PointGrid::new(0, points.clone(), 0.01);
-            let wanted = points.iter().map(|p| (p - Point3::from(at)).norm()).fold(f64::INFINITY, f64::min) - 0.01;
-            let found = f64::from(grid.distances(&at.map(|v| F32x8::splat(v as f32)))[5]);
-            prop_assert!(found <= wanted + 1e-7, "{found} {wanted}");
-            // Near the cloud it is the distance itself.
-            prop_assert!(wanted > 0.03 || (found - wanted).abs() < 1e-5, "{found} {wanted}");
+            let grid = PointGrid::new(0, &points, 0.01);
+            let wanted = points.iter().map(|p| (p - Point3::from(at)).norm()).fold(f64::INFINITY, f64::min);
+            let found = f64::from(grid.bounds(&at.map(|v| F32x8::splat(v as f32))).to_array()[5]);
+            prop_assert!(found <= wanted - 0.01 + 1e-7, "{found} {wanted}");
+            // A cell's diagonal, and what interpolation gives away; outside of the grid it may be more.
+            let bounds = Aabb::around(&points, 0.0);
+            let inside = (0..3).all(|k| (bounds.min[k]..=bounds.max[k]).contains(&at[k]));
+            prop_assert!(!inside || wanted > 0.4 || found >= wanted - 0.01 - 0.08, "{found} {wanted}");
+            let nearest = grid.nearest(at.map(|v| v as f32), within).map(f64::from);
+            let close = |d: f64| (d - wanted).abs() < 1e-5;
+            prop_assert!(nearest.map_or(wanted > f64::from(within) - 1e-5, close), "{nearest:?} {wanted} {within}");
+        }
+
+        #[test]
+        fn bounds_beside_a_wall_are_nearly_the_distance(
+            x in 0.0..0.11f64, y in 0.1..0.9f64, z in 0.1..0.9f64, shift in 0.0..0.04f64,
+        ) {
+            let points: Vec<Point3<f64>> = (0..10_000)
+                .map(|k| Point3::new(0.0, f64::from(k % 100) * 0.01, f64::from(k / 100) * 0.01))
+                .chain([-0.3 - shift, 0.5].map(|x| Point3::new(x, 0.0, 0.0)))
+                .collect();
+            let grid = PointGrid::new(0, &points, 0.0);
+            let found = f64::from(grid.bounds(&[x, y, z].map(|v| F32x8::splat(v as f32))).to_array()[2]);
+            prop_assert!(found <= x.hypot(0.0072) && (x < 0.04 || found > x - 0.015), "{found} {x}");
         }
     }
 }

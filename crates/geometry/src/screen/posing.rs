@@ -49,10 +49,20 @@ impl Frames {
 
     #[inline(always)]
     fn then(&self, fixed: &Fixed) -> Self {
-        let mut r = [[F32x8::ZERO; 3]; 3];
-        for i in 0..3 {
-            for j in 0..3 {
-                r[i][j] = self.r[i][0] * fixed.r[0][j] + self.r[i][1] * fixed.r[1][j] + self.r[i][2] * fixed.r[2][j];
+        let mut r = self.r;
+        match &fixed.turn {
+            Turn::None => {}
+            Turn::Quarter { sign } => {
+                for i in 0..3 {
+                    (r[i][1], r[i][2]) = (self.r[i][2] * *sign, self.r[i][1] * -*sign);
+                }
+            }
+            Turn::Any(turn) => {
+                for i in 0..3 {
+                    for j in 0..3 {
+                        r[i][j] = self.r[i][0] * turn[0][j] + self.r[i][1] * turn[1][j] + self.r[i][2] * turn[2][j];
+                    }
+                }
             }
         }
         Self { r, t: self.point(&fixed.t) }
@@ -61,8 +71,34 @@ impl Frames {
 
 #[derive(Debug, Clone, Copy)]
 struct Fixed {
-    r: [[f32; 3]; 3],
+    turn: Turn,
     t: [f32; 3],
+}
+
+/// A fixed rotation.
+#[derive(Debug, Clone, Copy)]
+enum Turn {
+    None,
+    /// A quarter turn about x, as between most joints of most arms; to either side.
+    Quarter {
+        sign: f32,
+    },
+    Any([[f32; 3]; 3]),
+}
+
+impl Turn {
+    /// That of a rotation, where single precision cannot tell it from that.
+    fn of(rotation: &Matrix3<f64>) -> Self {
+        const SAME: f64 = 6e-8;
+        let quarter = |sign: f64| Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -sign, 0.0, sign, 0.0);
+        let is = |other: Matrix3<f64>| (rotation - other).amax() < SAME;
+        match () {
+            () if is(Matrix3::identity()) => Self::None,
+            () if is(quarter(1.0)) => Self::Quarter { sign: 1.0 },
+            () if is(quarter(-1.0)) => Self::Quarter { sign: -1.0 },
+            () => Self::Any(rows(rotation)),
+        }
+    }
 }
 
 /// Rotation of a joint's child: `A + sin B + cos C`.
@@ -117,7 +153,7 @@ impl Posing {
         }
         let steps = links.iter().map(|link| {
             let origin = Fixed {
-                r: rows(link.origin().rotation.matrix()),
+                turn: Turn::of(link.origin().rotation.matrix()),
                 t: [0, 1, 2].map(|i| link.origin().translation.vector[i] as f32),
             };
             let motion = link.joint().map_or(Motion::None, |joint| {

@@ -3,9 +3,13 @@
 use crate::lanes::{F32x8, Wide, wide};
 use nalgebra::Point3;
 
+use super::points::PointGrid;
 use super::solid::{Points, length};
-use super::{Batch, LANES, Needs, Other, Screen, Suspect};
+use super::{Batch, LANES, Needs, Other, Screen, Sphere, Suspect};
 use crate::{Aabb, Robot};
+
+/// Points of a cloud that leave less than this (m) are looked at one by one.
+const CLOSE: f32 = 0.02;
 
 impl Screen {
     /// Poses the balls of a batch whose lanes are set.
@@ -169,27 +173,39 @@ impl Screen {
             return true;
         }
         let (cloud, cluster, need) = (&self.clouds[c], &self.groups[group], need as f32);
-        let limit = reach + need;
-        let each = |p: &Points, radius: f32| cloud.distances(p).map(|d| d - radius);
-        let coarse = each(&batch.around[group], cluster.around.radius);
-        if coarse.iter().all(|d| *d >= limit) {
+        let limit = F32x8::splat(reach + need);
+        let coarse = cloud.bounds(&batch.around[group]) - F32x8::splat(cluster.around.radius);
+        if all_at_least(coarse, limit) {
             return true;
         }
         self.ensure(group, batch);
-        let mut bound = [f32::MAX; LANES];
-        for b in cluster.balls.clone() {
-            let found = each(&batch.centers[b], self.balls[b].radius);
-            for (least, d) in bound.iter_mut().zip(found) {
-                *least = least.min(d);
+        let own = cluster.balls.clone();
+        let mut bounds = std::mem::take(&mut batch.bounds);
+        bounds.clear();
+        let mut bound = F32x8::splat(f32::MAX);
+        for (center, ball) in batch.centers[own.clone()].iter().zip(&self.balls[own.clone()]) {
+            let d = (cloud.bounds(center) - F32x8::splat(ball.radius)).max(coarse);
+            bound = bound.min(d);
+            bounds.push(d);
+        }
+        let mut gap = bound.to_array();
+        let mut max_gap = [f32::MAX; LANES];
+        if !all_at_least(bound, limit) {
+            let close = need + reach.min(CLOSE);
+            for lane in 0..LANES {
+                // What is no number is close.
+                if !is_at_least(gap[lane], close) {
+                    let balls = batch.centers[own.clone()].iter().zip(&self.balls[own.clone()]);
+                    [gap[lane], max_gap[lane]] = nearest(cloud, lane, close, balls, &bounds);
+                }
             }
         }
-        for (b, d) in bound.iter_mut().zip(coarse) {
-            *b = b.max(d);
-        }
-        if bound.iter().all(|d| *d >= limit) {
+        batch.bounds = bounds;
+        if all_at_least(F32x8::new(gap), limit) {
             return true;
         }
-        visit(&Suspect { group, other: Other::Cloud(c), gap: bound.map(|d| d - need), max_gap: [f32::MAX; LANES] })
+        let [gap, max_gap] = [gap, max_gap].map(|of| of.map(|d| d - need));
+        visit(&Suspect { group, other: Other::Cloud(c), gap, max_gap })
     }
 
     #[inline(always)]
@@ -319,6 +335,44 @@ impl Screen {
             }
         }
     }
+}
+
+/// A lower bound of the distance (m) between balls, one of which is nearer to a cloud than `close` by its bound, and the
+/// cloud, at most `close` where none is; then an upper bound for the balls that lie inside the bodies.
+#[inline(always)]
+fn nearest<'a>(
+    cloud: &PointGrid,
+    lane: usize,
+    close: f32,
+    balls: impl Iterator<Item = (&'a Points, &'a Sphere)> + Clone,
+    bounds: &[F32x8],
+) -> [f32; 2] {
+    let bound = |k: usize| bounds[k].to_array()[lane];
+    let first = (0..bounds.len()).min_by(|a, b| bound(*a).total_cmp(&bound(*b)));
+    let (mut least, mut inner) = (f32::MAX, f32::MAX);
+    let others = balls.clone().enumerate().filter(|(k, _)| Some(*k) != first);
+    for (k, (center, ball)) in balls.clone().enumerate().skip(first.unwrap_or(0)).take(1).chain(others) {
+        let most = least.min(close);
+        if is_at_least(bound(k), most) {
+            least = least.min(bound(k));
+            continue;
+        }
+        let place = [0, 1, 2].map(|e| center[e].to_array()[lane]);
+        match cloud.nearest(place, most + ball.radius + cloud.ball()) {
+            Some(d) => {
+                least = least.min(d - ball.radius - cloud.ball());
+                inner = inner.min(d - ball.inner - cloud.inner_ball());
+            }
+            None => least = most,
+        }
+    }
+    [least, inner]
+}
+
+/// Whether a number is at least another; what is no number is not.
+#[inline(always)]
+fn is_at_least(value: f32, limit: f32) -> bool {
+    value >= limit
 }
 
 /// Gap between balls of radii that add up to `radii`.

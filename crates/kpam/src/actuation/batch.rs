@@ -40,7 +40,7 @@ pub(super) type Single = [f32; 3];
 pub(super) struct Column {
     pub link: usize,
     pub variable: usize,
-    pub factor: f32,
+    /// Axis in the link's frame, times what the joint makes of its variable.
     pub axis: Single,
     pub turns: bool,
 }
@@ -152,8 +152,7 @@ impl BatchProjection {
             Some(Column {
                 link: link_of(joint)?,
                 variable,
-                factor: factor as f32,
-                axis: single(joints[joint].axis()),
+                axis: single(&(joints[joint].axis() * factor)),
                 turns: joints[joint].kind() == JointKind::Revolute,
             })
         });
@@ -212,24 +211,28 @@ impl BatchProjection {
         let nothing = Arrival { seed: nowhere, cost: f32::INFINITY, miss: f32::INFINITY, near: false, late: false };
         let mut out = vec![nothing; seeds.len()];
         let (mut cost, mut begin) = (F32x8::ZERO, [F32x8::ZERO; MAX_JOINTS]);
-        let (mut x, mut norm) = ([F32x8::ZERO; MAX_JOINTS], F32x8::splat(f32::INFINITY));
-        let mut damping = F32x8::splat(DAMPING[1]);
-        let (mut normal, mut trial_normal) = (Normal::ZERO, Normal::ZERO);
+        let (mut x, mut trial) = ([F32x8::ZERO; MAX_JOINTS], [F32x8::ZERO; MAX_JOINTS]);
+        let (mut norm, mut damping) = ([f32::INFINITY; WIDTH], [DAMPING[1]; WIDTH]);
+        let mut equations = [Normal::ZERO, Normal::ZERO];
+        let [one, two] = &mut equations;
+        let (mut normal, mut trial_normal) = (one, two);
         let mut seats = [Seat { start: None, rounds: 0, milestone: f32::INFINITY }; WIDTH];
         let mut next_start = 0;
         loop {
-            let mut trial = wide(Step { batch: self, x: &x, normal: &normal, damping });
+            // Where all lanes begin there is no step to take.
+            if seats.iter().any(|seat| seat.start.is_some()) {
+                trial = wide(Step { batch: self, x: &x, normal, damping: F32x8::new(damping) });
+            }
             for (lane, seat) in seats.iter_mut().enumerate().filter(|(_, seat)| seat.start.is_none()) {
                 // A start is a step that is always taken; lanes that are left over take up what others began with.
                 let start = seeds.get(next_start).or(seeds.first());
-                let begun = start.map_or(DAMPING[1], |seed| seed.damping);
                 for (v, value) in start.into_iter().flat_map(|seed| &seed.x).take(self.n).enumerate() {
                     trial[v].set(lane, (*value as f32).clamp(self.lower[v], self.upper[v]));
                     let turns = if self.endless[v] { ((*value - self.begin[v]) / TAU).round() } else { 0.0 };
                     begin[v].set(lane, (self.begin[v] + TAU * turns) as f32);
                 }
-                norm.set(lane, f32::INFINITY);
-                damping.set(lane, begun);
+                norm[lane] = f32::INFINITY;
+                damping[lane] = start.map_or(DAMPING[1], |seed| seed.damping);
                 let taken = (next_start < seeds.len()).then_some(next_start);
                 *seat = Seat { start: taken, rounds: 0, milestone: f32::INFINITY };
                 next_start += usize::from(taken.is_some());
@@ -237,32 +240,30 @@ impl BatchProjection {
             if seats.iter().all(|seat| seat.start.is_none()) {
                 return out;
             }
-            let [next, new_cost] = self.look(&trial, &begin, &mut trial_normal);
-            wide(Take {
-                n: self.n,
-                before: norm,
-                after: next,
-                cost: &mut cost,
-                new_cost,
-                x: &mut x,
-                trial: &trial,
-                normal: &mut normal,
-                new: &trial_normal,
-            });
-            let (before, after) = (norm.to_array(), next.to_array());
+            // No lane goes on from its last place.
+            let last = seats.iter().all(|seat| seat.start.is_none() || seat.rounds >= rounds);
+            let [next, new_cost] = self.look(&trial, &begin, (!last).then_some(&mut *trial_normal));
+            let after = next.to_array();
+            if after.iter().zip(&norm).all(|(after, before)| after < before) {
+                (x, cost) = (trial, new_cost);
+                std::mem::swap(&mut normal, &mut trial_normal);
+            } else {
+                let (cost, x, normal) = (&mut cost, &mut x, &mut *normal);
+                let (trial, new) = (&trial, &*trial_normal);
+                wide(Take { n: self.n, before: F32x8::new(norm), after: next, cost, new_cost, x, trial, normal, new });
+            }
             for (lane, seat) in seats.iter_mut().enumerate() {
                 let Some(start) = seat.start else { continue };
-                let damped = damping.to_array()[lane];
-                let taken = after[lane] < before[lane];
-                let left = if taken { after[lane] } else { before[lane] };
-                norm.set(lane, left);
+                let taken = after[lane] < norm[lane];
+                let left = if taken { after[lane] } else { norm[lane] };
+                norm[lane] = left;
                 if seat.rounds == 0 {
                     seat.milestone = left;
                 } else {
-                    damping.set(lane, if taken { (0.2 * damped).max(DAMPING[0]) } else { 10.0 * damped });
+                    damping[lane] = if taken { (0.2 * damping[lane]).max(DAMPING[0]) } else { 10.0 * damping[lane] };
                 }
                 let due = seat.rounds > 0 && seat.rounds.is_multiple_of(PATIENCE);
-                let lost = damping.to_array()[lane] > DAMPING[2];
+                let lost = damping[lane] > DAMPING[2];
                 let stuck = due && left > 0.5 * seat.milestone || lost;
                 if due {
                     seat.milestone = left;
@@ -273,8 +274,8 @@ impl BatchProjection {
                     for v in 0..self.n {
                         end[v] = f64::from(x[v].to_array()[lane]);
                     }
-                    let seed = Seed { x: end, damping: damping.to_array()[lane] };
                     let near = left < self.near[1];
+                    let seed = Seed { x: end, damping: damping[lane] };
                     let late = !(near || stuck);
                     out[start] = Arrival { seed, cost: cost.to_array()[lane], miss: left, near, late };
                     seat.start = None;
@@ -284,8 +285,9 @@ impl BatchProjection {
         }
     }
 
-    /// Normal equations of the residuals, which vanish inside the constraints; the sum of their squares, and the cost.
-    fn look(&mut self, x: &Lanes, begin: &Lanes, normal: &mut Normal) -> [F32x8; 2] {
+    /// Sum of the squares of the residuals, which vanish inside the constraints, and the cost; their normal equations, where
+    /// they are wanted.
+    fn look(&mut self, x: &Lanes, begin: &Lanes, normal: Option<&mut Normal>) -> [F32x8; 2] {
         let mut q = std::mem::take(&mut self.q);
         let mut frames = std::mem::take(&mut self.frames);
         q.clear();

@@ -14,12 +14,14 @@ use gensim2_geometry::Pose;
 const ITERATIONS: usize = 30;
 /// A step that gains less than this share of the cost is the last one.
 const GAIN: f64 = 1e-5;
+/// A descent ends where even so many times what a step promises would not make it the cheapest.
+const SURELY: f64 = 2.0;
 /// A short step this near a known optimum (rad or m) will end there too.
 const BASIN: f64 = 0.05;
 
 impl ActuationSearch<'_> {
-    /// SQP from a pose that meets the constraints; the cheapest pose on the way that still meets them. `None` where
-    /// it leads to an optimum that is `known`.
+    /// SQP from a pose that meets the constraints; the cheapest pose on the way that still meets them, not taken to the end
+    /// where that would cost more than an optimum that is `known`. `None` where it leads to one of those.
     pub(super) fn descend(&mut self, from: &Row, known: &[Candidate]) -> Option<Candidate> {
         let n = self.model.n();
         let mut x = *from;
@@ -28,7 +30,7 @@ impl ActuationSearch<'_> {
         let mut radius = STEP;
         let mut cost = self.cost(&x);
         let mut violation = self.violation(&x).max(0.0);
-        for _ in 0..ITERATIONS {
+        for iteration in 0..ITERATIONS {
             let (gradient, mut hessian) = (self.gradient(&x), self.hessian(&x, &curvature));
             let mut bounds = std::mem::take(&mut self.bounds);
             self.linearize(&x, &mut bounds);
@@ -69,6 +71,13 @@ impl ActuationSearch<'_> {
                 continue;
             };
             let length = step[..n].iter().fold(0.0, |m: f64, s| m.max(s.abs()));
+            // Where the model is good, and leads to its own optimum, it says how low this goes.
+            if iteration > 0 && length < 0.9 * radius {
+                let predicted = predicted(n, &step, &gradient, &hessian);
+                if known.iter().any(|c| c.cost < cost + SURELY * predicted) {
+                    return best;
+                }
+            }
             let penalty = 1.5 * multipliers[..constraints].iter().fold(1.0, |m: f64, u| m.max(u.abs()));
             let merit = |cost: f64, violation: f64| cost + penalty * violation;
             let mut trial = x;
@@ -266,6 +275,12 @@ impl ActuationSearch<'_> {
         placed.second_derivatives(&points, &axes, &mut h);
         h
     }
+}
+
+/// Change of the cost that the model of a step predicts.
+fn predicted(n: usize, step: &Row, gradient: &Row, hessian: &[Row; MAX_JOINTS]) -> f64 {
+    let curved = |i: usize| (0..n).map(|k| hessian[i][k] * step[k]).sum::<f64>();
+    (0..n).map(|i| step[i] * (gradient[i] + 0.5 * curved(i))).sum()
 }
 
 /// Vectors that weigh second derivatives: forces on points of the hand, and pulls on its directions.

@@ -13,7 +13,8 @@ pub(super) struct Look<'a> {
     pub frames: &'a [Frames],
     pub x: &'a Lanes,
     pub begin: &'a Lanes,
-    pub normal: &'a mut Normal,
+    /// The normal equations, where they are wanted.
+    pub normal: Option<&'a mut Normal>,
 }
 
 type Vector = [F32x8; 3];
@@ -74,14 +75,17 @@ impl Look<'_> {
     /// Sum of squared residuals, and the cost, of an arm with at most `N` joints.
     #[inline(always)]
     fn of<const N: usize>(self) -> [F32x8; 2] {
-        let Self { batch, frames, x, begin, normal } = self;
+        let Self { batch, frames, x, begin, mut normal } = self;
         let zero = F32x8::ZERO;
         // Turn, and velocity of the point at the base origin, of each variable.
         let (mut turns, mut shifts) = ([[zero; 3]; N], [[zero; 3]; N]);
-        for column in &batch.columns {
+        for column in batch.columns.iter().filter(|_| normal.is_some()) {
             let frame = &frames[column.link];
-            let axis = frame.direction(&column.axis);
-            let axis = [axis[0] * column.factor, axis[1] * column.factor, axis[2] * column.factor];
+            // Nearly every joint turns about its own z axis.
+            let axis = match column.axis {
+                [0.0, 0.0, factor] => [frame.r[0][2] * factor, frame.r[1][2] * factor, frame.r[2][2] * factor],
+                axis => frame.direction(&axis),
+            };
             let moment = cross(&frame.t, &axis);
             let v = column.variable.min(N - 1);
             for e in 0..3 {
@@ -113,9 +117,15 @@ impl Look<'_> {
             cost = cost + off * off * term.weight;
         }
         let mut sum = zero;
-        normal.clear::<N>();
+        if let Some(normal) = &mut normal {
+            normal.clear::<N>();
+        }
         for p in &batch.points {
             let at = hand.point(&p[0]);
+            let target = splat(&p[1]);
+            let miss = [at[0] - target[0], at[1] - target[1], at[2] - target[2]];
+            sum = sum + dot(&miss, &miss);
+            let Some(normal) = &mut normal else { continue };
             let mut rows = [[zero; N]; 3];
             for v in 0..N {
                 let way = cross(&turns[v], &at);
@@ -124,9 +134,7 @@ impl Look<'_> {
                 }
             }
             for e in 0..3 {
-                let miss = at[e] - F32x8::splat(p[1][e]);
-                sum = sum + miss * miss;
-                normal.add(&rows[e], miss);
+                normal.add(&rows[e], miss[e]);
             }
         }
         for a in &batch.axes {
@@ -136,6 +144,8 @@ impl Look<'_> {
             let sin = dot(&between, &between).sqrt();
             let angle = F32x8::angle(sin, dot(&u, &target));
             let miss = angle - angle.max(F32x8::splat(a.range[0])).min(F32x8::splat(a.range[1]));
+            sum = sum + miss * miss;
+            let Some(normal) = &mut normal else { continue };
             let flat = F32x8::splat(1e-5);
             let scale = F32x8::ONE / sin.max(flat);
             let across = splat(&a.across);
@@ -147,7 +157,6 @@ impl Look<'_> {
             for v in 0..N {
                 row[v] = zero - dot(&about, &turns[v]);
             }
-            sum = sum + miss * miss;
             normal.add(&row, miss);
         }
         if let Some([low, high]) = &batch.workspace {
@@ -158,12 +167,13 @@ impl Look<'_> {
                 if miss.all_at_least(zero) && zero.all_at_least(miss) {
                     continue;
                 }
+                sum = sum + miss * miss;
+                let Some(normal) = &mut normal else { continue };
                 let mut row = [zero; N];
                 for v in 0..N {
                     let way = shifts[v][e] + cross(&turns[v], &hand.t)[e];
                     row[v] = zero.below(miss.abs(), way, zero);
                 }
-                sum = sum + miss * miss;
                 normal.add(&row, miss);
             }
         }
