@@ -84,14 +84,19 @@ WITHIN = 100.0
 """Milliseconds from being noticed within which the last command that moves is sent: a period."""
 
 
+def replayed(found: dict[str, Any], log: Path) -> dict[str, Any]:
+    """Add to a result the clouds of its log that were made anew, and the number that came out otherwise."""
+    again = replay(log)
+    return found | {"replayed": again.clouds, "differs": len(again.different)}
+
+
 def run(words: list[str], minutes: float, folder: Path) -> dict[str, Any]:
     """Run ``gensim2 robot run`` and return its JSON."""
     out = folder / "result.json"
     command = [sys.executable, "-m", "gensim2.cli", "robot", "run", *words, "--minutes", str(minutes)]
     subprocess.run([*command, "--json", str(out), "--out", str(folder / "log")], check=False, stdout=subprocess.DEVNULL)
     found: dict[str, Any] = json.loads(out.read_text())
-    again = replay(folder / "log")
-    return found | {"replayed": again.clouds, "differs": len(again.different)}
+    return replayed(found, folder / "log")
 
 
 class Resuming(Keys):
@@ -130,8 +135,7 @@ def run_quiet(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
         rules=None if options.cameras == "recordings" else RAYS,
         assets="builtin",
     )
-    again = replay(folder)
-    return found | {"replayed": again.clouds, "differs": len(again.different)}
+    return replayed(found, folder)
 
 
 def record(options: argparse.Namespace, folder: Path, pixels: tuple[int, int]) -> dict[str, Path]:
@@ -177,8 +181,7 @@ def run_simulated(
         assets="builtin",
         simulated_clock=True,
     )
-    again = replay(folder)
-    return found | {"replayed": again.clouds, "differs": len(again.different)}
+    return replayed(found, folder)
 
 
 @contextlib.contextmanager

@@ -57,7 +57,7 @@ def connected(serials: Mapping[str, str]) -> dict[str, Any]:
 
 
 def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
-    """Recordings (``.bag``, ``.db3``) as devices, by camera.
+    """Recordings (``.db3``) as devices, by camera.
 
     Args:
         files: of each camera, one camera a file.
@@ -139,14 +139,11 @@ class _Film:
         if not units or abs(units[0] - MILLIMETRE) > 1e-6:
             raise DriverError(f"camera {camera.name}: depth comes in units of {units} m, must be {MILLIMETRE}")
         self._wanted = (camera.width, camera.height, rate)
-        self._profiles = self._choose(camera.name)
-        seen = self._profiles[rs.stream.depth].get_intrinsics()
+        seen = self._choose(camera.name)[rs.stream.depth].get_intrinsics()
         if any(seen.coeffs):
             raise DriverError(f"camera {camera.name}: its depth is distorted: {list(seen.coeffs)}")
         intrinsic = np.array([[seen.fx, 0.0, seen.ppx + 0.5], [0.0, seen.fy, seen.ppy + 0.5], [0.0, 0.0, 1.0]])
         self.camera = replace(camera, width=seen.width, height=seen.height, intrinsic=intrinsic)
-        # The library's clock is the system's, where its devices' global time is on; ours is the monotonic one.
-        self._offset: float | None = None if self._playback else time.monotonic() - time.time()
         self._align = rs.align(rs.stream.depth)
         self._count = 0
         self._start()
@@ -160,7 +157,7 @@ class _Film:
             if depth and pair.get_color_frame():
                 found.append(self._frame(depth, self._align.process(pair)))
             pair = self._syncer.poll_for_frames()
-        if self._playback and self._count_played and self._is_over():
+        if self._playback and self._offset is not None and self._is_over():
             self._stop()
             self._start()
         return found
@@ -201,7 +198,9 @@ class _Film:
 
     def _start(self) -> None:
         self._syncer = self._rs.syncer(QUEUE)
-        self._count_played = 0
+        # The library's clock is the system's, where its devices' global time is on; ours is the monotonic one. Of a
+        # recording the offset is known when its first picture comes.
+        self._offset: float | None = None if self._playback else time.monotonic() - time.time()
         for sensor, profiles in self._sensors:
             sensor.open(profiles)
             sensor.start(self._syncer)
@@ -216,14 +215,11 @@ class _Film:
 
     def _frame(self, depth: Any, aligned: Any) -> Frame:
         taken = MILLIMETRE * float(depth.get_timestamp())
-        if self._playback:
-            if not self._count_played:
-                self._offset = time.monotonic() - taken
-            self._count_played += 1
-        elif depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
+        if self._offset is None:
+            self._offset = time.monotonic() - taken
+        if not self._playback and depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
             said = "its times are its own clock's; switch its global time on"
             raise DriverError(f"camera {self.camera.name}, {self.serial}: {said}")
-        assert self._offset is not None
         self._count += 1
         return Frame(
             self.camera.name,
