@@ -193,7 +193,7 @@ def spread(seconds: list[float] | npt.NDArray[np.float64]) -> list[float]:
 
 
 def leap(options: argparse.Namespace, unlimited: bool) -> dict[str, Any]:
-    """What the driver tells of a step that no limit has seen.
+    """Return the report of the driver after a step that bypasses the limits.
 
     Args:
         options: of the command line.

@@ -35,7 +35,7 @@ ERRORS = {
     "controller_torque_discontinuity": 32,
     "tau_j_range_violation": 34,
 }
-"""Where the FCI's state has the flags of what is checked here."""
+"""Index of each checked error among the flags of the FCI's state."""
 LOST = 20
 """Packets lost in a row at which the arm stops."""
 BEGINNING = 0.005

@@ -122,7 +122,7 @@ def test_the_longest_part_is_that_of_the_best_pose(panda: kpam.Robot) -> None:
     assert all(part.status == "partial" for part in parts)
     assert fractions == sorted(fractions)
     assert fractions[-1] > fractions[0], "the cheapest pose leads furthest: this tests nothing"
-    # Where planning may have to end early, parts with the whole margin are looked for, too; the answer is the same.
+    # A bounded search also looks for parts with the whole margin; the answer is the same.
     limited = plan(40, max_checks=10**9)
     assert limited.reached_fraction == fractions[-1]
     assert limited.trajectory is not None

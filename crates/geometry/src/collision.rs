@@ -69,7 +69,7 @@ impl Scratch {
         self.early_exit = early_exit;
     }
 
-    /// How exactly depths are wanted.
+    /// Accuracy of penetration depths.
     fn depth(&self) -> Depth {
         if self.early_exit { Depth::AtLeast } else { Depth::Measured }
     }

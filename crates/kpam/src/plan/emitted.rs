@@ -123,8 +123,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Where no straight way out of what overlaps at the start was found, it may persist: the first segment of the approach
-    /// in which something that has come apart overlaps once more, and what.
+    /// Finds the first segment of the approach in which something that has come apart overlaps once more, and the pair. Where no
+    /// straight way out of the overlaps at the start was found, they may persist.
     fn comes_back(&mut self, timed: &Timed, segments: &[Stretch<'_>]) -> Option<(usize, Hit)> {
         if self.world.start_overlap <= TOUCH || self.exit != Some(None) || segments[0].toward != self.entry {
             return None;

@@ -1,4 +1,4 @@
-//! What planning one problem works with, and the plan that it ends in.
+//! State of the planning of one problem, and the plan made of its result.
 
 use std::time::Instant;
 

@@ -174,7 +174,7 @@ impl Planner<'_> {
         if worth { self.finish(attempt, samples, trials) } else { self.keep(attempt, trials) }
     }
 
-    /// What of a pose does not depend on the margin.
+    /// Follows the hand's paths from a pose and looks at single waypoints: the part of an attempt that no margin changes.
     fn followed_and_seen(&mut self, x: &Row) -> Attempt {
         let mut attempt = self.followed(x, true);
         if attempt.failure.is_none() {
