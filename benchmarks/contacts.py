@@ -12,6 +12,9 @@ from parts import Moved, Part
 
 Array = np.ndarray
 
+#: A look at a keyframe may be off its time by rounding, seconds.
+INSTANT = 1e-9
+
 
 @dataclass
 class Obstacle:
@@ -46,6 +49,9 @@ class Hinge:
 class Clock:
     """When the contact rules change, and how far the object's joint has moved.
 
+    They change at keyframes, each of which belongs to what comes before it and to what comes after: the clearance that
+    a motion has to keep is that of its own ends.
+
     Attributes:
         touching_from: from then on hand and fingers may touch the moving link, seconds.
         moving_from: from then on that link moves, seconds.
@@ -68,7 +74,7 @@ def touching_pairs(arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, 
     """
     placed = arm.place(q)
     hands = [Moved(name, arm.parts[name], placed[name]) for name in arm.parts if name in arm.touching_links]
-    left = times > clock.letting_go
+    left = times > clock.letting_go + INSTANT
     holding = placed[arm.hand_link].copy()
     holding[left] = holding[np.flatnonzero(~left)[-1]]
     held = [Moved(each.name, each.parts, holding @ each.pose) for each in obstacles if each.role == "attached"]
@@ -105,18 +111,19 @@ def checked_pairs(
     """
     placed = arm.place(q)
     links = {name: Moved(name, arm.parts[name], placed[name]) for name in arm.parts}
-    left = times > clock.letting_go
+    left = times > clock.letting_go + INSTANT
     holding = placed[arm.hand_link].copy()
     holding[left] = holding[np.flatnonzero(~left)[-1]]
     held = [Moved(each.name, each.parts, holding @ each.pose) for each in obstacles if each.role == "attached"]
     always = np.ones(len(times), dtype=bool)
+    leaving = times >= clock.letting_go - INSTANT
     pairs = [("self", Pair(links[one], links[two], always)) for one, two in arm.self_pairs]
     carried = arm.movers(arm.hand_link)
     for body in held:
         for name in arm.parts:
             if name not in arm.holding_links:
                 # What moves as the hand does keeps its place against what it holds.
-                pairs.append(("self", Pair(body, links[name], left if arm.movers(name) == carried else always)))
+                pairs.append(("self", Pair(body, links[name], leaving if arm.movers(name) == carried else always)))
     movers = [links[name] for name in arm.moving_links] + held
     for obstacle in obstacles:
         if obstacle.role == "attached":
@@ -129,10 +136,10 @@ def checked_pairs(
                 continue
             judged = always
             if obstacle.role == "moving_link":
-                judged = times < (clock.touching_from if touches else clock.moving_from)
+                judged = times <= (clock.touching_from if touches else clock.moving_from) + INSTANT
             pairs.append((group, Pair(body, still, judged)))
         if obstacle.role == "moving_link" and clock.hinge is not None and clock.travel is not None:
-            known = (times >= clock.moving_from) & ~np.isnan(clock.travel)
+            known = (times >= clock.moving_from - INSTANT) & ~np.isnan(clock.travel)
             poses = clock.hinge.moved(obstacle.pose, np.nan_to_num(clock.travel))
             gone = Moved(obstacle.name, obstacle.parts, poses)
             pairs += [

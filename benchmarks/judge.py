@@ -132,8 +132,6 @@ def too_near(pair: Pair, legs: Sequence[Array], margin: float) -> Overlap | None
     Returns:
         How near they come, as a negative depth, and the sample where that is.
     """
-    if least_distance(pair.one, pair.two, np.flatnonzero(pair.judged), margin) is None:
-        return None
     for leg in legs:
         samples = leg[pair.judged[leg]]
         if len(samples) == 0:

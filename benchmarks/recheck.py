@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
-from contacts import Clock, Hinge, Obstacle, checked_pairs, touching_pairs
+from contacts import INSTANT, Clock, Hinge, Obstacle, checked_pairs, touching_pairs
 from judge import MARGIN_TOLERANCE, Overlap, Pair, judge, refine, thin, too_near
 from mechanism import Mechanism
 from parts import least_distance
@@ -70,11 +70,15 @@ class Question:
 
 @dataclass
 class Answer:
-    """Content of a plan: its keyframes in time as (label, seconds or None, hand pose, reached), and its motion."""
+    """Content of a plan: its keyframes in time as (label, seconds or None, hand pose, reached), and its motion.
+
+    ``nearer`` are the pairs of names that it says come nearer than the margin.
+    """
 
     keyframes: list[tuple[str, float | None, Array, bool]]
     motion: Motion
     whole: bool
+    nearer: set[frozenset[str]]
 
 
 @dataclass
@@ -91,7 +95,8 @@ def answer_of(plan: Any) -> Answer:
     frames = [
         (each["label"], each["time"], np.asarray(each["T_base_hand"]), each["reached"]) for each in plan.keyframes
     ]
-    return Answer(frames, plan.trajectory, plan.status == "solved")
+    nearer = {frozenset(pair["bodies"]) for pair in plan.tight}
+    return Answer(frames, plan.trajectory, plan.status == "solved", nearer)
 
 
 def fine_samples(motion: Motion) -> tuple[Array, Array]:
@@ -249,12 +254,28 @@ def overlaps(question: Question, answer: Answer, times: Array, q: Array, verdict
         verdict.least_mm = min(verdict.least_mm, 1e3 * least)
         if overlap is not None:
             errors.append(overlap.describe(times))
-        elif question.margin > 0.0 and (near := too_near(pair, legs, question.margin)) is not None:
-            errors.append(f"within the margin: {near.describe(times)}")
+        elif question.margin > 0.0:
+            errors += margin_errors(pair, legs, question.margin, answer.nearer, times)
     if question.contact_depth is not None:
         for pair in touching_pairs(arm, question.obstacles, clock, times, q):
             errors += deep_errors(pair, question.contact_depth, times)
     return errors
+
+
+def margin_errors(
+    pair: Pair, legs: Sequence[Array], margin: float, nearer: set[frozenset[str]], times: Array
+) -> list[str]:
+    """Two bodies that come nearer to each other than they may, or than the plan says."""
+    least = least_distance(pair.one, pair.two, np.flatnonzero(pair.judged), margin)
+    if least is None:
+        return []
+    near = too_near(pair, legs, margin)
+    if near is not None:
+        return [f"within the margin: {near.describe(times)}"]
+    if least[0] > margin - MARGIN_TOLERANCE or frozenset((pair.one.name, pair.two.name)) in nearer:
+        return []
+    apart = f"{1e3 * least[0]:.1f} mm from {pair.two.name} at {times[least[1]]:.3f} s"
+    return [f"not told of: {pair.one.name} is {apart}"]
 
 
 def deep_errors(pair: Pair, depth: float, times: Array) -> list[str]:
@@ -279,7 +300,7 @@ def clock_of(question: Question, answer: Answer, times: Array, q: Array) -> Cloc
 
 
 def joint_travel(question: Question, hinge: Hinge, at: dict[str, float], times: Array, hands: Array) -> Array:
-    """Return the travel of the object's joint at each time (M,), by the hand's motion; NaN from where it is unknown.
+    """Return the travel of the object's joint at each time (M,), by the hand's motion; NaN from where on it is unknown.
 
     A motion that follows the joint turns the hand as far, one that traces it takes the contact point along.
     """
@@ -287,13 +308,14 @@ def joint_travel(question: Question, hinge: Hinge, at: dict[str, float], times: 
     begin = at["actuation"]
     for index, motion in enumerate(question.after):
         end = min(at.get(f"post_{index}", np.inf), np.inf)
-        now = np.flatnonzero((times >= begin) & (times <= end))
-        later = times > end
+        now = np.flatnonzero((times >= begin - INSTANT) & (times <= end + INSTANT))
+        later = times > end + INSTANT
         if len(now) == 0:
             break
         kind = motion if isinstance(motion, str) else motion[0]
         if not kind.startswith(("follow_joint", "trace_joint")):
-            travel[now] = np.nan
+            # Where it begins it is where the motions before have taken it.
+            travel[now[1:]] = np.nan
             travel[later] = np.nan
             break
         hand = hands[now]

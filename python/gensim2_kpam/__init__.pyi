@@ -649,8 +649,9 @@ class Plan:
         """Clearance that the motion keeps from what it may not touch, m, but for what is ``tight``."""
     @property
     def tight(self) -> list[TightPair]:
-        """Pairs nearer than the margin at the start or at a keyframe, though they may not touch: ``bodies`` (two
-        names), ``at`` ("start" or a keyframe), ``distance`` (m). Segments that begin or end there keep that instead."""
+        """Pairs nearer than the margin at the start or at a keyframe, though they may not touch on the way there, or
+        from there on: ``bodies`` (two names), ``at`` ("start" or a keyframe), ``distance`` (m). Where they may not
+        touch the motion keeps that instead."""
     @property
     def touches(self) -> list[Touch]:
         """Permitted overlaps at keyframes: ``bodies`` (two names), ``at`` (keyframe), ``depth`` (m)."""

@@ -171,6 +171,9 @@ impl Model {
     }
 }
 
+/// A point or direction of the hand in the base frame, and the vector by which its second derivatives are weighed.
+pub(crate) type Weighed = (Vector3<f64>, Vector3<f64>);
+
 /// The hand at a joint vector, and how it moves with each joint.
 #[derive(Debug, Clone)]
 pub struct Placed {
@@ -262,12 +265,7 @@ impl Placed {
     /// hand, given as (point, f) and (direction, m) in the base frame.
     ///
     /// For joints i before j, d²p/dq_i dq_j = z_i × (dp/dq_j), and likewise for directions.
-    pub(crate) fn second_derivatives(
-        &self,
-        points: &[(Vector3<f64>, Vector3<f64>)],
-        axes: &[(Vector3<f64>, Vector3<f64>)],
-        h: &mut [Row; MAX_JOINTS],
-    ) {
+    pub(crate) fn second_derivatives(&self, points: &[Weighed], axes: &[Weighed], h: &mut [Row; MAX_JOINTS]) {
         for (j, moving) in self.columns.iter().enumerate() {
             let mut w = Vector3::zeros();
             for (p, force) in points {

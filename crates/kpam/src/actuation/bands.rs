@@ -1,5 +1,8 @@
 //! Axis constraints as linear bands of a hand direction.
 
+use std::f64::consts::PI;
+use std::sync::LazyLock;
+
 use nalgebra::Vector3;
 
 use crate::resolve::AxisBound;
@@ -8,6 +11,9 @@ use crate::resolve::AxisBound;
 pub(super) const INSIDE: f64 = 0.995;
 /// Sides of the polygon inscribed in the cone of a parallel constraint: 2 % of the tolerance is given away.
 const CONE_SIDES: usize = 16;
+/// Sine and cosine of the direction of each.
+static SIDES: LazyLock<[(f64, f64); CONE_SIDES]> =
+    LazyLock::new(|| std::array::from_fn(|k| (2.0 * PI / CONE_SIDES as f64 * k as f64).sin_cos()));
 
 /// An axis constraint as bands `low <= u . m <= high` of the hand's direction `u`.
 ///
@@ -25,13 +31,13 @@ pub(super) fn axis_bands(a: &AxisBound, u: &Vector3<f64>) -> impl Iterator<Item 
     let sin = cross.norm();
     // Unit direction across the target in which u lies.
     let outward = if sin > 1e-9 { cross.cross(&target) / sin } else { e1 };
-    let half_turn = std::f64::consts::PI;
-    let wide = center + t >= std::f64::consts::FRAC_PI_2;
-    (0..if closed && !wide { CONE_SIDES } else { 1 }).map(move |k| {
-        if closed && !wide {
-            let step = 2.0 * half_turn / CONE_SIDES as f64;
-            let (s, c) = (step * k as f64).sin_cos();
-            (e1 * c + e2 * s, f64::NEG_INFINITY, (center + t).sin() * (step / 2.0).cos())
+    let is_polygon = closed && center + t < std::f64::consts::FRAC_PI_2;
+    let apothem = if is_polygon { (center + t).sin() * (PI / CONE_SIDES as f64).cos() } else { 0.0 };
+    let sides = &*SIDES;
+    (0..if is_polygon { CONE_SIDES } else { 1 }).map(move |k| {
+        if is_polygon {
+            let (s, c) = sides[k];
+            (e1 * c + e2 * s, f64::NEG_INFINITY, apothem)
         } else {
             // With u = cos(angle) target + sin(angle) outward, the angle is measured from the direction in the middle
             // of the band: its sine is u . m with m across that direction.

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use super::bands::{INSIDE, axis_bands};
 use super::projection::STEP;
 use super::{ActuationSearch, Candidate};
-use crate::model::{MAX_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row, Weighed};
 use crate::qp::{Bound, Qp, QpOutcome, QpSolver};
 use gensim2_geometry::Pose;
 
@@ -94,7 +94,7 @@ impl ActuationSearch<'_> {
                 let gain = cost - trial_cost;
                 cost = trial_cost;
                 violation = trial_violation;
-                curvature = self.curvature_of(&multipliers);
+                self.curvature_of(&multipliers, &mut curvature);
                 if length < 0.3 * radius {
                     radius = radius.max(2.0 * length).min(STEP);
                 } else {
@@ -178,8 +178,9 @@ impl ActuationSearch<'_> {
 
     /// Multipliers gathered into the vectors whose second derivatives the Lagrangian needs. Frames are those of the
     /// pose at which the bounds were linearized; the next pose is near enough.
-    fn curvature_of(&mut self, multipliers: &[f64]) -> Curvature {
-        let mut out = Curvature::default();
+    fn curvature_of(&self, multipliers: &[f64], out: &mut Curvature) {
+        out.points.clear();
+        out.axes.clear();
         let mut next = multipliers.iter().copied();
         let mut take = || next.next().unwrap_or(0.0);
         for p in &self.resolved.points {
@@ -195,7 +196,6 @@ impl ActuationSearch<'_> {
             let force = Vector3::new(take(), take(), take());
             out.points.push((Vector3::zeros(), -force));
         }
-        out
     }
 
     pub(super) fn gradient(&mut self, x: &Row) -> Row {
@@ -262,17 +262,19 @@ impl ActuationSearch<'_> {
                 add(&placed.angular_row(&u.cross(&pull.normalize())), STIFF);
             }
         }
-        let mut points: Vec<(Vector3<f64>, Vector3<f64>)> =
-            curvature.points.iter().map(|(p, f)| (hand.rotation * p + origin, *f)).collect();
+        let (mut points, mut axes) = (std::mem::take(&mut self.forces), std::mem::take(&mut self.pulls));
+        points.clear();
+        axes.clear();
+        points.extend(curvature.points.iter().map(|(p, f)| (hand.rotation * p + origin, *f)));
         points.push((origin, 2.0 * (origin - self.start_hand.translation.vector)));
-        let mut axes: Vec<(Vector3<f64>, Vector3<f64>)> =
-            curvature.axes.iter().map(|(a, m)| (hand.rotation * a, *m)).collect();
+        axes.extend(curvature.axes.iter().map(|(a, m)| (hand.rotation * a, *m)));
         axes.extend(columns(&hand).zip(columns(&self.start_hand)).map(|(r, s)| (r, -0.5 * s)));
         for t in &self.resolved.costs {
             let p = hand.rotation * t.on_hand + origin;
             points.push((p, t.normal * (2.0 * t.weight * t.normal.dot(&(p - t.target)))));
         }
         placed.second_derivatives(&points, &axes, &mut h);
+        (self.forces, self.pulls) = (points, axes);
         h
     }
 }
@@ -286,8 +288,8 @@ fn predicted(n: usize, step: &Row, gradient: &Row, hessian: &[Row; MAX_JOINTS]) 
 /// Vectors that weigh second derivatives: forces on points of the hand, and pulls on its directions.
 #[derive(Default)]
 pub(super) struct Curvature {
-    points: Vec<(Vector3<f64>, Vector3<f64>)>,
-    axes: Vec<(Vector3<f64>, Vector3<f64>)>,
+    points: Vec<Weighed>,
+    axes: Vec<Weighed>,
 }
 
 pub(super) fn columns(pose: &Pose) -> impl Iterator<Item = Vector3<f64>> + '_ {

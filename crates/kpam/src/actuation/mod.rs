@@ -18,7 +18,7 @@ use self::batch::BatchProjection;
 use self::multistart::Aside;
 use self::projection::{Aim, Residuals};
 use crate::KeypointProblem;
-use crate::model::{Model, Placed, Row};
+use crate::model::{MAX_JOINTS, Model, Placed, Row, Weighed};
 use crate::qp::{ActiveSet, Bound};
 use crate::resolve::Resolved;
 
@@ -55,6 +55,9 @@ pub(crate) struct ActuationSearch<'p> {
     /// Target of projections within the tolerances.
     aim: Aim,
     placed: Placed,
+    /// The last joint vectors that were judged, with violation and cost.
+    violated: (Row, f64),
+    cost_at: (Row, f64),
     batch: BatchProjection,
     aside: Aside,
     qp: ActiveSet,
@@ -62,6 +65,8 @@ pub(crate) struct ActuationSearch<'p> {
     residuals: Residuals,
     trial_residuals: Residuals,
     bounds: Vec<Bound>,
+    forces: Vec<Weighed>,
+    pulls: Vec<Weighed>,
 }
 
 impl<'p> ActuationSearch<'p> {
@@ -82,11 +87,15 @@ impl<'p> ActuationSearch<'p> {
             aim: Aim::default(),
             batch: BatchProjection::new(problem, model, resolved, &placed.hand, near),
             placed,
+            violated: ([f64::NAN; MAX_JOINTS], 0.0),
+            cost_at: ([f64::NAN; MAX_JOINTS], 0.0),
             aside: Aside::default(),
             qp: ActiveSet::default(),
             residuals: Vec::new(),
             trial_residuals: Vec::new(),
             bounds: Vec::new(),
+            forces: Vec::new(),
+            pulls: Vec::new(),
         }
     }
 
@@ -148,6 +157,9 @@ impl<'p> ActuationSearch<'p> {
     /// own cost terms.
     pub fn cost(&mut self, x: &Row) -> f64 {
         self.place(x);
+        if self.cost_at.0 == *x {
+            return self.cost_at.1;
+        }
         let steps = self.steps(x);
         let joints: f64 = (0..self.model.n()).map(|v| self.weights[v] * steps[v].powi(2)).sum();
         let hand = &self.placed.hand;
@@ -162,12 +174,17 @@ impl<'p> ActuationSearch<'p> {
                 t.weight * t.normal.dot(&(p - t.target)).powi(2)
             })
             .sum();
-        joints + way + turn + terms
+        let cost = joints + way + turn + terms;
+        self.cost_at = (*x, cost);
+        cost
     }
 
     /// Largest violation over all constraints beyond their tolerance (m or rad), limits and workspace included.
     pub fn violation(&mut self, x: &Row) -> f64 {
         self.place(x);
+        if self.violated.0 == *x {
+            return self.violated.1;
+        }
         let hand = self.placed.hand;
         let mut worst: f64 = 0.0;
         for p in &self.resolved.points {
@@ -186,6 +203,7 @@ impl<'p> ActuationSearch<'p> {
                 worst = worst.max(low[i] - c).max(c - high[i]);
             }
         }
+        self.violated = (*x, worst);
         worst
     }
 }

@@ -36,17 +36,9 @@ pub(super) struct Aside {
     arrived: Vec<Arrival>,
 }
 
-/// The pose that misses the constraints least.
-#[derive(Default)]
-struct Effort(Option<(f64, Row)>);
-
-impl Effort {
-    fn note(&mut self, miss: f64, x: &Row) {
-        if self.0.is_none_or(|(least, _)| miss < least) {
-            self.0 = Some((miss, *x));
-        }
-    }
-}
+/// Poses that miss the constraints, in the order in which they were found. By how much matters only where no pose meets
+/// them.
+type Missed = Vec<Row>;
 
 impl ActuationSearch<'_> {
     /// Searches for the cheapest pose from the present joints, from points about them, and from points spread evenly over
@@ -57,7 +49,7 @@ impl ActuationSearch<'_> {
     /// where few of those arrive. The cheapest of the distinct poses that gives are then moved to their optima.
     pub fn cheapest(&mut self, seeds: usize) -> Actuation {
         let (most, last) = (seeds + seeds / 2, PERSISTENCE * seeds);
-        let mut effort = Effort::default();
+        let mut missed = Missed::new();
         let mut used = 0;
         self.aside = Aside::default();
         loop {
@@ -77,33 +69,42 @@ impl ActuationSearch<'_> {
                     _ if end <= most => (self.screened(used..end), SOON),
                     _ => ((used..end).map(|k| self.seed(self.further_start(k - most))).collect(), PROJECTIONS),
                 };
-                let (near, late) = self.arrivals(&from, steps, &mut effort);
+                let (near, late) = self.arrivals(&from, steps, &mut missed);
                 (used, sent) = (end, sent + from.len() - late.len());
                 arrived.extend(near);
                 self.aside.waiting.extend(late);
             }
             self.aside.arrived = self.distinct_arrivals(arrived);
-            let candidates = self.descend_cheapest(&mut effort);
+            let candidates = self.descend_cheapest(&mut missed);
             if !candidates.is_empty() {
                 return Actuation { candidates, best_effort: None };
             }
             if sent == 0 {
-                return Actuation {
-                    candidates,
-                    best_effort: effort.0.map(|(_, x)| self.model.unwound(&x, &self.start)),
-                };
+                return Actuation { candidates, best_effort: self.least_missed(&missed) };
             }
         }
+    }
+
+    /// The pose that misses the constraints least, the first of equals.
+    fn least_missed(&mut self, missed: &Missed) -> Option<Row> {
+        let mut best: Option<(f64, &Row)> = None;
+        for x in missed {
+            let miss = self.violation(x);
+            if best.is_none_or(|(least, _)| miss < least) {
+                best = Some((miss, x));
+            }
+        }
+        best.map(|(_, x)| self.model.unwound(x, &self.start))
     }
 
     /// Every distinct pose that the seeds lead to, cheapest first, where the motion to the cheapest one may not be free:
     /// off the optimum there are other points of the constraint set. `known` are poses that are found already.
     pub fn others(&mut self, known: &[Candidate]) -> Vec<Candidate> {
-        let mut effort = Effort::default();
+        let mut missed = Missed::new();
         let Aside { waiting, mut arrived } = std::mem::take(&mut self.aside);
-        arrived.extend(self.arrivals(&waiting, PROJECTIONS, &mut effort).0);
+        arrived.extend(self.arrivals(&waiting, PROJECTIONS, &mut missed).0);
         let mut poses = known.to_vec();
-        poses.extend(arrived.iter().filter_map(|a| self.home(a, &mut effort)));
+        poses.extend(arrived.iter().filter_map(|a| self.home(a, &mut missed)));
         self.distinct(poses)
     }
 
@@ -121,16 +122,17 @@ impl ActuationSearch<'_> {
     /// Those of the start values that cost least after the first steps; the others wait.
     fn screened(&mut self, numbers: Range<usize>) -> Vec<Seed> {
         let seeds: Vec<Seed> = numbers.map(|k| self.seed(self.start(k))).collect();
-        let mut seen = self.batch.project(&seeds, SCREEN);
-        let rank = |a: &Arrival| a.cost + MISS * a.miss.sqrt();
-        seen.sort_by(|a, b| rank(a).total_cmp(&rank(b)));
-        let waiting = seen.split_off(seen.len().div_ceil(KEPT));
-        self.aside.waiting.extend(waiting.iter().map(|a| a.seed));
-        seen.iter().map(|a| a.seed).collect()
+        let seen = self.batch.project(&seeds, SCREEN);
+        let rank = |(k, a): (usize, &Arrival)| (a.cost + MISS * a.miss.sqrt(), k);
+        let mut order: Vec<(f32, usize)> = seen.iter().enumerate().map(rank).collect();
+        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let (kept, waiting) = order.split_at(order.len().div_ceil(KEPT));
+        self.aside.waiting.extend(waiting.iter().map(|(_, k)| seen[*k].seed));
+        kept.iter().map(|(_, k)| seen[*k].seed).collect()
     }
 
     /// Arrivals of seeds that meet the constraints in single precision within `steps`, and those that may with more.
-    fn arrivals(&mut self, from: &[Seed], steps: usize, effort: &mut Effort) -> (Vec<Arrival>, Vec<Seed>) {
+    fn arrivals(&mut self, from: &[Seed], steps: usize, missed: &mut Missed) -> (Vec<Arrival>, Vec<Seed>) {
         let (mut near, mut late) = (Vec::new(), Vec::new());
         for arrival in self.batch.project(from, steps) {
             if arrival.near {
@@ -140,30 +142,29 @@ impl ActuationSearch<'_> {
             if arrival.late && steps < PROJECTIONS {
                 late.push(arrival.seed);
             } else {
-                effort.note(self.violation(&arrival.seed.x), &arrival.seed.x);
+                missed.push(arrival.seed.x);
             }
         }
         (near, late)
     }
 
     /// The pose of an arrival, where it meets the constraints in double precision too.
-    fn home(&mut self, arrival: &Arrival, effort: &mut Effort) -> Option<Candidate> {
+    fn home(&mut self, arrival: &Arrival, missed: &mut Missed) -> Option<Candidate> {
         let mut x = arrival.seed.x;
-        let miss = self.project(&mut x);
-        if miss > 0.0 {
-            effort.note(miss, &x);
+        if self.project(&mut x) > 0.0 {
+            missed.push(x);
             return None;
         }
         Some(self.candidate(&x))
     }
 
     /// Brings the cheapest arrivals home and down to their optima; the others stay aside.
-    fn descend_cheapest(&mut self, effort: &mut Effort) -> Vec<Candidate> {
+    fn descend_cheapest(&mut self, missed: &mut Missed) -> Vec<Candidate> {
         let mut arrived = std::mem::take(&mut self.aside.arrived).into_iter();
         let (mut poses, mut optima): (Vec<Candidate>, Vec<Candidate>) = (Vec::new(), Vec::new());
         while poses.len() < self.problem.options.num_refinements {
             let Some(arrival) = arrived.next() else { break };
-            let Some(pose) = self.home(&arrival, effort) else { continue };
+            let Some(pose) = self.home(&arrival, missed) else { continue };
             optima.extend(self.descend(&pose.x, &optima));
             poses.push(pose);
         }

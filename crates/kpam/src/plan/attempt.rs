@@ -114,6 +114,11 @@ impl Attempt {
         (self.first..act).rev().chain(act.max(self.first)..self.paths.len())
     }
 
+    /// End of the free motion to keyframe `entry`, where the hand's paths begin.
+    pub fn arrival(&self, entry: usize) -> Row {
+        self.paths[entry..self.motions.actuation].first().map_or(self.x, |path| path[0])
+    }
+
     /// A path with the travel of the object's joint along it.
     pub fn way(&self, path: usize) -> Way<'_> {
         Way { waypoints: &self.paths[path], travel: &self.travel[path], off: &[] }
@@ -173,7 +178,7 @@ impl Planner<'_> {
 
     /// Looks for the free motion to the first keyframe; whether there is one.
     fn approach_first(&mut self, out: &mut Attempt, samples: usize) -> bool {
-        let goal = out.paths[self.entry..out.motions.actuation].first().map_or(out.x, |path| path[0]);
+        let goal = out.arrival(self.entry);
         let keyframe = self.entry;
         match self.approach(&goal, samples) {
             Ok(Approach { pieces, corners, kept, hit }) => {

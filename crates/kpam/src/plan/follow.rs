@@ -88,7 +88,7 @@ impl Planner<'_> {
         if out.failure.is_some() || self.entry > act || !self.problem.options.avoid_collisions {
             return;
         }
-        let goal = out.paths[self.entry..act].first().map_or(out.x, |path| path[0]);
+        let goal = out.arrival(self.entry);
         let toward = self.world.schedule.toward(self.entry);
         let mut plain = Margins::plain(0.0);
         if self.problem.options.reach_clearance.is_some() {

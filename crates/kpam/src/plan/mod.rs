@@ -72,8 +72,8 @@ pub struct Collision {
     pub point: [f64; 3],
 }
 
-/// Two bodies that are nearer to each other at a keyframe than the margin, though they may not touch. The motions to and
-/// from there keep what they have there, in place of the margin.
+/// Two bodies that are nearer to each other at a keyframe than the margin, though they may not touch on the way there, or
+/// from there on. The motion in which they may not keeps what they have there, in place of the margin.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Tight {

@@ -115,13 +115,16 @@ impl Planner<'_> {
         out
     }
 
-    /// Pairs nearer than the margin or overlapping at the start and at keyframes, and what is a guess.
+    /// Pairs nearer than the margin or overlapping at the start and at keyframes, and what is a guess. Each keyframe is the
+    /// end of one segment and the beginning of another: what may touch in the one may have to keep clear in the other.
     fn tell_of_contacts(&mut self, attempt: &Attempt, out: &mut Plan) {
         let schedule = self.world.schedule;
         let start = self.start.position;
         let mut places = Vec::new();
         if self.entry <= attempt.motions.actuation {
-            places.push((None, schedule.toward(self.entry), start, 0.0));
+            let approach = schedule.toward(self.entry);
+            places.push((None, approach, start, 0.0));
+            places.push((Some(self.entry), approach, attempt.arrival(self.entry), 0.0));
         }
         for (i, path) in attempt.paths.iter().enumerate() {
             let travel = |k: usize| attempt.travel[i].get(k).copied().unwrap_or(0.0);
@@ -136,9 +139,6 @@ impl Planner<'_> {
                     out.guesses.push(Guess { toward, travel: to - from, depth: self.problem.options.guess_depth });
                 }
             }
-        }
-        if attempt.paths.is_empty() {
-            places.push((Some(self.entry), schedule.toward(self.entry), attempt.x, 0.0));
         }
         for (keyframe, segment, x, travel) in places {
             let at = keyframe.map_or_else(|| "start".to_owned(), |k| attempt.motions.keyframes[k].label.clone());

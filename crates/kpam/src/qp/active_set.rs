@@ -41,7 +41,8 @@ impl Default for ActiveSet {
 impl ActiveSet {
     /// Factors the Hessian and returns the unconstrained minimizer.
     fn start(&mut self, qp: &Qp<'_>) -> Option<Row> {
-        let n = qp.n;
+        // So that the compiler need not check each index.
+        let n = qp.n.min(MAX_JOINTS);
         let mut l = [[0.0; MAX_JOINTS]; MAX_JOINTS];
         let mut inverse = [0.0; MAX_JOINTS];
         for i in 0..n {
@@ -137,7 +138,8 @@ impl ActiveSet {
 
     /// Makes one more bound hold at `x`. `None` where that is impossible.
     fn enforce(&mut self, qp: &Qp<'_>, x: &mut Row, mut entry: Active) -> Option<()> {
-        let n = qp.n;
+        // So that the compiler need not check each index.
+        let n = qp.n.min(MAX_JOINTS);
         let bound = &qp.bounds[entry.bound];
         let mut normal = bound.row;
         normal.iter_mut().for_each(|v| *v *= entry.sign);
@@ -205,7 +207,8 @@ impl QpSolver for ActiveSet {
         if !qp.fits() {
             return QpOutcome::Failed;
         }
-        let n = qp.n;
+        // So that the compiler need not check each index.
+        let n = qp.n.min(MAX_JOINTS);
         let Some(mut x) = self.start(qp) else { return QpOutcome::Failed };
         let is_equality = |b: &Bound| b.high - b.low <= EQUALITY;
         for (index, bound) in qp.bounds.iter().enumerate().filter(|(_, b)| is_equality(b)) {

@@ -75,7 +75,8 @@ impl Qp<'_> {
 
 fn dot(n: usize, a: &Row, b: &Row) -> f64 {
     let mut sum = 0.0;
-    for i in 0..n {
+    // So that the compiler need not check each index.
+    for i in 0..n.min(MAX_JOINTS) {
         sum += a[i] * b[i];
     }
     sum
