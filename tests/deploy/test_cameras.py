@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from fake_cameras import LEFT, SERIAL, Fake, picture, refused
 
-from gensim2.deploy.cameras import SLOTS, ProcessCameras
+from gensim2.deploy.cameras import ProcessCameras
 from gensim2.deploy.devices import Frame
 from gensim2.deploy.line import DeviceGoneError
+from gensim2.deploy.picture_slots import SLOTS, PictureSlots
 from gensim2.errors import InputError
 
 ODD = replace(LEFT, name="odd", width=7, height=5)
@@ -80,7 +81,7 @@ def test_cameras_whose_library_fails_are_gone(cameras: ProcessCameras, fault: st
 
 
 def test_a_process_that_is_killed_is_a_device_that_is_gone(cameras: ProcessCameras) -> None:
-    name = cameras._slots.memory.name
+    name = cameras._slots._memory.name
     cameras._process.kill()
     until_gone(cameras, "the process of the cameras is gone")
     with pytest.raises(FileNotFoundError):
@@ -90,6 +91,23 @@ def test_a_process_that_is_killed_is_a_device_that_is_gone(cameras: ProcessCamer
 def test_cameras_end_with_the_loop_they_were_opened_for(cameras: ProcessCameras) -> None:
     cameras._process.pipe.close()  # as the end of a process closes it, however it ends
     until(lambda: not cameras._process.is_alive)
+
+
+def test_pictures_wait_until_there_is_room_and_no_longer() -> None:
+    writer, room = PictureSlots.make([ODD, LEFT])
+    reader = PictureSlots.enter(room)
+    given = [Frame("odd", number, float(number), *picture(number, ODD), SERIAL) for number in range(SLOTS + 1)]
+    waiting = [put for frame in given if (put := writer.put(frame)) is not None]
+    assert [put.number for put in waiting] == list(range(SLOTS))
+    taken = reader.take(waiting[3])
+    writer.free(waiting[3])
+    again = writer.put(given[SLOTS])
+    assert again is not None
+    np.testing.assert_array_equal(taken.depth, given[3].depth, "a copy")
+    for put in (*waiting[:3], again, *waiting[4:]):
+        np.testing.assert_array_equal(reader.take(put).colors, given[put.number].colors)
+    reader.close()
+    writer.close()
 
 
 def test_cameras_that_cannot_be_opened_say_why() -> None:

@@ -216,7 +216,6 @@ class Line:
             shift = phase_shift(self._cycle - self._fresh_at, self._latency, self.watch.rules.frame_age)
             self._next_period = self._cycle + PERIOD_CYCLES + shift
             self.in_phase = shift == 0
-            self._write_frames()
         self._check(now)
         if begins and self.watch.state is State.RUNNING:
             self.watch.check_frames(self._names, now)
@@ -225,6 +224,8 @@ class Line:
         self._write_changes()
         self._drive(due, now)
         self._write_changes()
+        if begins:
+            self._write_frames()  # last: what writes them down is busy with them, and computes in this process
 
     def _measure_period(self, now: float, late: float) -> None:
         if self._period_began is not None and self.watch.state is State.RUNNING:

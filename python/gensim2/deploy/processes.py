@@ -12,6 +12,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -20,6 +21,7 @@ from gensim2.deploy.arm_limits import CYCLE, Array
 from gensim2.deploy.devices import ArmState
 from gensim2.deploy.line import DeviceGoneError
 from gensim2.deploy.mind import Answer, Begin, MindSpec, Question, think
+from gensim2.deploy.picture_slots import PictureSlots, Room, SharedPicture
 from gensim2.errors import GenSim2Error
 from gensim2.planning.scene import Scene
 from gensim2.processes.fork_server import ignore_interrupts, start_fork_server
@@ -258,12 +260,22 @@ class ProcessMind:
 
     def __init__(self, spec: MindSpec, world: Connection | None) -> None:
         self._process = DeviceProcess("controller", _serve_mind, spec, world)
+        self._slots: PictureSlots | None = None
         self.is_ready = False
         self._gone = False
 
     def send(self, message: Begin | Question) -> None:
-        """Say or ask something."""
-        self._process.tell(message)
+        """Say or ask something; what finds no room, as earlier questions were not looked at, has no answer."""
+        if isinstance(message, Begin):
+            self._process.tell(message)
+            return
+        assert self._slots is not None, "it is asked when it is ready"
+        pictures = [put for frame in message.sight.frames if (put := self._slots.put(frame)) is not None]
+        if len(pictures) == len(message.sight.frames):
+            self._process.tell((replace(message, sight=replace(message.sight, frames=())), pictures))
+        else:
+            for picture in pictures:
+                self._slots.free(picture)
 
     def poll(self) -> Sequence[Answer]:
         """Answers that came.
@@ -276,6 +288,11 @@ class ProcessMind:
             for message in self._process.drain():
                 if message == "ready":
                     self.is_ready = True
+                elif isinstance(message, Room):
+                    self._slots = PictureSlots.enter(message)
+                elif isinstance(message, SharedPicture):
+                    assert self._slots is not None, "it lies in them"
+                    self._slots.free(message)
                 else:
                     found.append(message)
         except DeviceGoneError:
@@ -297,8 +314,22 @@ class ProcessMind:
     def close(self) -> None:
         """End the process."""
         self._process.close()
+        if self._slots is not None:
+            self._slots.close()
 
 
 def _serve_mind(pipe: Connection, spec: MindSpec, world: Connection | None) -> None:
-    truth = None if world is None else ProcessTruth(world)
-    think(spec, pipe.recv, pipe.send, time.monotonic, truth)
+    slots, room = PictureSlots.make(spec.cameras)
+    pipe.send(room)
+
+    def receive() -> Any:
+        message = pipe.recv()
+        if not isinstance(message, tuple):
+            return message
+        question, pictures = message
+        frames = tuple(map(slots.take, pictures))
+        for picture in pictures:
+            pipe.send(picture)
+        return replace(question, sight=replace(question.sight, frames=frames))
+
+    think(spec, receive, pipe.send, time.monotonic, None if world is None else ProcessTruth(world))
