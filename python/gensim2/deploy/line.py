@@ -67,6 +67,7 @@ class Figures:
     Attributes:
         periods: from one period's begin to the next.
         late: by which each began late.
+        commands_late: by which each command was sent after its time.
         cloud_ms, acting_ms: of each answer.
         refused: targets that made no sense, by reason.
         late_actions: that came when their time was over.
@@ -75,6 +76,7 @@ class Figures:
 
     periods: list[float] = field(default_factory=list)
     late: list[float] = field(default_factory=list)
+    commands_late: list[float] = field(default_factory=list)
     cloud_ms: list[float] = field(default_factory=list)
     encoding_ms: list[float] = field(default_factory=list)
     acting_ms: list[float] = field(default_factory=list)
@@ -366,6 +368,7 @@ class Line:
             self._stop(now)
             return
         self._sent_at = due
+        self.figures.commands_late.append(self._clock.now() - due)
         self.watch.sent(sent, due)
         self._journal.sent(due, sent, self._grip)
         if self.commands is not None:

@@ -6,6 +6,7 @@ A signal that is meant for the whole group ends only the one that watches: it le
 from __future__ import annotations
 
 import contextlib
+import gc
 import multiprocessing
 import os
 import signal
@@ -106,6 +107,7 @@ def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> No
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
         os.environ[name] = "1"
+    gc.freeze()  # the collector would look at all that was imported, and stop the process for 0.1 s
     try:
         target(pipe, *arguments)
     except GenSim2Error as error:
@@ -332,4 +334,9 @@ def _serve_mind(pipe: Connection, spec: MindSpec, world: Connection | None) -> N
             pipe.send(picture)
         return replace(question, sight=replace(question.sight, frames=frames))
 
-    think(spec, receive, pipe.send, time.monotonic, None if world is None else ProcessTruth(world))
+    def send(message: Any) -> None:
+        if message == "ready":
+            gc.freeze()  # the controller is made
+        pipe.send(message)
+
+    think(spec, receive, send, time.monotonic, None if world is None else ProcessTruth(world))
