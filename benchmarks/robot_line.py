@@ -230,7 +230,7 @@ def main() -> int:
             quiet = run_quiet(options, folder)
         figures["quiet"] = quiet
         wrong += quiet["limits_passed"] + quiet["differs"]
-        for name in ("periods_ms", "overrun_ms", "clouds_ms", "picture_age_ms", "acting_ms"):
+        for name in ("periods_ms", "overrun_ms", "commands_late_ms", "clouds_ms", "picture_age_ms", "acting_ms"):
             each = {key: None if value is None else round(value, 2) for key, value in quiet[name].items()}
             print(f"{name:16} {each}")
         counted = ("overruns", "skipped_ms", "late_actions", "limits_passed", "replayed", "differs")

@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import sys
-import threading
 import time
 import urllib.request
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import fake_makers
 import numpy as np
 import pytest
+from fake_cameras import LEFT, Filmed
 from fake_makers import FakeBody
 
+from gensim2.deploy import real
 from gensim2.deploy.config import CameraSource, LineConfig
-from gensim2.deploy.devices import ArmState, Frame
-from gensim2.deploy.drivers.software_realsense import SoftwareDevice
-from gensim2.deploy.line import DeviceGoneError
+from gensim2.deploy.devices import ArmState
 from gensim2.deploy.mind import Answer
 from gensim2.deploy.opening import prepare
-from gensim2.deploy.real import PolledCameras, open_cameras
+from gensim2.deploy.real import open_cameras
 from gensim2.deploy.run import run
-from gensim2.deploy.simulated_cameras import simulated_cameras, sized
+from gensim2.deploy.simulated_cameras import simulated_cameras
 from gensim2.deploy.watch import WatchRules
 from gensim2.errors import InputError
 from gensim2.observations.columns import CLOUD
@@ -54,36 +51,16 @@ REAL: dict[str, Any] = {
 }
 
 
-LEFT = replace(sized(simulated_cameras(PROFILE, 32, 24), 32, 24)[0], name="left")
-
-
-def film(device: SoftwareDevice, over: threading.Event) -> None:
-    """Give a device pictures, one each 50 ms, no two alike."""
-    draw, number = np.random.default_rng(0), 0
-    while not over.wait(0.05):
-        depth = draw.integers(300, 900, (24, 32)).astype(np.uint16)
-        device.give(Frame("left", number, time.monotonic(), depth, np.zeros((24, 32, 3), np.uint8)))
-        number += 1
-
-
 @pytest.fixture
-def body(monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeBody]:
+def body(monkeypatch: pytest.MonkeyPatch) -> FakeBody:
     """A fake arm, and a software device of the real library for the camera that is plugged in."""
     pytest.importorskip("pyrealsense2", exc_type=ImportError, reason="RealSense's library wants libusb")
-    from gensim2.deploy.drivers import realsense
-
     found = FakeBody(7)
     found.q = HOME.copy()
     for name, module in fake_makers.franka(found).items():
         monkeypatch.setitem(sys.modules, name, module)
-    device = SoftwareDevice(LEFT, "827112070000", 20)
-    monkeypatch.setattr(realsense, "connected", lambda serials: dict.fromkeys(serials, device.device))
-    over = threading.Event()
-    camera = threading.Thread(target=film, args=(device, over))
-    camera.start()
-    yield found
-    over.set()
-    camera.join()
+    monkeypatch.setattr(real, "realsense_cameras", Filmed)
+    return found
 
 
 def test_a_dry_run_reaches_the_drivers_and_moves_nothing_and_a_run_does(body: FakeBody, tmp_path: Path) -> None:
@@ -165,22 +142,6 @@ def test_what_is_shown_the_truth_and_simulated_faults_need_a_simulation() -> Non
         prepare(given, LineConfig(policy=ControllerSpec(CHAIN, {"strategies": given.strategies}), **REAL))
     with pytest.raises(InputError, match="fault of simulated devices"):
         prepare(given, LineConfig(policy=STILL, dry=True, **REAL), [Fault("camera-frozen", 1.0)])
-
-
-def test_cameras_whose_library_fails_are_gone() -> None:
-    class Failing:
-        cameras = serials = ()
-
-        def poll(self) -> Any:
-            raise RuntimeError("xioctl(VIDIOC_DQBUF) failed")
-
-        def close(self) -> None: ...
-
-    cameras = PolledCameras(Failing())
-    cameras._thread.join(timeout=10)
-    with pytest.raises(DeviceGoneError, match="VIDIOC"):
-        cameras.poll()
-    cameras.close()
 
 
 def test_the_page_shows_robot_cloud_next_actions_and_clocks() -> None:

@@ -67,6 +67,7 @@ class Figures:
     Attributes:
         periods: from one period's begin to the next.
         late: by which each began late.
+        commands_late: by which each command was sent after its time.
         cloud_ms, acting_ms: of each answer.
         refused: targets that made no sense, by reason.
         late_actions: that came when their time was over.
@@ -75,6 +76,7 @@ class Figures:
 
     periods: list[float] = field(default_factory=list)
     late: list[float] = field(default_factory=list)
+    commands_late: list[float] = field(default_factory=list)
     cloud_ms: list[float] = field(default_factory=list)
     encoding_ms: list[float] = field(default_factory=list)
     acting_ms: list[float] = field(default_factory=list)
@@ -216,7 +218,6 @@ class Line:
             shift = phase_shift(self._cycle - self._fresh_at, self._latency, self.watch.rules.frame_age)
             self._next_period = self._cycle + PERIOD_CYCLES + shift
             self.in_phase = shift == 0
-            self._write_frames()
         self._check(now)
         if begins and self.watch.state is State.RUNNING:
             self.watch.check_frames(self._names, now)
@@ -225,6 +226,8 @@ class Line:
         self._write_changes()
         self._drive(due, now)
         self._write_changes()
+        if begins:
+            self._write_frames()  # last: what writes them down is busy with them, and computes in this process
 
     def _measure_period(self, now: float, late: float) -> None:
         if self._period_began is not None and self.watch.state is State.RUNNING:
@@ -365,6 +368,7 @@ class Line:
             self._stop(now)
             return
         self._sent_at = due
+        self.figures.commands_late.append(self._clock.now() - due)
         self.watch.sent(sent, due)
         self._journal.sent(due, sent, self._grip)
         if self.commands is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import signal
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,6 +18,7 @@ from gensim2.deploy.arm import Arm
 from gensim2.deploy.arm_limits import ArmLimits, Array
 from gensim2.deploy.calibration.file import Calibration, calibrated, read_calibration, require_calibrated
 from gensim2.deploy.calibration.file import serials as calibrated_serials
+from gensim2.deploy.cameras import ProcessCameras
 from gensim2.deploy.clocks import MachineClock, SimulatedClock
 from gensim2.deploy.config import SIMULATED, SOFTWARE, LineConfig
 from gensim2.deploy.devices import ArmDriver, ArmState
@@ -26,7 +28,7 @@ from gensim2.deploy.fit_noise import read_noise
 from gensim2.deploy.journal import Journal, Journals, NoJournal
 from gensim2.deploy.line import Line
 from gensim2.deploy.mind import MindSpec, looked_at
-from gensim2.deploy.real import ByHand, PolledCameras, open_arm, open_cameras
+from gensim2.deploy.real import ByHand, open_arm, open_cameras
 from gensim2.deploy.remote.client import RemoteController
 from gensim2.deploy.remote.protocol import is_url
 from gensim2.deploy.replay import camera_to_dict
@@ -194,7 +196,7 @@ def opened(
     config, given = prepared.config, prepared.given
     noise_seed = config.seed if seed is None else seed
     with contextlib.ExitStack() as stack:
-        real: PolledCameras | None = None
+        real: ProcessCameras | None = None
         cameras = prepared.cameras
         if not config.source.is_rendered:
             real = open_cameras(config.source, cameras, config.rate)
@@ -240,6 +242,9 @@ def opened(
             pace=pace or prepared.profile.control_hz * config.speed,
         )
         line.commands = []
+        # The collector would stop the loop for 0.1 s to look at all that was ever imported: it leaves that alone here.
+        gc.freeze()
+        stack.callback(gc.unfreeze)
         yield Opened(line, devices, about, disk)
 
 
@@ -249,7 +254,7 @@ def _journal(several: Sequence[Journal]) -> Journal:
     return several[0] if len(several) == 1 else Journals(several)
 
 
-def _serials(cameras: tuple[Camera, ...], real: PolledCameras | None) -> Mapping[str, str]:
+def _serials(cameras: tuple[Camera, ...], real: ProcessCameras | None) -> Mapping[str, str]:
     from gensim2.deploy.simulated_cameras import simulated_serials
 
     return simulated_serials(cameras) if real is None else real.serials
@@ -303,26 +308,31 @@ def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None)
 
 
 def _in_processes(
-    prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None, played: PolledCameras | None
+    prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None, played: ProcessCameras | None
 ) -> Devices:
-    from gensim2.deploy.processes import ProcessArm, ProcessCameras, ProcessMind, preload
+    from gensim2.deploy.processes import ProcessArm, ProcessMind
+    from gensim2.deploy.simulated_cameras import RenderedCameras
 
-    preload()
     config, scene = prepared.config, prepared.given.scene
-    arm = ProcessArm(scene)
-    mind = mind or ProcessMind(spec, arm.truth)
-    failing = {"arm": arm.fail, "policy": mind.fail}
-    if played is not None:
-        return Devices(arm, played, mind, MachineClock(), arm, failing)
-    through = config.source.kind == SOFTWARE
-    seeing = ProcessCameras(scene.robot, prepared.cameras, arm.eyes, seed, config.rate, prepared.noise, through)
-    return Devices(arm, seeing, mind, MachineClock(), arm, failing | {"camera": seeing.fail})
+    with contextlib.ExitStack() as giving_up:
+        arm = ProcessArm(scene)
+        giving_up.callback(arm.close)
+        mind = mind or ProcessMind(spec, arm.truth)
+        giving_up.callback(mind.close)
+        failing = {"arm": arm.fail, "policy": mind.fail}
+        seeing = played
+        if seeing is None:
+            through = config.source.kind == SOFTWARE
+            how = (scene.robot, prepared.cameras, arm.eyes, seed, config.rate, prepared.noise, through)
+            seeing = ProcessCameras(RenderedCameras, *how)
+            failing["camera"] = seeing.fail
+        giving_up.pop_all()
+    return Devices(arm, seeing, mind, MachineClock(), arm, failing)
 
 
-def _real(prepared: Prepared, spec: MindSpec, cameras: PolledCameras, mind: OpenMind | None) -> Devices:
-    from gensim2.deploy.processes import ProcessMind, preload
+def _real(prepared: Prepared, spec: MindSpec, cameras: ProcessCameras, mind: OpenMind | None) -> Devices:
+    from gensim2.deploy.processes import ProcessMind
 
-    preload()
     arm = open_arm(prepared.config.arm, prepared.profile)
     mind = mind or ProcessMind(spec, None)
     return Devices(arm, cameras, mind, MachineClock(), ByHand(), {"policy": mind.fail})

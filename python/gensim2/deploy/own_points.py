@@ -55,6 +55,9 @@ class OwnPoints:
             if (surface := surfaces[self._tree.names[number]]) is not None
         ]
         self._casters = {camera.name: Caster(solids, [camera]) for camera in self._cameras}
+        rest = self._tree.poses(np.eye(4)[None], np.array(profile.reset_qpos)[None])[0][self._shown]
+        for caster in self._casters.values():
+            caster.cast(rest)  # the first rays take long: a picture would wait for them
         hanging = {profile.hand_link}
         for name, parent in zip(self._tree.names, self._tree.parents, strict=True):
             if parent >= 0 and self._tree.names[parent] in hanging:

@@ -22,7 +22,7 @@ def pack(plain: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> by
     kept = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     told = {name: [array.dtype.name, list(array.shape)] for name, array in kept.items()}
     head = json.dumps({"plain": plain, "arrays": told}).encode()
-    return b"".join([struct.pack("<I", len(head)), head, *(array.tobytes() for array in kept.values())])
+    return b"".join([struct.pack("<I", len(head)), head, *(array.data for array in kept.values())])
 
 
 def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:

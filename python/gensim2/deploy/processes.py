@@ -1,4 +1,4 @@
-"""Simulated arm, cameras and controller in processes of their own, by the machine's clock; nothing here waits for them.
+"""Processes of devices; simulated arm and controller in theirs, by the machine's clock. Nothing here waits for them.
 
 A signal that is meant for the whole group ends only the one that watches: it lets the others go when the arm stands.
 """
@@ -6,36 +6,33 @@ A signal that is meant for the whole group ends only the one that watches: it le
 from __future__ import annotations
 
 import contextlib
+import gc
 import multiprocessing
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gensim2.deploy.arm_limits import CYCLE, Array
-from gensim2.deploy.devices import ArmState, Frame
+from gensim2.deploy.devices import ArmState
 from gensim2.deploy.line import DeviceGoneError
 from gensim2.deploy.mind import Answer, Begin, MindSpec, Question, think
-from gensim2.deploy.simulated_cameras import simulated_serials
+from gensim2.deploy.picture_slots import PictureSlots, Room, SharedPicture
 from gensim2.errors import GenSim2Error
-from gensim2.observations import Camera, DepthNoise
 from gensim2.planning.scene import Scene
 from gensim2.processes.fork_server import ignore_interrupts, start_fork_server
 from gensim2.robots import robot
 from gensim2.scenes.config import SceneConfig
 from gensim2.tasks.measurement import Measurement
 
-if TYPE_CHECKING:
-    from gensim2.deploy.drivers.software_realsense import SoftwareCameras
-
-PRELOAD = ("gensim2.deploy.processes", "gensim2.deploy.simulated_world", "gensim2.deploy.simulated_cameras")
+PRELOAD = ("gensim2.deploy.cameras", "gensim2.deploy.simulated_world", "gensim2.deploy.simulated_cameras")
 GOAL_EVERY = 10
 """Cycles from one look at the goal to the next."""
-PASSING = 0.02
-"""Seconds that pictures may take through the maker's library before the next ones are taken."""
 SLIP = 0.2
 """Seconds that the simulated time may be behind and still catch up."""
 
@@ -43,16 +40,18 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 _GONE = (EOFError, OSError)
 
 
-def preload() -> None:
-    """Import once what the processes need."""
-    _CONTEXT.set_forkserver_preload(list(PRELOAD))
+class DeviceProcess:
+    """A process and the pipe to it.
 
-
-class _Process:
-    """A process and the pipe to it."""
+    Args:
+        what: it is, for people.
+        target: runs there, with the other end of the pipe and the arguments; a GenSim2Error of it is told.
+        arguments: of it.
+    """
 
     def __init__(self, what: str, target: Callable[..., None], *arguments: Any) -> None:
         self._what = what
+        _CONTEXT.set_forkserver_preload(list(PRELOAD))  # imported once, as long as no process was begun
         self.pipe, theirs = Pipe()
         self._process: BaseProcess = _CONTEXT.Process(
             target=_child, args=(target, theirs, *arguments), daemon=True, name=what
@@ -61,16 +60,16 @@ class _Process:
         self._process.start()
         theirs.close()
 
-    def drain(self) -> list[Any]:
-        """Messages that came.
+    def drain(self, most: int = sys.maxsize) -> list[Any]:
+        """Messages that came, so many at most.
 
         Raises:
             DeviceGoneError: the process has ended.
             GenSim2Error: it says why it cannot go on.
         """
-        found = []
+        found: list[Any] = []
         try:
-            while self.pipe.poll():
+            while len(found) < most and self.pipe.poll():
                 message = self.pipe.recv()
                 if isinstance(message, GenSim2Error):
                     raise message
@@ -108,6 +107,7 @@ def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> No
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
         os.environ[name] = "1"
+    gc.freeze()  # the collector would look at all that was imported, and stop the process for 0.1 s
     try:
         target(pipe, *arguments)
     except GenSim2Error as error:
@@ -135,7 +135,7 @@ class ProcessArm:
         self.profile = robot(scene.robot)
         self.eyes, eyes = Pipe()
         self.truth, truth = Pipe()
-        self._process = _Process("arm", _serve_world, scene, eyes, truth)
+        self._process = DeviceProcess("arm", _serve_world, scene, eyes, truth)
         self.goal = False
         self._wanted, self._episode = 0, -1
 
@@ -249,91 +249,6 @@ class ProcessTruth:
             raise GenSim2Error("the simulated world is gone") from error
 
 
-# --------------------------------------------------------------------- cameras
-
-
-class ProcessCameras:
-    """Simulated cameras in a process of their own.
-
-    Args:
-        robot_name: of the robot.
-        cameras: that there are.
-        world: end of the pipe by which they ask for what is there.
-        seed: of their noise.
-        rate: pictures a second.
-        noise: on them.
-        through: pictures go through software devices of ``pyrealsense2``.
-
-    Raises:
-        MissingExtraError: they are to, and it is not installed.
-    """
-
-    def __init__(
-        self,
-        robot_name: str,
-        cameras: tuple[Camera, ...],
-        world: Connection,
-        seed: int,
-        rate: float,
-        noise: DepthNoise,
-        through: bool = False,
-    ) -> None:
-        if through:
-            from gensim2.deploy.drivers.realsense import library
-
-            library()  # what is missing is said before a process is begun
-        self.cameras = cameras
-        self.serials: Mapping[str, str] = simulated_serials(cameras)
-        self._process = _Process("cameras", _serve_cameras, robot_name, cameras, world, seed, rate, noise, through)
-
-    def poll(self) -> Sequence[Frame]:
-        """Pictures that came."""
-        return [frame for frames in self._process.drain() for frame in frames]
-
-    def fail(self, fault: str) -> None:
-        """Let them fail from now on."""
-        self._process.tell(fault)
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.close()
-
-
-def _serve_cameras(
-    pipe: Connection,
-    robot_name: str,
-    cameras: tuple[Camera, ...],
-    world: Connection,
-    seed: int,
-    rate: float,
-    noise: DepthNoise,
-    through: bool,
-) -> None:
-    from gensim2.deploy.simulated_cameras import SimulatedCameras
-
-    taker = SimulatedCameras(robot(robot_name), cameras, seed, noise)
-    devices: SoftwareCameras | None = None
-    if through:
-        from gensim2.deploy.drivers.software_realsense import SoftwareCameras
-
-        devices = SoftwareCameras(cameras, taker.serials, round(rate))
-    due = time.monotonic()
-    while True:
-        while pipe.poll():
-            message = pipe.recv()
-            if message is None:
-                return
-            taker.faults.add(message)
-        world.send("rows")
-        frames = taker.take(world.recv())
-        if devices is not None:
-            frames = devices.passed(frames, PASSING)
-        if frames:
-            pipe.send(frames)
-        due = max(due + 1.0 / rate, time.monotonic())
-        time.sleep(max(0.0, due - time.monotonic()))
-
-
 # ------------------------------------------------------------------ controller
 
 
@@ -346,13 +261,23 @@ class ProcessMind:
     """
 
     def __init__(self, spec: MindSpec, world: Connection | None) -> None:
-        self._process = _Process("controller", _serve_mind, spec, world)
+        self._process = DeviceProcess("controller", _serve_mind, spec, world)
+        self._slots: PictureSlots | None = None
         self.is_ready = False
         self._gone = False
 
     def send(self, message: Begin | Question) -> None:
-        """Say or ask something."""
-        self._process.tell(message)
+        """Say or ask something; what finds no room, as earlier questions were not looked at, has no answer."""
+        if isinstance(message, Begin):
+            self._process.tell(message)
+            return
+        assert self._slots is not None, "it is asked when it is ready"
+        pictures = [put for frame in message.sight.frames if (put := self._slots.put(frame)) is not None]
+        if len(pictures) == len(message.sight.frames):
+            self._process.tell((replace(message, sight=replace(message.sight, frames=())), pictures))
+        else:
+            for picture in pictures:
+                self._slots.free(picture)
 
     def poll(self) -> Sequence[Answer]:
         """Answers that came.
@@ -365,6 +290,11 @@ class ProcessMind:
             for message in self._process.drain():
                 if message == "ready":
                     self.is_ready = True
+                elif isinstance(message, Room):
+                    self._slots = PictureSlots.enter(message)
+                elif isinstance(message, SharedPicture):
+                    assert self._slots is not None, "it lies in them"
+                    self._slots.free(message)
                 else:
                     found.append(message)
         except DeviceGoneError:
@@ -386,8 +316,27 @@ class ProcessMind:
     def close(self) -> None:
         """End the process."""
         self._process.close()
+        if self._slots is not None:
+            self._slots.close()
 
 
 def _serve_mind(pipe: Connection, spec: MindSpec, world: Connection | None) -> None:
-    truth = None if world is None else ProcessTruth(world)
-    think(spec, pipe.recv, pipe.send, time.monotonic, truth)
+    slots, room = PictureSlots.make(spec.cameras)
+    pipe.send(room)
+
+    def receive() -> Any:
+        message = pipe.recv()
+        if not isinstance(message, tuple):
+            return message
+        question, pictures = message
+        frames = tuple(map(slots.take, pictures))
+        for picture in pictures:
+            pipe.send(picture)
+        return replace(question, sight=replace(question.sight, frames=frames))
+
+    def send(message: Any) -> None:
+        if message == "ready":
+            gc.freeze()  # the controller is made
+        pipe.send(message)
+
+    think(spec, receive, send, time.monotonic, None if world is None else ProcessTruth(world))

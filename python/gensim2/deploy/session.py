@@ -343,6 +343,7 @@ class Session:
             "halts": self._halts,
             "periods_ms": _spread(1e3 * np.array(figures.periods)),
             "overrun_ms": _spread(late),
+            "commands_late_ms": _spread(1e3 * np.array(figures.commands_late)),
             "overruns": int((late > 1e3 * line.watch.rules.overrun).sum()),
             "skipped_ms": 1e3 * figures.skipped,
             "cloud_ms": _spread(np.array(figures.encoding_ms))["p50"],

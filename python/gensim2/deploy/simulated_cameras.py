@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,10 +15,11 @@ from gensim2.observations import D435, Camera, CameraError, DepthNoise
 from gensim2.observations.camera import pinhole
 from gensim2.observations.cameras import FAR, observation_cameras
 from gensim2.raycast.scene import RaycastScene
-from gensim2.robots import RobotProfile
+from gensim2.robots import RobotProfile, robot
 from gensim2.seeding import rng
 
 if TYPE_CHECKING:
+    from gensim2.deploy.drivers.software_realsense import SoftwareCameras
     from gensim2.deploy.simulated_world import Rows
 
 RATE = 10.0
@@ -25,6 +28,8 @@ LATE = 0.3
 """Seconds by which the pictures of a camera come late that is told to."""
 JUMP = 5.0
 """Seconds by which a clock jumps."""
+PASSING = 0.02
+"""Seconds that pictures may take through the maker's library before the next ones are taken."""
 
 
 def simulated_serials(cameras: tuple[Camera, ...]) -> dict[str, str]:
@@ -153,3 +158,64 @@ class SimulatedCameras:
             return due
         self._last[frame.camera] = frame
         return [frame]
+
+
+class RenderedCameras:
+    """Simulated cameras that look at a world in another process, at their rate.
+
+    Args:
+        robot_name: of the robot.
+        cameras: that there are.
+        world: end of the pipe by which they ask for what is there.
+        seed: of their noise.
+        rate: pictures a second.
+        noise: on them.
+        through: pictures go through software devices of ``pyrealsense2``.
+
+    Attributes:
+        cameras: that there are.
+        serials: numbers of their devices, by name.
+
+    Raises:
+        MissingExtraError: they are to, and it is not installed.
+    """
+
+    def __init__(
+        self,
+        robot_name: str,
+        cameras: tuple[Camera, ...],
+        world: Connection,
+        seed: int,
+        rate: float,
+        noise: DepthNoise,
+        through: bool = False,
+    ) -> None:
+        self._taker = SimulatedCameras(robot(robot_name), cameras, seed, noise)
+        self.cameras, self.serials = cameras, self._taker.serials
+        self._world, self._period = world, 1.0 / rate
+        self._devices: SoftwareCameras | None = None
+        if through:
+            from gensim2.deploy.drivers.software_realsense import SoftwareCameras
+
+            self._devices = SoftwareCameras(cameras, self.serials, round(rate))
+        self._due = time.monotonic()
+
+    def poll(self) -> Sequence[Frame]:
+        """Pictures of the present instant, where it is time for them."""
+        if time.monotonic() < self._due:
+            return []
+        self._world.send("rows")
+        frames = self._taker.take(self._world.recv())
+        if self._devices is not None:
+            frames = self._devices.passed(frames, PASSING)
+        self._due = max(self._due + self._period, time.monotonic())
+        return frames
+
+    def fail(self, fault: str) -> None:
+        """Fail from now on."""
+        self._taker.faults.add(fault)
+
+    def close(self) -> None:
+        """Leave the software devices."""
+        if self._devices is not None:
+            self._devices.close()

@@ -184,12 +184,14 @@ class Watch:
         if before is not None:
             if frame.captured < before.captured or frame.captured > now + self.rules.apart:
                 self.hold(now, f"camera {frame.camera}: its clock jumped by {frame.captured - before.captured:.3f} s")
-            elif frame.depth.any() and np.array_equal(frame.depth, before.depth):
-                self.hold(now, f"camera {frame.camera}: the picture is frozen")
             elif frame.depth.shape != before.depth.shape:
                 self.hold(now, f"camera {frame.camera}: the picture has another size")
-            elif (rows := _repeated_rows(frame.depth, before.depth)) > 0:
-                self.hold(now, f"camera {frame.camera}: the picture is torn, {rows} rows are of the one before")
+            else:
+                same = np.flatnonzero((frame.depth == before.depth).all(axis=1))
+                if len(same) == len(frame.depth) and frame.depth.any():
+                    self.hold(now, f"camera {frame.camera}: the picture is frozen")
+                elif (rows := _told_apart(frame.depth[same])) > 0:
+                    self.hold(now, f"camera {frame.camera}: the picture is torn, {rows} rows are of the one before")
         self._frames[frame.camera] = frame
 
     def saw_arm(self, state: ArmState, now: float) -> None:
@@ -277,7 +279,6 @@ class Watch:
             self.hold(now, f"no action from the controller for {1e3 * waited:.0f} ms")
 
 
-def _repeated_rows(depth: npt.NDArray[np.uint16], before: npt.NDArray[np.uint16]) -> int:
-    """Rows that hold enough measurements to be told apart by their noise, and are those of the picture before."""
-    told = np.count_nonzero(depth, axis=1) >= TOLD_APART
-    return int((told & (depth == before).all(axis=1)).sum())
+def _told_apart(rows: npt.NDArray[np.uint16]) -> int:
+    """Rows that hold enough measurements to be told apart by their noise."""
+    return int((np.count_nonzero(rows, axis=1) >= TOLD_APART).sum())

@@ -199,7 +199,7 @@ class _Film:
     def _start(self) -> None:
         self._syncer = self._rs.syncer(QUEUE)
         # The library's clock is the system's, where its devices' global time is on; ours is the monotonic one. Of a
-        # recording the offset is known when its first picture comes.
+        # recording the offset is that of the picture that came soonest: a busy machine gives the first ones late.
         self._offset: float | None = None if self._playback else time.monotonic() - time.time()
         for sensor, profiles in self._sensors:
             sensor.open(profiles)
@@ -215,8 +215,10 @@ class _Film:
 
     def _frame(self, depth: Any, aligned: Any) -> Frame:
         taken = MILLIMETRE * float(depth.get_timestamp())
-        if self._offset is None:
-            self._offset = time.monotonic() - taken
+        if self._playback:
+            now = time.monotonic() - taken
+            self._offset = now if self._offset is None else min(self._offset, now)
+        assert self._offset is not None, "that of a device is known from the start"
         if not self._playback and depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
             said = "its times are its own clock's; switch its global time on"
             raise DriverError(f"camera {self.camera.name}, {self.serial}: {said}")

@@ -1,0 +1,78 @@
+"""Drivers of cameras for a process of their own: fakes, and software devices of the RealSense library that film."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from gensim2.deploy.devices import Frame
+from gensim2.deploy.simulated_cameras import simulated_cameras
+from gensim2.errors import InputError
+from gensim2.observations import Camera
+from gensim2.robots import robot
+
+SERIAL = "827112070000"
+LEFT = replace(simulated_cameras(robot("panda"), 32, 24)[0], name="left")
+
+
+def picture(number: int, camera: Camera = LEFT) -> tuple[np.ndarray, np.ndarray]:
+    """Depth and colours of a fake's picture; no two are alike."""
+    draw, shape = np.random.default_rng(number), (camera.height, camera.width)
+    return draw.integers(300, 900, shape).astype(np.uint16), draw.integers(0, 256, (*shape, 3)).astype(np.uint8)
+
+
+class Fake:
+    """Gives pictures that are known before, in threes; ``broken``: its library fails, ``large``: its pictures grow."""
+
+    def __init__(self, *cameras: Camera) -> None:
+        self.cameras, self.serials = cameras, {camera.name: SERIAL for camera in cameras}
+        self._number, self._fault = 0, ""
+
+    def poll(self) -> list[Frame]:
+        if self._fault == "broken":
+            raise RuntimeError("xioctl(VIDIOC_DQBUF) failed")
+        found = []
+        for _ in range(3):
+            for camera in self.cameras:
+                given = replace(camera, width=64) if self._fault == "large" else camera
+                found.append(
+                    Frame(camera.name, self._number, 10.0 + self._number, *picture(self._number, given), SERIAL)
+                )
+            self._number += 1
+        return found
+
+    def fail(self, fault: str) -> None:
+        self._fault = fault
+
+    def close(self) -> None: ...
+
+
+def refused(*_: Any) -> Any:
+    """Cameras that cannot be opened."""
+    raise InputError("is no recording of a RealSense", file="left.db3", field="cameras.left")
+
+
+class Filmed:
+    """A software device of the real library that films, one picture each 50 ms, no two alike."""
+
+    def __init__(self, *_: Any) -> None:
+        from gensim2.deploy.drivers.realsense import RealSenseCameras
+        from gensim2.deploy.drivers.software_realsense import SoftwareDevice
+
+        self._device = SoftwareDevice(LEFT, SERIAL, 20)
+        self._driver = RealSenseCameras([LEFT], {"left": self._device.device}, 20)
+        self.cameras, self.serials = self._driver.cameras, self._driver.serials
+        self._number, self._due = 0, time.monotonic()
+
+    def poll(self) -> Sequence[Frame]:
+        if (now := time.monotonic()) >= self._due:
+            self._device.give(Frame("left", self._number, now, *picture(self._number)))
+            self._number, self._due = self._number + 1, self._due + 0.05
+        return self._driver.poll()
+
+    def close(self) -> None:
+        self._driver.close()
