@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import gc
 import signal
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -242,9 +241,6 @@ def opened(
             pace=pace or prepared.profile.control_hz * config.speed,
         )
         line.commands = []
-        # The collector would stop the loop for 0.1 s to look at all that was ever imported: it leaves that alone here.
-        gc.freeze()
-        stack.callback(gc.unfreeze)
         yield Opened(line, devices, about, disk)
 
 

@@ -174,18 +174,22 @@ class Puppet:
     def _run(self, there: Opened) -> None:
         session = Session(there.line, there.devices, self._given, (), None, [], None, NULL_PROGRESS)
         try:
-            if not session.prepare(Layout(self._prepared.config.seed)):
-                raise HaltedError(there.line.watch.reason)
-            there.line.begin(self._prepared.config.seed)
-            self._begun.set()
-            while not self._over.is_set():
-                there.line.cycle()
-            there.line.watch.hold(there.devices.clock.now(), "left")
-            while there.line.stopped_ms is None and there.line.arm.sent is not None:
-                there.line.cycle()
-            there.line.arm.release()
+            with there.devices.clock.punctual():
+                self._follow(there, session)
         except (GenSim2Error, RefusedError) as error:
             self._error = error
             there.line.arm.release()
         finally:
             self._begun.set()
+
+    def _follow(self, there: Opened, session: Session) -> None:
+        if not session.prepare(Layout(self._prepared.config.seed)):
+            raise HaltedError(there.line.watch.reason)
+        there.line.begin(self._prepared.config.seed)
+        self._begun.set()
+        while not self._over.is_set():
+            there.line.cycle()
+        there.line.watch.hold(there.devices.clock.now(), "left")
+        while there.line.stopped_ms is None and there.line.arm.sent is not None:
+            there.line.cycle()
+        there.line.arm.release()

@@ -161,6 +161,7 @@ class Session:
         self._outcomes: list[bool | None] = []
         self._halts: list[dict[str, Any]] = []
         self._clips_passed = 0
+        self._scheduling: str | None = None
         self.in_episode = False
 
     # ------------------------------------------------------------------ course
@@ -181,25 +182,31 @@ class Session:
             goal_ends: an episode is over when its goal has held for a while.
             ended: is told of each that came to its end.
         """
-        watch = self._line.watch
         try:
-            for each in layouts:
-                if not self.prepare(each):
-                    return
-                if self._begun is None:
-                    self._begun = self._devices.clock.now()
-                try:
-                    self._line.begin(controller_seed(each.seed))
-                except RefusedError as error:
-                    watch.stop(self._devices.clock.now(), f"not begun: {error}")
-                    return
-                self.in_episode = True
-                over = self._episode(self._begun + seconds, goal_ends, ended)
-                self._count_passed()
-                if watch.state in (State.HOLDING, State.STOPPED) or over:
-                    return
+            with self._devices.clock.punctual() as self._scheduling:
+                self._go_through(seconds, layouts, goal_ends, ended)
         except GenSim2Error as error:
-            watch.stop(self._devices.clock.now(), str(error))
+            self._line.watch.stop(self._devices.clock.now(), str(error))
+
+    def _go_through(
+        self, seconds: float, layouts: Iterable[Layout], goal_ends: bool, ended: Callable[[Ended], None]
+    ) -> None:
+        watch = self._line.watch
+        for each in layouts:
+            if not self.prepare(each):
+                return
+            if self._begun is None:
+                self._begun = self._devices.clock.now()
+            try:
+                self._line.begin(controller_seed(each.seed))
+            except RefusedError as error:
+                watch.stop(self._devices.clock.now(), f"not begun: {error}")
+                return
+            self.in_episode = True
+            over = self._episode(self._begun + seconds, goal_ends, ended)
+            self._count_passed()
+            if watch.state in (State.HOLDING, State.STOPPED) or over:
+                return
 
     def prepare(self, layout: Layout) -> bool:
         """A fresh scene, and pictures of it; whether the episode can begin."""
@@ -341,6 +348,7 @@ class Session:
             "detected_to_stopped_ms": halt.get("detected_to_stopped_ms"),
             "detected_to_standing_ms": halt.get("detected_to_standing_ms"),
             "halts": self._halts,
+            "scheduling": self._scheduling,
             "periods_ms": _spread(1e3 * np.array(figures.periods)),
             "overrun_ms": _spread(late),
             "commands_late_ms": _spread(1e3 * np.array(figures.commands_late)),
