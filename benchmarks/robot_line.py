@@ -233,7 +233,7 @@ def main() -> int:
         for name in ("periods_ms", "overrun_ms", "commands_late_ms", "clouds_ms", "picture_age_ms", "acting_ms"):
             each = {key: None if value is None else round(value, 2) for key, value in quiet[name].items()}
             print(f"{name:16} {each}")
-        counted = ("overruns", "skipped_ms", "late_actions", "limits_passed", "replayed", "differs")
+        counted = ("scheduling", "overruns", "skipped_ms", "late_actions", "limits_passed", "replayed", "differs")
         print(", ".join(f"{name} {quiet[name]}" for name in counted))
         print(f"{quiet['state']}: {quiet['reason']}; {quiet['episodes']} episodes, success {quiet['success']}")
         for reason, times in Counter(re.sub(r"[0-9.]+", "#", each["reason"]) for each in quiet["halts"]).items():

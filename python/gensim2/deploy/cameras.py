@@ -6,6 +6,7 @@ cycle waiting. A process that ends, or is ended, is a device that is gone.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection
@@ -22,6 +23,8 @@ OPENING = 60.0
 """Seconds within which cameras must be open."""
 POLL = 0.002
 """Seconds between two looks for pictures."""
+NICE = 4
+"""By which their process gives way: of pictures there is another soon, and for a cloud the arm waits."""
 
 
 class ProcessCameras:
@@ -78,6 +81,7 @@ class ProcessCameras:
 
 
 def _serve(pipe: Connection, make: Callable[..., Any], *arguments: Any) -> None:
+    os.nice(NICE)
     driver = make(*arguments)
     try:
         slots, room = PictureSlots.make(driver.cameras)
