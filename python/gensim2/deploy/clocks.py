@@ -11,8 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from typing import Protocol
 
-FIFO_PRIORITY = 50
-"""Of a loop that the kernel lets go before all others: that of ros2_control, below an arm's own thread at 1 kHz."""
+LOOP_PRIORITY = 50
+"""Of a loop, and of an arm's driver, that the kernel lets go before all others: that of ros2_control."""
+CONTROLLER_PRIORITY = 40
+"""Of a controller, for which the arm waits, in a process of its own."""
 SWITCH_INTERVAL = 0.0005
 """Seconds after which another thread of the loop's process gives up the interpreter (5 ms by default)."""
 
@@ -58,22 +60,30 @@ class MachineClock:
         before = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_INTERVAL)
         gc.freeze()
-        scheduling = _schedule_first()
+        scheduling = schedule_first(LOOP_PRIORITY)
         try:
             yield scheduling
         finally:
             if scheduling == "fifo":
-                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+                # The flag stays: only the privileged may take it back.
+                os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
             gc.unfreeze()
             sys.setswitchinterval(before)
 
 
-def _schedule_first() -> str:
-    """Schedule this thread, and none that it begins, before those that are not real-time."""
+def schedule_first(priority: int) -> str:
+    """Schedule this thread, and none that it begins, before all that are not real-time, where the user may ask for it.
+
+    Args:
+        priority: among those that are, 1 to 99.
+
+    Returns:
+        The policy by which the kernel schedules it: ``fifo``, or ``other``.
+    """
     if not hasattr(os, "sched_setscheduler"):
         return "other"
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(FIFO_PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except PermissionError:
         return "other"
     return "fifo"

@@ -19,6 +19,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from gensim2.deploy.arm_limits import CYCLE, Array
+from gensim2.deploy.clocks import CONTROLLER_PRIORITY, schedule_first
 from gensim2.deploy.devices import ArmState
 from gensim2.deploy.line import DeviceGoneError
 from gensim2.deploy.mind import Answer, Begin, MindSpec, Question, think
@@ -337,6 +338,8 @@ def _serve_mind(pipe: Connection, spec: MindSpec, world: Connection | None) -> N
     def send(message: Any) -> None:
         if message == "ready":
             gc.freeze()  # the controller is made
+            if (os.cpu_count() or 1) > 1:  # on one core what it waits for would wait for it
+                schedule_first(CONTROLLER_PRIORITY)
         pipe.send(message)
 
     think(spec, receive, send, time.monotonic, None if world is None else ProcessTruth(world))

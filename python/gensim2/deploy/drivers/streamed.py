@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.deploy.arm_limits import CYCLE, Array
+from gensim2.deploy.clocks import LOOP_PRIORITY, schedule_first
 from gensim2.deploy.devices import ArmMode, ArmState
 from gensim2.errors import GenSim2Error
 from gensim2.robots import OPEN, RobotProfile
@@ -137,6 +138,7 @@ class StreamedArm(ABC):
     # ------------------------------------------------------------------- threads
 
     def _run(self) -> None:
+        schedule_first(LOOP_PRIORITY)
         due = time.monotonic()
         while not self._over:
             self._cycle()
