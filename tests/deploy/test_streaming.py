@@ -58,7 +58,7 @@ def test_braking_keeps_to_the_path(limits: ArmLimits) -> None:
     streamer, sent, _, _ = stream(limits, 0.75, 9.0)
     now = 0.75
     path = np.array([streamer.at(time, sent) for time in np.arange(now, now + 0.3, 1e-4)])
-    streamer.brake(now)
+    seconds = streamer.brake(now)
     cycles = 0
     while not sent.is_at_rest:
         now, cycles = now + CYCLE, cycles + 1
@@ -66,6 +66,7 @@ def test_braking_keeps_to_the_path(limits: ArmLimits) -> None:
         assert sent.clips == ()
         assert np.linalg.norm(path - sent.q, axis=1).min() < 1e-3
     assert cycles * CYCLE <= 0.3
+    assert seconds <= cycles * CYCLE <= seconds + 3.0 * CYCLE
 
 
 def test_late_targets_are_dropped_and_counted(limits: ArmLimits) -> None:

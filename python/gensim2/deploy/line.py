@@ -31,6 +31,9 @@ PERIOD = PERIOD_CYCLES * CYCLE
 """Seconds from one question to the next."""
 LEAD = PERIOD
 """Seconds from a question to the first of its actions at the earliest: the time to think."""
+BRAKING = PERIOD - 3.0 * CYCLE
+"""Seconds that braking along the path may take, so that the arm rests within a period: around a bend it is slower than
+a stop that leaves the path."""
 CATCH_UP = 0.1
 """Seconds that the loop may be behind and still make up for, cycle by cycle; what is more is left out."""
 FRESH_CYCLES = 3
@@ -378,12 +381,12 @@ class Line:
         self._note_standing(now)
 
     def _held(self, sent: Sent, due: float) -> Sent:
-        """Brake along the path; where the arm is not on it, by the stop that was checked."""
+        """Brake along the path; where the arm is not on it, or that takes too long, by the stop that was checked."""
         if not self._braking:
             self._braking = True
-            self._on_path = self._streamer.follows(sent, self._sent_at)
-            if self._on_path:
-                self._streamer.brake(self._sent_at)
+            self._on_path = (
+                self._streamer.follows(sent, self._sent_at) and self._streamer.brake(self._sent_at) <= BRAKING
+            )
         if self._on_path and not sent.is_at_rest:
             return self.arm.command(self._streamer.at(due, sent), self._grip, due)
         return self.arm.hold(due)

@@ -101,11 +101,13 @@ class Streamer:
         """Whether the last command is what the motion says of its time."""
         return self._motion is not None and bool(np.abs(self._motion.sample(now)[0] - sent.q).max() <= _SAME)
 
-    def brake(self, now: float) -> None:
-        """Come to rest along the path as soon as the limits allow, and drop the targets."""
+    def brake(self, now: float) -> float:
+        """Come to rest along the path as soon as the limits allow, in the seconds returned; the targets are dropped."""
         self._ahead = []
-        if self._motion is not None:
-            self._motion = self._motion.brake(now)
+        if self._motion is None:
+            return 0.0
+        self._motion = self._motion.brake(now)
+        return self._motion.duration
 
     def at(self, now: float, sent: Sent) -> Array:
         """(m,) to be sent for a time; where the arm is, if there is no motion."""
