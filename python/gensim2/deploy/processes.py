@@ -61,7 +61,7 @@ class DeviceProcess:
         self._process.start()
         theirs.close()
 
-    def drain(self, most: int = sys.maxsize) -> list[Any]:
+    def drain(self, max_count: int = sys.maxsize) -> list[Any]:
         """Messages that came, so many at most.
 
         Raises:
@@ -70,7 +70,7 @@ class DeviceProcess:
         """
         found: list[Any] = []
         try:
-            while len(found) < most and self.pipe.poll():
+            while len(found) < max_count and self.pipe.poll():
                 message = self.pipe.recv()
                 if isinstance(message, GenSim2Error):
                     raise message
