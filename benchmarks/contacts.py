@@ -66,6 +66,18 @@ class Clock:
     travel: Array | None = None
     letting_go: float = np.inf
 
+    def let_go(self, times: Array) -> Array:
+        """Return at which of the (M,) times the hand has let go, (M,) bool."""
+        return times > self.letting_go + INSTANT
+
+
+def held_bodies(obstacles: Sequence[Obstacle], clock: Clock, times: Array, hands: Array) -> list[Moved]:
+    """Return bodies in the hand, whose poses are (M, 4, 4); from when it lets go they stay where they are."""
+    holding = hands.copy()
+    left = clock.let_go(times)
+    holding[left] = holding[np.flatnonzero(~left)[-1]]
+    return [Moved(each.name, each.parts, holding @ each.pose) for each in obstacles if each.role == "attached"]
+
 
 def touching_pairs(arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, times: Array, q: Array) -> list[Pair]:
     """Every pair that may touch somewhere along a motion, judged where it may; arguments as :func:`checked_pairs`.
@@ -74,17 +86,14 @@ def touching_pairs(arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, 
     """
     placed = arm.place(q)
     hands = [Moved(name, arm.parts[name], placed[name]) for name in arm.parts if name in arm.touching_links]
-    left = times > clock.letting_go + INSTANT
-    holding = placed[arm.hand_link].copy()
-    holding[left] = holding[np.flatnonzero(~left)[-1]]
-    held = [Moved(each.name, each.parts, holding @ each.pose) for each in obstacles if each.role == "attached"]
+    held = held_bodies(obstacles, clock, times, placed[arm.hand_link])
     pairs = []
     for obstacle in obstacles:
         still = Moved(obstacle.name, obstacle.parts, obstacle.pose[None])
         if obstacle.role == "target":
             always = np.ones(len(times), dtype=bool)
             pairs += [Pair(hand, still, always) for hand in hands]
-            pairs += [Pair(body, still, ~left) for body in held]
+            pairs += [Pair(body, still, ~clock.let_go(times)) for body in held]
         elif obstacle.role == "moving_link":
             standing = (times >= clock.touching_from) & (times < clock.moving_from)
             pairs += [Pair(hand, still, standing) for hand in hands]
@@ -111,10 +120,7 @@ def checked_pairs(
     """
     placed = arm.place(q)
     links = {name: Moved(name, arm.parts[name], placed[name]) for name in arm.parts}
-    left = times > clock.letting_go + INSTANT
-    holding = placed[arm.hand_link].copy()
-    holding[left] = holding[np.flatnonzero(~left)[-1]]
-    held = [Moved(each.name, each.parts, holding @ each.pose) for each in obstacles if each.role == "attached"]
+    held = held_bodies(obstacles, clock, times, placed[arm.hand_link])
     always = np.ones(len(times), dtype=bool)
     leaving = times >= clock.letting_go - INSTANT
     pairs = [("self", Pair(links[one], links[two], always)) for one, two in arm.self_pairs]

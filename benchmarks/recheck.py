@@ -307,14 +307,14 @@ def joint_travel(question: Question, hinge: Hinge, at: dict[str, float], times: 
     travel = np.zeros(len(times))
     begin = at["actuation"]
     for index, motion in enumerate(question.after):
-        end = min(at.get(f"post_{index}", np.inf), np.inf)
+        end = at.get(f"post_{index}", np.inf)
         now = np.flatnonzero((times >= begin - INSTANT) & (times <= end + INSTANT))
         later = times > end + INSTANT
         if len(now) == 0:
             break
         kind = motion if isinstance(motion, str) else motion[0]
         if not kind.startswith(("follow_joint", "trace_joint")):
-            # Where it begins it is where the motions before have taken it.
+            # The travel at its first sample is known from the motions before it.
             travel[now[1:]] = np.nan
             travel[later] = np.nan
             break
