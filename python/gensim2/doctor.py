@@ -277,8 +277,9 @@ def _cache() -> Check:
 
 
 def _cores() -> Check:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return Check("Cores", "ok", str(cores))
+    from gensim2.cores import usable_cores
+
+    return Check("Cores", "ok", str(usable_cores()))
 
 
 def _memory() -> Check:

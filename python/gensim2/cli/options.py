@@ -10,13 +10,10 @@ from typing import Any, TypeVar
 import click
 from click.core import ParameterSource
 
+from gensim2.cores import usable_cores
 from gensim2.seeding import LARGEST_SEED
 
 _F = TypeVar("_F", bound=Callable[..., object])
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Command(click.Command):
@@ -108,7 +105,7 @@ def _workers(ctx: click.Context, _: click.Parameter, count: int) -> int | None:
 workers = click.option(
     "--workers",
     type=count(1024),
-    default=_cores,
+    default=usable_cores,
     show_default="number of cores",
     callback=_workers,
     help="Simulator processes; the result does not depend on their number.",

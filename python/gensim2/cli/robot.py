@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 import time
 from pathlib import Path
@@ -18,6 +17,7 @@ from gensim2.cli.robot_calibrate import calibrate, fit_noise
 from gensim2.cli.robot_options import LINE, MOVE, PAGE, RUN, all_of, line_of, moves
 from gensim2.cli.robot_trial import trial
 from gensim2.cli.signals import Stopped
+from gensim2.cores import usable_cores
 from gensim2.deploy.faults import FAULTS
 
 ENDLESS = 100_000
@@ -181,7 +181,7 @@ def check(ctx: click.Context, /, json_file: str | None, **given: Any) -> None:
         from gensim2.deploy.check import check as function
 
         found = function(given["robot"], Path.cwd())
-        give({"schema_version": 1, "checks": found, "cores": os.cpu_count()})
+        give({"schema_version": 1, "checks": found, "cores": usable_cores()})
     if not all(each["fine"] for each in found):
         ctx.exit(FOUND_WRONG)
 

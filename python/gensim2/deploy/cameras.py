@@ -6,7 +6,6 @@ cycle waiting. A process that ends, or is ended, is a device that is gone.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection
@@ -23,8 +22,6 @@ OPENING = 60.0
 """Seconds within which cameras must be open."""
 POLL = 0.002
 """Seconds between two looks for pictures."""
-NICE = 4
-"""By which their process gives way: of pictures there is another soon, and for a cloud the arm waits."""
 
 
 class ProcessCameras:
@@ -81,7 +78,6 @@ class ProcessCameras:
 
 
 def _serve(pipe: Connection, make: Callable[..., Any], *arguments: Any) -> None:
-    os.nice(NICE)
     driver = make(*arguments)
     try:
         slots, room = PictureSlots.make(driver.cameras)

@@ -18,6 +18,7 @@ from multiprocessing.connection import Connection, Pipe
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from gensim2.cores import usable_cores
 from gensim2.deploy.arm_limits import CYCLE, Array
 from gensim2.deploy.clocks import CONTROLLER_PRIORITY, schedule_first
 from gensim2.deploy.devices import ArmState
@@ -338,7 +339,7 @@ def _serve_mind(pipe: Connection, spec: MindSpec, world: Connection | None) -> N
     def send(message: Any) -> None:
         if message == "ready":
             gc.freeze()  # the controller is made
-            if (os.cpu_count() or 1) > 1:  # on one core what it waits for would wait for it
+            if usable_cores() > 1:  # on one core what it waits for would wait for it
                 schedule_first(CONTROLLER_PRIORITY)
         pipe.send(message)
 

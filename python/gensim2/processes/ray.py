@@ -21,6 +21,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
+from gensim2.cores import usable_cores
 from gensim2.errors import InputError, MissingExtraError, NotRunError
 from gensim2.processes import ray_head
 from gensim2.processes.executor import TRIES, Failure, Job, Outcome, WorkerStartError
@@ -271,7 +272,7 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
     """
     where: dict[str, Any] = {"address": address}
     if address == "local":  # said so, for without an address Ray looks for a cluster that another user has begun
-        where |= {"num_cpus": workers or len(os.sched_getaffinity(0)), "include_dashboard": False}
+        where |= {"num_cpus": workers or usable_cores(), "include_dashboard": False}
         where["_system_config"] = {"worker_niceness": 0}  # Ray's 15 leaves them nothing of a busy machine
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
