@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gensim2.deploy.faults import Fault
 from gensim2.deploy.replay import messages, replay
 from gensim2.deploy.run import run
 from gensim2.observations import CloudSettings, Observation, ObservationSpec
@@ -86,3 +87,22 @@ def test_a_cloud_that_was_seen_once_is_logged_and_replayed(tmp_path: Path) -> No
     assert again.different == ()
     assert again.clouds == 1
     assert again.questions > again.clouds, "afterwards the arm alone was looked at"
+
+
+def test_pictures_that_nobody_looked_at_are_not_looked_at_in_a_replay(tmp_path: Path) -> None:
+    """A camera moves after the only glance: no cloud could be made of what it gives from then on."""
+    found = run(
+        "CloseBox",
+        policy=ControllerSpec(f"{__file__}:Glances"),
+        faults=(Fault("camera-mislabelled", 0.3),),
+        speed=0.5,
+        minutes=0.1,
+        episodes=1,
+        assets="builtin",
+        pixels=(96, 72),
+        simulated_clock=True,
+        log=tmp_path,
+    )
+    assert found["episodes"] == 1, found["reason"]
+    again = replay(tmp_path)
+    assert (again.different, again.clouds) == ((), 1)

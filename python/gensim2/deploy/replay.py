@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -121,19 +121,21 @@ def replay(folder: Path) -> Replay:
     Raises:
         InputError: there is no log, or it is damaged.
     """
-    eyes: Eyes | None = None
+    looking: list[Eyes] = []  # at nothing but the robot's own state, then through the cameras
     frames: dict[tuple[str, int], Frame] = {}
     asked: dict[int, tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]] = {}
     questions = compared = clouds = missing = 0
     different: list[str] = []
     for topic, plain, arrays in messages(folder):
         if topic == "/about":
-            if eyes is None:
+            if not looking:
                 cameras = tuple(camera_of(each) for each in plain["cameras"])
                 spec = ObservationSpec.of(plain["observation"])
                 # Logs of version 0.1 looked at all pixels, and do not say so.
                 pixels = plain.get("pixels", np.inf)
-                eyes = Eyes(spec, robot(plain["robot"]), cameras, plain["language"], pixels)
+                profile = robot(plain["robot"])
+                for each in (replace(spec, modalities=()), spec):
+                    looking.append(Eyes(each, profile, cameras, plain["language"], pixels))
         elif topic.startswith("/camera/"):
             frame = frame_of(plain, arrays)
             frames[frame.camera, frame.number] = frame
@@ -146,13 +148,17 @@ def replay(folder: Path) -> Replay:
             if any(name not in frames for name in names):
                 missing += 1
                 continue
-            assert eyes is not None, "a log begins with what it is about"
+            assert looking, "a log begins with what it is about"
             posed = {name: joints[f"posed/{name}"] for name, _ in names}
             shown = tuple(frames[name] for name in names)
             sight = Sight(question["step"], joints["q"], joints["v"], question["gripper"], shown, posed)
-            found = inputs(eyes.observe(sight))
+            seen = [name.removeprefix("seen/") for name in arrays if name.startswith("seen/")]
+            found: dict[str, npt.NDArray[Any]] = {}
+            for eyes in looking:  # pictures that nobody looked at then may show what no cloud is made of
+                if not found.keys() >= set(seen):
+                    found = inputs(eyes.observe(sight))
             questions += 1
-            for name in (each.removeprefix("seen/") for each in arrays if each.startswith("seen/")):
+            for name in seen:
                 then, now = arrays[f"seen/{name}"], found.get(name)
                 compared += 1
                 clouds += name == "point_cloud"
