@@ -17,7 +17,7 @@ from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import RobotProfile
 from gensim2.scenes.arguments import ObjectSource
 from gensim2.scenes.default_pose import default_pose
-from gensim2.scenes.footprint import keep_apart, keypoint_in_root, outline, square, swept_points
+from gensim2.scenes.footprint import hulls_in_root, keep_apart, keypoint_in_root, outline, square, swept_points
 from gensim2.scenes.physics import DEFAULT_PHYSICS, PRESETS, PhysicsSource, PhysicsSwitches
 from gensim2.scenes.randomize import (
     AS_IT_IS,
@@ -31,6 +31,7 @@ from gensim2.scenes.randomize import (
     redraw_placement,
 )
 from gensim2.scenes.reset_options import ObjectOptions
+from gensim2.scenes.robot_start import clear_start
 from gensim2.scenes.support import set_down
 from gensim2.seeding import rng
 from gensim2.tasks.presets import DEFAULT_PRESET, Preset, PresetName, preset
@@ -88,6 +89,10 @@ class PlacedObject:
             local = list(self.model.keypoints.values())[-1].position
         return self.in_world(local)
 
+    def hulls_in_world(self) -> list[Array]:
+        """Vertices (N, 3) of each convex collision part in the world, m."""
+        return [self.in_world(hull) for hull in hulls_in_root(self.model, self.joint_value)]
+
     def in_world(self, point: Array) -> Array:
         """(3,) or (N, 3) points of the root frame in the world."""
         return np.asarray(Rotation.from_quat(self.quaternion, scalar_first=True).apply(point) + self.position)
@@ -99,7 +104,7 @@ class InitialState:
 
     Attributes:
         objects: by name, in the task's order.
-        draws: of the placements, until all kept apart and within reach.
+        draws: of the placements, until all kept apart, within reach and clear of the robot.
         start: (n,) all active joints of the robot.
         randomization: name of the preset that all of it was drawn with.
     """
@@ -135,7 +140,9 @@ def sample_initial_state(
 
     A single object on the table stands where it was drawn. Several are drawn again, at most ``MAX_DRAWS`` times and
     only where ``physics`` has it so, until they keep ``GAP`` apart (an articulated one with all that its joint sweeps),
-    within the robot's reach, and rigid ones clear of the robot at its start. What options place is taken as it is.
+    within the robot's reach, and rigid ones clear of the robot at its start. Where the preset draws that start, too, it
+    is drawn again as well until the robot overlaps none of the objects (:mod:`gensim2.scenes.robot_start`). What
+    options place is taken as it is.
 
     The task's ranges are drawn from one generator; what a preset draws besides comes from one of its own, so that no
     preset shifts what another draws.
@@ -166,11 +173,15 @@ def sample_initial_state(
     factors, start = _vary(task, models, seed, robot, randomization)
     again = physics.redraw == "placement"
     room = _Room(task, models, options, robot, start) if again and len(models) > 1 else None
+    starts = rng(seed, f"{task.name}/{randomization.name}/start") if again and randomization.varies else None
     most = MAX_DRAWS if again else 1
     for count in range(1, most + 1):
         objects = _stand_all(task, models, draws, options, physics.poses, factors)
         if objects is not None and (room is None or room.holds(objects)):
-            return InitialState(objects, count, start, randomization.name)
+            hulls = [thing.hulls_in_world() for thing in objects.values()]
+            clear = start if starts is None else clear_start(starts, start, robot, hulls)
+            if clear is not None:
+                return InitialState(objects, count, clear, randomization.name)
         for name, spec in task.objects.items():
             draws[name] = redraw_placement(generator, spec.randomization, randomization, draws[name])
     names = ", ".join(f"{name} ({model_id(model)})" for name, model in models.items())

@@ -1,0 +1,54 @@
+"""Starts of the robot that overlap no object."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gensim2.robots import robot
+from gensim2.scenes.randomize import draw_start
+from gensim2.scenes.robot_start import MAX_STARTS, clear_start
+from gensim2.seeding import rng
+
+PANDA = robot("panda")
+CUBE = 0.03 * (2.0 * np.stack(np.meshgrid([0, 1], [0, 1], [0, 1]), axis=-1).reshape(-1, 3) - 1.0)
+
+
+def _at_hand(start: tuple[float, ...], forward: float) -> np.ndarray:
+    """A cube of 6 cm about a point before or behind the tool head, in the world."""
+    return CUBE + PANDA.gripper_with(start)["tool_head"] + np.array([forward, 0.0, 0.0])
+
+
+def _vertices_inside(q: tuple[float, ...], cube: np.ndarray) -> bool:
+    """Whether a vertex of the hand or of a finger lies within the cube."""
+    for link in ("panda_hand", "panda_leftfinger", "panda_rightfinger"):
+        T_world_link = PANDA.T_world_base @ PANDA.model.forward_kinematics(np.array(q), link)
+        points = PANDA.model.surface(link)[0].reshape(-1, 3) @ T_world_link[:3, :3].T + T_world_link[:3, 3]
+        if ((points > cube.min(axis=0)) & (points < cube.max(axis=0))).all(axis=1).any():
+            return True
+    return False
+
+
+def test_a_start_that_is_clear_stays_and_nothing_is_drawn() -> None:
+    generator = rng(0, "start")
+    before = generator.bit_generator.state
+    assert clear_start(generator, PANDA.reset_qpos, PANDA, [[_at_hand(PANDA.reset_qpos, 0.3)]]) == PANDA.reset_qpos
+    assert generator.bit_generator.state == before
+
+
+def test_a_start_in_an_object_is_drawn_again() -> None:
+    found = set()
+    assert _vertices_inside(PANDA.reset_qpos, _at_hand(PANDA.reset_qpos, 0.0) + np.array([0.02, 0.02, 0.02]))
+    for seed in range(5):
+        cube = _at_hand(PANDA.reset_qpos, 0.0) + np.array([0.02, 0.02, 0.02])
+        start = clear_start(rng(seed, "start"), PANDA.reset_qpos, PANDA, [[cube]])
+        again = rng(seed, "start")
+        drawn = [draw_start(again, PANDA) for _ in range(MAX_STARTS - 1)]
+        assert start is None or start in drawn
+        if start is not None:
+            assert not _vertices_inside(start, cube)
+            found.add(drawn.index(start))
+    assert found
+
+
+def test_there_is_no_start_where_the_object_is_everywhere() -> None:
+    assert clear_start(rng(0, "start"), PANDA.reset_qpos, PANDA, [[10.0 * CUBE]]) is None
