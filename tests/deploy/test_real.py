@@ -17,9 +17,11 @@ from fake_makers import FakeBody
 from gensim2.deploy import real
 from gensim2.deploy.config import CameraSource, LineConfig
 from gensim2.deploy.devices import ArmState
+from gensim2.deploy.drivers.logged import LoggedCameras
 from gensim2.deploy.mind import Answer
 from gensim2.deploy.opening import prepare
 from gensim2.deploy.real import open_cameras
+from gensim2.deploy.replay import about_of, messages, replay
 from gensim2.deploy.run import run
 from gensim2.deploy.simulated_cameras import simulated_cameras
 from gensim2.deploy.watch import WatchRules
@@ -65,7 +67,6 @@ def body(monkeypatch: pytest.MonkeyPatch) -> FakeBody:
 
 def test_a_dry_run_reaches_the_drivers_and_moves_nothing_and_a_run_does(body: FakeBody, tmp_path: Path) -> None:
     from gensim2.deploy.calibration.file import Calibration
-    from gensim2.deploy.replay import messages
 
     given: dict[str, Any] = {"policy": STILL, "assets": "builtin", "speed": 1.0, "minutes": 1.0, **REAL}
     found = run("CloseBox", dry=True, log=tmp_path / "log", **given)
@@ -96,7 +97,6 @@ def test_a_dry_run_reaches_the_drivers_and_moves_nothing_and_a_run_does(body: Fa
 
 def test_cameras_that_are_to_be_calibrated_are_logged_without_clouds(body: FakeBody, tmp_path: Path) -> None:
     from gensim2.deploy.live import looking
-    from gensim2.deploy.replay import about_of
 
     decides = looking("panda", ["left"], clouds=False)
     given: dict[str, Any] = {**REAL, "policy": decides, "assets": "builtin", "dry": True}
@@ -204,3 +204,81 @@ def test_a_loop_elsewhere_moves_the_arm_behind_limits_and_watch(body: FakeBody, 
     finally:
         puppet.close()
     assert not puppet.is_connected
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of two simulated cameras."""
+    folder = tmp_path_factory.mktemp("run") / "log"
+    found = run(
+        "CloseBox",
+        policy=STILL,
+        assets="builtin",
+        pixels=(48, 36),
+        speed=1.0,
+        minutes=0.01,
+        simulated_clock=True,
+        log=folder,
+    )
+    assert found["state"] == "idle", found["reason"]
+    return folder
+
+
+def pictures(folder: Path, name: str) -> list[tuple[float, bytes]]:
+    return [
+        (plain["captured"], arrays["depth"].tobytes() + arrays["colors"].tobytes())
+        for topic, plain, arrays in messages(folder)
+        if topic == f"/camera/{name}"
+    ]
+
+
+def test_a_log_is_played_as_cameras_again_and_again(log: Path, tmp_path: Path) -> None:
+    file = log / "log_000000.mcap"
+    given: dict[str, Any] = {"policy": STILL, "assets": "builtin", "speed": 1.0, "dry": True, "rules": PATIENT}
+    found = run("CloseBox", cameras=f"recording:left={log},front={file}", minutes=0.05, log=tmp_path / "again", **given)
+    assert found["state"] == "idle", found["reason"]
+    about = {name: about_of(folder)["cameras"] for name, folder in (("then", log), ("now", tmp_path / "again"))}
+    assert about["now"] == [each for name in ("left", "front") for each in about["then"] if each["name"] == name]
+    for name in ("left", "front"):
+        then, now = pictures(log, name), pictures(tmp_path / "again", name)
+        assert len(now) > len(then) > 3, "it has begun again"
+        assert {shown for _, shown in now} <= {shown for _, shown in then}
+    assert replay(tmp_path / "again").different == ()
+
+
+def test_pictures_of_a_log_keep_their_times_and_those_of_other_cameras(log: Path) -> None:
+    there = simulated_cameras(PROFILE, 48, 36)
+    played = LoggedCameras([camera for camera in there if camera.name != "right"], {"left": log, "front": log})
+    then = {name: pictures(log, name) for name in ("left", "front")}
+    now: dict[str, list[Any]] = {"left": [], "front": []}
+    while len(now["left"]) < len(then["left"]) + 2:
+        for frame in played.poll():
+            assert frame.captured <= time.monotonic()
+            now[frame.camera].append(frame)
+    begun = now["left"][0].captured - then["left"][0][0]
+    over = begun + min(film[-1][0] for film in then.values()) + 1e-6
+    for name, frames in now.items():
+        assert [frame.number for frame in frames] == list(range(len(frames)))
+        first = [frame for frame in frames if frame.captured <= over]
+        assert len(first) >= len(then[name]) - 1, "pictures behind the end of the other camera may be left out"
+        for frame, (taken, shown) in zip(first, then[name], strict=False):
+            assert frame.captured == pytest.approx(taken + begun, abs=1e-6)
+            assert frame.depth.tobytes() + frame.colors.tobytes() == shown
+    assert now["left"][len(then["left"])].captured > now["left"][len(then["left"]) - 1].captured, (
+        "it begins again later"
+    )
+    played.close()
+
+
+def test_logs_that_cannot_be_played_are_told(log: Path, tmp_path: Path) -> None:
+    there = simulated_cameras(PROFILE, 48, 36)
+    (tmp_path / "none").mkdir()
+    (tmp_path / "cut.mcap").write_bytes((log / "log_000000.mcap").read_bytes()[:5000])
+    for word, said in (
+        ("recording:left=nowhere.mcap", "no such recording"),
+        (f"recording:left={tmp_path / 'none'}", "holds no log"),
+        (f"recording:left={tmp_path / 'cut.mcap'}", "cut.mcap.*damaged"),
+        (f"recording:left={log},right=right.db3", "some are logs.*of one kind"),
+    ):
+        with pytest.raises(InputError, match=said):
+            open_cameras(CameraSource.parse(word), there, 10)

@@ -14,6 +14,7 @@ from gensim2.observations import Camera
 from gensim2.robots import RobotProfile
 
 if TYPE_CHECKING:
+    from gensim2.deploy.drivers.logged import LoggedCameras
     from gensim2.deploy.drivers.realsense import RealSenseCameras
 
 
@@ -43,7 +44,7 @@ def open_arm(word: str, profile: RobotProfile) -> StreamedArm:
 
 
 def open_cameras(source: CameraSource, there: Sequence[Camera], rate: float) -> ProcessCameras:
-    """Open RealSense cameras, or recordings of them, in a process of their own.
+    """Open RealSense cameras, or recordings, in a process of their own.
 
     Args:
         source: with their devices or files.
@@ -51,7 +52,7 @@ def open_cameras(source: CameraSource, there: Sequence[Camera], rate: float) -> 
         rate: pictures a second; recordings give what they have.
 
     Raises:
-        InputError: a name is none of theirs, or a file is no recording.
+        InputError: a name is none of theirs, a file is no recording, or only some of them are logs of the line.
         MissingExtraError: the maker's library is not installed.
         DriverError: a device is not there.
     """
@@ -59,6 +60,15 @@ def open_cameras(source: CameraSource, there: Sequence[Camera], rate: float) -> 
     for name in source.devices:
         if name not in known:
             raise InputError(f"there is no camera {name!r}", field="--cameras", remedy=near(name, known))
+    if source.kind == "recording":
+        from gensim2.deploy.drivers.logged import is_log
+
+        logs = [is_log(Path(file)) for file in source.devices.values()]
+        if any(logs) and not all(logs):
+            said = "some are logs of the line, some recordings of a RealSense"
+            raise InputError(said, field="--cameras", remedy="all of one kind, played by one clock")
+        if all(logs):
+            return ProcessCameras(logged_cameras, source, tuple(known[name] for name in source.devices))
     return ProcessCameras(realsense_cameras, source, tuple(known[name] for name in source.devices), round(rate))
 
 
@@ -71,6 +81,13 @@ def realsense_cameras(source: CameraSource, cameras: Sequence[Camera], rate: int
     else:
         devices = connected(source.devices)
     return RealSenseCameras(cameras, devices, rate)
+
+
+def logged_cameras(source: CameraSource, cameras: Sequence[Camera]) -> LoggedCameras:
+    """Open logs of the line in this process; see :func:`open_cameras`."""
+    from gensim2.deploy.drivers.logged import LoggedCameras
+
+    return LoggedCameras(cameras, {name: Path(file) for name, file in source.devices.items()})
 
 
 class ByHand:

@@ -80,7 +80,7 @@ def frame_of(plain: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) -> Fram
 
 
 def messages(folder: Path) -> Iterator[Message]:
-    """All messages of a log, in order of their times within each file.
+    """All messages of a log, or of one of its files, in order of their times within each file.
 
     Raises:
         InputError: there is none, or a file is damaged.
@@ -91,7 +91,7 @@ def messages(folder: Path) -> Iterator[Message]:
         from mcap.reader import make_reader
     except ImportError as error:
         raise MissingExtraError("mcap", "robot") from error
-    files = sorted(folder.glob("log_*.mcap"))
+    files = [folder] if folder.is_file() else sorted(folder.glob("log_*.mcap"))
     if not files:
         raise InputError("holds no log", file=folder, remedy="name the folder of a run: log_000000.mcap lies in it")
     for path in files:
