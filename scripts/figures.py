@@ -5,8 +5,9 @@
 .venv/bin/python scripts/figures.py --page by_instance.html                     # each row by its episodes' objects
 
 Each file is what `gensim2 benchmark --json FILE` wrote. A row takes the place of one of the same task and condition;
-with `--only`, rows that no given file holds are dropped. `--remake` makes the episodes of all rows anew, one
-command for those that share condition and seed; a command that was interrupted is gone on with.
+with `--only`, rows that no given file holds are dropped. The episodes of each row go into the archive, a line each.
+`--remake` makes the episodes of all rows anew, one command for those that share condition and seed; a command that was
+interrupted is gone on with.
 """
 
 from __future__ import annotations
@@ -20,12 +21,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gensim2.errors import InputError
-from gensim2.evaluation.figures import command_of, made_together, page_by_instance, rows_of
+from gensim2.evaluation.archive import put_into_archive
+from gensim2.evaluation.figures import command_of, made_together, page_by_instance, rows_with_episodes
 from gensim2.files import write_atomic, write_json
 from gensim2.tasks import figures as stored
 from gensim2.tasks.figures import Figure
 
 FILE = Path(stored.__file__).with_name(stored.FIGURES)
+ARCHIVE = Path(__file__).resolve().parents[1] / "benchmarks" / "episodes"
 
 
 def main() -> None:
@@ -38,6 +41,9 @@ def main() -> None:
     parser.add_argument("--shown", action="store_true", help="of --remake: say the commands and run none")
     parser.add_argument("--page", type=Path, metavar="FILE", help="write a page of all rows by instance")
     parser.add_argument("--out", type=Path, default=FILE, help="file of figures  [default: the package's]")
+    parser.add_argument(
+        "--archive", type=Path, default=ARCHIVE, metavar="DIR", help="of episodes  [default: the project's]"
+    )
     options = parser.parse_args()
     if not (options.results or options.remake or options.page):
         parser.error("give JSON files, --remake or --page")
@@ -46,22 +52,24 @@ def main() -> None:
         if options.remake is not None:
             results += remade(stored.read_figures(options.out).rows, options.remake, options.assets, options.shown)
         if results:
-            put_in(results, options.out, options.only)
+            put_in(results, options.out, options.archive, options.only)
         if options.page is not None:
             write_atomic(options.page, page_by_instance(stored.read_figures(options.out).rows))
     except InputError as error:
         sys.exit(f"figures: {error}")
 
 
-def put_in(results: Sequence[Path], out: Path, only: bool) -> None:
-    """Put the rows of benchmarks into the file of figures."""
-    rows = [row for path in results for row in rows_of(path)]
+def put_in(results: Sequence[Path], out: Path, archive: Path, only: bool) -> None:
+    """Put the rows of benchmarks into the file of figures, and their episodes into the archive."""
+    counted = [pair for path in results for pair in rows_with_episodes(path)]
+    rows = [row for row, _ in counted]
     fresh = only or not out.exists()
     before = stored.Figures(schema_version=1, rows=()) if fresh else stored.read_figures(out)
     keys = [(row.task, row.condition) for row in rows]
     if len(set(keys)) < len(keys):
         raise InputError("two of the files have the same task under the same condition", field="results")
     found = before.with_rows(rows)
+    put_into_archive(archive, counted)
     write_json(out, found.model_dump(mode="json"))
     print(f"{len(rows)} rows in, {len(found.rows)} in {out}")
 

@@ -13,12 +13,14 @@ from run_folders import fake_world
 
 from gensim2.cli.benchmark import benchmark
 from gensim2.errors import InputError
+from gensim2.evaluation.archive import archive_name, read_archive
 from gensim2.evaluation.figures import command_of, made_together, page_by_instance, rows_of
 from gensim2.tasks.figures import Condition, Figures, figures, figures_of, read_figures
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.published import MEASURED, PAPER
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "figures.py"
+ARCHIVE = Path(__file__).parents[2] / "benchmarks" / "episodes"
 
 
 def document(**arguments: Any) -> dict[str, Any]:
@@ -90,7 +92,7 @@ def test_the_script_replaces_rows_of_the_same_condition(tmp_path: Path) -> None:
     out = tmp_path / "figures.json"
 
     def run(*words: str | Path) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, SCRIPT, *words, "--out", out]
+        command = [sys.executable, SCRIPT, *words, "--out", out, "--archive", tmp_path / "episodes"]
         return subprocess.run(command, capture_output=True, text=True, check=False)
 
     ours = written(tmp_path / "a.json", document())
@@ -105,6 +107,29 @@ def test_the_script_replaces_rows_of_the_same_condition(tmp_path: Path) -> None:
     assert "same task under the same condition" in twice.stderr
     assert run(ours, "--only").returncode == 0
     assert [row.seed for row in read_figures(out).rows] == [9]
+    names = ["default-generated.csv.xz", "original-generated.csv.xz"]
+    assert sorted(path.name for path in (tmp_path / "episodes").iterdir()) == names
+    lines = read_archive(tmp_path / "episodes" / names[0])
+    assert [line["run_seed"] for line in lines] == ["9"] * 8
+    assert [line["held"] for line in lines] == ["1", "1", "1", "1", "1", "0", "1", "0"]
+    (tmp_path / "episodes" / names[0]).write_bytes(b"no archive")
+    damaged = run(again)
+    assert damaged.returncode == 1
+    assert "default-generated.csv.xz: cannot be read" in damaged.stderr
+
+
+@pytest.mark.parametrize("path", sorted(ARCHIVE.glob("*.csv.xz")), ids=lambda path: path.name)
+def test_the_archive_holds_the_episodes_of_the_figures(path: Path) -> None:
+    rows = {row.task: row for row in figures().rows if archive_name(row.condition) == path.name}
+    counts: dict[str, list[dict[str, str]]] = {}
+    for line in read_archive(path):
+        counts.setdefault(line["task"], []).append(line)
+    assert set(counts) <= set(rows)
+    for task, lines in counts.items():
+        row = rows[task]
+        assert {line["run_seed"] for line in lines} == {str(row.seed)}
+        found = [sum(line[name] == "1" for line in lines) for name in ("paper", "held", "strict")]
+        assert [len(lines), *found] == [row.episodes, row.paper, row.held, row.strict]
 
 
 def test_damaged_figures_are_named(tmp_path: Path) -> None:

@@ -45,6 +45,15 @@ def rows_of(path: Path) -> list[Figure]:
     """Return a row for each task of a benchmark; what the file itself says of rates is not looked at.
 
     Raises:
+        InputError: as :func:`rows_with_episodes`.
+    """
+    return [row for row, _ in rows_with_episodes(path)]
+
+
+def rows_with_episodes(path: Path) -> list[tuple[Figure, list[Episode]]]:
+    """Return a row for each task of a benchmark, and the episodes that it counts.
+
+    Raises:
         InputError: it is no such file, or a task's episodes are not as many as its arguments say.
     """
     document = read_record(path, _Document, _REMEDY)
@@ -61,13 +70,13 @@ def rows_of(path: Path) -> list[Figure]:
         if len(task.records) != given.runs * given.episodes:
             message = f"{task.name} has {len(task.records)} episodes, not {given.runs} x {given.episodes}"
             raise InputError(message, file=path, field="tasks", remedy=_REMEDY)
-        rows.append(_row(task, Condition(**condition), given, document.provenance))
+        rows.append((_row(task, Condition(**condition), given, document.provenance), task.records))
     if document.provenance is None or not rows:
         return rows
     # The command without the folders of whoever ran it.
-    command = " ".join(("gensim2", *command_of(rows, "OBJECTS")))
+    command = " ".join(("gensim2", *command_of([row for row, _ in rows], "OBJECTS")))
     source = document.provenance.model_copy(update={"command": command})
-    return [row.model_copy(update={"source": source}) for row in rows]
+    return [(row.model_copy(update={"source": source}), episodes) for row, episodes in rows]
 
 
 def _row(task: _Row, condition: Condition, given: _Arguments, source: Source | None) -> Figure:

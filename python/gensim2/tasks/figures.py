@@ -62,16 +62,17 @@ class Condition(_Value):
     @property
     def is_plain(self) -> bool:
         """Whether it is the paper's protocol: its ranges, all instances, closed loop, one attempt, undisturbed."""
-        return not self._deviations()
+        return not self.deviations
 
     @property
     def in_words(self) -> str:
         """Physics, objects and deviations from the paper's protocol, in words."""
         whose = [OWNERS[self.physics]] if self.physics in OWNERS else []
-        return ", ".join([*whose, f"{self.objects} objects", *self._deviations()])
+        return ", ".join([*whose, f"{self.objects} objects", *self.deviations])
 
-    def _deviations(self) -> list[str]:
-        """Return the deviations from the paper's protocol, in words."""
+    @property
+    def deviations(self) -> list[str]:
+        """Deviations from the paper's protocol, in words."""
         found = {
             f"physics {self.physics}": self.physics not in OWNERS,
             f"robot {self.robot}": self.robot != "panda",
