@@ -41,6 +41,7 @@ class KinematicWorld:
         self.scene, self.ball, self.width, self.drawer = scene, ball, width, drawer
         self.steps = 0
         self.holds = False
+        self.gone = 0.0
         #: Called before each step: what happens to the scene.
         self.mischief: Callable[[KinematicWorld], None] = lambda _: None
 
@@ -95,9 +96,14 @@ class KinematicWorld:
         joint, handle = thing.joint, thing.keypoints["articulated_object_head"]
         assert joint is not None
         near = np.linalg.norm(tip_before - handle) < 3 * NEAR
-        if near and not self.holds and self.scene.q[7] < 0.02:
-            by = float((self.tip() - tip_before) @ joint.axis)
-            self.scene = predict.with_joint(self.scene, self.drawer, joint.value + by)
+        if not near or self.holds or self.scene.q[7] >= 0.02:
+            self.gone = 0.0
+            return
+        by = float((self.tip() - tip_before) @ joint.axis)
+        if by * self.gone < 0.0 and abs(self.gone) > NEAR:
+            return  # fingers that have pushed so far do not draw it along as they leave
+        self.gone += by
+        self.scene = predict.with_joint(self.scene, self.drawer, joint.value + by)
 
     def hand(self) -> Array:
         return PANDA.model.forward_kinematics(self.scene.q)

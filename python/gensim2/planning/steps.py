@@ -36,12 +36,16 @@ class StepPlanner:
     Args:
         profile: the robot.
         options: the solver's, for every plan.
+
+    Attributes:
+        profile: the robot.
+        world: of the episode.
     """
 
     def __init__(self, profile: RobotProfile, options: kpam.Options = PLAN_OPTIONS) -> None:
         self.profile = profile
-        self._world = PlanningWorld(profile)
-        self._problems = StepProblems(profile, options, self._world)
+        self.world = PlanningWorld(profile)
+        self._problems = StepProblems(profile, options, self.world)
         self._fingers = Fingers(profile)
         self._gripper = profile.gripper.grasping(profile.model, profile.tool_keypoints)
 
@@ -159,7 +163,7 @@ class StepPlanner:
         if not thing.is_rigid or scene.held is not None:
             what = "has a joint" if not thing.is_rigid else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
-        found = grasps_of(self._world.of(scene), scene, thing.name, self._gripper, self.profile, strategy, lost)
+        found = grasps_of(self.world.of(scene), scene, thing.name, self._gripper, self.profile, strategy, lost)
         use = next((ways for ways in following if ways[0].tool == thing.name), None)
         best: StepPlan | None = None
         serving: StepPlan | None = None

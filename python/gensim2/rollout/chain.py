@@ -14,12 +14,14 @@ from gensim2.planning.actions import grip_on
 from gensim2.planning.scene import Scene
 from gensim2.planning.step_plan import INVALID, Foreseen, StepPlan, Ways
 from gensim2.planning.steps import PLAN_OPTIONS, StepPlanner
-from gensim2.planning.strategies import Strategy, parse_strategy
+from gensim2.planning.strategies import KeypointStrategy, Strategy, parse_strategy
 from gensim2.robots import RobotProfile
 from gensim2.rollout.chain_state import ChainPlan, ChainTurn, best_of
 from gensim2.rollout.controller import ACTUATION, PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
 from gensim2.rollout.record import START, Cause, PlanRecord, StepRecord
+from gensim2.rollout.retreat import Retreat, is_near, planned_retreat
 from gensim2.rollout.room import room_for_hand
+from gensim2.rollout.strict import is_about_the_gripper
 from gensim2.rollout.watch import Held, has_drifted, taken
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
@@ -50,7 +52,8 @@ class ChainController:
     A step is planned on the scene as it stands at its turn. It is planned again, from the robot's present state and
     velocity, where its object drifts before it is touched or the fingers close on nothing; where what is held is lost,
     the step that took it up has its turn again; where a motion has ended and the step is not done, it is tried once
-    more and then by the next strategy. Plans are counted, and bounded by ``MAX_ROUNDS`` a step.
+    more and then by the next strategy. Plans are counted, and bounded by ``MAX_ROUNDS`` a step. A hand that is near
+    what it has acted on when the last step is done goes back to where it began (:mod:`gensim2.rollout.retreat`).
 
     Args:
         task: whose steps.
@@ -95,6 +98,7 @@ class ChainController:
         self._events: list[Event] = []
         self._at = 0
         self._running: ChainPlan | None = None
+        self._retreat: Retreat | None = None
         self._held: Held | None = None
         self._held_by: Foreseen | None = None
         self._lost: dict[str, list[Array]] = {}
@@ -152,6 +156,8 @@ class ChainController:
         return self._turns[-1]
 
     def _next(self, observation: PrivilegedObservation) -> Action | None:
+        if self._retreat is not None:
+            return self._follow_retreat(self._retreat)
         while True:
             run = self._running
             if run is not None:
@@ -168,7 +174,7 @@ class ChainController:
                 self._running, self._waited = None, 0
                 over = done or self._one_plan
                 if over and self._at + 1 == len(self._task.steps):
-                    return None
+                    return self._leave(observation, run) if done and not self._one_plan else None
                 if over:
                     self._at, self._trigger = self._at + 1, START
                     continue
@@ -199,6 +205,31 @@ class ChainController:
         width = observation.measurement.finger_opening if np.isfinite(force) else self._profile_width(float(action[-1]))
         self._reference = Reference(positions, velocities, np.array([width, force], dtype=np.float32))
         return self._pressing(action, observation, run.scene.finger_stiffness)
+
+    def _leave(self, observation: PrivilegedObservation, run: ChainPlan) -> Action | None:
+        """Begin to go back from what was acted on; None where the hand is away from it, or is to stay."""
+        strategy = self._strategies[run.strategy]
+        stays = isinstance(strategy, KeypointStrategy) and strategy.solver_config.let_go is None
+        if stays or self._held is not None or is_about_the_gripper(self._task):
+            return None
+        names = self._task.acted_on
+        near = is_near(observation.measurement, names)
+        retreat = planned_retreat(self._planner.world, observation.scene(), names, near, self._profile)
+        if retreat is None or observation.step + len(retreat.targets) + self._profile.steps(
+            CALM_SECONDS
+        ) > self._profile.steps(self._task.max_seconds):
+            return None
+        self._retreat = retreat
+        return self._follow_retreat(retreat)
+
+    def _follow_retreat(self, retreat: Retreat) -> Action | None:
+        if retreat.is_over or self._last is None:
+            return None
+        row, command = retreat.ran, float(self._last[-1])
+        retreat.ran += 1
+        gripper = np.array([self._profile_width(command), np.nan], dtype=np.float32)
+        self._reference = Reference(retreat.positions[row], retreat.velocities[row], gripper)
+        return np.append(retreat.targets[row], command).astype(np.float32)
 
     def _profile_width(self, command: float) -> float:
         """Distance of the pads (m) that a gripper command asks for; commands change once in many steps."""

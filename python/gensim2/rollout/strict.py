@@ -51,7 +51,7 @@ def strict_misses(
     task = world.task
     acted_on = task.acted_on
     misses: StrictMisses = {}
-    if not _is_about_the_gripper(task):
+    if not is_about_the_gripper(task):
         touched = sorted(world.touched() & acted_on)
         if touched:
             misses[StrictMiss.NOT_LET_GO] = {"touches": touched}
@@ -71,7 +71,8 @@ def strict_misses(
     return misses
 
 
-def _is_about_the_gripper(task: TaskSpec) -> bool:
+def is_about_the_gripper(task: TaskSpec) -> bool:
+    """Whether the goal itself says where the gripper is, or what it holds up."""
     return any(isinstance(c, (*OF_GRIPPER, RigidLifted)) for c in task.success)
 
 

@@ -1,0 +1,136 @@
+"""Way of the hand out of what it has acted on, where it still is near when the last step is done."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+import numpy.typing as npt
+
+import gensim2_kpam as kpam
+from gensim2.planning.scene import Scene
+from gensim2.planning.world import PlanningWorld
+from gensim2.robots import RobotProfile
+from gensim2.tasks.measurement import Measurement
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.float32]
+
+NEAR = 0.06
+"""Metres from a keypoint of the gripper to one of an object below which the hand has not left it: more than the strict
+verdict asks for (:mod:`gensim2.rollout.strict`)."""
+CLEAR = 0.003
+"""Metres from the hand to an object below which it may touch it."""
+SPEED = 0.5
+"""Share of the joints' velocity and acceleration limits."""
+OUT, OUT_SECONDS = 0.08, 1.0
+"""Metres and seconds of the straight way out of what the hand presses on."""
+MAX_STRIDE = 0.2
+"""Rad or m of a joint from one control step to the next on that way: more is another posture."""
+SLACK = 1e-3
+"""Metres by which something may come nearer on it, as surfaces turn under the hand."""
+
+
+def is_near(measured: Measurement, names: Collection[str]) -> bool:
+    """Whether a keypoint of the gripper is within ``NEAR`` of one of these objects' keypoints."""
+    gripper = np.stack(list(measured.gripper.values()))
+    return any(
+        np.linalg.norm(gripper[:, None] - np.stack(list(measured.keypoints[name].values())), axis=2).min() < NEAR
+        for name in names
+    )
+
+
+class Retreat:
+    """Motion of the arm back to its rest posture.
+
+    Args:
+        positions, velocities: (N, m) of the arm joints that are meant at the end of each control step, rad and rad/s.
+        targets: (N, m) of the simulated drives that bring it there.
+    """
+
+    def __init__(self, positions: Rows, velocities: Rows, targets: Rows) -> None:
+        self.positions, self.velocities, self.targets = positions, velocities, targets
+        self.ran = 0
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing of it is left."""
+        return self.ran >= len(self.targets)
+
+
+def planned_retreat(
+    world: PlanningWorld, scene: Scene, names: Collection[str], near: bool, profile: RobotProfile
+) -> Retreat | None:
+    """Plan the way to the rest posture, clear of everything; what is touched at the start is left first.
+
+    Args:
+        world: of the episode.
+        scene: as it stands.
+        names: of the objects that the hand has acted on.
+        near: whether a keypoint of it is near them; if not, it is looked at whether the hand touches them.
+        profile: the robot.
+
+    Returns:
+        None where the hand is away from them, or there is no way.
+    """
+    solver, q = world.of(scene), world.joints(scene)
+    if not near and not _touches(solver, q, names):
+        return None
+    rows: list[Array] = []
+    if solver.in_collision(q):  # no motion is planned from within something: out of it first
+        rows = _straight_out(solver, q, profile)
+        if not rows:
+            return None
+    last = rows[-1] if rows else q
+    goal = last.copy()
+    columns = list(profile.arm_columns)
+    goal[columns] = np.array(profile.reset_qpos)[columns]
+    home = solver.plan_to(last, goal, velocity_scale=SPEED, acceleration_scale=SPEED).trajectory
+    if home is not None:
+        rows += list(home.sample_every(1.0 / profile.control_hz)[1:])
+    if not rows:
+        return None
+    positions = np.array(rows)[:, columns]
+    velocities = np.gradient(np.vstack([q[columns], positions]), axis=0)[1:] * profile.control_hz
+    meant = positions.astype(np.float32)
+    targets = profile.simulated_targets(meant, np.full(len(meant), len(meant) - 1))
+    return Retreat(meant, velocities.astype(np.float32), targets)
+
+
+def _straight_out(solver: kpam.Scene, q: Array, profile: RobotProfile) -> list[Array]:
+    """Return (n,) joints of each control step on a straight way of the hand on which nothing comes nearer.
+
+    The hand goes back as the fingers point, up, or both; none where each of these ways is blocked.
+    """
+    T_base_hand = profile.model.forward_kinematics(q)
+    up = np.linalg.inv(profile.T_world_base)[:3, :3] @ np.array([0.0, 0.0, 1.0])
+    back = -T_base_hand[:3, 2]
+    for direction in (back, up, back + up):
+        way = OUT * direction / max(float(np.linalg.norm(direction)), 1e-9)
+        rows = _followed(solver, q, T_base_hand, way, profile.steps(OUT_SECONDS))
+        if rows:
+            return rows
+    return []
+
+
+def _followed(solver: kpam.Scene, q: Array, T_base_hand: Array, way: Array, count: int) -> list[Array]:
+    rows: list[Array] = []
+    before, distance = q, float(solver.distance(q, CLEAR))
+    for share in np.linspace(0.0, 1.0, count + 1)[1:]:
+        pose = T_base_hand.copy()
+        pose[:3, 3] += share**2 * (3.0 - 2.0 * share) * way  # from rest to rest
+        found = solver.ik(pose, before, max_solutions=1)
+        if not len(found) or np.abs(found[0] - before).max() > MAX_STRIDE:
+            return []
+        nearest = float(solver.distance(found[0], CLEAR))
+        if nearest < distance - SLACK:
+            return []
+        rows.append(found[0])
+        before, distance = found[0], nearest
+    return rows if distance >= CLEAR else []
+
+
+def _touches(solver: kpam.Scene, q: Array, names: Collection[str]) -> bool:
+    """Whether a link comes within ``CLEAR`` of one of these objects."""
+    bodies = {body.split("/")[0] for pair in solver.check(q, CLEAR) for body in pair["bodies"]}
+    return not bodies.isdisjoint(names)
