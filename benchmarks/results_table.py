@@ -26,11 +26,15 @@ from gensim2.rollout.tally import interval
 from gensim2.scenes.physics import DEFAULT_PHYSICS, PHYSICS_NAMES
 from gensim2.tasks.figures import Condition, Figure, figures
 from gensim2.tasks.library import load_task
-from gensim2.tasks.published import MEASURED, PAPER
+from gensim2.tasks.published import MEASURED, MEASURED_IN_ALL, PAPER
 
 WHERE = [("default", "generated"), ("default", "real"), ("original", "generated"), ("original", "real")]
 """Columns: whose physics, and which objects."""
 TYPES = ("single-step", "long-horizon")
+MEASURED_TASKS = {"single-step": 24, "long-horizon": 15}
+"""Tasks of a table below which the release's share over all of them does not stand in it."""
+MIN_EPISODES = 5
+"""Of an object for its share to be named."""
 MARKED = re.compile(r"(<!-- figures: (all|short) -->\n).*?(<!-- /figures -->)", re.DOTALL)
 
 Cell = Callable[[Figure], str]
@@ -43,7 +47,8 @@ def everything(rows: Sequence[Figure]) -> str:
     for row in sorted(rows, key=lambda row: not row.condition.is_plain):
         title = what_differs(row.condition)
         sections.setdefault(title[0].upper() + title[1:], []).append(row)
-    return "\n".join([_overview(sections), *(_section(title, members) for title, members in sections.items())])
+    parts = [_overview(sections), *(_section(title, members) for title, members in sections.items())]
+    return "\n".join([*parts, *_worst_instances(rows)])
 
 
 def short(rows: Sequence[Figure]) -> str:
@@ -125,8 +130,44 @@ def _section(title: str, rows: Sequence[Figure]) -> str:
     sizes = sorted({(row.runs, row.episodes // row.runs) for row in rows})
     shown = " or ".join(f"{runs} x {episodes}" for runs, episodes in sizes)
     seeds = ", ".join(map(str, sorted({row.seed for row in rows})))
-    head = f"## {title}\n\n{shown} episodes a cell; seeds {seeds}.\n"
+    head = f"## {title}\n\n{shown} episodes a cell; seeds {seeds}; {_made(rows)}.\n"
     return f"{head}\n{_tables(rows, _three_verdicts, averages=_average_of_three)}"
+
+
+def _made(rows: Sequence[Figure]) -> str:
+    """Commits and dates of a section's rows; older ones have none."""
+    found = sorted({(row.source.date, row.source.commit[:12]) for row in rows if row.source is not None})
+    made = [f"commit {commit}, {date}" for date, commit in found]
+    older = sum(row.source is None for row in rows)
+    if older:
+        made.append(f"{older} of {len(rows)} rows are older than the commits that are kept with them")
+    return "; ".join(made)
+
+
+def _worst_instances(rows: Sequence[Figure]) -> list[str]:
+    """Section with the object of each row on which it holds least; older rows do not know their objects."""
+    known = [row for row in rows if row.instances and row.condition.objects == "real"]
+    conditions = sorted({row.condition.in_words for row in known})
+    if not known:
+        return []
+    lines = [_line(["task", *conditions]), _line(["---"] * (len(conditions) + 1))]
+    by_place = {(row.task, row.condition.in_words): row for row in known}
+    for task in sorted({row.task for row in known}, key=_rank):
+        cells = (by_place.get((task, condition)) for condition in conditions)
+        lines.append(_line([task, *("" if row is None else _worst(row) for row in cells)]))
+    head = f"## The worst object of each row\n\nHeld, of those with {MIN_EPISODES} episodes or more; real objects.\n"
+    return ["\n".join([head, *lines]) + "\n"]
+
+
+def _worst(row: Figure) -> str:
+    enough = [
+        (each.held / each.episodes, name) for name, each in row.instances.items() if each.episodes >= MIN_EPISODES
+    ]
+    if not enough:
+        return ""
+    _, name = min(enough)
+    each = row.instances[name]
+    return f"{each.held}/{each.episodes} {name}"
 
 
 def _tables(rows: Sequence[Figure], cell: Cell, averages: Callable[[Sequence[Figure]], str]) -> str:
@@ -151,7 +192,8 @@ def _table(kind: str, rows: Sequence[Figure], cell: Cell, averages: Callable[[Se
         lines.append(_line([task, *("" if row is None else cell(row) for row in cells), *_published(task)]))
     members = [[by_place[task, *where] for task in tasks if (task, *where) in by_place] for where in columns]
     published = [_mean(PAPER[task][0] for task in tasks if task in PAPER)]
-    published.append(_mean(MEASURED[task][0] / MEASURED[task][1] for task in tasks if task in MEASURED))
+    in_all = MEASURED_IN_ALL[kind] if len(tasks) >= MEASURED_TASKS[kind] else None
+    published.append("" if in_all is None else f"{_with_interval(*in_all)} of {in_all[1]}")
     return "\n".join([*lines, _line(["mean", *map(averages, members), *published])]) + "\n"
 
 
@@ -176,7 +218,7 @@ def _published(task: str) -> tuple[str, str]:
     measured = MEASURED.get(task)
     return (
         f"{PAPER[task][0]:.2f}" if task in PAPER else "",
-        "" if measured is None else f"{measured[0] / measured[1]:.2f}",
+        "" if measured is None else _with_interval(*measured),
     )
 
 

@@ -10,7 +10,9 @@ from typing import Any
 import pytest
 
 from gensim2.errors import InputError
-from gensim2.tasks.figures import Condition, Figure
+from gensim2.tasks.figures import Condition, Figure, Source, Verdicts
+from gensim2.tasks.library import load_task
+from gensim2.tasks.published import PAPER
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
@@ -78,13 +80,15 @@ def test_every_condition_has_a_section_and_every_cell_its_figures(made: Any) -> 
         "| Randomization wide, up to 8 attempts, open loop | single-step |  | 0.96 / 0.40 / 0.20 (of 1) |  |  |",
         "| Instances test, disturbance push | single-step |  | 0.96 / 0.20 / 0.10 (of 1) |  |  |",
     ]
-    assert "5 x 50 episodes a cell; seeds 7, 8." in first
+    assert (
+        "5 x 50 episodes a cell; seeds 7, 8; 4 of 4 rows are older than the commits that are kept with them." in first
+    )
     assert [line for line in first if line.startswith("|")] == [
         "| single-step task | default, real | original, real | paper | its release |",
         "| --- | --- | --- | --- | --- |",
-        "| OpenBox | 0.96 / 1.00 (0.98–1.00) / 0.50 | 0.96 / 0.90 (0.86–0.93) / 0.45 | 0.84 | 0.80 |",
-        "| TurnOnFaucet | 0.96 / 0.80 (0.75–0.84) / 0.40 |  | 0.67 | 0.60 |",
-        "| mean | 0.96 / 0.90 / 0.45 (of 2) | 0.96 / 0.90 / 0.45 (of 1) | 0.76 | 0.70 |",
+        "| OpenBox | 0.96 / 1.00 (0.98–1.00) / 0.50 | 0.96 / 0.90 (0.86–0.93) / 0.45 | 0.84 | 0.80 (0.49–0.94) |",
+        "| TurnOnFaucet | 0.96 / 0.80 (0.75–0.84) / 0.40 |  | 0.67 | 0.60 (0.31–0.83) |",
+        "| mean | 0.96 / 0.90 / 0.45 (of 2) | 0.96 / 0.90 / 0.45 (of 1) | 0.76 |  |",
         "| long-horizon task | default, generated | paper | its release |",
         "| --- | --- | --- | --- |",
         "| PlaceGolfBallIntoDrawer | 0.96 / 0.50 (0.44–0.56) / 0.25 | 0.56 |  |",
@@ -92,19 +96,38 @@ def test_every_condition_has_a_section_and_every_cell_its_figures(made: Any) -> 
     ]
 
 
+def test_rows_say_their_commit_and_the_object_on_which_they_hold_least(made: Any) -> None:
+    source = Source(commit="0123456789abcdef", date="2026-01-02", command="gensim2 benchmark")
+    seen = {
+        "box/1": Verdicts(episodes=200, paper=200, held=200, strict=100),
+        "box/2": Verdicts(episodes=46, paper=36, held=24, strict=12),
+        "box/3": Verdicts(episodes=4, paper=4, held=1, strict=0),
+    }
+    row = _row("OpenBox", 225).model_copy(update={"source": source, "instances": seen})
+    text = made.everything([row, _row("TurnOnFaucet", 200)])
+    assert "seeds 7; commit 0123456789ab, 2026-01-02; 1 of 2 rows are older than" in text
+    assert "| OpenBox | 24/46 box/2 |" in text
+    assert "| TurnOnFaucet |" not in text.split("## The worst object of each row")[1]
+
+
+def test_the_release_over_all_its_tasks_stands_below_all_tasks(made: Any) -> None:
+    single = [_row(task, 250) for task in PAPER if load_task(task).is_single_step]
+    assert "| mean | 0.96 / 1.00 / 0.50 (of 24) | 0.81 | 0.77 (0.74–0.80) of 720 |" in made.everything(single)
+
+
 def test_the_short_table_counts_as_the_paper_in_its_physics_and_what_holds_in_ours(made: Any) -> None:
     lines = made.short(ROWS).splitlines()
-    assert "| OpenBox | 1.00 (0.98–1.00) | 0.96 (0.93–0.98) | 0.84 | 0.80 |" in lines
-    assert "| mean | 0.90 (of 2) | 0.96 (of 1) | 0.76 | 0.70 |" in lines
+    assert "| OpenBox | 1.00 (0.98–1.00) | 0.96 (0.93–0.98) | 0.84 | 0.80 (0.49–0.94) |" in lines
+    assert "| mean | 0.90 (of 2) | 0.96 (of 1) | 0.76 |  |" in lines
     assert not any("wide" in line for line in lines)
 
 
 def test_a_document_keeps_all_but_what_stands_between_the_marks(made: Any) -> None:
-    text = "# A\n\n<!-- figures: short -->\nold\n<!-- /figures -->\nb\n<!-- figures: all -->\n<!-- /figures -->\nc\n"
+    text = "# A\n\n<!-- figures: short -->\nbefore\n<!-- /figures -->\nb\n<!-- figures: all -->\n<!-- /figures -->\nc\n"
     new = made.renewed(text, ROWS)
     assert new.startswith("# A\n\n<!-- figures: short -->\n\n| single-step task |")
     assert new.endswith("\n<!-- /figures -->\nc\n")
-    assert "old" not in new
+    assert "before" not in new
     assert made.renewed(new, ROWS) == new
     with pytest.raises(InputError, match="figures: all"):
         made.renewed("nothing", ROWS)

@@ -127,7 +127,7 @@ class ConfigBenchmark:
         """Return it as plain data."""
         tallies = [Tally.of(row.episodes) for row in self.rows if row.release is not None]
         episodes = sum(tally.episodes for tally in tallies)
-        ours, release = Rate(sum(tally.paper for tally in tallies), episodes), Rate(*MEASURED_IN_ALL)
+        ours, release = Rate(sum(tally.paper for tally in tallies), episodes), Rate(*MEASURED_IN_ALL["single-step"])
         return {
             "schema_version": SCHEMA_VERSION,
             "run_dir": self.run_dir,

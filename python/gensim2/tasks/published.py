@@ -76,8 +76,5 @@ Real objects and ranges as in the paper. By task only these ten episodes are kno
 of each.
 """
 
-MEASURED_IN_ALL = (556, 720)
-"""The same of its 24 tasks of one step, thirty episodes each."""
-
-MEASURED_LONG = (8, 50)
-"""The same of five of its long tasks, ten episodes each."""
+MEASURED_IN_ALL: dict[str, tuple[int, int]] = {"single-step": (556, 720), "long-horizon": (8, 50)}
+"""The same of its 24 tasks of one step, thirty episodes each, and of five long ones, ten each."""
