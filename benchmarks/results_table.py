@@ -5,8 +5,8 @@
     python benchmarks/results_table.py results/*.json > tables.md        # of these files of `gensim2 benchmark` alone
     python benchmarks/results_table.py --switches results/*.json         # what each switch of the physics is worth
 
-With `--into`, what stands between `<!-- figures: all -->` (or `<!-- figures: short -->`) and `<!-- /figures -->` in a
-file is written anew. A cell holds the share of episodes that fulfil paper / held (with its 95 % interval) / strict; in
+With `--into`, what stands between `<!-- figures: all -->` (or `claims`, or `short`) and `<!-- /figures -->` in a file
+is written anew. A cell holds the share of episodes that fulfil paper / held (with its 95 % interval) / strict; in
 the short table held alone, or paper in the original's physics, as the paper counts.
 """
 
@@ -18,6 +18,8 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import mean, stdev
+
+from results_claims import claims
 
 from gensim2.errors import InputError
 from gensim2.evaluation.figures import rows_of
@@ -35,7 +37,7 @@ MEASURED_TASKS = {"single-step": 24, "long-horizon": 15}
 """Tasks of a table below which the release's share over all of them does not stand in it."""
 MIN_EPISODES = 5
 """Of an object for its share to be named."""
-MARKED = re.compile(r"(<!-- figures: (all|short) -->\n).*?(<!-- /figures -->)", re.DOTALL)
+MARKED = re.compile(r"(<!-- figures: (all|claims|short) -->\n).*?(<!-- /figures -->)", re.DOTALL)
 
 Cell = Callable[[Figure], str]
 
@@ -260,7 +262,7 @@ def renewed(text: str, rows: Sequence[Figure]) -> str:
     Raises:
         InputError: it has no marks.
     """
-    makers = {"all": everything, "short": short}
+    makers = {"all": everything, "claims": claims, "short": short}
     found, count = MARKED.subn(lambda match: f"{match[1]}\n{makers[match[2]](rows)}\n{match[3]}", text)
     if not count:
         raise InputError("has no <!-- figures: all --> ... <!-- /figures -->", remedy="write the marks into it")

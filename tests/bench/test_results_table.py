@@ -159,3 +159,23 @@ def test_switches_are_compared_on_the_same_scenes(made: Any) -> None:
     with pytest.raises(InputError, match="no switch and its default"):
         made.switches(rows[:2])
     assert "hulls" not in made.everything(rows)
+
+
+def test_claims_are_counted_of_rows_that_know_their_commit(made: Any) -> None:
+    import results_claims
+
+    source = Source(commit="abc", date="2026-01-02", command="gensim2 benchmark")
+    own = [
+        _row("OpenBox", 250, physics="original").model_copy(update={"source": source, "paper": 250}),
+        _row("PushToasterForward", 250, physics="original").model_copy(update={"source": source, "paper": 247}),
+        _row("OpenBox", 200, physics="original", one_plan=True).model_copy(update={"source": source, "paper": 225}),
+        _row("OpenBox", 200, physics="original", open_loop=True),
+    ]
+    first, second = results_claims.claims(own).splitlines()
+    assert "single-step 0.994 (2 tasks, 500 episodes)" in first
+    assert "in 1 of 2 rows (not in: PushToasterForward 0.99 beside 0.99)" in first
+    assert "the paper 0.81 and 0.47, its release 0.77 (556 of 720) and 0.16 (8 of 50)" in first
+    assert second == (
+        "2. **With less than our method**, the same scenes' ranges and verdict: one plan a step, by its first "
+        "strategy, never looked at again: single-step 0.900 (1 tasks, 250 episodes)."
+    )
