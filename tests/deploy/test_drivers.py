@@ -351,6 +351,9 @@ def test_cameras_that_cannot_be_used_are_told(rs: Any, tmp_path: Path, monkeypat
     (tmp_path / "text.db3").write_text("no recording")
     with pytest.raises(InputError, match=r"text\.db3.*is no recording"):
         recorded({"left": tmp_path / "text.db3"})
+    (tmp_path / "text.bag").write_text("#ROSBAG V2.0\n")
+    with pytest.raises(InputError, match=r"text\.bag.*is no recording.*convert_bag_to_db3"):
+        recorded({"left": tmp_path / "text.bag"})
     with pytest.raises(DriverError, match="no depth and colours of 64x24 at 30 Hz; it has: 32x24 at 30 Hz"):
         RealSenseCameras([replace(LEFT, width=64)], {"left": SoftwareDevice(LEFT, "1", 30).device}, 30)
 

@@ -49,9 +49,9 @@ LINE = (
         "--cameras",
         default="simulated",
         show_default=True,
-        metavar="simulated|software|recording:NAME=FILE,...|realsense:NAME=SERIAL,...",
+        metavar="simulated|software|recording:NAME=DIR|FILE,...|realsense:NAME=SERIAL,...",
         help="Real ones have the names that the policy looks through; software: simulated ones through the RealSense "
-        "library; recordings: with dry-run.",
+        "library; recordings, with dry-run: a run's folder or .mcap, or a RealSense's .db3.",
     ),
     click.option(
         "--policy",

@@ -31,8 +31,8 @@ class CameraSource:
 
     Attributes:
         kind: ``simulated``: rays; ``software``: rays that go through software devices of ``pyrealsense2``;
-            ``recording``: files of devices; ``realsense``: devices.
-        devices: file or serial number of each camera, by name; empty where pictures are rendered.
+            ``recording``: files of devices, or logs of the line; ``realsense``: devices.
+        devices: file, folder of a log or serial number of each camera, by name; empty where pictures are rendered.
     """
 
     kind: CameraKind
@@ -45,7 +45,7 @@ class CameraSource:
 
     @classmethod
     def parse(cls, word: str) -> CameraSource:
-        """Read ``simulated``, ``software``, ``recording:NAME=FILE,...`` or ``realsense:NAME=SERIAL,...``.
+        """Read ``simulated``, ``software``, ``recording:NAME=DIR|FILE,...`` or ``realsense:NAME=SERIAL,...``.
 
         Raises:
             InputError: it is not written so.
@@ -55,7 +55,7 @@ class CameraSource:
         kind, _, rest = word.partition(":")
         pairs = [each.partition("=") for each in rest.split(",")]
         if kind not in ("recording", "realsense") or not all(name and device for name, _, device in pairs):
-            remedy = f"{SIMULATED}, {SOFTWARE}, recording:NAME=FILE,... or realsense:NAME=SERIAL,..."
+            remedy = f"{SIMULATED}, {SOFTWARE}, recording:NAME=DIR|FILE,... or realsense:NAME=SERIAL,..."
             raise InputError(f"no cameras {word!r}", field="--cameras", remedy=remedy)
         found = {name: device for name, _, device in pairs}
         if len(found) < len(pairs):
