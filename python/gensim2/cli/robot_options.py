@@ -42,7 +42,7 @@ LINE = (
         "--arm",
         default="simulated",
         show_default=True,
-        metavar="simulated|franka:HOST|ur:HOST|xarm:HOST",
+        metavar="simulated|franka:HOST|panda:HOST|ur:HOST|xarm:HOST",
         help="A real one is moved with --move only.",
     ),
     click.option(

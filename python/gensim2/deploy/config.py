@@ -18,8 +18,8 @@ from gensim2.scenes.config import SceneArguments, split_arguments
 
 SIMULATED = "simulated"
 SOFTWARE = "software"
-ARMS = ("franka", "ur", "xarm")
-"""Makers of arms that there is a driver for."""
+ARMS = ("franka", "panda", "ur", "xarm")
+"""Arms that there is a driver for; ``panda``: Franka's by the other library."""
 
 
 CameraKind = Literal["simulated", "software", "recording", "realsense"]
@@ -109,7 +109,7 @@ class LineConfig:
     """Everything that a line follows from beside its task and scenes.
 
     Attributes:
-        arm: ``simulated``, or ``franka:HOST``, ``ur:HOST``, ``xarm:HOST``.
+        arm: ``simulated``, or ``franka:HOST``, ``panda:HOST``, ``ur:HOST``, ``xarm:HOST``.
         cameras: see :meth:`CameraSource.parse`. Recordings do not follow an arm: they go with a dry run of a
             simulated one.
         policy: a checkpoint, the URL of a server (``ws://host:port``), or a controller; None: the plan's chain, which
