@@ -45,12 +45,14 @@ class PandaPyArm(StreamedArm):
         self._controllers: Any = controllers
         self._stopped = (libfranka.RobotMode.kReflex, libfranka.RobotMode.kUserStopped)
         config = libfranka.RealtimeConfig.kEnforce if enforce_realtime else libfranka.RealtimeConfig.kIgnore
+        self._hand: Any = None
         try:
             self._panda: Any = panda_py.Panda(host, realtime_config=config)
             torques, forces = [TORQUES] * 7, [FORCES] * 6
             self._panda.get_robot().set_collision_behavior(torques, torques, forces, forces)
-            self._hand: Any = libfranka.Gripper(host) if gripper else None
-            self._width = self._hand.read_once().max_width if gripper else 0.0
+            if gripper:
+                self._hand = libfranka.Gripper(host)
+                self._width: float = self._hand.read_once().max_width
         except RuntimeError as error:  # whatever libfranka has to say
             raise DriverError(f"{host}: {error}") from error
         self._controller: Any = None
