@@ -1,6 +1,6 @@
 """Do commands pass a limit? Random and hostile targets through the deployed limits, judged by NumPy and coal.
 
-    python benchmarks/limits.py [--actions 1000000] [--seed 0] [--speed 0.1] [--json OUT]
+    python benchmarks/limits.py [--actions 1000000] [--seed 0] [--speed 0.1] [--robot panda|fr3] [--json OUT]
 
 Targets are drawn from steps, ramps, noise, bang-bang between the ends of the joints' range, poses in the table and in
 the robot itself, circles faster than the arm, NaN and infinity. What comes out is judged from positions alone: their
@@ -17,6 +17,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -36,22 +37,63 @@ SHARE = 1e-6
 """Of a limit that rounding may add, in differences of positions."""
 NEARER = 2e-4
 """Metres that coal's distances may be less, as in the other checks."""
-#: The Panda's, as its maker publishes them; nothing is asked of the code that is judged.
-VELOCITY = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])
-ACCELERATION = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
-JERK = 500.0 * ACCELERATION
-LOWER = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])
-UPPER = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973])
 BLOCK = 20_000
 
 
-def hostile(count: int, draw: np.random.Generator, start: Array) -> Iterator[Array]:
+@dataclass(frozen=True)
+class Published:
+    """Limits of an arm as its maker publishes them; nothing is asked of the code that is judged.
+
+    Attributes:
+        velocity, acceleration, jerk, lower, upper: (7,) rad/s, rad/s^2, rad/s^3, rad.
+        gain, offset, end_lower, end_upper: (7,) of velocities that depend on the position; infinite gains: none do.
+    """
+
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    lower: Array
+    upper: Array
+    gain: Array = field(default_factory=lambda: np.full(7, np.inf))
+    offset: Array = field(default_factory=lambda: np.zeros(7))
+    end_lower: Array = field(default_factory=lambda: np.full(7, -10.0))
+    end_upper: Array = field(default_factory=lambda: np.full(7, 10.0))
+
+    def fastest(self, q: Array, sign: Array) -> Array:
+        """(N, 7) rad/s at (N, 7) positions, in the direction of the signs."""
+        room = np.where(sign > 0.0, self.end_upper - q, q - self.end_lower)
+        return np.minimum(self.velocity, np.maximum(0.0, np.sqrt(self.gain * np.maximum(room, 0.0)) - self.offset))
+
+
+PUBLISHED = {
+    "panda": Published(
+        velocity=np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61]),
+        acceleration=np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]),
+        jerk=500.0 * np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]),
+        lower=np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973]),
+        upper=np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973]),
+    ),
+    "fr3": Published(
+        velocity=np.array([2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26]),
+        acceleration=np.full(7, 10.0),
+        jerk=np.full(7, 5000.0),
+        lower=np.array([-2.7437, -1.7837, -2.9007, -3.0421, -2.8065, 0.5445, -3.0159]),
+        upper=np.array([2.7437, 1.7837, 2.9007, -0.1518, 2.8065, 4.5169, 3.0159]),
+        gain=np.array([12.0, 5.17, 7.0, 8.0, 34.0, 11.0, 34.0]),
+        offset=np.array([0.3, 0.2, 0.2, 0.3, 0.35, 0.35, 0.35]),
+        end_lower=np.array([-2.7501, -1.7918, -2.9065, -3.0481, -2.8101, 0.54092, -3.0196]),
+        end_upper=np.array([2.7501, 1.7918, 2.9065, -0.1458, 2.8101, 4.5205, 3.0196]),
+    ),
+}
+
+
+def hostile(count: int, draw: np.random.Generator, start: Array, arm: Published) -> Iterator[Array]:
     """Targets, (7,) each; a kind of nastiness lasts up to two seconds."""
     sent = 0
     here = start.copy()
     while sent < count:
         kind, length = draw.integers(9), int(draw.integers(1, 200))
-        goal = draw.uniform(LOWER - 0.5, UPPER + 0.5)
+        goal = draw.uniform(arm.lower - 0.5, arm.upper + 0.5)
         rate, phase = draw.uniform(0.0, 60.0), draw.uniform(0, 2 * np.pi, 7)
         for step in range(min(length, count - sent)):
             if kind == 0:
@@ -61,7 +103,7 @@ def hostile(count: int, draw: np.random.Generator, start: Array) -> Iterator[Arr
             elif kind == 2:
                 target = here + draw.normal(0.0, 0.05, 7)
             elif kind == 3:
-                target = np.where(draw.random(7) < 0.5, LOWER, UPPER)
+                target = np.where(draw.random(7) < 0.5, arm.lower, arm.upper)
             elif kind == 4:
                 target = np.array([goal[0], 1.7, 0.0, -1.0, 0.0, 2.5, 0.0])  # into the table
             elif kind == 5:
@@ -75,18 +117,18 @@ def hostile(count: int, draw: np.random.Generator, start: Array) -> Iterator[Arr
                 target[draw.integers(7)] = draw.choice([np.nan, np.inf, -np.inf])
             yield target
         sent += length
-        here = np.clip(goal, LOWER, UPPER)
+        here = np.clip(goal, arm.lower, arm.upper)
 
 
-def commands(count: int, seed: int, speed: float) -> tuple[Array, Counter[str], float]:
+def commands(count: int, seed: int, speed: float, name: str, margin: float) -> tuple[Array, Counter[str], float]:
     """Return what the limits let through of hostile targets: (N, 7) positions one cycle apart, what was clipped or
     refused, and CPU seconds a command."""
-    limits = ArmLimits.of(robot("panda"), speed=speed)
-    start = np.array(robot("panda").reset_qpos[:7])
+    limits = ArmLimits.of(robot(name), speed=speed, margin=margin)
+    start = np.array(robot(name).reset_qpos[:7])
     sent, told = begin(start, limits), Counter[str]()
     found = [sent.q]
     begun = time.process_time()
-    for target in hostile(count, rng(seed, "hostile targets"), start):
+    for target in hostile(count, rng(seed, "hostile targets"), start, PUBLISHED[name]):
         try:
             sent = limit(sent, target, limits)
             told.update(sent.clips)
@@ -97,25 +139,31 @@ def commands(count: int, seed: int, speed: float) -> tuple[Array, Counter[str], 
     return np.array(found), told, (time.process_time() - begun) / count
 
 
-def judge(q: Array, speed: float, margin: float, tool_speed: float, clearance: float) -> dict[str, Any]:
+def judge(
+    q: Array, speed: float, margin: float, tool_speed: float, clearance: float, name: str = "panda"
+) -> dict[str, Any]:
     """Shares of the limits that commands used at most, and how many passed each.
 
     Args:
         q: (N, 7) positions, one cycle apart; before the first the arm stood there.
         speed, margin, tool_speed, clearance: what was asked to be kept.
+        name: of the arm; all have the same links.
     """
-    arm = Arm()
+    arm, published = Arm(), PUBLISHED[name]
     rest = np.repeat(q[:1], 3, axis=0)
     velocity = np.diff(np.concatenate([rest, q]), axis=0) / CYCLE
     acceleration = np.diff(velocity, axis=0) / CYCLE
     jerk = np.diff(acceleration, axis=0) / CYCLE
+    # Less 1e-8 rad/s that rounding adds where a joint may not move at all.
+    pace, fastest = np.abs(velocity[2:]) - 1e-8, speed * published.fastest(q, velocity[2:])
     shares = {
-        "velocity": np.abs(velocity) / (speed * VELOCITY),
-        "acceleration": np.abs(acceleration) / ACCELERATION,
-        "jerk": np.abs(jerk) / JERK,
+        "velocity": np.abs(velocity) / (speed * published.velocity),
+        "velocity by position": np.where(pace > 0.0, pace / np.maximum(fastest, 1e-12), 0.0),
+        "acceleration": np.abs(acceleration) / published.acceleration,
+        "jerk": np.abs(jerk) / published.jerk,
     }
     found = {name: (float(each.max()), int((each > 1 + SHARE).any(axis=1).sum())) for name, each in shares.items()}
-    outside = np.maximum(LOWER + margin - q, q - (UPPER - margin))
+    outside = np.maximum(published.lower + margin - q, q - (published.upper - margin))
     found["position"] = (float(outside.max()), int((outside > 1e-8).any(axis=1).sum()))
     table = [part(coal.Box(2.4, 2.4, 0.06), np.eye(4))]
     below = np.eye(4)
@@ -146,11 +194,12 @@ def judge(q: Array, speed: float, margin: float, tool_speed: float, clearance: f
     return {name: {"most": most, "passed": passed} for name, (most, passed) in found.items()}
 
 
-def run(actions: int, seed: int, speed: float) -> dict[str, Any]:
+def run(actions: int, seed: int, speed: float, name: str = "panda", margin: float = 0.1) -> dict[str, Any]:
     """Figures of so many hostile targets."""
-    q, told, cost = commands(actions, seed, speed)
-    found = judge(q, speed, 0.1, speed * 1.7, 0.005)
+    q, told, cost = commands(actions, seed, speed, name, margin)
+    found = judge(q, speed, margin, speed * 1.7, 0.005, name)
     return {
+        "robot": name,
         "actions": actions,
         "speed": speed,
         "limits": found,
@@ -166,11 +215,13 @@ def main() -> int:
     parser.add_argument("--actions", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--speed", type=float, default=0.1)
+    parser.add_argument("--robot", choices=sorted(PUBLISHED), default="panda")
+    parser.add_argument("--margin", type=float, default=0.1)
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
-    figures = run(arguments.actions, arguments.seed, arguments.speed)
+    figures = run(arguments.actions, arguments.seed, arguments.speed, arguments.robot, arguments.margin)
     for name, each in figures["limits"].items():
-        print(f"{name:14} most {each['most']:.6g}, passed {each['passed']}")
+        print(f"{name:20} most {each['most']:.6g}, passed {each['passed']}")
     print(f"{figures['actions']} actions, {figures['cpu_us_a_command']:.0f} us of CPU each; {figures['clips']}")
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(figures, indent=2) + "\n")

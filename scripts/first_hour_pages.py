@@ -83,7 +83,7 @@ NEEDS: dict[str, str] = {
     r"mine\.py": "a controller of the reader's; tests/evaluation/test_evaluate.py",
     r"bench .*--problems ": "recorded problems; tests/bench/test_problems.py",
     r"--configs ": "recorded problems; tests/evaluation/test_original_configs.py",
-    r"franka:|realsense:": "an arm and its cameras",
+    r"franka:|panda:|realsense:": "an arm and its cameras",
     r"^gensim2 (robot )?view|--show": "a person before a browser; tests/pages/test_viewing.py opens one",
 }
 #: Why a command takes over a minute however small, by what it holds: it is begun and interrupted after a third of the

@@ -175,3 +175,74 @@ def franka(body: FakeBody) -> dict[str, types.ModuleType]:
 
     module.JointImpedanceTrackingMotion, module.Robot, module.Gripper = JointImpedanceTrackingMotion, Robot, Gripper
     return {"franky": module}
+
+
+def panda(body: FakeBody) -> dict[str, types.ModuleType]:
+    """``panda_py``, with its controllers and libfranka."""
+    module: Any = types.ModuleType("panda_py")
+    controllers: Any = types.ModuleType("panda_py.controllers")
+    libfranka: Any = types.ModuleType("panda_py.libfranka")
+    module.controllers, module.libfranka = controllers, libfranka
+    libfranka.RealtimeConfig = types.SimpleNamespace(kEnforce=0, kIgnore=1)
+    libfranka.RobotMode = types.SimpleNamespace(kOther=0, kIdle=1, kReflex=4, kUserStopped=5)
+
+    class JointPosition:
+        runs = rejected = False
+
+        def __init__(self, stiffness: np.ndarray, damping: np.ndarray) -> None: ...
+
+        def set_control(self, position: np.ndarray, velocity: np.ndarray) -> None:
+            if self.runs:  # the real one forgets what it was told before it began
+                self.rejected |= not body.take(position)
+
+    class Panda:
+        controller: Any = None
+
+        def __init__(self, hostname: str, name: str = "panda", realtime_config: int = 1) -> None:
+            if hostname == "nowhere":
+                raise RuntimeError("libfranka: Connection error: Host not found")
+
+        def get_robot(self) -> Any:
+            def set_collision_behavior(*thresholds: list[float]) -> None:
+                assert [len(each) for each in thresholds] == [7, 7, 6, 6]
+
+            return types.SimpleNamespace(set_collision_behavior=set_collision_behavior)
+
+        def get_state(self) -> Any:
+            runs = self.controller is not None and self.controller.runs
+            mode = 2 if runs else 4 if body.stopped else 1  # a controller that has failed runs until it is stopped
+            force = [0.0, 0.0, body.force, 0.0, 0.0, 0.0]
+            return types.SimpleNamespace(q=body.q.tolist(), dq=[0.0] * 7, O_F_ext_hat_K=force, robot_mode=mode)
+
+        def start_controller(self, controller: Any) -> None:
+            body.stopped = False  # it recovers from whatever there was
+            self.controller, controller.runs = controller, True
+
+        def stop_controller(self) -> None:
+            body.halt()
+            self.controller.runs = False
+
+        def raise_error(self) -> None:  # once what ended a motion, which nothing else tells of
+            if body.falls:
+                body.falls, body.stopped = False, True
+                raise RuntimeError("libfranka: Move command aborted: motion aborted by reflex!")
+            if self.controller is not None and self.controller.rejected:
+                self.controller.rejected = False
+                raise RuntimeError("libfranka: Move command rejected")
+
+    class Gripper:
+        def __init__(self, franka_address: str) -> None: ...
+
+        def read_once(self) -> Any:
+            return types.SimpleNamespace(max_width=0.08)
+
+        def move(self, width: float, speed: float) -> bool:
+            body.grips.append(2 * width / 0.08 - 1)
+            return True
+
+        def grasp(self, width: float, speed: float, force: float, epsilon_outer: float) -> bool:
+            body.grips.append(-1.0)
+            return True
+
+    controllers.JointPosition, module.Panda, libfranka.Gripper = JointPosition, Panda, Gripper
+    return {"panda_py": module, "panda_py.controllers": controllers, "panda_py.libfranka": libfranka}

@@ -20,6 +20,7 @@ from gensim2.deploy.arm_limits import CYCLE, ArmLimits
 from gensim2.deploy.devices import Frame
 from gensim2.deploy.drivers import streamed
 from gensim2.deploy.drivers.franka import FrankaArm
+from gensim2.deploy.drivers.panda_py import PandaPyArm
 from gensim2.deploy.drivers.realsense import RealSenseCameras, connected, recorded
 from gensim2.deploy.drivers.software_realsense import SoftwareDevice
 from gensim2.deploy.drivers.streamed import DriverError, StreamedArm
@@ -37,6 +38,7 @@ KINDS: dict[str, tuple[Callable[..., StreamedArm], Callable[[FakeBody], dict[str
     "ur": (lambda host, body: URArm(host, PROFILE, body.grips.append), fake_makers.ur, "ur_rtde"),
     "xarm": (lambda host, body: XArm(host, PROFILE, sensor=True), fake_makers.xarm, "xarm-python-sdk"),
     "franka": (lambda host, body: FrankaArm(host, PROFILE), fake_makers.franka, "franky-control"),
+    "panda": (lambda host, body: PandaPyArm(host, PROFILE), fake_makers.panda, "panda-python"),
 }
 
 
@@ -134,17 +136,52 @@ def test_a_reflex_is_told(arm: tuple[StreamedArm, FakeBody]) -> None:
     until(lambda: said(driver).mode == "reflex")
 
 
-def test_a_motion_that_a_reflex_ends_is_a_reflex(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["franka", "panda"])
+def test_a_motion_that_a_reflex_ends_is_a_reflex(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Also where the client says so between two states."""
+    make, modules, _ = KINDS[name]
     body = FakeBody(7)
-    monkeypatch.setitem(sys.modules, "franky", fake_makers.franka(body)["franky"])
-    driver = FrankaArm("here", PROFILE)
+    for module, fake in modules(body).items():
+        monkeypatch.setitem(sys.modules, module, fake)
+    driver = make("here", body)
     driver.send(HOME, 1.0, 0.0)
     until(lambda: len(body.sent) > 0)
     body.falls = True
     until(lambda: said(driver).mode != "ready")
     assert (said(driver).mode, driver.trouble) == ("reflex", None)
     driver.close()
+
+
+def test_a_panda_that_has_stopped_by_itself_is_recovered_by_a_person(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The library's own way to begin a motion is to recover first."""
+    body = FakeBody(7)
+    for module, fake in fake_makers.panda(body).items():
+        monkeypatch.setitem(sys.modules, module, fake)
+    body.stopped = True
+    driver = PandaPyArm("here", PROFILE)
+    driver.send(HOME, 1.0, 0.0)
+    until(lambda: driver.trouble is not None)
+    assert "recover it by hand" in str(driver.trouble)
+    assert body.sent == []
+    assert body.stopped, "nothing has recovered it"
+    driver.close()
+
+
+def test_a_target_that_is_about_to_be_written_when_the_arm_is_told_to_stand_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    driver = Followed()
+    driver.send(HOME, 1.0, 0.0)
+    play = driver._play
+
+    def stood(now: float) -> Any:
+        found = play(now)
+        driver._standing = True  # by another thread, as soon as it may
+        return found
+
+    monkeypatch.setattr(driver, "_play", stood)
+    driver._cycle()
+    assert driver.written == []
 
 
 class Followed(StreamedArm):
@@ -351,6 +388,9 @@ def test_cameras_that_cannot_be_used_are_told(rs: Any, tmp_path: Path, monkeypat
     (tmp_path / "text.db3").write_text("no recording")
     with pytest.raises(InputError, match=r"text\.db3.*is no recording"):
         recorded({"left": tmp_path / "text.db3"})
+    (tmp_path / "text.bag").write_text("#ROSBAG V2.0\n")
+    with pytest.raises(InputError, match=r"text\.bag.*is no recording.*convert_bag_to_db3"):
+        recorded({"left": tmp_path / "text.bag"})
     with pytest.raises(DriverError, match="no depth and colours of 64x24 at 30 Hz; it has: 32x24 at 30 Hz"):
         RealSenseCameras([replace(LEFT, width=64)], {"left": SoftwareDevice(LEFT, "1", 30).device}, 30)
 

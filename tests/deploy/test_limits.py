@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import limits as judge
 import numpy as np
 import pytest
 
+from gensim2.deploy import arm_limits
 from gensim2.deploy.arm_limits import CYCLE, ArmLimits
+from gensim2.deploy.audit import limits_passed
 from gensim2.deploy.limits import RefusedError, Sent, admit, begin, halt, limit
 from gensim2.errors import InputError
 from gensim2.robots import robot
@@ -31,6 +35,49 @@ def test_no_limit_is_passed_at_full_speed() -> None:
     found = judge.run(10_000, seed=1, speed=1.0)
     assert found["passed"] == 0, found["limits"]
     assert found["moved_rad"] > 100.0
+
+
+@pytest.mark.parametrize(("speed", "margin"), [(0.1, 0.1), (1.0, 0.1), (1.0, 0.0)])
+def test_no_limit_of_the_research_3_is_passed(speed: float, margin: float) -> None:
+    found = judge.run(6_000, seed=2, speed=speed, name="fr3", margin=margin)
+    assert found["passed"] == 0, found["limits"]
+    assert found["limits"]["velocity by position"]["most"] > 0.99
+    assert found["moved_rad"] > 50.0
+
+
+def test_judge_and_audit_see_where_a_joint_is_too_fast_for_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As it would be with the limits that do not depend on the place alone."""
+    whole = ArmLimits.of(robot("fr3"), speed=1.0)
+    monkeypatch.setattr(arm_limits, "FR3", SimpleNamespace(scaled=lambda share: None))
+    q, _, _ = judge.commands(6_000, 2, 1.0, "fr3", 0.1)
+    found = judge.judge(q, 1.0, 0.1, 1.7, 0.005, "fr3")
+    counts = {name: each["passed"] for name, each in found.items() if each["passed"]}
+    assert list(counts) == ["velocity by position"]
+    assert counts["velocity by position"] > 10
+    assert limits_passed(list(q), whole) == counts["velocity by position"]
+
+
+def test_limits_ahead_are_those_of_where_a_joint_comes_to() -> None:
+    draw = np.random.default_rng(3)
+    ends = arm_limits.FR3.scaled(0.5)
+    lowest, highest = ends.range()
+    for _ in range(200):
+        q = draw.uniform(lowest, highest)
+        up, down = ends.ahead(CYCLE).fastest(q)
+        np.testing.assert_allclose(up, ends.fastest(q + CYCLE * up)[0], atol=1e-12)
+        np.testing.assert_allclose(down, ends.fastest(q - CYCLE * down)[1], atol=1e-12)
+
+
+def test_a_joint_of_the_research_3_comes_as_near_its_end_as_its_limits_let_it() -> None:
+    limits = ArmLimits.of(robot("fr3"), speed=0.5, margin=0.0)
+    sent = begin(HOME, limits)
+    for _ in range(600):
+        sent = limit(sent, [*HOME[:6], 4.0], limits)
+    assert sent.q[6] == pytest.approx(limits.upper[6], abs=1e-4)
+    assert limits.upper[6] == pytest.approx(3.0196 - (1.1 * 0.35) ** 2 / 34.0)
+    for _ in range(100):
+        sent = limit(sent, HOME, limits)
+    assert sent.q[6] < limits.upper[6] - 0.3, "and leaves it again"
 
 
 def test_the_judge_sees_what_passes() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gensim2.deploy.arm_limits import CYCLE, ArmLimits
+from gensim2.deploy.audit import limits_passed
 from gensim2.deploy.limits import Sent, begin, limit
 from gensim2.deploy.streaming import Streamer
 from gensim2.robots import robot
@@ -67,6 +68,23 @@ def test_braking_keeps_to_the_path(limits: ArmLimits) -> None:
         assert np.linalg.norm(path - sent.q, axis=1).min() < 1e-3
     assert cycles * CYCLE <= 0.3
     assert seconds <= cycles * CYCLE <= seconds + 3.0 * CYCLE
+
+
+def test_the_research_3_slows_down_towards_the_end_of_its_range_by_itself() -> None:
+    """The motion has the velocity limits of each place, so that nothing is left to clip."""
+    limits = ArmLimits.of(robot("fr3"), speed=0.1)
+    streamer, sent, found = Streamer(limits), begin(HOME, limits), [HOME]
+    target = np.append(HOME[:6], 2.9)
+    for cycle in range(1000):
+        now = cycle * CYCLE
+        if cycle % 10 == 0:
+            streamer.add([(now + 0.15, target), (now + 0.2, target)], sent, now)
+        sent = limit(sent, streamer.at(now + CYCLE, sent), limits)
+        assert sent.clips == ()
+        found.append(sent.q)
+    assert sent.q[6] == pytest.approx(2.9, abs=1e-6)
+    assert np.diff(np.array(found)[:, 6]).max() / CYCLE == pytest.approx(0.526, rel=2e-3), "away from the end"
+    assert limits_passed(found, limits) == 0
 
 
 def test_late_targets_are_dropped_and_counted(limits: ArmLimits) -> None:

@@ -11,5 +11,5 @@ OWN = tuple(str(EXAMPLES / f"{name}.py") for name in ("ur5", "xarm7"))
 def pytest_generate_tests(metafunc: object) -> None:
     """Give every robot, by the name or the path that ``--robot`` takes, to tests that ask for ``any_robot``."""
     if "any_robot" in metafunc.fixturenames:  # type: ignore[attr-defined]
-        names = [*("panda", "fetch"), *OWN]
+        names = [*("panda", "fr3", "fetch"), *OWN]
         metafunc.parametrize("any_robot", names, ids=lambda name: Path(name).stem)  # type: ignore[attr-defined]

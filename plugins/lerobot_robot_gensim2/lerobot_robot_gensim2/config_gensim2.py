@@ -15,7 +15,7 @@ class GenSim2RobotConfig(RobotConfig):
 
     Attributes:
         robot: name of its profile.
-        arm: ``simulated``, or ``franka:HOST``, ``ur:HOST``, ``xarm:HOST``.
+        arm: ``simulated``, or ``franka:HOST``, ``panda:HOST``, ``ur:HOST``, ``xarm:HOST``.
         devices: its cameras: ``simulated``, or ``realsense:NAME=SERIAL,...``.
         calibration: file that says where the cameras are; a real arm needs one to be moved.
         move: whether anything is sent to a real arm; a person at the terminal is asked.

@@ -28,6 +28,7 @@ EXTRAS = {
     "viser": "viz",
     **dict.fromkeys(("cv2", "mcap", "msgpack", "websockets"), "robot"),
     "franky": "franka",
+    "panda_py": "panda",
     "pyrealsense2": "realsense",
     **dict.fromkeys(("rtde_control", "rtde_receive"), "ur"),
     "xarm": "xarm",

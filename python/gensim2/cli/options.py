@@ -168,7 +168,7 @@ robot = click.option(
     default="panda",
     show_default=True,
     metavar="NAME|FILE.py",
-    help="Robot: panda, fetch, or a Python file that registers a robot of your own.",
+    help="Robot: panda, fr3, fetch, or a Python file that registers a robot of your own.",
 )
 open_loop = click.option(
     "--open-loop",

@@ -42,16 +42,16 @@ LINE = (
         "--arm",
         default="simulated",
         show_default=True,
-        metavar="simulated|franka:HOST|ur:HOST|xarm:HOST",
+        metavar="simulated|franka:HOST|panda:HOST|ur:HOST|xarm:HOST",
         help="A real one is moved with --move only.",
     ),
     click.option(
         "--cameras",
         default="simulated",
         show_default=True,
-        metavar="simulated|software|recording:NAME=FILE,...|realsense:NAME=SERIAL,...",
+        metavar="simulated|software|recording:NAME=DIR|FILE,...|realsense:NAME=SERIAL,...",
         help="Real ones have the names that the policy looks through; software: simulated ones through the RealSense "
-        "library; recordings: with dry-run.",
+        "library; recordings, with dry-run: a run's folder or .mcap, or a RealSense's .db3.",
     ),
     click.option(
         "--policy",

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.deploy.braking import FR3, Braking
 from gensim2.errors import InputError
 from gensim2.robots import RobotProfile
 
@@ -35,7 +36,7 @@ LEASH, LEASH_AT_SPEED = 0.08, 0.2
 _PANDA = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]), np.array([7500.0, 3750, 5000, 6250, 7500, 10000, 10000])
 """Acceleration (rad/s^2) and jerk (rad/s^3) as Franka publishes them."""
 _UNKNOWN = 10.0, 5000.0
-"""The same of a joint that nothing is known of, as in the solver."""
+"""The same of a joint that nothing is known of, as in the solver; Franka publishes them for the Research 3."""
 
 _TABLE_SIDE, _TABLE_DEPTH = 2.4, 0.06
 
@@ -52,6 +53,7 @@ class ArmLimits:
         lower, upper: (m,) positions of the arm's joints, rad or m, the margin taken off.
         range_lower, range_upper: (m,) the ends of their range.
         velocity, acceleration, jerk: (m,) a second, a second squared and cubed.
+        braking: velocity limits that depend on the position, beside ``velocity``; None: there are none.
         tool_speed: of the tool, m/s.
         low, high: (3,) corners of the workspace of the tool in the robot's base frame, m.
         clearance: that the robot keeps from itself and from the table, m.
@@ -77,6 +79,7 @@ class ArmLimits:
     force: float
     leash: float
     jump: float
+    braking: Braking | None = None
 
     @staticmethod
     def of(
@@ -111,6 +114,10 @@ class ArmLimits:
         columns, model = list(profile.arm_columns), profile.model
         range_lower, range_upper = model.lower[columns], model.upper[columns]
         lower, upper = range_lower + margin, range_upper - margin
+        braking = FR3.scaled(speed) if profile.solver.get("limits") == "fr3" else None
+        if braking is not None:  # which no joint reaches the ends of
+            lowest, highest = braking.range()
+            lower, upper = np.maximum(lower, lowest), np.minimum(upper, highest)
         if (lower >= upper).any():
             raise InputError("leaves a joint no range", field="margin")
         velocity = model.velocity[columns]
@@ -138,11 +145,31 @@ class ArmLimits:
             force,
             LEASH + speed * LEASH_AT_SPEED,
             jump,
+            braking,
         )
 
     def leash_under(self, force: float) -> float:
         """Leash (rad or m) under a force (N), by the share that is left of what may press on the arm."""
         return self.leash * (1.0 - force / self.force)
+
+    def fastest_from(self, q: Array) -> tuple[Array, Array]:
+        """(m,) velocities upwards and downwards, both positive, of a command that goes on from (m,) joints."""
+        if self.braking is None:
+            return self.velocity, self.velocity
+        up, down = self.braking.ahead(CYCLE).fastest(q)
+        return np.minimum(up, self.velocity), np.minimum(down, self.velocity)
+
+    def brakes(self, q: Array, v: Array, slack: float) -> bool:
+        """Whether commands keep the velocity limits that depend on their positions.
+
+        Args:
+            q, v: (N, m) or (m,) commands, and the way to each from the one before by the cycle.
+            slack: share of a limit, and rad/s, that arithmetic may be off.
+        """
+        if self.braking is None:
+            return True
+        up, down = self.braking.fastest(q)
+        return bool((v <= (1.0 + slack) * up + slack).all() and (-v <= (1.0 + slack) * down + slack).all())
 
     @property
     def size(self) -> int:

@@ -18,8 +18,8 @@ from gensim2.scenes.config import SceneArguments, split_arguments
 
 SIMULATED = "simulated"
 SOFTWARE = "software"
-ARMS = ("franka", "ur", "xarm")
-"""Makers of arms that there is a driver for."""
+ARMS = ("franka", "panda", "ur", "xarm")
+"""Arms that there is a driver for; ``panda``: Franka's by the other library."""
 
 
 CameraKind = Literal["simulated", "software", "recording", "realsense"]
@@ -31,8 +31,8 @@ class CameraSource:
 
     Attributes:
         kind: ``simulated``: rays; ``software``: rays that go through software devices of ``pyrealsense2``;
-            ``recording``: files of devices; ``realsense``: devices.
-        devices: file or serial number of each camera, by name; empty where pictures are rendered.
+            ``recording``: files of devices, or logs of the line; ``realsense``: devices.
+        devices: file, folder of a log or serial number of each camera, by name; empty where pictures are rendered.
     """
 
     kind: CameraKind
@@ -45,7 +45,7 @@ class CameraSource:
 
     @classmethod
     def parse(cls, word: str) -> CameraSource:
-        """Read ``simulated``, ``software``, ``recording:NAME=FILE,...`` or ``realsense:NAME=SERIAL,...``.
+        """Read ``simulated``, ``software``, ``recording:NAME=DIR|FILE,...`` or ``realsense:NAME=SERIAL,...``.
 
         Raises:
             InputError: it is not written so.
@@ -55,7 +55,7 @@ class CameraSource:
         kind, _, rest = word.partition(":")
         pairs = [each.partition("=") for each in rest.split(",")]
         if kind not in ("recording", "realsense") or not all(name and device for name, _, device in pairs):
-            remedy = f"{SIMULATED}, {SOFTWARE}, recording:NAME=FILE,... or realsense:NAME=SERIAL,..."
+            remedy = f"{SIMULATED}, {SOFTWARE}, recording:NAME=DIR|FILE,... or realsense:NAME=SERIAL,..."
             raise InputError(f"no cameras {word!r}", field="--cameras", remedy=remedy)
         found = {name: device for name, _, device in pairs}
         if len(found) < len(pairs):
@@ -109,7 +109,7 @@ class LineConfig:
     """Everything that a line follows from beside its task and scenes.
 
     Attributes:
-        arm: ``simulated``, or ``franka:HOST``, ``ur:HOST``, ``xarm:HOST``.
+        arm: ``simulated``, or ``franka:HOST``, ``panda:HOST``, ``ur:HOST``, ``xarm:HOST``.
         cameras: see :meth:`CameraSource.parse`. Recordings do not follow an arm: they go with a dry run of a
             simulated one.
         policy: a checkpoint, the URL of a server (``ws://host:port``), or a controller; None: the plan's chain, which

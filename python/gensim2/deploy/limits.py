@@ -176,8 +176,10 @@ def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]
     speed = way / CYCLE
     rate = (speed - sent.v) / CYCLE
     change = rate - sent.a
+    up, down = limits.fastest_from(sent.q)
+    fastest = np.where(way > 0.0, up, down)
     passed = {
-        "velocity": np.abs(speed) > limits.velocity,
+        "velocity": np.abs(speed) > fastest,
         "acceleration": np.abs(rate) > limits.acceleration,
         "jerk": np.abs(change) > CYCLE * limits.jerk,
     }
@@ -186,7 +188,7 @@ def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]
         if which.any():
             clips.append(name)
         late |= which
-    slow = np.minimum(limits.velocity, np.sqrt(limits.acceleration * np.abs(way)))
+    slow = np.minimum(fastest, np.sqrt(limits.acceleration * np.abs(way)))
     speed = np.where(late, np.sign(way) * np.minimum(slow, np.abs(speed)), speed)
     rate = np.clip((speed - sent.v) / CYCLE, -limits.acceleration, limits.acceleration)
     return np.clip(rate, sent.a - CYCLE * limits.jerk, sent.a + CYCLE * limits.jerk)
@@ -197,7 +199,7 @@ def _checked(before: Array, q: Array, v: Array, a: Array, limits: ArmLimits, cli
     if (q < limits.lower - SLACK).any() or (q > limits.upper + SLACK).any():
         clips.append("position")
         return None
-    if (np.abs(v) > (1.0 + SLACK) * limits.velocity).any():
+    if (np.abs(v) > (1.0 + SLACK) * limits.velocity).any() or not limits.brakes(q, v, SLACK):
         clips.append("velocity")
         return None
     stop = quickest_stop(q, v, a, limits)

@@ -22,7 +22,8 @@ def open_arm(word: str, profile: RobotProfile) -> StreamedArm:
     """Connect to an arm.
 
     Args:
-        word: ``franka:HOST``, ``ur:HOST`` or ``xarm:HOST``, as a :class:`~gensim2.deploy.config.LineConfig` has it.
+        word: ``franka:HOST``, ``panda:HOST``, ``ur:HOST`` or ``xarm:HOST``, as a
+            :class:`~gensim2.deploy.config.LineConfig` has it.
         profile: of the robot.
 
     Raises:
@@ -34,6 +35,10 @@ def open_arm(word: str, profile: RobotProfile) -> StreamedArm:
         from gensim2.deploy.drivers.franka import FrankaArm
 
         return FrankaArm(host, profile)
+    if kind == "panda":
+        from gensim2.deploy.drivers.panda_py import PandaPyArm
+
+        return PandaPyArm(host, profile)
     if kind == "ur":
         from gensim2.deploy.drivers.ur import URArm
 

@@ -80,7 +80,8 @@ def quickest_stop(q: Array, v: Array, a: Array, limits: ArmLimits) -> Commands |
             if (np.abs(speeds) > most_v).any():
                 continue
             places = q + CYCLE * np.cumsum(speeds, axis=0)
-            if (places >= limits.lower - SLACK).all() and (places <= limits.upper + SLACK).all():
+            inside = (places >= limits.lower - SLACK).all() and (places <= limits.upper + SLACK).all()
+            if inside and limits.brakes(places, speeds, SLACK):
                 rates[-1] = 0.0
                 return Commands(places, speeds, rates)
     return None

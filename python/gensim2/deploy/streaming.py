@@ -36,6 +36,9 @@ class Streamer:
 
     def __init__(self, limits: ArmLimits) -> None:
         self._limits = limits
+        # The way from one command to the next is as fast as the middle between them, and limited by where it leads to.
+        braking = limits.braking
+        self._braking = None if braking is None else braking.ahead(0.5 * CYCLE).scaled(_FITTED).rows()
         self._motion: kpam.Trajectory | None = None
         self._ahead: list[tuple[float, Array]] = []
         self._rows: Array = np.zeros((3, limits.size))
@@ -64,7 +67,7 @@ class Streamer:
         if len(rows) == 1:
             return True
         stretch = np.diff(times)
-        rows.append(rows[-1] + self._rest((rows[-1] - rows[-2]) / max(stretch[-1], CYCLE)))
+        rows.append(rows[-1] + self._rest(rows[-1], (rows[-1] - rows[-2]) / max(stretch[-1], CYCLE)))
         slowest = [*stretch, CYCLE]
         if np.abs(rows[-1] - rows[-2]).max() <= _SAME:
             rows.pop()
@@ -76,6 +79,7 @@ class Streamer:
                 _FITTED * self._limits.acceleration,
                 _FITTED * self._limits.jerk,
                 slowest=slowest,
+                braking=self._braking,
                 start_velocity=v,
                 start_acceleration=a,
                 start_time=now,
@@ -85,11 +89,12 @@ class Streamer:
             return False  # what there is comes to rest by itself, and the next targets are joined from there
         return True
 
-    def _rest(self, speed: Array) -> Array:
-        """(m,) way in which the arm comes to rest from a speed."""
+    def _rest(self, q: Array, speed: Array) -> Array:
+        """(m,) way in which the arm comes to rest from (m,) joints and a speed, within the joints' range."""
         speed = np.clip(speed, -self._limits.velocity, self._limits.velocity)
         way: Array = 0.75 * speed * (np.abs(speed) / self._limits.acceleration).max()
-        return way
+        room = np.where(way > 0.0, self._limits.upper - q, q - self._limits.lower)
+        return way * min(1.0, float((room / np.maximum(np.abs(way), _SAME)).min()))
 
     def _state(self, sent: Sent, now: float) -> tuple[Array, Array, Array]:
         """(m,) position, velocity and acceleration to go on from: the motion's where it is what is sent."""

@@ -23,6 +23,7 @@ _Made = TypeVar("_Made", bound=Maker)
 PACKAGED = {
     "panda": "gensim2.robots.panda:panda",
     "panda_long": "gensim2.robots.panda_long:panda_long",
+    "fr3": "gensim2.robots.fr3:fr3",
     "fetch": "gensim2.robots.fetch:fetch",
 }
 """Factory of each robot of the package."""

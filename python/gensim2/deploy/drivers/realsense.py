@@ -22,6 +22,8 @@ from gensim2.observations import Camera
 MILLIMETRE = 1e-3
 QUEUE = 4
 """Pairs of pictures that wait in the library at most; the oldest are dropped."""
+OF_A_BAG = "pyrealsense2.context().convert_bag_to_db3(BAG, DB3) makes a .db3 of a .bag that is whole"
+"""Remedy where the library, which plays the old format but calls it deprecated, does not play a file of it."""
 
 
 def library() -> Any:
@@ -57,7 +59,7 @@ def connected(serials: Mapping[str, str]) -> dict[str, Any]:
 
 
 def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
-    """Recordings (``.db3``) as devices, by camera.
+    """Recordings (``.db3``, or ``.bag`` of an older library) as devices, by camera.
 
     Args:
         files: of each camera, one camera a file.
@@ -74,7 +76,9 @@ def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
         try:
             found[name] = context.load_device(str(file))
         except RuntimeError as error:
-            raise InputError(f"is no recording of a RealSense: {error}", file=file, field=f"cameras.{name}") from error
+            said = f"is no recording of a RealSense: {error}"
+            remedy = OF_A_BAG if file.suffix == ".bag" else None
+            raise InputError(said, file=file, field=f"cameras.{name}", remedy=remedy) from error
     return found
 
 

@@ -52,7 +52,7 @@ class StreamedArm(ABC):
     def __init__(self, profile: RobotProfile, rate: float) -> None:
         self.profile, self._period = profile, 1.0 / rate
         self._states: deque[ArmState] = deque(maxlen=KEPT)
-        self._lock = threading.Lock()
+        self._lock, self._wire = threading.Lock(), threading.Lock()
         self._goals: deque[Array] = deque()
         self._passed: Array | None = None
         self._share = self._told = self._played = 0.0
@@ -98,7 +98,8 @@ class StreamedArm(ABC):
         with self._lock:
             self._standing, self._passed = True, None
             self._goals.clear()
-        self._attempt(self._halt)
+        with self._wire:  # behind a target that is being written; what comes after is not
+            self._attempt(self._halt)
 
     def close(self) -> None:
         """Stop, and leave the arm."""
@@ -166,7 +167,9 @@ class StreamedArm(ABC):
                 trouble = f"more than {1 / CYCLE:.0f} targets a second"
             goal, speed = self._play(now)
         if trouble is None:
-            self._attempt(lambda: self._write(goal, speed))
+            with self._wire:
+                if not self._standing:
+                    self._attempt(lambda: self._write(goal, speed))
         else:
             self.stand()
             self._trouble = trouble

@@ -1,0 +1,50 @@
+"""The Franka Research 3: the Panda's links with limits of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gensim2.robots.description import read_description, stored
+from gensim2.robots.panda import panda, panda_files
+from gensim2.robots.profile import RobotFiles, RobotProfile
+
+LIMITS = (
+    (-2.7437, 2.7437, 2.62, 87.0),
+    (-1.7837, 1.7837, 2.62, 87.0),
+    (-2.9007, 2.9007, 2.62, 87.0),
+    (-3.0421, -0.1518, 2.62, 87.0),
+    (-2.8065, 2.8065, 5.26, 12.0),
+    (0.5445, 4.5169, 4.18, 12.0),
+    (-3.0159, 3.0159, 5.26, 12.0),
+)
+"""Lower and upper position (rad), velocity (rad/s) and torque (N m) of each joint, as Franka publishes them."""
+
+
+def fr3_files() -> RobotFiles:
+    """ManiSkill's description of the Panda with the Research 3's limits, in the user's cache folder.
+
+    Raises:
+        MissingExtraError: ManiSkill is not installed.
+        InputError: the cache folder cannot be written to.
+    """
+    source = panda_files()
+    root = read_description(source.urdf)
+    joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
+    for number, values in enumerate(LIMITS, start=1):
+        limit = joints[f"panda_joint{number}"].find("limit")
+        assert limit is not None, "a joint of the Panda"
+        limit.attrib.update(zip(("lower", "upper", "velocity", "effort"), map(repr, values), strict=True))
+    return stored("fr3", root, source.srdf.read_text(encoding="utf-8"))
+
+
+def fr3() -> RobotProfile:
+    """The profile: links, meshes, hand, place and drives are the Panda's; limits are the Research 3's."""
+    known = panda()
+    return replace(
+        known,
+        name="fr3",
+        files=fr3_files,
+        simulation=replace(known.simulation, agent="fr3"),
+        # Its velocity limits depend on the position, which no URDF says.
+        solver={**known.solver, "limits": "fr3"},
+    )
