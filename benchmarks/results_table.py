@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import mean, stdev
 
-from results_claims import claims
+from results_claims import TYPES, claims
 
 from gensim2.errors import InputError
 from gensim2.evaluation.figures import rows_of
@@ -32,7 +32,6 @@ from gensim2.tasks.published import MEASURED, MEASURED_IN_ALL, PAPER
 
 WHERE = [("default", "generated"), ("default", "real"), ("original", "generated"), ("original", "real")]
 """Columns: whose physics, and which objects."""
-TYPES = ("single-step", "long-horizon")
 MEASURED_TASKS = {"single-step": 24, "long-horizon": 15}
 """Tasks of a table below which the release's share over all of them does not stand in it."""
 MIN_EPISODES = 5
