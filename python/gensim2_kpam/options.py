@@ -110,6 +110,8 @@ class GraspOptions(TypedDict, total=False):
     """Most grasps (100)."""
     samples: int
     """Points of the surface that are looked at (256)."""
+    per_part: bool
+    """Sample every part of the body equally often: a knob is a small part of a drawer (False)."""
     trials: int
     """Hand poses that are looked at closely (2,000)."""
     friction: float

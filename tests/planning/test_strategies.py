@@ -9,7 +9,7 @@ import pytest
 
 from gensim2.errors import InputError
 from gensim2.planning.config import ObjectNames, check_strategies
-from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, parse_strategy
+from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, PullStrategy, parse_strategy
 from gensim2.robots import robot
 from gensim2.tasks.spec import TaskSpec
 
@@ -123,3 +123,15 @@ def test_steps_that_cannot_be_are_refused(steps: list[Any], field: str, words: s
     with pytest.raises(InputError, match=words) as caught:
         check(task(steps=steps))
     assert caught.value.field == field
+
+
+def test_a_pull_is_a_grasp_that_follows_the_joint() -> None:
+    pull = parse_strategy({"grasp": "antipodal", "follow_joint_to": 0.97})
+    assert pull == PullStrategy(grasp="antipodal", follow_joint_to=0.97)
+    assert parse_strategy(pull.to_dict()) == pull
+    check(task(), open=pull.to_dict())
+    with pytest.raises(InputError, match=r"ball has no joint.*remove it") as refused:
+        check(task(), grasp=pull.to_dict())
+    assert refused.value.field == "follow_joint_to"
+    with pytest.raises(InputError, match="did you mean 'follow_joint_to'"):
+        parse_strategy({"grasp": "antipodal", "follow_joint_to": 0.97, "follow_joint": 1.0})

@@ -245,3 +245,19 @@ fn the_same_question_has_the_same_answer() {
     let ask = || serde_json::to_string(&found(&object, &[table()], &GraspOptions::default())).unwrap();
     assert_eq!(ask(), ask());
 }
+
+#[test]
+fn a_knob_is_found_where_every_part_is_sampled_equally_often() {
+    let (panel, knob) =
+        (Convex::cuboid([0.2, 0.05, 0.15], &Pose::identity()).unwrap(), Pose::translation(0.0, 0.065, 0.0));
+    let knob = Convex::cuboid([0.01, 0.015, 0.01], &knob).unwrap();
+    let drawer = body(Role::MovingLink, vec![panel, knob], Pose::identity());
+    let sampled = |per_part: bool| options(|o| (o.samples, o.per_part) = (128, per_part));
+    assert_eq!(found(&drawer, &[], &sampled(false)), vec![]);
+    let grasps = found(&drawer, &[], &sampled(true));
+    assert!(!grasps.is_empty());
+    for grasp in grasps {
+        let between = grasp.object_hand * Point3::from(gripper().grip().translation.vector);
+        assert!((between - Point3::new(0.0, 0.065, 0.0)).amax() < 0.03, "{between}");
+    }
+}

@@ -4,7 +4,7 @@ from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.planning.step_plan import StepPlan
 from gensim2.planning.steps import PLAN_OPTIONS, StepPlanner
-from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy, parse_strategy
+from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, PullStrategy, Strategy, parse_strategy
 
 __all__ = [
     "PLAN_OPTIONS",
@@ -12,6 +12,7 @@ __all__ = [
     "JointState",
     "KeypointStrategy",
     "ObjectNames",
+    "PullStrategy",
     "Scene",
     "SceneBody",
     "SceneObject",

@@ -13,7 +13,7 @@ import gensim2_kpam as kpam
 from gensim2.errors import InputError
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.planning.steps import StepPlanner
-from gensim2.planning.strategies import GraspStrategy, Strategy, named
+from gensim2.planning.strategies import GraspStrategy, PullStrategy, Strategy, named
 from gensim2.robots import RobotProfile
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
@@ -64,8 +64,14 @@ def check_strategies(
 def _check(planner: StepPlanner, scene: Scene, step: Step, strategy: Strategy, file: Path | str | None) -> None:
     if isinstance(strategy, GraspStrategy):
         if not scene.objects[step.object].is_rigid:
-            remedy = "a handle is grasped by a solver config with gripper: grasp"
+            remedy = "follow_joint_to: 1.0 beside it grasps what the joint moves"
             raise InputError(f"{step.object} has a joint", file=file, field="grasp", remedy=remedy)
+        if step.tool != HAND:
+            raise InputError(f"the hand holds {step.tool}", file=file, field="grasp", remedy="a step without tool")
+        return
+    if isinstance(strategy, PullStrategy):
+        if scene.objects[step.object].is_rigid:
+            raise InputError(f"{step.object} has no joint", file=file, field="follow_joint_to", remedy="remove it")
         if step.tool != HAND:
             raise InputError(f"the hand holds {step.tool}", file=file, field="grasp", remedy="a step without tool")
         return

@@ -113,6 +113,26 @@ def grasp_config(
     Args:
         swapped: the fingers the other way round.
     """
+    at, constraints = hand_at(scene, grasp, profile, swapped)
+    config = kpam.SolverConfig(
+        {
+            "constraint_list": constraints,
+            "pre_actuation_motions": [["translate_z", -strategy.approach]],
+            "post_actuation_motions": ["move-up"] * max(1, round(strategy.lift / STRIDE)),
+            "gripper": "grasp",
+        }
+    )
+    return {"grasp": at}, config
+
+
+def hand_at(
+    scene: Scene, grasp: kpam.Grasp, profile: RobotProfile, swapped: bool
+) -> tuple[Array, list[dict[str, Any]]]:
+    """(3,) keypoint ``grasp`` in the base frame, and the constraints that bring the hand to a grasp there.
+
+    Args:
+        swapped: the fingers the other way round.
+    """
     T_base_hand = np.array(grasp.T_base_hand)
     if swapped:
         T_base_hand[:3, :2] *= -1.0
@@ -139,12 +159,4 @@ def grasp_config(
                 "tolerance": ALONG,
             }
         )
-    config = kpam.SolverConfig(
-        {
-            "constraint_list": constraints,
-            "pre_actuation_motions": [["translate_z", -strategy.approach]],
-            "post_actuation_motions": ["move-up"] * max(1, round(strategy.lift / STRIDE)),
-            "gripper": "grasp",
-        }
-    )
-    return {"grasp": tool["tool_head"]}, config
+    return tool["tool_head"], constraints

@@ -55,9 +55,22 @@ class StepProblems:
         return REACH_CLEARANCES if reaches else (None,)
 
     def of_step(
-        self, scene: Scene, step: Step, strategy: KeypointStrategy, options: kpam.Options | None = None
+        self,
+        scene: Scene,
+        step: Step,
+        strategy: KeypointStrategy,
+        options: kpam.Options | None = None,
+        more_keypoints: Mapping[str, Array] | None = None,
     ) -> kpam.KeypointProblem:
-        """The problem that a config poses on a scene; ``options`` take the place of the planner's."""
+        """The problem that a config poses on a scene.
+
+        Args:
+            scene: as it stands.
+            step: what is acted on, and with what.
+            strategy: the config.
+            options: in place of the planner's.
+            more_keypoints: (3,) each in the base frame, beside those of the scene.
+        """
         thing, gripper = scene.objects[step.object], self._profile.gripper
         fingers = strategy.fingers
         acts: dict[str, Any] = {}
@@ -71,7 +84,9 @@ class StepProblems:
             acts["contact_speed"] = float(strategy.contact_speed)
         if fingers == "grasp" and strategy.opening is not None:
             acts["finger_width"] = gripper.planned(min(strategy.opening, gripper.widest))
-        return self.posed(scene, step, strategy.solver_config, fingers, joint, {**(options or {}), **acts})
+        return self.posed(
+            scene, step, strategy.solver_config, fingers, joint, {**(options or {}), **acts}, more_keypoints
+        )
 
     def posed(
         self,

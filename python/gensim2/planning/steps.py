@@ -14,12 +14,13 @@ from gensim2.planning import predict
 from gensim2.planning.actions import Schedule, grip_force, grip_on, schedule
 from gensim2.planning.fingers import Fingers
 from gensim2.planning.grasping import COMPARED, HELD, grasp_config, grasps_of, lever_of, margin_of
+from gensim2.planning.pulling import pull_config, pulls_of
 from gensim2.planning.reaching import Reach, reach
 from gensim2.planning.scene import Scene
 from gensim2.planning.shortening import shortened
 from gensim2.planning.step_plan import INVALID, NO_GRASP, Foreseen, StepPlan, Ways
 from gensim2.planning.step_problems import StepProblems
-from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy
+from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, PullStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
 from gensim2.robots import OPEN, RobotProfile
 from gensim2.tasks.spec import Step
@@ -76,6 +77,8 @@ class StepPlanner:
         """
         if isinstance(strategy, GraspStrategy):
             return self._grasp(scene, step, strategy, following, lost)
+        if isinstance(strategy, PullStrategy):
+            return self._pull(scene, step, strategy)
         try:
             found = reach(
                 lambda options: self.problem(scene, step, strategy, options),
@@ -194,6 +197,29 @@ class StepPlanner:
             reason = f"with none of {len(found)} grasps of {thing.name} can {use[0].name} be planned"
             return replace(best, status="partial", reason=reason)
         return replace(best, status=NO_GRASP, reason=f"none of {len(found)} grasps is reached: {best.reason}")
+
+    def _pull(self, scene: Scene, step: Step, strategy: PullStrategy) -> StepPlan:
+        """The first grasp of what the joint moves with which all its way can be done, nothing touched before."""
+        thing = scene.objects[step.object]
+        if thing.joint is None or scene.held is not None:
+            what = "has no joint" if thing.joint is None else f"cannot be taken: the hand holds {scene.held}"
+            return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
+        found = pulls_of(self.world.of(scene), scene, thing, self._gripper, strategy)
+        first: StepPlan | None = None
+        for grasp, swapped in product(found, (False, True)):
+            points, way = pull_config(scene, grasp, self.profile, strategy, swapped)
+            for clearance in self._problems.clearances(scene, step, way):
+                if clearance is None:
+                    continue  # what touches early is left to configs
+                problem = self._problems.of_step(scene, step, way, {"reach_clearance": clearance}, points)
+                plan = kpam.plan(problem)
+                if plan.status == "solved":
+                    return self._planned(scene, step, way, problem, plan)
+                if first is None:
+                    first = StepPlan(plan.status, plan.reason, plan, None, None)
+        if first is None:
+            return StepPlan(NO_GRASP, f"what {thing.name} moves cannot be held where it stands", None, None, None)
+        return replace(first, status=NO_GRASP, reason=f"none of {len(found)} grasps pulls it: {first.reason}")
 
     def _take(self, scene: Scene, step: Step, strategy: GraspStrategy, grasp: kpam.Grasp, swapped: bool) -> StepPlan:
         points, config = grasp_config(scene, grasp, self.profile, strategy, swapped)

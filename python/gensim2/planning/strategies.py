@@ -107,28 +107,65 @@ class GraspStrategy(BaseModel):
         return self.model_dump(mode="json")
 
 
-Strategy = KeypointStrategy | GraspStrategy
+class PullStrategy(BaseModel):
+    """A grasp of what the joint of the step's object moves, found on its shape, and the way of the joint in the hand.
+
+    The first grasp is taken that the hand comes to without a touch, and with which the whole way can be done.
+
+    Attributes:
+        grasp: how it is found.
+        follow_joint_to: openness to which the joint goes.
+        approach: straight way of the open hand to it, m.
+        let_go: way back of the opened hand at the end, m.
+        friction: coefficient between pads and object.
+        contact_speed: greatest speed of the pads while they hold it, m/s.
+        candidates: most grasps that are tried, each with the fingers either way round.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    grasp: Literal["antipodal"]
+    follow_joint_to: Annotated[float, Field(ge=0, le=1)]
+    approach: Annotated[float, Field(gt=0, le=0.3)] = 0.06
+    let_go: Annotated[float, Field(gt=0, le=0.3)] = 0.06
+    friction: Annotated[float, Field(gt=0, le=5)] = 0.6
+    contact_speed: Annotated[float, Field(ge=0.001, le=10)] = 0.08
+    candidates: Annotated[int, Field(ge=1, le=1000)] = 12
+
+    @property
+    def fingers(self) -> kpam.Gripper:
+        """Finger mode of the strategy."""
+        return "grasp"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return self.model_dump(mode="json")
+
+
+Strategy = KeypointStrategy | GraspStrategy | PullStrategy
 
 
 def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> Strategy:
     """Validate a strategy given as plain data.
 
     Args:
-        data: fields of a solver config, or of :class:`GraspStrategy` where there is a field ``grasp``.
+        data: fields of a solver config; where there is a field ``grasp``, of :class:`GraspStrategy`, or of
+            :class:`PullStrategy` with ``follow_joint_to``.
         file: where it comes from.
 
     Raises:
         InputError: a field is unknown, missing or out of range; names it.
     """
     if "grasp" in data:
+        kind = PullStrategy if "follow_joint_to" in data else GraspStrategy
         try:
-            return GraspStrategy.model_validate(data, strict=True)
+            return kind.model_validate(data, strict=True)
         except ValidationError as error:
             first = error.errors()[0]
             field = ".".join(str(part) for part in first["loc"]) or None
             if first["type"] != "extra_forbidden":
                 raise InputError(first["msg"].lower(), file=file, field=field) from error
-            near = difflib.get_close_matches(str(field), GraspStrategy.model_fields, n=1)
+            near = difflib.get_close_matches(str(field), kind.model_fields, n=1)
             remedy = f"did you mean {near[0]!r}?" if near else "remove it"
             raise InputError("unknown field of a grasp", file=file, field=field, remedy=remedy) from error
     strategy = KeypointStrategy(data)

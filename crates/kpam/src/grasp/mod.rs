@@ -31,6 +31,8 @@ pub struct GraspOptions {
     pub count: usize,
     /// Number of points that are sampled on the surface.
     pub samples: usize,
+    /// Whether every part of the body is sampled equally often, whatever its surface: a knob is a small part of a drawer.
+    pub per_part: bool,
     /// Largest number of hand poses whose contacts and approach are checked, the most promising first.
     pub trials: usize,
     /// Friction coefficient between pads and object.
@@ -49,6 +51,7 @@ impl Default for GraspOptions {
         Self {
             count: 100,
             samples: 256,
+            per_part: false,
             trials: 2000,
             friction: 0.6,
             approach: 0.1,
@@ -107,7 +110,7 @@ impl Scene {
         if center_of_mass.is_some_and(|center| !center.iter().all(|v| v.is_finite())) {
             return Err(ProblemError::new("center_of_mass", "is not finite"));
         }
-        let surface = surface::Surface::new(&object.shapes, up.as_ref())?;
+        let surface = surface::Surface::new(&object.shapes, up.as_ref(), options.per_part)?;
         let stands = self.bodies().iter().filter(|b| b.name != body && b.role != Role::Attached);
         let others: Vec<(&[Convex], Pose)> = stands.map(|b| (&b.shapes[..], object_base * b.pose)).collect();
         let around = clearance::Surroundings::new(&object.shapes, &others);

@@ -1,0 +1,84 @@
+"""Grasps of what an object's joint moves, and the config that takes one and works the joint with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+import gensim2_kpam as kpam
+from gensim2.planning.grasping import hand_at
+from gensim2.planning.scene import JointState, Scene, SceneObject
+from gensim2.planning.strategies import KeypointStrategy, PullStrategy
+from gensim2.robots import RobotProfile
+
+Array = npt.NDArray[np.float64]
+
+#: Cosine between the way in which the pads close and that of the joint, from which on the pads themselves pull and not
+#: their friction.
+PADS_PULL = 0.7
+
+#: Points of the surface and hand poses that are looked at: a knob is a small part of a drawer, and its grasps are
+#: not the most promising ones.
+SAMPLES, TRIALS = 2048, 400_000
+
+
+def pulls_of(
+    world: kpam.Scene, scene: Scene, thing: SceneObject, gripper: kpam.ParallelGripper, strategy: PullStrategy
+) -> list[kpam.Grasp]:
+    """Grasps of what the joint of an object moves: those whose pads pull come before those whose friction does.
+
+    Of either kind those come first that are good grasps near the object's first keypoint, which is on its handle.
+
+    Args:
+        world: ``scene`` as the solver's own.
+        thing: that is acted on; it has a joint.
+    """
+    assert thing.joint is not None
+    bodies = {body.name: body for body in thing.bodies}
+    options: kpam.GraspOptions = {
+        "friction": strategy.friction,
+        "approach": strategy.approach,
+        "up": np.linalg.inv(scene.T_world_base)[:3, 2],
+        "samples": SAMPLES,
+        "per_part": True,
+        "trials": TRIALS,
+    }
+    handle = next(iter(thing.points.values()))
+    found: list[kpam.Grasp] = []
+    for name in thing.joint.moves:
+        in_body = np.linalg.solve(bodies[name].T_base_body, np.append(handle, 1.0))[:3]
+        found += world.grasps(name, gripper, center_of_mass=in_body, options=options)
+    joint = thing.joint
+    ranked = sorted(found, key=lambda grasp: (not _pads_pull(grasp, joint, gripper), -grasp.score))
+    return ranked[: strategy.candidates]
+
+
+def _pads_pull(grasp: kpam.Grasp, joint: JointState, gripper: kpam.ParallelGripper) -> bool:
+    T_base_grip = grasp.T_base_hand @ gripper.T_hand_grip
+    way = np.asarray(joint.axis)
+    if joint.type == "revolute":
+        way = np.cross(way, T_base_grip[:3, 3] - joint.origin)
+        length = np.linalg.norm(way)
+        way = way / length if length > 0 else way
+    return bool(abs(T_base_grip[:3, 0] @ way) > PADS_PULL)
+
+
+def pull_config(
+    scene: Scene, grasp: kpam.Grasp, profile: RobotProfile, strategy: PullStrategy, swapped: bool
+) -> tuple[dict[str, Array], KeypointStrategy]:
+    """The config that takes a grasp and works the joint, and the (3,) keypoints that it names, in the base frame.
+
+    Args:
+        swapped: the fingers the other way round.
+    """
+    at, constraints = hand_at(scene, grasp, profile, swapped)
+    config = {
+        "constraint_list": constraints,
+        "pre_actuation_motions": [["translate_z", -strategy.approach]],
+        "post_actuation_motions": [["follow_joint_to", strategy.follow_joint_to]],
+        "gripper": "grasp",
+        "let_go": strategy.let_go,
+        "opening": float(min(grasp.opening, profile.gripper.widest)),
+        "contact_speed": strategy.contact_speed,
+    }
+    return {"grasp": at}, KeypointStrategy(config)
