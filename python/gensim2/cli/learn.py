@@ -34,7 +34,7 @@ from gensim2.cli.output import line, report, table
     type=options.count(),
     default=2000,
     show_default=True,
-    help="Most of each task to plan; of episodes at most 200.",
+    help="Most of each task to plan; of episodes at most 600.",
 )
 @click.option(
     "--episodes",

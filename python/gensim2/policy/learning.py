@@ -48,7 +48,7 @@ CHUNK_SPEC = ObservationSpec.of({"points": 512, "candidates": 2048})
 """Observations of a policy of action chunks."""
 VIDEOS = 3
 """Episodes of each task that are filmed."""
-EPISODES, SECONDS_AN_EPISODE = 200, 1.5
+EPISODES, SECONDS_AN_EPISODE = 600, 0.5
 """Demonstrations of each task at most, and what one takes of CPU with its clouds."""
 
 
