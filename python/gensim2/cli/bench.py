@@ -10,6 +10,8 @@ import click
 from gensim2.cli import options
 from gensim2.cli.output import report, table
 
+LOOK_STAGES = ("observation", "decision", "total")
+
 
 @click.group("bench")
 def bench() -> None:
@@ -124,6 +126,13 @@ def _show_motion(result: dict[str, Any]) -> None:
 
 
 @bench.command("policy", cls=options.Command, short_help="Time policies from observation to action.")
+@click.option(
+    "--checkpoint",
+    type=click.Path(path_type=Path),
+    default=None,
+    metavar="DIR",
+    help="A keypose policy, whose looks are timed in episodes of its tasks, the planner included.",
+)
 @click.option("--head", "heads", multiple=True, metavar="NAME", help="Only this one; may be given again.")
 @click.option("--encoder", "encoders", multiple=True, metavar="NAME", help="May be given again.  [default: mlp]")
 @click.option(
@@ -136,16 +145,35 @@ def _show_motion(result: dict[str, Any]) -> None:
 @click.option("--device", default="cpu", show_default=True, help="Device by PyTorch's name.")
 @options.assets
 @options.json_file
-def policy(heads: tuple[str, ...], encoders: tuple[str, ...], json_file: str | None, **given: Any) -> None:
+def policy(
+    checkpoint: Path | None, heads: tuple[str, ...], encoders: tuple[str, ...], json_file: str | None, **given: Any
+) -> None:
     """Time decisions of every head on a live scene, rays included, with fresh weights, batch 1.
 
-    The planner that executes keyposes is not part of it.
+    The planner that executes keyposes is not part of it; --checkpoint times a trained policy with it.
     """
-    with report(json_file, _show_policy) as (progress, give):
+    with report(json_file, _show_policy if checkpoint is None else _show_looks) as (progress, give):
+        if checkpoint is not None:
+            from gensim2.policy.keypose.latency import measure_looks
+
+            looks = {name: given[name] for name in ("threads", "assets")}
+            return give(measure_looks(checkpoint, looks=given["decisions"], progress=progress, **looks))
         from gensim2.policy.config import HEADS
         from gensim2.policy.latency import measure_latencies
 
         give(measure_latencies(heads or HEADS, encoders or ("mlp",), progress=progress, **given))
+
+
+def _show_looks(result: dict[str, Any]) -> None:
+    rows = [
+        (
+            ", ".join(row["tasks"]),
+            *(f"{row['p50'][s]:.1f} {row['p95'][s]:.1f} ({row['cpu'][s]:.1f})" for s in LOOK_STAGES),
+        )
+        for row in result["rows"]
+    ]
+    title = f"{result['looks']} looks, {result['threads']} threads, load of the machine {result['load']:.1f}"
+    table(("tasks", *(f"{stage}, ms: p50 p95 (CPU)" for stage in LOOK_STAGES)), rows, title=title)
 
 
 def _show_policy(result: dict[str, Any]) -> None:

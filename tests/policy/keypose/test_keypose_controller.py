@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -144,3 +145,21 @@ def test_the_controller_is_not_privileged_and_misfits_are_one_line(
     (folder / "keypose.json").write_text("{}")
     with pytest.raises(Exception, match=r"keypose\.json"):
         KeyposeController(str(folder))
+
+
+def test_looks_are_timed_in_episodes_of_the_tasks_that_the_policy_knows(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    planned = made_up(4)
+    short = TRAINING.of({**TRAINING.to_dict(), "steps": 2, "batch": 4})
+    for language, folder in (("close the box", tmp_path / "known"), ("push the bar", tmp_path / "unknown")):
+        taught = replace(planned, record=planned.record.model_copy(update={"language": language}))
+        train_keypose(PlannedSource([taught]), folder, policy=SMALL, training=short)
+    common = ["bench", "policy", "--decisions", "3", "--assets", "builtin", "--json"]
+    assert command([*common, "--checkpoint", str(tmp_path / "known")]) == 0
+    found = json.loads(capfd.readouterr().out)
+    (row,) = found["rows"]
+    assert (row["tasks"], found["looks"]) == (["CloseBox"], 3)
+    assert 0 < row["p50"]["observation"] < row["p50"]["total"] <= row["p95"]["total"]
+    assert command([*common, "--checkpoint", str(tmp_path / "unknown")]) == 2
+    assert "knows the sentence of no task" in capfd.readouterr().err
