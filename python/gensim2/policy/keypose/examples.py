@@ -67,7 +67,7 @@ def draw(
         verify: execute the plans in physics, and leave the scene out where the task is not held then.
     """
     env, task, profile = simulator(scene), scene.task, robot(scene.robot)
-    env.reset(seed, _other_openness(scene, seed))
+    env.reset(seed, other_openness(scene, seed))
     observer = Observer(profile, {name: thing.model for name, thing in env.initial_state.objects.items()}, spec, seed)
     now = env.scene_state()
     measured = env.measure()
@@ -118,7 +118,7 @@ def refuted(scene: SceneConfig, strategies: Strategies, taken: Mapping[str, str]
     controller = ChainController(with_strategies(scene.task, ways), chosen, robot(scene.robot), one_plan=True)
     # Whether the goal comes by itself says nothing of a plan.
     still = NoOpResult(success=False, stable=True, start=env.measure(), end=env.measure())
-    options = _other_openness(scene, seed)
+    options = other_openness(scene, seed)
     episode = run(env, controller, seed=seed, options=options, still=lambda: still).episode
     return None if episode.held else "no cause found" if episode.cause is None else episode.cause.value
 
@@ -150,7 +150,7 @@ def example(
     }
 
 
-def _other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
+def other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
     """Reset options of a scene whose first step's joint stands anywhere; None for the others."""
     generator = rng(seed, f"{scene.task.name}/keypose")
     anywhere, openness = generator.random() < OTHER_OPENNESS, float(generator.random())
