@@ -22,9 +22,10 @@ from gensim2.rollout.tally import interval
 
 FIGURES = Path(__file__).with_name("policies.json")
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "docs" / "policy_keypose.md", ROOT / "README.md")
+PAGES = (ROOT / "docs" / "policy_keypose.md", ROOT / "docs" / "policy.md", ROOT / "README.md")
 MARKED = re.compile(r"(<!-- policies: (\w+) -->\n).*?(<!-- /policies -->)", re.DOTALL)
 CONTROLS = ("blind", "shuffled", "no_op", "expert")
+NAMES = {"blind": "blind", "shuffled": "clouds of others", "no_op": "no-op", "expert": "expert"}
 KEY = ("name", "policy", "objects", "randomization", "together")
 
 Row = dict[str, Any]
@@ -64,18 +65,28 @@ def rows_of(found: Mapping[str, Any], commit: str) -> list[Row]:
 
 
 def every(rows: Sequence[Row]) -> str:
-    """Return a table of single-task keypose policies, and one of all others."""
-    plain = [row for row in rows if _is_plain(row)]
-    others = [row for row in rows if not _is_plain(row)]
+    """Return tables of keypose policies: of one single-step task each, in the paper's scenes and wide ones; others."""
+    keyposes = [row for row in rows if row["policy"] == "keypose"]
+    plain = [row for row in keyposes if _is_plain(row, "paper")]
+    wide = [row for row in keyposes if _is_plain(row, "wide")]
+    others = [row for row in keyposes if row not in plain and row not in wide]
     parts = [_table(plain, others=False)] if plain else []
+    if wide:
+        parts.append("**`wide` scenes**, trained on and measured in.\n\n" + _table(wide, others=False))
     if others:
-        parts.append(_table(others, others=True))
+        parts.append("**Others**\n\n" + _table(others, others=True))
     return "\n".join(parts)
+
+
+def chunks(rows: Sequence[Row]) -> str:
+    """Return a table of policies of action chunks."""
+    mine = [row for row in rows if row["policy"] != "keypose"]
+    return _table(mine, others=True) if mine else ""
 
 
 def short(rows: Sequence[Row]) -> str:
     """Return one sentence about single-task keypose policies."""
-    plain = [row for row in rows if _is_plain(row)]
+    plain = [row for row in rows if _is_plain(row, "paper")]
     if not plain:
         return ""
     held, episodes = sum(row["held"] for row in plain), sum(row["episodes"] for row in plain)
@@ -94,8 +105,8 @@ def short(rows: Sequence[Row]) -> str:
     )
 
 
-def _is_plain(row: Row) -> bool:
-    common = row["policy"] == "keypose" and row["together"] == 1 and row["randomization"] == "paper"
+def _is_plain(row: Row, randomization: str) -> bool:
+    common = row["policy"] == "keypose" and row["together"] == 1 and row["randomization"] == randomization
     return common and row["objects"].startswith("generated") and _is_single_step(row["name"])
 
 
@@ -106,17 +117,9 @@ def _is_single_step(name: str) -> bool:
 
 
 def _table(rows: Sequence[Row], *, others: bool) -> str:
-    head = [
-        "task",
-        *(["policy"] if others else []),
-        "held (95 %)",
-        "strict",
-        "blind",
-        "clouds of others",
-        "no-op",
-        "expert",
-    ]
-    head += ["plans", "steps", "CPU s: data, training", "what failed"]
+    controls = [name for name in CONTROLS if any(name in row for row in rows)]
+    head = ["task", *(["policy"] if others else []), "held (95 %)", "strict", *(NAMES[name] for name in controls)]
+    head += ["taught by", "steps", "CPU s: data, training", "what failed"]
     lines = [_line(head), _line(["---"] * len(head))]
     for row in sorted(rows, key=lambda row: [row[each] for each in ("together", "policy", "name", "objects")]):
         cells = [row["name"]]
@@ -131,14 +134,16 @@ def _table(rows: Sequence[Row], *, others: bool) -> str:
         low, high = interval(row["held"], row["episodes"])
         cells.append(f"{row['held'] / row['episodes']:.2f} ({low:.2f} to {high:.2f}) of {row['episodes']}")
         cells.append(f"{row['strict'] / row['episodes']:.2f}")
-        cells += ["" if name not in row else f"{row[name]} of {row['control_episodes']}" for name in CONTROLS]
+        cells += ["" if name not in row else f"{row[name]} of {row['control_episodes']}" for name in controls]
         cells += [str(row["demonstrations"]), str(row["steps"]), f"{row['data_cpu_s']}, {row['training_cpu_s']}"]
         cells.append(", ".join(f"{count} {cause}" for cause, count in row["causes"].items()))
         lines.append(_line(cells))
     if not others:
         held = [row["held"] / row["episodes"] for row in rows]
         cpu = mean(row["data_cpu_s"] + row["training_cpu_s"] for row in rows)
-        lines.append(_line([f"mean of {len(rows)}", f"{mean(held):.3f}", *[""] * 7, f"{cpu:.0f} in all", ""]))
+        lines.append(
+            _line([f"mean of {len(rows)}", f"{mean(held):.3f}", *[""] * (3 + len(controls)), f"{cpu:.0f} in all", ""])
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -161,7 +166,7 @@ def main() -> None:
             known[tuple(row[name] for name in KEY)] = row
     rows = [known[key] for key in sorted(known, key=str)]
     write_json(FIGURES, {"schema_version": 1, "rows": rows})
-    makers = {"all": every, "short": short}
+    makers = {"all": every, "short": short, "chunks": chunks}
     for page in PAGES:
         text = MARKED.sub(lambda match: f"{match[1]}{makers[match[2]](rows)}{match[3]}", page.read_text())
         write_atomic(page, text)

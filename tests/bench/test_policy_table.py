@@ -73,8 +73,23 @@ def test_a_table_has_counts_and_intervals_and_the_mean(made: Any) -> None:
 def test_policies_of_several_tasks_have_a_table_of_their_own(made: Any) -> None:
     alone = made.rows_of(_learned("CloseBox", held=1.0), "abc")
     rows = alone + made.rows_of(_learned("CloseBox", "OpenBox", held=0.5, together=True, blind=None), "abc")
-    first, second = made.every(rows).split("\n\n")
+    first, title, second = made.every(rows).split("\n\n")
+    assert title == "**Others**"
     assert "one of 2 tasks" in second
     assert "one of 2 tasks" not in first
     assert "0.50 (0.40 to 0.60) of 100" in second
     assert made.short(rows) == made.short(alone)
+
+
+def test_wide_scenes_and_chunks_of_actions_have_their_own_tables(made: Any) -> None:
+    wide = _learned("CloseBox", "OpenBox", held=0.9)
+    wide["scene"]["randomization"] = "wide"
+    chunk = _learned("CloseBox", held=0.8)
+    chunk["tasks"][0]["policy"] = "chunk"
+    rows = made.rows_of(wide, "abc") + made.rows_of(chunk, "abc")
+    title, table = made.every(rows).split("\n\n")
+    assert "wide" in title
+    assert "mean of 2 | 0.900" in table
+    assert "0.80" not in table
+    assert "0.80 (0.71 to 0.87) of 100" in made.chunks(rows)
+    assert made.short(rows) == ""
