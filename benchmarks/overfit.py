@@ -23,7 +23,7 @@ from gensim2.policy.keypose.examples import other_openness
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import TRAINING, train_keypose
 from gensim2.policy.learning import CHUNK_SPEC, SPEC
-from gensim2.policy.train import TrainConfig
+from gensim2.policy.config import TrainConfig
 from gensim2.policy.training import train
 from gensim2.rollout.inputs import TaskInput, read_task_input
 from gensim2.rollout.run import run

@@ -96,7 +96,7 @@ def _task_folder(folder: Path, **changes: Any) -> str:
 
 
 @pytest.mark.parametrize(
-    ("change", "field"), [({"gripper": "closed"}, "identity.strategies"), ({"max_episode_steps": 7}, "identity.task")]
+    ("change", "field"), [({"let_go": 0.07}, "identity.strategies"), ({"max_episode_steps": 7}, "identity.task")]
 )
 def test_other_strategies_or_another_task_are_refused(
     tmp_path: Path, record: Record, change: dict[str, Any], field: str
