@@ -15,7 +15,7 @@ from typing import Any
 
 from gensim2.data import DataSet, collect, render
 from gensim2.files import write_json
-from gensim2.policy.config import HEADS
+from gensim2.policy.config import HEADS, TrainConfig
 from gensim2.policy.controller import PolicyController
 from gensim2.policy.keypose.controller import KeyposeController
 from gensim2.policy.keypose.data import RECORD, Planned, make_shard, read_planned, record_of
@@ -23,7 +23,6 @@ from gensim2.policy.keypose.examples import other_openness
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import TRAINING, train_keypose
 from gensim2.policy.learning import CHUNK_SPEC, SPEC
-from gensim2.policy.config import TrainConfig
 from gensim2.policy.training import train
 from gensim2.rollout.inputs import TaskInput, read_task_input
 from gensim2.rollout.run import run
