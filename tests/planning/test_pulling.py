@@ -1,4 +1,4 @@
-"""What a joint moves taken between the fingers where it stands, and pulled."""
+"""Pulls grasp the moving link of an object and move its joint."""
 
 from __future__ import annotations
 

@@ -62,15 +62,12 @@ def check_strategies(
 
 
 def _check(planner: StepPlanner, scene: Scene, step: Step, strategy: Strategy, file: Path | str | None) -> None:
-    if isinstance(strategy, GraspStrategy):
-        if not scene.objects[step.object].is_rigid:
+    if isinstance(strategy, GraspStrategy | PullStrategy):
+        is_rigid = scene.objects[step.object].is_rigid
+        if isinstance(strategy, GraspStrategy) and not is_rigid:
             remedy = "follow_joint_to: 1.0 beside it grasps what the joint moves"
             raise InputError(f"{step.object} has a joint", file=file, field="grasp", remedy=remedy)
-        if step.tool != HAND:
-            raise InputError(f"the hand holds {step.tool}", file=file, field="grasp", remedy="a step without tool")
-        return
-    if isinstance(strategy, PullStrategy):
-        if scene.objects[step.object].is_rigid:
+        if isinstance(strategy, PullStrategy) and is_rigid:
             raise InputError(f"{step.object} has no joint", file=file, field="follow_joint_to", remedy="remove it")
         if step.tool != HAND:
             raise InputError(f"the hand holds {step.tool}", file=file, field="grasp", remedy="a step without tool")

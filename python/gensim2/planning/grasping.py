@@ -113,7 +113,7 @@ def grasp_config(
     Args:
         swapped: the fingers the other way round.
     """
-    at, constraints = hand_at(scene, grasp, profile, swapped)
+    keypoints, constraints = hand_at(scene, grasp, profile, swapped)
     config = kpam.SolverConfig(
         {
             "constraint_list": constraints,
@@ -122,13 +122,13 @@ def grasp_config(
             "gripper": "grasp",
         }
     )
-    return {"grasp": at}, config
+    return keypoints, config
 
 
 def hand_at(
     scene: Scene, grasp: kpam.Grasp, profile: RobotProfile, swapped: bool
-) -> tuple[Array, list[dict[str, Any]]]:
-    """(3,) keypoint ``grasp`` in the base frame, and the constraints that bring the hand to a grasp there.
+) -> tuple[dict[str, Array], list[dict[str, Any]]]:
+    """The (3,) keypoint of a grasp, in the base frame, and the constraints that bring the hand to it.
 
     Args:
         swapped: the fingers the other way round.
@@ -159,4 +159,4 @@ def hand_at(
                 "tolerance": ALONG,
             }
         )
-    return tool["tool_head"], constraints
+    return {"grasp": tool["tool_head"]}, constraints

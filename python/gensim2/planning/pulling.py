@@ -1,4 +1,4 @@
-"""Grasps of what an object's joint moves, and the config that takes one and works the joint with it."""
+"""Grasps of an object's moving link, and the config that takes one and moves the joint with it."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ SAMPLES, TRIALS = 2048, 400_000
 def pulls_of(
     world: kpam.Scene, scene: Scene, thing: SceneObject, gripper: kpam.ParallelGripper, strategy: PullStrategy
 ) -> list[kpam.Grasp]:
-    """Grasps of what the joint of an object moves: those whose pads pull come before those whose friction does.
+    """Find grasps of an object's moving link: those whose pads pull come before those whose friction does.
 
-    Of either kind those come first that are good grasps near the object's first keypoint, which is on its handle.
+    Within each kind, the best grasps near the object's first keypoint, which is on its handle, come first.
 
     Args:
         world: ``scene`` as the solver's own.
@@ -66,19 +66,19 @@ def _pads_pull(grasp: kpam.Grasp, joint: JointState, gripper: kpam.ParallelGripp
 def pull_config(
     scene: Scene, grasp: kpam.Grasp, profile: RobotProfile, strategy: PullStrategy, swapped: bool
 ) -> tuple[dict[str, Array], KeypointStrategy]:
-    """The config that takes a grasp and works the joint, and the (3,) keypoints that it names, in the base frame.
+    """Return the config that takes a grasp and moves the joint, and its (3,) keypoints in the base frame.
 
     Args:
         swapped: the fingers the other way round.
     """
-    at, constraints = hand_at(scene, grasp, profile, swapped)
+    keypoints, constraints = hand_at(scene, grasp, profile, swapped)
     config = {
         "constraint_list": constraints,
         "pre_actuation_motions": [["translate_z", -strategy.approach]],
         "post_actuation_motions": [["follow_joint_to", strategy.follow_joint_to]],
         "gripper": "grasp",
         "let_go": strategy.let_go,
-        "opening": float(min(grasp.opening, profile.gripper.widest)),
+        "opening": grasp.opening,
         "contact_speed": strategy.contact_speed,
     }
-    return {"grasp": at}, KeypointStrategy(config)
+    return keypoints, KeypointStrategy(config)

@@ -12,7 +12,7 @@ import gensim2_kpam as kpam
 from gensim2.planning.landmarks import FLOOR, floor
 from gensim2.planning.reaching import REACH_CLEARANCES
 from gensim2.planning.scene import Scene, SceneObject
-from gensim2.planning.strategies import KeypointStrategy
+from gensim2.planning.strategies import KeypointStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
 from gensim2.robots import RobotProfile
 from gensim2.tasks.spec import HAND, Step
@@ -45,7 +45,7 @@ class StepProblems:
         self._floors: dict[str, tuple[SceneObject, Array]] = {}
         self._fingers = list(profile.gripper_columns)
 
-    def clearances(self, scene: Scene, step: Step, strategy: KeypointStrategy) -> tuple[float | None, ...]:
+    def clearances(self, scene: Scene, step: Step, strategy: Strategy) -> tuple[float | None, ...]:
         """Those to be kept from what the hand reaches for, in order of preference."""
         if "reach_clearance" in self._options:
             return (self._options["reach_clearance"],)

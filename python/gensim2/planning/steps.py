@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -199,27 +200,25 @@ class StepPlanner:
         return replace(best, status=NO_GRASP, reason=f"none of {len(found)} grasps is reached: {best.reason}")
 
     def _pull(self, scene: Scene, step: Step, strategy: PullStrategy) -> StepPlan:
-        """The first grasp of what the joint moves with which all its way can be done, nothing touched before."""
+        """Take the first grasp of the moving link that nothing is touched before and the whole motion follows from."""
         thing = scene.objects[step.object]
         if thing.joint is None or scene.held is not None:
             what = "has no joint" if thing.joint is None else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
         found = pulls_of(self.world.of(scene), scene, thing, self._gripper, strategy)
-        first: StepPlan | None = None
-        for grasp, swapped in product(found, (False, True)):
+        # What touches early is left to configs.
+        clearances = [each for each in self._problems.clearances(scene, step, strategy) if each is not None]
+        first: kpam.Plan | None = None
+        for grasp, swapped in product(found if clearances else (), (False, True)):
             points, way = pull_config(scene, grasp, self.profile, strategy, swapped)
-            for clearance in self._problems.clearances(scene, step, way):
-                if clearance is None:
-                    continue  # what touches early is left to configs
-                problem = self._problems.of_step(scene, step, way, {"reach_clearance": clearance}, points)
-                plan = kpam.plan(problem)
-                if plan.status == "solved":
-                    return self._planned(scene, step, way, problem, plan)
-                if first is None:
-                    first = StepPlan(plan.status, plan.reason, plan, None, None)
+            problem_with = partial(self._problems.of_step, scene, step, way, more_keypoints=points)
+            tried = reach(problem_with, clearances)
+            if tried.plan.status == "solved":
+                return self._planned(scene, step, way, tried.problem, tried.plan)
+            first = first or tried.plan
         if first is None:
             return StepPlan(NO_GRASP, f"what {thing.name} moves cannot be held where it stands", None, None, None)
-        return replace(first, status=NO_GRASP, reason=f"none of {len(found)} grasps pulls it: {first.reason}")
+        return StepPlan(NO_GRASP, f"none of {len(found)} grasps pulls it: {first.reason}", first, None, None)
 
     def _take(self, scene: Scene, step: Step, strategy: GraspStrategy, grasp: kpam.Grasp, swapped: bool) -> StepPlan:
         points, config = grasp_config(scene, grasp, self.profile, strategy, swapped)

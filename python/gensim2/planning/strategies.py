@@ -67,7 +67,24 @@ class KeypointStrategy:
         return {"config": self.config}  # what is validated is made again
 
 
-class GraspStrategy(BaseModel):
+class _FoundGrasp(BaseModel):
+    """Base of strategies whose grasp is found on an object's shape."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    grasp: Literal["antipodal"]
+
+    @property
+    def fingers(self) -> kpam.Gripper:
+        """Finger mode of the strategy."""
+        return "grasp"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return self.model_dump(mode="json")
+
+
+class GraspStrategy(_FoundGrasp):
     """A grasp of the step's object between the two fingers, found on its shape; the first that serves is taken.
 
     A grasp serves where the arm reaches it and lifts the object, and where the next step that uses the object as its
@@ -83,9 +100,6 @@ class GraspStrategy(BaseModel):
         candidates: most grasps that are tried, each with the fingers either way round.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    grasp: Literal["antipodal"]
     approach: Annotated[float, Field(gt=0, le=0.3)] = 0.08
     lift: Annotated[float, Field(gt=0, le=0.5)] = 0.12
     tilt: Annotated[float, Field(ge=0, le=1.6)] = 1.1
@@ -94,23 +108,15 @@ class GraspStrategy(BaseModel):
     candidates: Annotated[int, Field(ge=1, le=1000)] = 24
 
     @property
-    def fingers(self) -> kpam.Gripper:
-        """Finger mode of the strategy."""
-        return "grasp"
-
-    @property
     def let_go(self) -> None:
         """A grasp keeps what it holds."""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return self.model_dump(mode="json")
 
+class PullStrategy(_FoundGrasp):
+    """Grasp the moving link of the step's object and move its joint.
 
-class PullStrategy(BaseModel):
-    """A grasp of what the joint of the step's object moves, found on its shape, and the way of the joint in the hand.
-
-    The first grasp is taken that the hand comes to without a touch, and with which the whole way can be done.
+    The first grasp is taken that the hand reaches without touching anything, and with which the whole motion of the
+    joint can be planned.
 
     Attributes:
         grasp: how it is found.
@@ -122,24 +128,12 @@ class PullStrategy(BaseModel):
         candidates: most grasps that are tried, each with the fingers either way round.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    grasp: Literal["antipodal"]
     follow_joint_to: Annotated[float, Field(ge=0, le=1)]
     approach: Annotated[float, Field(gt=0, le=0.3)] = 0.06
     let_go: Annotated[float, Field(gt=0, le=0.3)] = 0.06
     friction: Annotated[float, Field(gt=0, le=5)] = 0.6
     contact_speed: Annotated[float, Field(ge=0.001, le=10)] = 0.08
     candidates: Annotated[int, Field(ge=1, le=1000)] = 12
-
-    @property
-    def fingers(self) -> kpam.Gripper:
-        """Finger mode of the strategy."""
-        return "grasp"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return self.model_dump(mode="json")
 
 
 Strategy = KeypointStrategy | GraspStrategy | PullStrategy

@@ -68,7 +68,12 @@ impl Surface {
     /// rounding are a triangle of a mesh. With `per_part` all shapes are sampled equally often, else by their surface.
     pub fn new(shapes: &[Convex], up: Option<&Vector3<f64>>, per_part: bool) -> Result<Self, ProblemError> {
         let (mut pieces, mut boxes, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
-        let mut parts = Vec::new();
+        let mut weights: Vec<f64> = Vec::new();
+        let weight = |[a, b, c]: &[Point3<f64>; 3]| {
+            let area = (b - a).cross(&(c - a));
+            let level = up.map_or(0.0, |up| area.dot(up).powi(2) / area.norm_squared().max(f64::MIN_POSITIVE));
+            area.norm() * (1.0 - (1.0 - LEVEL) * level)
+        };
         let (mut moment, mut volume) = (Vector3::zeros(), 0.0);
         for shape in shapes {
             let faces = shape.triangles();
@@ -88,23 +93,13 @@ impl Surface {
             }
             let corners: Vec<Point3<f64>> = faces.iter().flatten().copied().collect();
             boxes.push(Aabb::around(&corners, 0.0));
-            parts.push(faces.len());
-            triangles.extend(faces);
-        }
-        let weight = |[a, b, c]: &[Point3<f64>; 3]| {
-            let area = (b - a).cross(&(c - a));
-            let level = up.map_or(0.0, |up| area.dot(up).powi(2) / area.norm_squared().max(f64::MIN_POSITIVE));
-            area.norm() * (1.0 - (1.0 - LEVEL) * level)
-        };
-        let mut weights: Vec<f64> = triangles.iter().map(weight).collect();
-        if per_part {
-            let mut rest = &mut weights[..];
-            for count in parts {
-                let (part, after) = rest.split_at_mut(count);
-                let whole: f64 = part.iter().sum();
-                part.iter_mut().for_each(|w| *w /= whole.max(f64::MIN_POSITIVE));
-                rest = after;
+            let begin = weights.len();
+            weights.extend(faces.iter().map(weight));
+            if per_part {
+                let whole: f64 = weights[begin..].iter().sum();
+                weights[begin..].iter_mut().for_each(|w| *w /= whole.max(f64::MIN_POSITIVE));
             }
+            triangles.extend(faces);
         }
         let mut sum = 0.0;
         for weight in &mut weights {
