@@ -15,7 +15,7 @@ from typing import Any
 
 from gensim2.data import DataSet, collect, render
 from gensim2.files import write_json
-from gensim2.policy.config import HEADS, TrainConfig
+from gensim2.policy.config import HEADS
 from gensim2.policy.controller import PolicyController
 from gensim2.policy.keypose.controller import KeyposeController
 from gensim2.policy.keypose.data import RECORD, Planned, make_shard, read_planned, record_of
@@ -36,12 +36,12 @@ PLAIN = {"jitter": 0.0, "dropout": 0.0, "colour_jitter": 0.0, "ema": 0.99, "thre
 def by_heart(head: str, steps: int, out: Path) -> dict[str, Any]:
     """Train a head on ten episodes and roll it out on their scenes."""
     given = read_task_input(TASK, assets="builtin", instances="train")
-    begin = time.process_time()
     folder = out / head
     if head == "keypose":
         planned = _planned(out / "planned", given)
         seeds = sorted({int(seed) for seed in planned.arrays["seed"]})
         training = TRAINING.of({**TRAINING.to_dict(), **PLAIN, "steps": steps})
+        begin = time.process_time()
         train_keypose(PlannedSource([planned]), folder, training=training)
         controller: Any = KeyposeController(str(folder))
     else:
@@ -50,7 +50,8 @@ def by_heart(head: str, steps: int, out: Path) -> dict[str, Any]:
             collect([TASK], episodes=EPISODES, out=data, seed=0, workers=1, assets="builtin", instances="train")
             render(data, spec=CHUNK_SPEC, workers=1)
         seeds = [row.seed for row in DataSet.open(data).task(TASK).logged() if row.held][:EPISODES]
-        train(data, out=folder, settings={**TrainConfig().to_dict(), **PLAIN, "head": head, "steps": steps})
+        begin = time.process_time()
+        train(data, out=folder, settings={**PLAIN, "head": head, "steps": steps})
         controller = PolicyController(str(folder))
     spent = time.process_time() - begin
     env = simulator(given.scene)

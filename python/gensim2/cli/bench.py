@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -9,8 +10,6 @@ import click
 
 from gensim2.cli import options
 from gensim2.cli.output import report, table
-
-LOOK_STAGES = ("observation", "decision", "total")
 
 
 @click.group("bench")
@@ -165,27 +164,21 @@ def policy(
 
 
 def _show_looks(result: dict[str, Any]) -> None:
-    rows = [
-        (
-            ", ".join(row["tasks"]),
-            *(f"{row['p50'][s]:.1f} {row['p95'][s]:.1f} ({row['cpu'][s]:.1f})" for s in LOOK_STAGES),
-        )
-        for row in result["rows"]
-    ]
-    title = f"{result['looks']} looks, {result['threads']} threads, load of the machine {result['load']:.1f}"
-    table(("tasks", *(f"{stage}, ms: p50 p95 (CPU)" for stage in LOOK_STAGES)), rows, title=title)
+    _show_times(result, ("tasks",), lambda row: (", ".join(row["tasks"]),), f"{result['looks']} looks, ")
 
 
 def _show_policy(result: dict[str, Any]) -> None:
-    stages = ("observation", "inputs", "network", "total")
+    _show_times(result, ("encoder", "head", "weights"), lambda row: (row["encoder"], row["head"], row["parameters"]))
+
+
+def _show_times(
+    result: dict[str, Any], heads: Sequence[str], cells: Callable[[dict[str, Any]], tuple[Any, ...]], what: str = ""
+) -> None:
+    """Show rows of times by stage, each behind the ``cells`` of its own."""
+    stages = list(result["rows"][0]["p50"])
     rows = [
-        (
-            row["encoder"],
-            row["head"],
-            row["parameters"],
-            *(f"{row['p50'][stage]:.1f} {row['p95'][stage]:.1f} ({row['cpu'][stage]:.1f})" for stage in stages),
-        )
+        (*cells(row), *(f"{row['p50'][each]:.1f} {row['p95'][each]:.1f} ({row['cpu'][each]:.1f})" for each in stages))
         for row in result["rows"]
     ]
-    heads = ("encoder", "head", "weights", *(f"{stage}, ms: p50 p95 (CPU)" for stage in stages))
-    table(heads, rows, title=f"{result['threads']} threads, load of the machine {result['load']:.1f}")
+    title = f"{what}{result['threads']} threads, load of the machine {result['load']:.1f}"
+    table((*heads, *(f"{stage}, ms: p50 p95 (CPU)" for stage in stages)), rows, title=title)

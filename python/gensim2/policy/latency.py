@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,12 +14,14 @@ from gensim2.observations import ObservationSpec
 from gensim2.policy.config import HEADS, PolicyConfig
 from gensim2.policy.frames import SEEN, inputs_of
 from gensim2.policy.network import CLOUD, PROPRIO, TEXT, fresh_network
+from gensim2.policy.stopwatch import Stopwatch
 from gensim2.policy.text import prepare
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.sim import HeadlessEnv
 
 TASK = "CloseBox"
-STAGES = ("observation", "inputs", "network", "total")
+WARM_UP = 10
+"""First decisions that are not measured."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def measure_latencies(
     Args:
         heads, encoders: names; each with each.
         points: of a cloud.
-        decisions: measured ones, after ten that are not.
+        decisions: measured ones, after ``WARM_UP`` that are not.
         threads: of PyTorch.
         device: of the network.
         assets: objects of the scene.
@@ -101,42 +102,30 @@ def _measure(env: HeadlessEnv, spec: ObservationSpec, config: PolicyConfig, deci
     arm = env.profile.arm_size
     network = fresh_network(config, arm, table.shape[1:], 0).eval().to(device)
     noise = torch.zeros(1, *network.head.noise, device=device)
-    wall: list[list[float]] = []
-    spent: list[list[float]] = []
+    watch = Stopwatch("observation", "inputs", "network")
     env.step(env.profile.rest_action)
-    for decision in range(decisions + 10):
+    for _ in range(decisions + WARM_UP):
         env.step(env.profile.rest_action)
-        marks, cpu = [time.perf_counter()], [time.process_time()]
+        watch.begin()
         observation = env.observe(spec)
         frame = {name: np.array(observation[name], dtype=np.float32) for name in SEEN}
-        marks.append(time.perf_counter())
-        cpu.append(time.process_time())
+        watch.mark()
         seen = {
             name: torch.from_numpy(value).to(device).expand(1, config.history, *value.shape)
             for name, value in frame.items()
         }
         inputs = inputs_of(seen, config, arm)
-        marks.append(time.perf_counter())
-        cpu.append(time.process_time())
+        watch.mark()
         with torch.no_grad():
             found = network({CLOUD: inputs.cloud, PROPRIO: inputs.proprio, TEXT: table}, noise)
         (found if isinstance(found, torch.Tensor) else found[0]).cpu()
-        marks.append(time.perf_counter())
-        cpu.append(time.process_time())
-        if decision >= 10:
-            wall.append([*np.diff(marks), marks[-1] - marks[0]])
-            spent.append([*np.diff(cpu), cpu[-1] - cpu[0]])
-
-    def told(values: Any) -> dict[str, float]:
-        return {name: round(1e3 * float(value), 3) for name, value in zip(STAGES, values, strict=True)}
-
+        watch.mark()
+        watch.keep()
     return Latency(
         config.encoder,
         config.head,
         spec.cloud.points,
         device,
         sum(parameter.numel() for parameter in network.parameters()),
-        told(np.percentile(wall, 50, axis=0)),
-        told(np.percentile(wall, 95, axis=0)),
-        told(np.median(spent, axis=0)),
+        **watch.percentiles(WARM_UP),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -81,6 +82,11 @@ class KeyposeController:
         self._rows: deque[npt.NDArray[np.float32]] = deque()
         #: Counts over the episode: looks, free motions by how they were found, programs cut short, things lost.
         self.told: Counter[str] = Counter()
+
+    @property
+    def sentences(self) -> Collection[str]:
+        """Those that it was trained on."""
+        return self._policy.sentences
 
     @property
     def observation_spec(self) -> ObservationSpec:

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import os
-import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from gensim2.errors import InputError
-from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.keypose.controller import KeyposeController
+from gensim2.policy.stopwatch import Stopwatch
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.seeding import scene_seeds
 from gensim2.sim import HeadlessEnv
 from gensim2.tasks.library import load_task, task_names
 
-STAGES = ("observation", "decision", "total")
+WARM_UP = 2
+"""First looks that are not measured."""
 
 
 def measure_looks(
@@ -33,7 +32,7 @@ def measure_looks(
 
     Args:
         checkpoint: folder of the policy.
-        looks: to measure, after two that are not.
+        looks: to measure, after ``WARM_UP`` that are not.
         threads: of PyTorch.
         assets: objects of the scenes.
 
@@ -47,43 +46,33 @@ def measure_looks(
     """
     load = os.getloadavg()[0]
     controller = KeyposeController(str(checkpoint))
-    known = PolicyCheckpoint.load(checkpoint).sentences
-    tasks = [task for name in task_names() if (task := load_task(name)).description in known]
+    tasks = [task for name in task_names() if (task := load_task(name)).description in controller.sentences]
     if not tasks:
         raise InputError("knows the sentence of no task of the library", file=checkpoint)
-    progress.start("looks", looks)
-    wall: list[list[float]] = []
-    spent: list[list[float]] = []
-    number = 0
-    while len(wall) < looks + 2:
-        task = tasks[number % len(tasks)]
-        env = HeadlessEnv(task, assets=assets, instances="all")
-        (seed,) = scene_seeds(0, task.name, "latency", 1, start=number)
-        number += 1
+    progress.start("looks", looks + WARM_UP)
+    environments = [HeadlessEnv(task, assets=assets) for task in tasks]
+    watch = Stopwatch("observation", "decision")
+    episode = 0
+    while True:
+        env = environments[episode % len(environments)]
+        (seed,) = scene_seeds(0, env.task.name, "latency", 1, start=episode)
+        episode += 1
         env.reset(seed)
         controller.reset(env.observe(controller.observation_spec), seed)
         torch.set_num_threads(threads)
         for _ in range(env.max_episode_steps):
-            before, begun = controller.told["looks"], (time.perf_counter(), time.process_time())
+            before = controller.told["looks"]
+            watch.begin()
             observation = env.observe(controller.observation_spec)
-            seen = (time.perf_counter(), time.process_time())
+            watch.mark()
             action = controller.act(observation)
-            acted = (time.perf_counter(), time.process_time())
+            watch.mark()
             if controller.told["looks"] > before:
-                wall.append([seen[0] - begun[0], acted[0] - seen[0], acted[0] - begun[0]])
-                spent.append([seen[1] - begun[1], acted[1] - seen[1], acted[1] - begun[1]])
+                watch.keep()
                 progress.advance()
-            if action is None or len(wall) == looks + 2:
+            if len(watch) == looks + WARM_UP:
+                row = {"tasks": [task.name for task in tasks], **watch.percentiles(WARM_UP)}
+                return {"schema_version": 1, "rows": [row], "threads": threads, "looks": looks, "load": load}
+            if action is None:
                 break
             env.step(action)
-
-    def told(values: Any) -> dict[str, float]:
-        return {name: round(1e3 * float(value), 3) for name, value in zip(STAGES, values, strict=True)}
-
-    row = {
-        "tasks": [task.name for task in tasks],
-        "p50": told(np.percentile(wall[2:], 50, axis=0)),
-        "p95": told(np.percentile(wall[2:], 95, axis=0)),
-        "cpu": told(np.percentile(spent[2:], 50, axis=0)),
-    }
-    return {"schema_version": 1, "rows": [row], "threads": threads, "looks": looks, "load": load}
