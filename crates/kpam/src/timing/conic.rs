@@ -38,9 +38,11 @@ impl Rows {
 pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&Cancel>) -> Option<Vec<f64>> {
     let cells = grid.cells();
     let ceilings = grid.ceilings(limits, begin);
-    // In units in which x is about 1 on the way.
-    let greatest = ceilings.iter().copied().filter(|c| c.is_finite()).fold(0.0, f64::max);
-    let unit = if greatest > 0.0 { greatest } else { 1.0 };
+    // In units in which x is about 1 on the way. The median, since where the path hardly moves a joint velocity allows
+    // any x: in units of the greatest ceiling x would be less than the tolerance of the solver everywhere else.
+    let mut finite: Vec<f64> = ceilings.iter().copied().filter(|c| c.is_finite() && *c > 0.0).collect();
+    finite.sort_by(f64::total_cmp);
+    let unit = finite.get(finite.len() / 2).copied().unwrap_or(1.0);
     let (x, c, d) = (|k: usize| k, |k: usize| cells + 1 + k, |k: usize| 2 * (cells + 1) + k);
     let variables = 3 * cells + 2;
     let mut rows = Rows::default();

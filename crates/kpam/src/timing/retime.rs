@@ -344,4 +344,19 @@ mod tests {
         assert!(time(vec![0.8, -0.3]) < rest);
         assert!(time(vec![-0.8, 0.0]) > rest);
     }
+
+    #[test]
+    fn the_cone_program_agrees_where_velocity_allows_any_speed() {
+        // Near the middle waypoint this path hardly moves any joint, so that the ceiling there is far above the others.
+        let waypoints = vec![
+            vec![-0.7041559606013992, 0.7335081398911925, 0.0],
+            vec![-1.571756411584735, 0.6090956407429002, -0.8730807125134804],
+            vec![0.5219715893610742, 0.8694962914828714, 1.2345207445595956],
+        ];
+        let limits = Limits::new(&[1.0, 2.0, 1.5], &[4.0, 3.0, 5.0], &[1e5, 1e5, 1e5]).unwrap();
+        let direct = retime(&waypoints, &limits, &RetimeOptions::default()).unwrap().trajectory.end();
+        let options = RetimeOptions { method: Method::Conic, ..RetimeOptions::default() };
+        let conic = retime(&waypoints, &limits, &options).unwrap().trajectory.end();
+        assert!((conic / direct - 1.0).abs() < 0.02, "{conic} {direct}");
+    }
 }
