@@ -53,24 +53,28 @@ experiment.add_command(
     )
 )
 experiment.add_command(
+    _command(
+        "breadth",
+        "One policy for the 24 single-step tasks and one for all 39, on unseen objects, on real ones, told the "
+        "opposite, and told the same in other words; real objects take a folder of them, --assets.",
+    )
+)
+experiment.add_command(
     _command("scaling", "Success on unseen objects by the number of objects that a policy was taught on.")
 )
 
 
 def _show(result: dict[str, Any]) -> None:
+    from gensim2.policy.experiments.page import WORDS
+
+    kinds = [kind for kind in WORDS if any(row[f"{kind}_mean"] is not None for row in result["tasks"])]
     rows = [
-        (
-            row["arm"],
-            row["name"],
-            *(_rate(row, kind) for kind in ("seen", "unseen")),
-            "" if row["blind_mean"] is None else f"{row['blind_mean']:.2f}",
-            row["episodes"],
-        )
-        for row in result["tasks"]
+        (row["arm"], row["name"], *(_rate(row, kind) for kind in kinds), row["episodes"]) for row in result["tasks"]
     ]
-    table(("arm", "task", "seen (95 %)", "unseen (95 %)", "blind", "episodes"), rows)
+    table(("arm", "task", *(WORDS[kind] for kind in kinds), "episodes"), rows)
     for arm in result["arms"]:
-        line(f"{arm['name']}: seen {_rate(arm, 'seen')}, unseen {_rate(arm, 'unseen')}, {arm['cpu_s']:.0f} s of CPU")
+        rates = ", ".join(f"{WORDS[kind]} {_rate(arm, kind)}" for kind in kinds if arm[f"{kind}_mean"] is not None)
+        line(f"{arm['name']}: {rates}; {arm['cpu_s']:.0f} s of CPU")
     for name, reason in result["skipped"].items():
         line(f"not run: {name}: {reason}")
     line(f"page: {Path(result['out']) / 'report.html'}")

@@ -7,6 +7,7 @@ gensim2 evaluate CloseBox --controller gensim2.policy.controller:PolicyControlle
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -22,7 +23,7 @@ from gensim2.policy.control import Sees, Shuffled, altered
 from gensim2.policy.frames import SEEN, inputs_of
 from gensim2.policy.network import CLOUD as CLOUD_INPUT
 from gensim2.policy.network import PROPRIO, TEXT
-from gensim2.policy.text import prepare
+from gensim2.policy.sentences import embeds, sentence_row
 from gensim2.robots import robot
 from gensim2.seeding import rng
 
@@ -47,6 +48,7 @@ class PolicyController:
         denoise_steps: of diffusion and flow; None: as configured.
         unknown_sentences: ``refuse`` those that were not trained on, or ``embed`` them by the text encoder.
         sees: a control, where it is not ``"all"``.
+        says: by a task's sentence what the policy is told in its place.
         threads: of PyTorch.
 
     Raises:
@@ -60,6 +62,7 @@ class PolicyController:
         denoise_steps: int | None = None,
         unknown_sentences: str = "refuse",
         sees: Sees = "all",
+        says: Mapping[str, str] | None = None,
         threads: int = 1,
     ) -> None:
         torch.set_num_threads(threads)
@@ -68,8 +71,6 @@ class PolicyController:
         if self._policy.action.kind != "joint-relative":
             message = f"has actions of kind {self._policy.action.kind}, not joint-relative"
             raise CheckpointError(message, file=self._folder, field="action")
-        if unknown_sentences not in ("refuse", "embed"):
-            raise InputError("must be refuse or embed", field="unknown_sentences")
         config = self._policy.config
         self._execute = config.execute if execute is None else execute
         if not 1 <= self._execute <= config.horizon:
@@ -79,7 +80,7 @@ class PolicyController:
         self._profile = robot(self._policy.robot)
         if sees not in get_args(Sees):
             raise InputError(f"must be one of {', '.join(get_args(Sees))}, is {sees!r}", field="sees")
-        self._embed, self._sees = unknown_sentences == "embed", sees
+        self._says, self._embeds, self._sees = says or {}, embeds(unknown_sentences), sees
         self._others = Shuffled.of(self._folder) if sees == "other" else None
         self.observation_spec = self._policy.observation
 
@@ -95,11 +96,8 @@ class PolicyController:
             CheckpointError: the robot is another one, or the sentence was not trained on.
         """
         self._check_robot(observation)
-        sentence = observation.language
-        if self._embed and sentence not in self._policy.sentences:
-            self._row = prepare([sentence], self._policy.config)
-        else:
-            self._row = self._policy.row_of(sentence, self._folder)
+        sentence = self._says.get(observation.language, observation.language)
+        self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds)
         config = self._policy.config
         self._rng, self._seed = rng(seed, "policy/act"), seed
         self._past: deque[dict[str, torch.Tensor]] = deque(maxlen=1 + config.stride * (config.history - 1))

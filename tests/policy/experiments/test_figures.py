@@ -11,8 +11,9 @@ import pytest
 from gensim2.errors import InputError
 from gensim2.policy.experiments import NAMES, config_of, read_experiment
 from gensim2.policy.experiments.figures import Rate, TaskFigures, difference, summary
+from gensim2.policy.experiments.language import opposites, rephrased
 from gensim2.policy.experiments.page import figure, write_page
-from gensim2.tasks.library import load_task
+from gensim2.tasks.library import load_task, task_names
 
 
 def test_the_interval_of_a_difference_is_newcombes() -> None:
@@ -25,8 +26,8 @@ def test_the_interval_of_a_difference_is_newcombes() -> None:
 
 def test_what_is_lost_is_seen_less_unseen_over_all_episodes() -> None:
     tasks = [
-        TaskFigures("OpenBox", Rate(10, 10), Rate(8, 10), Rate(0, 5)),
-        TaskFigures("CloseBox", Rate(9, 10), Rate(9, 10), Rate(1, 5)),
+        TaskFigures("OpenBox", {"seen": Rate(10, 10), "unseen": Rate(8, 10), "blind": Rate(0, 5)}),
+        TaskFigures("CloseBox", {"seen": Rate(9, 10), "unseen": Rate(9, 10), "blind": Rate(1, 5)}),
     ]
     told = summary(tasks)
     assert (told["seen_mean"], told["unseen_mean"], told["blind_mean"]) == (0.95, 0.85, 0.1)
@@ -35,8 +36,17 @@ def test_what_is_lost_is_seen_less_unseen_over_all_episodes() -> None:
     for name in ("seen", "unseen"):
         low, high = told[f"{name}_interval"]
         assert low < told[f"{name}_mean"] < high
-    unseen_only = summary([TaskFigures("OpenBox", Rate(0, 0), Rate(8, 10), Rate(0, 5))])
+    unseen_only = summary([TaskFigures("OpenBox", {"unseen": Rate(8, 10)})])
+    assert (unseen_only["said_mean"], unseen_only["transfer_lost_mean"]) == (None, None)
     assert (unseen_only["seen_mean"], unseen_only["seen_interval"], unseen_only["lost_mean"]) == (None, None, None)
+
+
+def test_what_was_said_counts_tasks_that_have_an_opposite_alone() -> None:
+    paired = TaskFigures("OpenBox", {"unseen": Rate(8, 10), "real": Rate(6, 10), "opposite": Rate(1, 5)})
+    alone = TaskFigures("MoveBagForward", {"unseen": Rate(2, 10), "real": Rate(2, 10)})
+    told = summary([paired, alone])
+    assert (told["said_mean"], told["opposite_mean"]) == (0.8, 0.2)
+    assert told["transfer_lost_mean"] == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -44,8 +54,32 @@ def test_what_is_lost_is_seen_less_unseen_over_all_episodes() -> None:
 def test_every_configuration_is_of_tasks_that_there_are(name: Any, small: bool) -> None:
     config = config_of(name, small=small)
     for arm in config.arms:
-        for task in arm.tasks:
-            assert load_task(task).is_single_step
+        specs = [load_task(task) for task in arm.tasks]
+        assert all(task.is_single_step for task in specs) == (arm.name != "generated-39")
+        if config.sentences:
+            assert opposites(specs)
+            assert len(rephrased(specs)) == 2
+
+
+def test_an_opposite_wants_the_other_end_of_the_same_joint() -> None:
+    names = ("OpenBox", "CloseBox", "CloseLaptop", "SwingDoorOpen", "ToggleDoorClose", "PressToasterLever")
+    told = opposites([load_task(name) for name in (*names, "PlaceGolfBallIntoBox")])
+    assert told == {
+        "open the box": "close the box",
+        "close the box": "open the box",
+        "swing the door open": "close the door",
+        "close the door": "swing the door open",
+    }
+
+
+def test_other_words_are_of_the_whole_suite_and_none_is_a_sentence_of_it() -> None:
+    specs = [load_task(name) for name in task_names("paper")]
+    said = {task.description for task in specs}
+    others = [words for says in rephrased(specs) for words in says.values()]
+    assert len(set(others)) == 2 * len(specs)
+    assert not said & set(others)
+    with pytest.raises(InputError, match="no other words for 'dance'"):
+        rephrased([specs[0].model_copy(update={"description": "dance"})])
 
 
 def test_the_paper_s_arms_have_five_and_fifteen_tasks() -> None:
@@ -76,7 +110,8 @@ def test_a_field_that_cannot_be_so_is_named(tmp_path: Path, text: str, field: st
 
 
 def _arm(name: str, count: int | None, mean: float) -> dict[str, Any]:
-    task = TaskFigures("OpenBox", Rate(0, 0) if count else Rate(9, 10), Rate(round(10 * mean), 10), Rate(0, 5))
+    rates: dict[Any, Rate] = {"unseen": Rate(round(10 * mean), 10), "blind": Rate(0, 5)}
+    task = TaskFigures("OpenBox", rates if count else {"seen": Rate(9, 10), **rates})
     about = {"name": name, "count": count, "tasks": ["OpenBox"], "demonstrations": 7, "cpu_s": 3.0}
     return {**about, **summary([task]), "rows": [task.to_dict(name)]}
 

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from gensim2.cli.main import run as command
+from gensim2.errors import InputError
 from gensim2.observations.columns import GRIPPER
 from gensim2.planning import StepPlanner
+from gensim2.policy.checkpoint import CheckpointError
 from gensim2.policy.keypose.answers import Answer, answers
 from gensim2.policy.keypose.controller import EMPTY, KeyposeController
 from gensim2.policy.keypose.execution import Executor
@@ -142,6 +144,19 @@ def test_the_controller_is_not_privileged_and_misfits_are_one_line(
     first, second, done = (Answer(way, chance, program) for way, chance in ((0, 0.18), (1, 0.82), (2, 0.95)))
     assert controller._weight(first) > max(controller._weight(second), controller._weight(done))
     assert controller._weight(replace(first, chance=0.1)) < controller._weight(second)
+    # What the sentence asks for is what most of the probability of the first look says.
+    words = [("open", 0), ("open", 1), ("close", 0)]
+    controller._ways = [Way(language=language, step=step, name="one") for language, step in words]
+    looked = [Answer(way, chance, program) for way, chance in ((2, 0.35), (0, 0.3), (1, 0.2), (3, 0.15))]
+    assert controller._hear(looked) == {0, 1}
+    assert controller._steps == 2
+    told = KeyposeController(str(folder), says={"push the bar": "shove it"}, unknown_sentences="embed")
+    told.reset(seen, 0)
+    with pytest.raises(CheckpointError, match="was not trained on the sentence 'shove it'"):
+        KeyposeController(str(folder), says={"push the bar": "shove it"}).reset(seen, 0)
+    KeyposeController(str(folder), says={"shove it": "push the bar"}).reset(replace(seen, language="shove it"), 0)
+    with pytest.raises(InputError, match="must be one of refuse, embed"):
+        KeyposeController(str(folder), unknown_sentences="guess")
     (folder / "keypose.json").write_text("{}")
     with pytest.raises(Exception, match=r"keypose\.json"):
         KeyposeController(str(folder))

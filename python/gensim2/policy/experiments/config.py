@@ -9,12 +9,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from gensim2.errors import InputError
 
-Name = Literal["generalization", "scaling"]
+Name = Literal["generalization", "breadth", "scaling"]
 NAMES: tuple[Name, ...] = get_args(Name)
 
 CONFIGS = Path(__file__).parent / "configs"
 
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
+Minutes = Annotated[float, Field(gt=0, le=1e4)]
 
 
 class Arm(BaseModel):
@@ -25,6 +26,7 @@ class Arm(BaseModel):
         objects: ``"generated"``, or ``"real"``: those of the folder that the run is given.
         count: of objects of each class that it is taught on, of generated ones; None: the training split's.
         tasks: names of library tasks, one policy for all of them.
+        minutes_a_task: of CPU for data and training, in place of the experiment's.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -33,6 +35,7 @@ class Arm(BaseModel):
     objects: Literal["generated", "real"]
     count: Count | None = None
     tasks: Annotated[tuple[str, ...], Field(min_length=1)]
+    minutes_a_task: Minutes | None = None
 
     @model_validator(mode="after")
     def _counted_are_generated(self) -> Arm:
@@ -51,6 +54,8 @@ class ExperimentConfig(BaseModel):
         scenes: most that are planned of each task.
         episodes, control_episodes: of each task that a policy and its blind control are measured by.
         unseen: word for the objects that no training saw.
+        transfer: measure policies that were taught on generated objects on real ones, too.
+        sentences: measure them told the opposite, and told the same in other words, too.
         arms: in the order of the page.
     """
 
@@ -59,11 +64,13 @@ class ExperimentConfig(BaseModel):
     title: str
     about: str
     seeds: Annotated[int, Field(ge=1, le=100)] = 1
-    minutes_a_task: Annotated[float, Field(gt=0, le=1e4)]
+    minutes_a_task: Minutes
     scenes: Count
     episodes: Count
     control_episodes: Count
     unseen: Literal["test", "new"] = "test"
+    transfer: bool = False
+    sentences: bool = False
     arms: Annotated[tuple[Arm, ...], Field(min_length=1)]
 
     @model_validator(mode="after")

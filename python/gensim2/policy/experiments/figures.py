@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
-from typing import Any
+from typing import Any, Literal, get_args
 
 from gensim2.rollout.tally import interval
+
+Kind = Literal["seen", "unseen", "real", "opposite", "rephrased", "blind"]
+"""What a policy is measured by: on objects that were taught on, on others, on real ones where it was taught on
+generated ones; on unseen objects told the opposite, and told the same in other words; on these without the cloud."""
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
 @dataclass(frozen=True)
@@ -63,35 +68,51 @@ class TaskFigures:
 
     Attributes:
         name: of the task.
-        seen, unseen, blind: on objects that were taught on, on others, and on these without the cloud.
+        rates: by what was measured; what was not is missing.
     """
 
     name: str
-    seen: Rate
-    unseen: Rate
-    blind: Rate
+    rates: Mapping[Kind, Rate]
+
+    def rate(self, kind: Kind) -> Rate:
+        """What was measured of one kind; no episodes where nothing was."""
+        return self.rates.get(kind, Rate(0, 0))
 
     def to_dict(self, arm: str) -> dict[str, Any]:
         """Return it as plain data."""
-        return {
-            "name": self.name,
-            "arm": arm,
-            **self.seen.to_dict("seen"),
-            **self.unseen.to_dict("unseen"),
-            "blind_mean": self.blind.mean,
-            "episodes": self.seen.episodes + self.unseen.episodes,
-        }
+        told = {"name": self.name, "arm": arm}
+        for kind in KINDS:
+            told |= self.rate(kind).to_dict(kind)
+        return {**told, "episodes": _evaluated([self])}
 
 
 def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
-    """Means over tasks, which have equally many episodes, and what is lost on unseen objects."""
-    seen, unseen = Rate.total([each.seen for each in tasks]), Rate.total([each.unseen for each in tasks])
-    lost = difference(seen, unseen) if seen.episodes and unseen.episodes else None
+    """Means over tasks, which have equally many episodes, and what is lost on unseen objects.
+
+    ``said_mean`` is that on unseen objects of the tasks that have an opposite.
+    """
+    totals = {kind: Rate.total([each.rate(kind) for each in tasks]) for kind in KINDS}
+    told: dict[str, Any] = {}
+    for kind, rate in totals.items():
+        told |= rate.to_dict(kind)
+    paired = [each for each in tasks if each.rate("opposite").episodes]
     return {
-        **seen.to_dict("seen"),
-        **unseen.to_dict("unseen"),
-        "lost_mean": None if lost is None else lost[0],
-        "lost_interval": None if lost is None else list(lost[1]),
-        "blind_mean": Rate.total([each.blind for each in tasks]).mean,
-        "episodes": seen.episodes + unseen.episodes,
+        **told,
+        **_less("lost", totals["seen"], totals["unseen"]),
+        **_less("transfer_lost", totals["unseen"], totals["real"]),
+        **Rate.total([each.rate("unseen") for each in paired]).to_dict("said"),
+        "episodes": _evaluated(tasks),
     }
+
+
+def _less(name: str, one: Rate, other: Rate) -> dict[str, Any]:
+    found = difference(one, other) if one.episodes and other.episodes else None
+    return {
+        f"{name}_mean": None if found is None else found[0],
+        f"{name}_interval": None if found is None else list(found[1]),
+    }
+
+
+def _evaluated(tasks: Sequence[TaskFigures]) -> int:
+    """Episodes on objects that were taught on and on others; neither controls nor other sentences."""
+    return sum(each.rate(kind).episodes for each in tasks for kind in ("seen", "unseen"))

@@ -9,10 +9,20 @@ from typing import Any
 
 from gensim2.files import write_atomic
 from gensim2.pages import template
+from gensim2.policy.experiments.figures import Kind
 
 REPORT = "report.html"
 WIDTH, HEIGHT, LEFT, BOTTOM = 640.0, 240.0, 40.0, 40.0
 COLOURS = {"seen": "#8aa0b8", "unseen": "#2f6fc4"}
+WORDS: dict[Kind, str] = {
+    "seen": "seen",
+    "unseen": "unseen",
+    "real": "real",
+    "opposite": "told the opposite",
+    "rephrased": "in other words",
+    "blind": "blind",
+}
+"""Heads of columns."""
 
 
 def write_page(told: Mapping[str, Any]) -> Path:
@@ -22,10 +32,17 @@ def write_page(told: Mapping[str, Any]) -> Path:
         WriteError: the folder cannot be written to.
     """
     arms = told["arms"]
-    page = template("gensim2.policy.experiments", "experiment.html.j2").render(told=told, figure=figure(arms))
+    kinds = [{"name": kind, "words": words} for kind, words in WORDS.items() if _measured(arms, kind)]
+    page = template("gensim2.policy.experiments", "experiment.html.j2").render(
+        told=told, kinds=kinds, figure=figure(arms)
+    )
     path = Path(told["out"]) / REPORT
     write_atomic(path, page)
     return path
+
+
+def _measured(arms: list[dict[str, Any]], kind: Kind) -> bool:
+    return any(arm[f"{kind}_mean"] is not None for arm in arms)
 
 
 def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:

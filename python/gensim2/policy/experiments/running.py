@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,10 +17,12 @@ from gensim2.objects import open_library
 from gensim2.objects.library.catalogue import BUILTIN
 from gensim2.policy.evaluating import evaluate_policy
 from gensim2.policy.experiments.config import Arm, ExperimentConfig
-from gensim2.policy.experiments.figures import Rate, TaskFigures, summary
+from gensim2.policy.experiments.figures import KINDS, Kind, Rate, TaskFigures, summary
+from gensim2.policy.experiments.language import opposites, rephrased
 from gensim2.policy.learning import Learned, learn
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION, read_record
+from gensim2.tasks.library import load_task
 
 EXPERIMENT_JSON, RESULT_JSON = "experiment.json", "result.json"
 
@@ -170,12 +173,12 @@ def _run_arm(arm: Arm, record: ExperimentRecord, out: Path, workers: int, progre
     config = record.config
     assets = BUILTIN if arm.objects == "generated" else record.assets
     policies: list[Learned] = []
-    seen: list[EvaluationResult] = []
+    tables: dict[Kind, list[EvaluationResult]] = defaultdict(list)
     for number in range(config.seeds):
         folder, seed = out / arm.name / f"seed-{record.seed + number}", record.seed + number
         learned = learn(
             arm.tasks,
-            minutes=config.minutes_a_task * len(arm.tasks),
+            minutes=(arm.minutes_a_task or config.minutes_a_task) * len(arm.tasks),
             multi_task=True,
             scenes=config.scenes,
             objects=arm.count,
@@ -193,36 +196,70 @@ def _run_arm(arm: Arm, record: ExperimentRecord, out: Path, workers: int, progre
             instances="train",
         )
         policies += learned.learned
-        if arm.count is None:  # an evaluation draws from a split, and counted objects are none
+        for each in learned.learned:
+            tables["unseen"].append(each.measured.policy)
+            tables["blind"] += each.measured.controls["blind"]
+        for one in _measurements(arm, record):
             measured = evaluate_policy(
                 folder,
-                arm.tasks,
+                one.tasks,
                 controls=(),
-                episodes=config.episodes,
+                episodes=one.episodes,
+                arguments=one.arguments,
                 seed=seed,
-                out=folder / "seen",
+                out=folder / one.folder,
                 workers=workers,
                 resume=True,
-                progress=NamedProgress("seen objects", progress),
-                assets=assets,
-                instances="train",
+                progress=NamedProgress(one.title, progress),
+                assets=one.assets,
+                instances=one.instances,
             )
-            seen.append(measured.policy)
+            tables[one.kind].append(measured.policy)
     return ArmResult(
         arm,
         tuple(
-            TaskFigures(
-                name,
-                _rate(seen, name),
-                _rate([each.measured.policy for each in policies], name),
-                _rate([table for each in policies for table in each.measured.controls["blind"]], name),
-            )
+            TaskFigures(name, {kind: rate for kind in KINDS if (rate := _rate(tables[kind], name)).episodes})
             for name in arm.tasks
         ),
         tuple(str(each.folder) for each in policies),
         sum(sum(each.demonstrations.values()) for each in policies),
         sum(each.cpu_s for each in policies),
     )
+
+
+@dataclass(frozen=True)
+class _Measurement:
+    """What a policy is measured by beside unseen objects: in ``folder`` of it, on tasks and objects, told sentences."""
+
+    kind: Kind
+    folder: str
+    title: str
+    tasks: Sequence[str]
+    episodes: int
+    assets: str
+    instances: str
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+
+
+def _measurements(arm: Arm, record: ExperimentRecord) -> Iterator[_Measurement]:
+    config = record.config
+    assets = BUILTIN if arm.objects == "generated" else record.assets
+    if arm.count is None:  # an evaluation draws from a split, and counted objects are none
+        yield _Measurement("seen", "seen", "seen objects", arm.tasks, config.episodes, assets, "train")
+    if config.transfer and arm.objects == "generated" and record.assets != BUILTIN:
+        yield _Measurement("real", "real", "real objects", arm.tasks, config.episodes, record.assets, "all")
+    if not config.sentences:
+        return
+    specs = [load_task(name) for name in arm.tasks]
+    other = opposites(specs)
+    paired = [task.name for task in specs if task.description in other]
+    few, unseen = config.control_episodes, config.unseen
+    if paired:
+        yield _Measurement("opposite", "opposite", "told the opposite", paired, few, assets, unseen, {"says": other})
+    for number, says in enumerate(rephrased(specs), 1):
+        told = {"says": says, "unknown_sentences": "embed"}
+        folder, title = f"rephrased-{number}", f"other words ({number})"
+        yield _Measurement("rephrased", folder, title, arm.tasks, few, assets, unseen, told)
 
 
 def _rate(tables: Sequence[EvaluationResult], task: str) -> Rate:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Collection
+from collections import Counter, defaultdict, deque
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -16,11 +16,12 @@ from gensim2.errors import InputError
 from gensim2.observations import Observation, ObservationSpec
 from gensim2.observations.columns import CLOUD, GRIPPER
 from gensim2.planning.actions import grip_on
-from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint, unknown_sentence
+from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
 from gensim2.policy.control import Sees, Shuffled, altered
 from gensim2.policy.keypose.answers import Answer, answers
 from gensim2.policy.keypose.execution import Executor
 from gensim2.policy.keypose.training import WAYS_JSON, read_ways
+from gensim2.policy.sentences import embeds, sentence_row
 from gensim2.robots import OPEN, robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE
 
@@ -51,9 +52,14 @@ class KeyposeController:
     loop: a free motion clear of the cloud, then the hand along its poses. Then the arm goes back to where it looks
     from, unless the hand holds something, and looks again, until the network says that nothing is left to do.
 
+    Which task the sentence asks for is what the network makes of it: the task whose ways have most of the probability
+    at the first look. Nothing else knows the sentence.
+
     Args:
         checkpoint: folder of a policy with a keypose head.
         sees: a control, where it is not ``"all"``.
+        says: by a task's sentence what the policy is told in its place.
+        unknown_sentences: ``refuse`` those that were not trained on, or ``embed`` them by the text encoder.
 
     Raises:
         InputError: the checkpoint cannot be used.
@@ -66,10 +72,17 @@ class KeyposeController:
         """Files that say what it does beside its source: they name the weights by their digest."""
         return [Path(checkpoint) / CONFIG_JSON, Path(checkpoint) / WAYS_JSON]
 
-    def __init__(self, checkpoint: str, sees: Sees = "all") -> None:
+    def __init__(
+        self,
+        checkpoint: str,
+        sees: Sees = "all",
+        says: Mapping[str, str] | None = None,
+        unknown_sentences: str = "refuse",
+    ) -> None:
         if sees not in get_args(Sees):
             raise InputError(f"must be one of {', '.join(get_args(Sees))}, is {sees!r}", field="sees")
         folder = Path(checkpoint)
+        self._says, self._embeds = says or {}, embeds(unknown_sentences)
         self._folder, self._sees = folder, sees
         self._policy = PolicyCheckpoint.load(folder)
         if self._policy.action.kind != "keypose":
@@ -96,11 +109,10 @@ class KeyposeController:
     def reset(self, observation: Observation, seed: int) -> None:
         """Begin an episode."""
         torch.set_num_threads(1)
-        if observation.language not in self._policy.sentences:  # also where the network looks at none
-            raise unknown_sentence(self._policy, observation.language, self._folder)
-        self._row = self._policy.row_of(observation.language, self._folder)
-        mine = {number: way for number, way in enumerate(self._ways) if way.language == observation.language}
-        self._mine, self._steps = set(mine), 1 + max(way.step for way in mine.values())
+        sentence = self._says.get(observation.language, observation.language)
+        self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds)
+        self._mine: frozenset[int] | None = None
+        self._steps = 1
         self._expected, self._taking = {0}, 0
         self._tried, self.told = Counter[int](), Counter()
         self._rows.clear()
@@ -135,17 +147,32 @@ class KeyposeController:
             seen = replace(seen, arrays={**seen.arrays, GRIPPER: self._empty})
         points = seen[CLOUD][:, :3].astype(np.float64) if self._sees != "nothing" else np.zeros((0, 3))
         q = observation.joint_positions.astype(np.float64)
-        for answer in sorted(answers(self._policy, seen, self._row), key=self._weight, reverse=True):
+        found = answers(self._policy, seen, self._row)
+        mine = self._hear(found) if self._mine is None else self._mine
+        for answer in sorted(found, key=self._weight, reverse=True):
             if answer.way == len(self._ways):
                 # Whoever is asked to do something is asked before it is done.
                 if self._steps in self._expected and answer.chance >= SURE:
                     return False
                 continue
-            if answer.way not in self._mine or self._tried[answer.way] >= MAX_TRIES:
+            if answer.way not in mine or self._tried[answer.way] >= MAX_TRIES:
                 continue
             if self._begin(answer, q, observation.gripper_command, points):
                 return True
         return False
+
+    def _hear(self, found: Sequence[Answer]) -> frozenset[int]:
+        """Take the task that the answers to the first look are of most; returns its ways."""
+        chances: dict[str, float] = defaultdict(float)
+        for answer in found:
+            if answer.way < len(self._ways):
+                chances[self._ways[answer.way].language] += answer.chance
+        if not chances:
+            return frozenset()
+        heard = max(chances, key=chances.__getitem__)
+        self._mine = frozenset(number for number, way in enumerate(self._ways) if way.language == heard)
+        self._steps = 1 + max(self._ways[number].step for number in self._mine)
+        return self._mine
 
     def _step(self, answer: Answer) -> int:
         """Number of the step that an answer is of; how many there are of "done"."""

@@ -1,0 +1,46 @@
+"""What a policy is told in an episode: the task's sentence or another in its place, as a row for its text encoder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, get_args
+
+import torch
+
+from gensim2.errors import InputError
+from gensim2.policy.checkpoint import PolicyCheckpoint, unknown_sentence
+from gensim2.policy.text import prepare
+
+Unknown = Literal["refuse", "embed"]
+"""What becomes of a sentence that was not trained on."""
+
+
+def embeds(word: str) -> bool:
+    """Whether unknown sentences are embedded.
+
+    Raises:
+        InputError: the word is none of :data:`Unknown`.
+    """
+    if word not in get_args(Unknown):
+        raise InputError(f"must be one of {', '.join(get_args(Unknown))}, is {word!r}", field="unknown_sentences")
+    return word == "embed"
+
+
+def sentence_row(policy: PolicyCheckpoint, sentence: str, folder: Path, *, embed: bool) -> torch.Tensor:
+    """The row (1, ...) of a sentence: of the checkpoint's table, else by its text encoder.
+
+    Args:
+        policy: its checkpoint.
+        sentence: what it is told.
+        folder: of the checkpoint, for errors.
+        embed: whether a sentence that was not trained on is embedded.
+
+    Raises:
+        CheckpointError: it was not trained on, and is not to be embedded.
+        InputError: the weights of the text encoder cannot be had.
+    """
+    if sentence in policy.sentences:
+        return policy.row_of(sentence, folder)
+    if not embed:
+        raise unknown_sentence(policy, sentence, folder)
+    return prepare([sentence], policy.config)
