@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import click
+from click.core import ParameterSource
 
 from gensim2.cli import options
 from gensim2.cli.output import report, table
@@ -151,6 +152,8 @@ def policy(
 
     The planner that executes keyposes is not part of it; --checkpoint times a trained policy with it.
     """
+    if checkpoint is not None:
+        _refuse_beside_a_checkpoint(click.get_current_context())
     with report(json_file, _show_policy if checkpoint is None else _show_looks) as (progress, give):
         if checkpoint is not None:
             from gensim2.policy.keypose.latency import measure_looks
@@ -161,6 +164,14 @@ def policy(
         from gensim2.policy.latency import measure_latencies
 
         give(measure_latencies(heads or HEADS, encoders or ("mlp",), progress=progress, **given))
+
+
+def _refuse_beside_a_checkpoint(context: click.Context) -> None:
+    """Refuse what a trained policy says itself: its network, and that it runs on the processor."""
+    for param in context.command.params:
+        told = context.get_parameter_source(param.name or "") is ParameterSource.COMMANDLINE
+        if told and param.name not in ("checkpoint", "decisions", "threads", "assets", "json_file"):
+            raise click.UsageError(f"Give {param.opts[0]} without --checkpoint: a trained policy says it itself.")
 
 
 def _show_looks(result: dict[str, Any]) -> None:
