@@ -19,6 +19,7 @@ from kill_runs import SCRIPT_ENVIRONMENT, contents, differences
 from gensim2.data import DataSet
 from gensim2.data.status import NullListener, Status
 from gensim2.errors import InputError, NotRunError, WriteError
+from gensim2.objects import open_library
 from gensim2.rollout import worker
 from gensim2.seeding import scene_seeds
 
@@ -65,6 +66,18 @@ def test_a_collection_of_one_strategy_is_read_again_and_gone_on_with(tmp_path: P
     spec = DataSet.open(tmp_path / "set").task("CloseBox").spec()
     assert spec.steps[0].strategies == ("close_box",)
     assert gather("CloseBox", episodes=3, strategy=["close_box"], resume=True).status.ran == 1
+
+
+def test_objects_can_be_counted_that_no_list_has(tmp_path: Path, gather: Gather) -> None:
+    gather("CloseBox", objects=2)
+    rows = DataSet.open(tmp_path / "set").task("CloseBox").rows()
+    used = {thing.id for row in rows for thing in row.objects.values()}
+    library = open_library("builtin")
+    assert len(used) == 2
+    assert not used & {*library.choose("box_rotate", "all"), *library.choose("box_rotate", "new")}
+    assert gather("CloseBox", episodes=9, objects=2, resume=True).status.ran == 1
+    with pytest.raises(InputError, match="its instances have changed"):
+        gather("CloseBox", episodes=9, objects=3, resume=True)
 
 
 def test_workers_and_the_order_of_tasks_change_no_episode(
@@ -212,11 +225,12 @@ def test_a_full_disk_ends_it_at_once_and_keeps_what_is_finished(
 
 
 def collecting(out: Path, before: Callable[[], None] | None = None, *prefix: str) -> subprocess.CompletedProcess[str]:
-    """The command itself, in the made-up world."""
+    """The command itself, in the made-up world. It keeps no byte code, which Python does not notice to be cut short."""
     words = ["collect", "OpenDrawer", "CloseBox", "--episodes", "8", "--seed", "3", "--assets", "builtin"]
     command = [*prefix, sys.executable, str(KILL_RUNS), "--child", "fake", *words, "--workers", "2", "--resume"]
+    environment = {**SCRIPT_ENVIRONMENT, "PYTHONDONTWRITEBYTECODE": "1"}
     return subprocess.run(
-        [*command, "--out", str(out)], capture_output=True, text=True, preexec_fn=before, env=SCRIPT_ENVIRONMENT
+        [*command, "--out", str(out)], capture_output=True, text=True, preexec_fn=before, env=environment
     )
 
 

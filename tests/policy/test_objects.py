@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from gensim2.errors import InputError
-from gensim2.policy.objects import unseen_instances, with_objects
+from gensim2.policy.objects import unseen_instances
+from gensim2.rollout.counted_objects import with_objects
 from gensim2.rollout.inputs import only_strategies, read_task_input
 from gensim2.scenes.sampler import SceneSampler
 

@@ -34,6 +34,12 @@ from gensim2.cli.output import line, report, table
     metavar="NAME",
     help="Do a step that has it in no other way; may be given again, for other steps.",
 )
+@click.option(
+    "--objects",
+    type=options.count(100_000),
+    default=None,
+    help="Generated ones of each class to draw from, beyond those that are listed.  [default: those of --instances]",
+)
 @options.processes
 @options.ray
 @click.option("--resume", is_flag=True, help="Go on with the data set in --out, if there is one.")

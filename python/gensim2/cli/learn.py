@@ -56,7 +56,7 @@ from gensim2.cli.output import line, report, table
     type=options.count(100_000),
     default=None,
     help="Generated ones of each class to learn from, beyond those that are listed.  [default: those of --instances, "
-    "and where that is not given 200 for keyposes, of real objects those of train]",
+    "and where that is not given 200, of real objects those of train]",
 )
 @click.option(
     "--verify",

@@ -11,6 +11,7 @@ from gensim2.data.record import DatasetRecord, TaskRecord
 from gensim2.data.status import Listener, NullListener, Status
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.rollout.config import RolloutArguments
+from gensim2.rollout.counted_objects import with_objects
 from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, only_strategies, read_task_inputs
 
 SCHEMA_VERSION = 1
@@ -60,6 +61,7 @@ def collect(
     keep_failures: bool = False,
     noise: float = 0.0,
     strategy: Sequence[str] = (),
+    objects: int | None = None,
     workers: int | None = 2,
     ray: str | None = None,
     resume: bool = False,
@@ -86,6 +88,8 @@ def collect(
         noise: standard deviation, rad, of what the arm is sent elsewhere by now and then; what was meant is recorded
             beside what was sent (:mod:`gensim2.rollout.noise`).
         strategy: names: a step that has any of them is done in no other way.
+        objects: generated ones of each articulated class to draw from in place of those that ``instances`` says,
+            beyond the listed and the new ones, drawn by the seed; None: those of ``instances``.
         workers: simulator processes, 0 for this one; what they leave does not depend on it. On Ray the most that there
             are at a time; None: one a CPU of the cluster.
         ray: ``"local"``, or the address of a cluster whose nodes all have ``out`` at the same path; None: processes of
@@ -107,6 +111,9 @@ def collect(
     check_counts(episodes=episodes)
     check_workers(time_limit, jobs_per_worker, workers, ray)
     given, skipped = read_task_inputs(tasks, seed=seed, **scene)
+    if objects is not None:
+        check_counts(objects=objects)
+        given = [replace(with_objects(one, objects, seed), instances=one.instances) for one in given]
     given = [replace(one, rollout=replace(one.rollout, noise=noise)) for one in only_strategies(given, strategy)]
     # Only now what takes long to import.
     from gensim2.data.folder import ERRORS_LOG, CollectionFolder
@@ -115,7 +122,7 @@ def collect(
 
     listener = listener or NullListener()
     with CollectionFolder(
-        Path(out), _description(given, seed, episodes, keep_failures), resume, {"workers": workers, "ray": ray}
+        Path(out), _description(given, seed, episodes, keep_failures, objects), resume, {"workers": workers, "ray": ray}
     ) as folder:
         queue = Queue(folder, given, listener)
         with PoolEvaluator(
@@ -132,7 +139,9 @@ def collect(
             return CollectionResult(folder.path, status, skipped, evaluator.cpu_s)
 
 
-def _description(given: Sequence[TaskInput], seed: int, episodes: int, keep_failures: bool) -> DatasetRecord:
+def _description(
+    given: Sequence[TaskInput], seed: int, episodes: int, keep_failures: bool, objects: int | None
+) -> DatasetRecord:
     """Return the contents of ``dataset.json`` before the first episode."""
     from gensim2.rollout.identity import digest, listings, versions
 
@@ -143,7 +152,9 @@ def _description(given: Sequence[TaskInput], seed: int, episodes: int, keep_fail
         keep_failures=keep_failures,
         tasks={
             one.spec.name: TaskRecord(
-                digest=digest([one.spec.model_dump(mode="json"), one.strategies]), instances=one.instances
+                digest=digest([one.spec.model_dump(mode="json"), one.strategies]),
+                instances=one.instances,
+                objects=objects,
             )
             for one in given
         },

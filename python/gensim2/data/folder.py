@@ -87,7 +87,7 @@ def _compare(file: Path, before: DatasetRecord, now: DatasetRecord) -> None:
         if other is None or list(now.tasks)[: len(before.tasks)] != list(before.tasks):
             text = "the collection was begun with these tasks in this order; further ones may follow"
             raise InputError(f"{text}: {', '.join(before.tasks)}", file=file, field="tasks", remedy=_REMEDY)
-        if (other.digest, other.instances) != (task.digest, task.instances):
+        if (other.digest, other.instances, other.objects) != (task.digest, task.instances, task.objects):
             text = "the task, its strategies or its instances have changed since the collection was begun"
             raise InputError(text, file=file, field=f"tasks.{name}", remedy=_REMEDY)
 

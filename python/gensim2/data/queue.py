@@ -55,7 +55,7 @@ class Queue:
         return TaskQueue(
             given.spec,
             given.strategies,
-            given.instances,
+            given.scene.instances,
             self._folder.dataset.task(name),
             partial(self._record.scene_seed, name),
             Quota(self._record.episodes),

@@ -46,12 +46,14 @@ class TaskRecord(_Record):
     Attributes:
         digest: of ``task.yaml`` and the strategies.
         instances: which objects its episodes draw from, one word.
+        objects: generated ones of each articulated class that are drawn from in their place; None: those.
         tried, held, strict: episodes; None until all are there.
         causes: why the others do not count as held.
     """
 
     digest: str
     instances: str
+    objects: int | None = None
     tried: Count | None = None
     held: Count | None = None
     strict: Count | None = None

@@ -189,8 +189,8 @@ class _Rendering:
             self._size += path.stat().st_size
 
     def _scene(self, store: TaskStore) -> SceneConfig:
-        record = self._dataset.record
-        return record.scene.with_task(store.spec(), record.tasks[store.name].instances)
+        # An episode says itself which objects it has.
+        return self._dataset.record.scene.with_task(store.spec())
 
     def _failed(self, failure: Failure) -> None:
         self._progress.message(f"try {failure.number} of job {failure.index} came to nothing: {failure.reason}")

@@ -14,6 +14,7 @@ from gensim2.policy.demonstrations import Demonstrations
 from gensim2.policy.relabels import RelabelledSource, Relabels, relabel_episode
 from gensim2.policy.train import TrainResult, train_policy
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
+from gensim2.rollout.counted_objects import with_objects
 from gensim2.rollout.inputs import TaskInput, read_task_inputs
 from gensim2.seeding import scene_seeds
 
@@ -105,7 +106,9 @@ def _inputs(dataset: DataSet, tasks: Sequence[str]) -> list[TaskInput]:
     record, found = dataset.record, []
     for name in dataset.tasks:
         if name in tasks:
-            scene: dict[str, Any] = {**record.scene.to_record(), "instances": record.tasks[name].instances}
+            task = record.tasks[name]
+            scene: dict[str, Any] = {**record.scene.to_record(), "instances": task.instances}
             given, _ = read_task_inputs([str(dataset.task(name).folder)], seed=record.seed, **scene)
-            found += given
+            count = task.objects
+            found += given if count is None else [with_objects(one, count, record.seed) for one in given]
     return found

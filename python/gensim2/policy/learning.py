@@ -21,12 +21,13 @@ from gensim2.policy.keypose.data import plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
 from gensim2.policy.network import fresh_network
-from gensim2.policy.objects import can_be_counted, unseen_instances, with_objects, words
+from gensim2.policy.objects import unseen_instances, words
 from gensim2.policy.source import Source
 from gensim2.policy.text import prepare
 from gensim2.policy.train import TrainResult, _batch
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION, read_record
+from gensim2.rollout.counted_objects import can_be_counted, with_objects
 from gensim2.rollout.inputs import TaskInput, check_counts, read_task_inputs
 from gensim2.scenes.config import SceneArguments
 from gensim2.seeding import rng
@@ -194,13 +195,11 @@ def learn(
     if skipped:
         name, reason = next(iter(skipped.items()))
         raise InputError(reason, field=f"tasks.{name}")
-    if objects is None and "instances" not in scene and policy == "keypose" and all(map(can_be_counted, given)):
+    if objects is None and "instances" not in scene and all(map(can_be_counted, given)):
         objects = OBJECTS
     if test_instances is None:
         test_instances = unseen_instances(given) if objects is None else "new"
     if objects is not None:
-        if policy != "keypose":
-            raise InputError("are drawn for --policy keypose", field="objects")
         given = [with_objects(one, objects, seed) for one in given]
     out.mkdir(parents=True, exist_ok=True)
     check_writable(out / LEARN_JSON)
@@ -321,7 +320,16 @@ def _teach_by_episodes(
     limit = DATA_SHARE * 60.0 * record.minutes / len(group)
     episodes = max(1, min(EPISODES, record.scenes, int(limit / SECONDS_AN_EPISODE)))
     scene: dict[str, Any] = dict(record.scene)
-    collected = collect(named, episodes=episodes, out=data, seed=record.seed, workers=workers, resume=True, **scene)
+    collected = collect(
+        named,
+        episodes=episodes,
+        objects=record.objects,
+        out=data,
+        seed=record.seed,
+        workers=workers,
+        resume=True,
+        **scene,
+    )
     rendered = render(data, spec=with_noise(CHUNK_SPEC, record), workers=workers, resume=True, progress=progress)
     # What an earlier call took stands in the record.
     record.data_cpu_s[key] = record.data_cpu_s.get(key, 0.0) + collected.cpu_s + rendered.cpu_s
