@@ -64,6 +64,14 @@ from gensim2.cli.output import line, report, table
     help="Execute the plans that a keypose policy is taught by in physics, and leave out those that it refutes; a "
     "scene then takes ten times as long.",
 )
+@click.option(
+    "--from",
+    "start",
+    type=click.Path(path_type=Path),
+    default=None,
+    metavar="DIR",
+    help="A keypose policy of several tasks, as learn left it: TASKS are added to its own, and all are measured.",
+)
 @options.noise(None, "Of the cameras, in training and in evaluation  [default: none]")
 @click.option(
     "--test-instances",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -15,8 +16,10 @@ from pydantic import BaseModel, ConfigDict
 from gensim2.errors import InputError
 from gensim2.files import check_writable, write_json
 from gensim2.observations import DepthNoise, ObservationSpec
+from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
 from gensim2.policy.config import HEADS, PolicyConfig, TrainConfig
 from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, Control, PolicyResult, evaluate_policy
+from gensim2.policy.keypose.adding import RATE, take_along
 from gensim2.policy.keypose.data import plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
@@ -31,6 +34,7 @@ from gensim2.rollout.counted_objects import can_be_counted, with_objects
 from gensim2.rollout.inputs import TaskInput, check_counts, read_task_inputs
 from gensim2.scenes.config import SceneArguments
 from gensim2.seeding import rng
+from gensim2.tasks.library import task_names
 
 SPEC = ObservationSpec.of({"points": 1024, "candidates": 4096, "robot": "none"})
 """Observations of a keypose policy: the scene without the robot."""
@@ -61,6 +65,7 @@ class LearnRecord(BaseModel):
         objects: of each class to learn from; None: those that ``scene`` says.
         verify: scenes whose plans physics refutes are left out.
         noise: of the cameras; None: their depth is exact.
+        start: folder of the policy that goes on, with the digest of its weights; None: from nothing.
         steps: of each policy that were decided on when its training began, by its folder.
         data_cpu_s: CPU seconds that went into the data of each.
     """
@@ -78,6 +83,7 @@ class LearnRecord(BaseModel):
     verify: bool = False
     scene: dict[str, Any]
     noise: dict[str, float | bool] | None = None
+    start: tuple[str, str] | None = None
     steps: dict[str, int] = {}
     data_cpu_s: dict[str, float] = {}
 
@@ -147,6 +153,7 @@ def learn(
     videos: int = VIDEOS,
     objects: int | None = None,
     verify: bool = False,
+    start: Path | None = None,
     noise: DepthNoise | None = None,
     test_instances: str | None = None,
     seed: int = 0,
@@ -170,6 +177,8 @@ def learn(
         objects: generated ones of each class to learn from, beyond those that the library lists, drawn by the seed;
             None: ``instances``, and where that is not given ``OBJECTS``, of real objects those of ``train``.
         verify: leave scenes out whose plans physics refutes; of plans, which are not simulated otherwise.
+        start: folder of a keypose policy of several tasks that ``learn`` left: the new one begins with its weights and
+            plans, ``tasks`` are added to its own, and all of them are measured.
         noise: of the cameras in all data, with errors of pose, depth and clock drawn each episode; the policy is
             measured with it, too. None: depth is exact.
         test_instances: objects that the policy is measured on; None: ``new`` where it learns from ``objects``, else
@@ -214,9 +223,11 @@ def learn(
         verify=verify,
         scene={**given[0].scene.options.to_record(), "instances": train_on["instances"]},
         noise=None if noise is None else asdict(noise),
+        start=_start(start, policy),
     )
     record = _begin(out, record, resume)
-    groups = [tuple(given)] if multi_task or len(given) == 1 else [(one,) for one in given]
+    together = multi_task or start is not None or len(given) == 1
+    groups = [tuple(given)] if together else [(one,) for one in given]
     learned = []
     tested_on: dict[str, Any] = {**scene, "instances": test_instances}
     for group in groups:
@@ -225,7 +236,7 @@ def learn(
         demonstrations, trained = teach(group, words(group, tasks), folder, out, record, workers, progress)
         measured = evaluate_policy(
             folder,
-            words(group, tasks),
+            [*_known(record, progress), *words(group, tasks)],
             controls=CONTROLS if controls is None else controls,
             control_episodes=control_episodes,
             episodes=episodes,
@@ -245,6 +256,32 @@ def learn(
 
     write_page(result)
     return result
+
+
+def _start(start: Path | None, policy: str) -> tuple[str, str] | None:
+    """What a policy goes on from, as the record has it.
+
+    Raises:
+        InputError: it is none of keyposes and several tasks, or cannot be read.
+    """
+    if start is None:
+        return None
+    found = PolicyCheckpoint.load(start)
+    if policy != "keypose" or found.action.kind != "keypose" or found.config.text == "none":
+        message = "goes on from a keypose policy of several tasks"
+        raise InputError(message, file=start, field="from", remedy="chunks: gensim2 train --from")
+    return str(start.resolve()), hashlib.sha256((start / CONFIG_JSON).read_bytes()).hexdigest()
+
+
+def _known(record: LearnRecord, progress: Progress) -> list[str]:
+    """Tasks of the policy that goes on, those that the library has."""
+    if record.start is None:
+        return []
+    known, there = PolicyCheckpoint.load(Path(record.start[0])).data.tasks, task_names()
+    for name in known:
+        if name not in there:
+            progress.message(f"{name}: not measured again, the library does not have it")
+    return [name for name in known if name in there]
 
 
 def _begin(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
@@ -273,7 +310,11 @@ def _teach_by_plans(
 ) -> tuple[dict[str, int], TrainResult]:
     from gensim2.rollout.evaluator import PoolEvaluator
 
-    planned = []
+    planned, begun = [], None
+    if record.start is not None:
+        begun = PolicyCheckpoint.load(Path(record.start[0]))
+        planned = take_along(Path(record.start[0]), folder, [one.spec.name for one in group])
+    known = len(planned)
     limit = DATA_SHARE * 60.0 * record.minutes / len(group)
     with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
         for one in group:
@@ -290,15 +331,18 @@ def _teach_by_plans(
                     progress=progress,
                 )
             )
-    source, key = PlannedSource(planned), _key(folder, out)
-    record.data_cpu_s[key] = sum(each.cpu_s for each in planned)
-    for each in planned:
+    source, key = PlannedSource(planned, known), _key(folder, out)
+    record.data_cpu_s[key] = sum(each.cpu_s for each in planned[known:])
+    for each in planned[known:]:
         count = f"{each.demonstrations} plans in {each.scenes} scenes"
         left_out = f"{sum(each.failed.values()) - each.refuted} without a plan, {each.refuted} refuted by physics"
         progress.message(f"{each.record.task}: {count}, {left_out}, {each.cpu_s:.0f} s of CPU")
     _decide_steps(record, key, len(group), lambda: seconds_a_step(source, POLICY, TRAINING), out, progress)
-    training = TrainConfig.of({**TRAINING.to_dict(), "steps": record.steps[key], "seed": record.seed})
-    trained = train_keypose(source, folder, training=training, resume=True, progress=progress)
+    told: dict[str, Any] = {"steps": record.steps[key], "seed": record.seed}
+    if begun is not None:
+        told["learning_rate"] = RATE * TRAINING.learning_rate
+    training = TrainConfig.of({**TRAINING.to_dict(), **told})
+    trained = train_keypose(source, folder, training=training, start=begun, resume=True, progress=progress)
     return {each.record.task: each.demonstrations for each in planned}, trained
 
 

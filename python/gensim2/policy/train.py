@@ -21,6 +21,7 @@ from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.control import MAX_CLOUDS
 from gensim2.policy.curves import Curves, read_curves
 from gensim2.policy.frames import SEEN, check_turns, inputs_of
+from gensim2.policy.heads.keypose import KeyposeHead
 from gensim2.policy.network import CLOUD, PROPRIO, TEXT, PolicyNetwork, fresh_network
 from gensim2.policy.source import SENTENCE, Source
 from gensim2.policy.text import prepare
@@ -294,10 +295,16 @@ def _start_from(network: PolicyNetwork, start: PolicyCheckpoint, source: Source)
         raise InputError(f"has actions {start.action}, the data {source.action}", file="--from", field="action")
     mine, its = network.config.to_dict(), start.config.to_dict()
     for name in mine:
-        if mine[name] != its[name] and name not in ("execute", "denoise_steps"):
+        grows = name == "ways" and mine[name] > its[name]
+        if mine[name] != its[name] and name not in ("execute", "denoise_steps") and not grows:
             message = f"has {its[name]!r}, the settings {mine[name]!r}"
             raise InputError(message, file="--from", field=name, remedy="leave the setting out")
-    network.load_state_dict(start.network.state_dict())
+    weights = dict(start.network.state_dict())
+    if isinstance(network.head, KeyposeHead):
+        assert isinstance(start.network.head, KeyposeHead)
+        grown = network.head.grown(start.network.head.state_dict())
+        weights |= {f"head.{name}": value for name, value in grown.items()}
+    network.load_state_dict(weights)
 
 
 def _identity(source: Source, config: PolicyConfig, training: TrainConfig, start: PolicyCheckpoint | None) -> str:

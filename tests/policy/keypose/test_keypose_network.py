@@ -119,3 +119,18 @@ def test_a_checkpoint_says_what_its_classes_mean(trained: Path) -> None:
     assert policy.action.kind == "keypose"
     assert policy.config.ways == 3
     assert policy.data.episodes == 16
+
+
+def test_a_head_with_more_ways_keeps_those_that_it_knows() -> None:
+    few, many = (
+        fresh_network(PolicyConfig.of({**SMALL.to_dict(), "ways": ways, "points": 96}), 7, (0,), seed).eval()
+        for ways, seed in ((3, 0), (5, 1))
+    )
+    many.head.load_state_dict(many.head.grown(few.head.state_dict()))
+    summary = torch.randn(4, SMALL.width)
+    known, grown = few.head.way(summary), many.head.way(summary)
+    assert grown.shape == (4, 5)
+    assert torch.allclose(grown[:, [0, 1, -1]], known, atol=1e-6)
+    assert torch.equal(many.head.of_way.weight[[0, 1, -1]], few.head.of_way.weight)
+    assert torch.equal(many.head.heat.weight, few.head.heat.weight)
+    assert not torch.equal(grown[:, 2], known[:, -1])

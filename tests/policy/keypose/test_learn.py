@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from gensim2.policy import learning
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.evaluating import CONTROLS, read_controls
 from gensim2.policy.keypose import data
+from gensim2.policy.keypose.training import read_ways
 
 
 def test_learning_goes_from_nothing_to_a_measured_policy(
@@ -60,3 +62,36 @@ def test_controls_are_named() -> None:
     assert read_controls("expert,blind") == ("blind", "expert")
     with pytest.raises(InputError, match="no control 'deaf'"):
         read_controls("blind,deaf")
+
+
+def test_tasks_are_added_to_those_that_a_policy_knows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(data, "SHARD", 2)
+    monkeypatch.setattr(learning, "LEAST_STEPS", 2)
+    first, second, told = tmp_path / "two", tmp_path / "three", tmp_path / "told.json"
+    common = ["--assets", "builtin", "--minutes", "0.001", "--scenes", "2", "--workers", "1", "--episodes", "1"]
+    common += ["--controls", "none", "--videos", "0", "--json", str(told)]
+    assert run(["learn", "TurnOnFaucet", "TurnOffFaucet", "--multi-task", *common, "--out", str(first)]) == 0
+    plans = {path.name: path.read_bytes() for path in (first / "data" / "TurnOnFaucet").iterdir()}
+    words = ["learn", "CloseBox", "--from", str(first), *common, "--out", str(second)]
+    assert run(words) == 0
+    found = json.loads(told.read_text())
+    assert [row["name"] for row in found["tasks"]] == ["TurnOnFaucet", "TurnOffFaucet", "CloseBox"]
+    policy = PolicyCheckpoint.load(second)
+    assert policy.data.tasks == ("TurnOnFaucet", "TurnOffFaucet", "CloseBox")
+    assert policy.sentences[:2] == PolicyCheckpoint.load(first).sentences
+    assert {path.name: path.read_bytes() for path in (second / "data" / "TurnOnFaucet").iterdir()} == plans
+    assert [way.language for way in read_ways(second)[-2:]] == ["close the box"] * 2
+    assert run([*words, "--resume"]) == 0
+    capfd.readouterr()
+    for tasks, said in (
+        (["TurnOnFaucet", "--from", str(second)], "knows it already"),
+        (["OpenBox", "--from", str(second), "--policy", "chunk"], "goes on from a keypose policy of several tasks"),
+        (["OpenBox", "--from", str(tmp_path / "none")], "config.json"),
+    ):
+        assert run(["learn", *tasks, *common, "--out", str(tmp_path / "refused")]) == 2
+        assert said in capfd.readouterr().err
+    shutil.rmtree(second / "data" / "CloseBox")
+    assert run(["learn", "OpenBox", "--from", str(second), *common, "--out", str(tmp_path / "refused-too")]) == 2
+    assert "the plans that taught it are not beside it" in capfd.readouterr().err

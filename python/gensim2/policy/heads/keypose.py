@@ -99,6 +99,18 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         if live.any():
             self.center.copy_(batch[POSITIONS][live, ACTUATION].mean(0))
 
+    def grown(self, theirs: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+        """Weights of a head with fewer ways as this one's: classes keep their numbers, "done" stays the last, and those
+        in between are this one's own.
+        """
+        mine = {name: value.clone() for name, value in self.state_dict().items()}
+        for name, value in theirs.items():
+            if name in ("way.2.weight", "way.2.bias", "of_way.weight"):
+                mine[name][: len(value) - 1], mine[name][-1] = value[:-1], value[-1]
+            else:
+                mine[name] = value
+        return mine
+
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
         """Return the weighted sum of the losses of both looks."""
         way, true = batch[WAY], batch[POSITIONS]

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
 from gensim2.errors import InputError
@@ -67,18 +68,19 @@ class PlannedSource:
 
     Args:
         planned: one a task, all of one robot and one observation.
+        known: number of them, the first, that a policy knows already; half of each batch is of these.
 
     Raises:
         InputError: they do not go together.
     """
 
-    def __init__(self, planned: Sequence[Planned]) -> None:
+    def __init__(self, planned: Sequence[Planned], known: int = 0) -> None:
         first = planned[0].record
         for other in planned[1:]:
             for name in ("robot", "observation"):
                 if getattr(other.record, name) != getattr(first, name):
                     raise InputError(f"{other.record.task} and {first.task} differ", field=name)
-        self.planned = tuple(planned)
+        self.planned, self._known = tuple(planned), known
         self.robot = first.robot
         profile = robot(first.robot)
         self.action = ActionSpec(kind="keypose", arm=profile.arm_size, control_hz=profile.control_hz)
@@ -102,7 +104,7 @@ class PlannedSource:
 
     def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
         """A batch; clouds in an order that is drawn, so that the first of their points are any."""
-        task = rng.integers(len(self.planned), size=size)
+        task = self._tasks(rng, size)
         rows = rng.integers(self._starts[task], self._starts[task + 1])
         found = {name: values[rows] for name, values in self._arrays.items()}
         count = found["points"].shape[1]
@@ -126,6 +128,13 @@ class PlannedSource:
             SECONDS: torch.from_numpy(found["seconds"]),
             FORCE: torch.from_numpy(found["force"]),
         }
+
+    def _tasks(self, rng: np.random.Generator, size: int) -> npt.NDArray[np.int64]:
+        """Numbers of tasks, (B,)."""
+        if not self._known:
+            return rng.integers(len(self.planned), size=size)
+        known = rng.integers(self._known, size=size)
+        return np.where(rng.random(size) < 0.5, known, rng.integers(self._known, len(self.planned), size=size))
 
     def some_clouds(self, max_clouds: int) -> Shuffled:
         """Clouds of scenes evenly through the data; they have no colours."""

@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from gensim2.files import write_json
+from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.train import TrainResult, train_policy
@@ -64,6 +65,7 @@ def train_keypose(
     *,
     policy: PolicyConfig = POLICY,
     training: TrainConfig = TRAINING,
+    start: PolicyCheckpoint | None = None,
     resume: bool = False,
     progress: Progress = NULL_PROGRESS,
 ) -> TrainResult:
@@ -74,6 +76,7 @@ def train_keypose(
         out: folder of the checkpoint.
         policy: the network; its ``ways`` follow from the source, and several sentences need a text encoder.
         training: how.
+        start: policy to go on from, whose ways are the first of the source.
         resume: go on where an interrupted training was.
 
     Raises:
@@ -84,7 +87,7 @@ def train_keypose(
     ways = [Way(language=language, step=step, name=name) for language, step, name in source.ways.tasks]
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / WAYS_JSON, WaysRecord(ways=ways).model_dump(mode="json"))
-    return train_policy(source, config, training, out, resume=resume, device="cpu", progress=progress)
+    return train_policy(source, config, training, out, start=start, resume=resume, device="cpu", progress=progress)
 
 
 def read_ways(folder: Path) -> list[Way]:
