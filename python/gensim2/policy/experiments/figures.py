@@ -83,7 +83,8 @@ class TaskFigures:
         told = {"name": self.name, "arm": arm}
         for kind in KINDS:
             told |= self.rate(kind).to_dict(kind)
-        return {**told, "episodes": _evaluated([self])}
+        counts = {kind: {"held": rate.held, "episodes": rate.episodes} for kind, rate in self.rates.items()}
+        return {**told, "episodes": _evaluated([self]), "counts": counts}
 
 
 def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:

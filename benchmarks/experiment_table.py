@@ -1,0 +1,109 @@
+"""Tables of experiments in docs/generalization.md, from the JSON of `gensim2 experiment NAME --json FILE`.
+
+    python benchmarks/experiment_table.py FILE... --commit HASH   # takes the arms of these runs in, and writes tables
+    python benchmarks/experiment_table.py                         # writes the tables from the figures that there are
+
+The figures stand in ``experiments.json`` beside this file, an entry an arm, with counts of each task: an arm takes the
+place of an earlier one of the same name and first seed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from gensim2.files import write_atomic, write_json
+from gensim2.policy.experiments.figures import KINDS, Kind, Rate, difference
+from gensim2.policy.experiments.page import WORDS
+
+FIGURES = Path(__file__).with_name("experiments.json")
+PAGE = Path(__file__).parents[1] / "docs" / "generalization.md"
+MARKED = re.compile(r"(<!-- experiments -->\n).*?(<!-- /experiments -->)", re.DOTALL)
+KEPT = ("name", "objects", "count", "demonstrations", "cpu_s")
+
+Arm = dict[str, Any]
+
+
+def arms_of(found: Mapping[str, Any], commit: str) -> list[Arm]:
+    """Return the arms of one run, without folders of the machine that it ran on."""
+    return [
+        {
+            **{name: arm[name] for name in KEPT},
+            "seed": found["seed"],
+            "seeds": found["seeds"],
+            "commit": commit,
+            "tasks": {row["name"]: row["counts"] for row in found["tasks"] if row["arm"] == arm["name"]},
+        }
+        for arm in found["arms"]
+    ]
+
+
+def tables(arms: Sequence[Arm]) -> str:
+    """Return a table with a row an arm, and one for each arm with a row a task."""
+    parts = [_table("arm", [(arm["name"], _about(arm), list(arm["tasks"].values())) for arm in arms], ABOUT)]
+    for arm in arms:
+        rows: list[tuple[str, list[str], list[Any]]] = [(name, [], [counts]) for name, counts in arm["tasks"].items()]
+        parts.append(f"**{arm['name']}**\n\n{_table('task', rows, [])}")
+    return "\n".join(parts)
+
+
+ABOUT = ["tasks", "trainings", "taught by", "CPU min", "lost on unseen"]
+
+
+def _about(arm: Arm) -> list[str]:
+    seen, unseen = (_rate(arm["tasks"].values(), kind) for kind in ("seen", "unseen"))
+    lost = ""
+    if seen.episodes and unseen.episodes:
+        gap, (low, high) = difference(seen, unseen)
+        lost = f"{100 * gap:+.1f} ({100 * low:+.1f} to {100 * high:+.1f}) points"
+    return [str(len(arm["tasks"])), str(arm["seeds"]), str(arm["demonstrations"]), f"{arm['cpu_s'] / 60:.0f}", lost]
+
+
+def _rate(tasks: Any, kind: Kind) -> Rate:
+    return Rate.total([Rate(**counts[kind]) for counts in tasks if kind in counts])
+
+
+def _table(what: str, rows: Sequence[tuple[str, list[str], list[Any]]], about: Sequence[str]) -> str:
+    kinds = [kind for kind in KINDS if any(_rate(tasks, kind).episodes for _, _, tasks in rows)]
+    head = [what, *(f"{WORDS[kind]} (95 %)" for kind in kinds), *about]
+    lines = [_line(head), _line(["---"] * len(head))]
+    for name, cells, tasks in rows:
+        lines.append(_line([name, *(_cell(_rate(tasks, kind)) for kind in kinds), *cells]))
+    return "\n".join(lines) + "\n"
+
+
+def _cell(rate: Rate) -> str:
+    if rate.mean is None:
+        return ""
+    low, high = rate.interval
+    return f"{rate.mean:.3f} ({low:.3f} to {high:.3f}) of {rate.episodes}"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    """Take runs in, and write the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="*", type=Path)
+    parser.add_argument("--commit", help="that the runs were made with")
+    given = parser.parse_args()
+    if given.files and not given.commit:
+        parser.error("say which --commit the runs were made with")
+    figures = json.loads(FIGURES.read_text())["arms"] if FIGURES.exists() else []
+    known = {(arm["name"], arm["seed"]): arm for arm in figures}
+    for file in given.files:
+        for arm in arms_of(json.loads(file.read_text()), given.commit):
+            known[arm["name"], arm["seed"]] = arm
+    arms = [known[key] for key in sorted(known)]
+    write_json(FIGURES, {"schema_version": 1, "arms": arms})
+    write_atomic(PAGE, MARKED.sub(lambda match: f"{match[1]}{tables(arms)}{match[2]}", PAGE.read_text()))
+
+
+if __name__ == "__main__":
+    main()
