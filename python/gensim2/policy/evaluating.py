@@ -9,7 +9,8 @@ from typing import Any, Literal, Unpack, get_args
 
 from gensim2.errors import InputError
 from gensim2.evaluation.evaluating import EvaluationResult, evaluate
-from gensim2.policy.checkpoint import PolicyCheckpoint, unknown_sentence
+from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.sentences import embeds, sentence_row
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION
@@ -148,10 +149,11 @@ def evaluate_policy(
     if skipped:
         name, reason = next(iter(skipped.items()))
         raise InputError(reason, field=f"tasks.{name}")
+    told = dict(arguments or {})
+    embed = embeds(told.get("unknown_sentences", "refuse"))
     for one in given:
-        if policy.action.kind == "keypose" and one.spec.description not in policy.sentences:
-            raise unknown_sentence(policy, one.spec.description, checkpoint)
-        policy.row_of(one.spec.description, checkpoint)
+        sentence = told.get("says", {}).get(one.spec.description, one.spec.description)
+        sentence_row(policy, sentence, checkpoint, embed=embed)
     from gensim2.data.runfolder import default_run_dir
 
     out = default_run_dir() if out is None else out
@@ -166,7 +168,7 @@ def evaluate_policy(
     }
     names = list(tasks)
     found = evaluate(
-        policy_controller(checkpoint, **(arguments or {})),
+        policy_controller(checkpoint, **told),
         names,
         runs=runs,
         stop=stop,
@@ -180,17 +182,17 @@ def evaluate_policy(
     few = {**shared, "episodes": min(episodes, control_episodes)}
     beside: dict[str, tuple[EvaluationResult, ...]] = {}
     for control in controls:
-        folder, told = out / "controls" / control, NamedProgress(control, progress)
+        folder, listener = out / "controls" / control, NamedProgress(control, progress)
         if control == "expert":
             beside[control] = tuple(
-                evaluate(chain(one.strategies), name, out=folder / one.spec.name, progress=told, **few)
+                evaluate(chain(one.strategies), name, out=folder / one.spec.name, progress=listener, **few)
                 for name, one in zip(names, given, strict=True)
             )
         else:
             spec = (
                 ControllerSpec(NO_OP, {"arm": policy.action.arm})
                 if control == "no-op"
-                else policy_controller(checkpoint, sees="nothing" if control == "blind" else "other")
+                else policy_controller(checkpoint, **{**told, "sees": "nothing" if control == "blind" else "other"})
             )
-            beside[control] = (evaluate(spec, names, stop=stop, out=folder, progress=told, **few),)
+            beside[control] = (evaluate(spec, names, stop=stop, out=folder, progress=listener, **few),)
     return PolicyResult(found, beside)

@@ -20,8 +20,10 @@ scenes: 2
 episodes: 1
 control_episodes: 1
 unseen: new
+sentences: true
+untaught: [CloseTrashCan]
 arms:
-  - {name: split, objects: generated, tasks: [CloseBox]}
+  - {name: split, objects: generated, tasks: [CloseBox, OpenBox]}
   - {name: counted, objects: generated, count: 2, tasks: [CloseBox]}
   - {name: real, objects: real, tasks: [CloseBox]}
 """
@@ -38,10 +40,20 @@ def test_every_arm_is_learned_and_measured(
     words += ["--seed", "3", "--out", str(out), "--json", str(told)]
     assert run(words) == 0
     found = json.loads(told.read_text())
-    assert [(row["arm"], row["name"]) for row in found["tasks"]] == [("split", "CloseBox"), ("counted", "CloseBox")]
-    split, counted = found["tasks"]
-    assert (split["episodes"], counted["episodes"], found["episodes"]) == (2, 1, 3)
+    assert [(row["arm"], row["name"]) for row in found["tasks"]] == [
+        ("split", "CloseBox"),
+        ("split", "OpenBox"),
+        ("split", "CloseTrashCan"),
+        ("counted", "CloseBox"),
+        ("counted", "CloseTrashCan"),
+    ]
+    split, _, untaught, counted, _ = found["tasks"]
+    assert (split["episodes"], counted["episodes"], found["episodes"]) == (2, 1, 5)
     assert counted["seen_mean"] is None
+    measured = {kind: rate["episodes"] for kind, rate in split["counts"].items()}
+    assert measured == {"seen": 1, "unseen": 1, "opposite": 1, "rephrased": 2, "blind": 1}
+    assert set(untaught["counts"]) == {"untaught"}
+    assert "opposite" not in counted["counts"]  # what it was taught has none
     for name in ("seen", "unseen"):
         low, high = found[f"{name}_interval"]
         assert 0.0 <= low <= found[f"{name}_mean"] <= high <= 1.0

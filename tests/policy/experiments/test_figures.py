@@ -59,6 +59,9 @@ def test_every_configuration_is_of_tasks_that_there_are(name: Any, small: bool) 
         if config.sentences:
             assert opposites(specs)
             assert len(rephrased(specs)) == 2
+        classes = {thing.asset_class for task in specs for thing in task.objects.values()}
+        others = [load_task(task) for task in config.untaught]
+        assert not classes & {thing.asset_class for task in others for thing in task.objects.values()}
 
 
 def test_an_opposite_wants_the_other_end_of_the_same_joint() -> None:

@@ -56,6 +56,7 @@ class ExperimentConfig(BaseModel):
         unseen: word for the objects that no training saw.
         transfer: measure policies that were taught on generated objects on real ones, too.
         sentences: measure them told the opposite, and told the same in other words, too.
+        untaught: tasks of classes that no arm has, which they are measured on, too, told what these ask for.
         arms: in the order of the page.
     """
 
@@ -71,6 +72,7 @@ class ExperimentConfig(BaseModel):
     unseen: Literal["test", "new"] = "test"
     transfer: bool = False
     sentences: bool = False
+    untaught: tuple[str, ...] = ()
     arms: Annotated[tuple[Arm, ...], Field(min_length=1)]
 
     @model_validator(mode="after")

@@ -20,6 +20,7 @@ WORDS: dict[Kind, str] = {
     "real": "real",
     "opposite": "told the opposite",
     "rephrased": "in other words",
+    "untaught": "untaught classes",
     "blind": "blind",
 }
 """Heads of columns."""

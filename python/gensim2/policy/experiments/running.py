@@ -219,7 +219,7 @@ def _run_arm(arm: Arm, record: ExperimentRecord, out: Path, workers: int, progre
         arm,
         tuple(
             TaskFigures(name, {kind: rate for kind in KINDS if (rate := _rate(tables[kind], name)).episodes})
-            for name in arm.tasks
+            for name in (*arm.tasks, *config.untaught)
         ),
         tuple(str(each.folder) for each in policies),
         sum(sum(each.demonstrations.values()) for each in policies),
@@ -248,6 +248,10 @@ def _measurements(arm: Arm, record: ExperimentRecord) -> Iterator[_Measurement]:
         yield _Measurement("seen", "seen", "seen objects", arm.tasks, config.episodes, assets, "train")
     if config.transfer and arm.objects == "generated" and record.assets != BUILTIN:
         yield _Measurement("real", "real", "real objects", arm.tasks, config.episodes, record.assets, "all")
+    embedded = {"unknown_sentences": "embed"}
+    if config.untaught:
+        tasks, few = config.untaught, config.control_episodes
+        yield _Measurement("untaught", "untaught", "untaught classes", tasks, few, BUILTIN, "all", embedded)
     if not config.sentences:
         return
     specs = [load_task(name) for name in arm.tasks]
@@ -257,7 +261,7 @@ def _measurements(arm: Arm, record: ExperimentRecord) -> Iterator[_Measurement]:
     if paired:
         yield _Measurement("opposite", "opposite", "told the opposite", paired, few, assets, unseen, {"says": other})
     for number, says in enumerate(rephrased(specs), 1):
-        told = {"says": says, "unknown_sentences": "embed"}
+        told = {"says": says, **embedded}
         folder, title = f"rephrased-{number}", f"other words ({number})"
         yield _Measurement("rephrased", folder, title, arm.tasks, few, assets, unseen, told)
 
