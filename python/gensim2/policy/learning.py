@@ -22,6 +22,7 @@ from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, Control, Polic
 from gensim2.policy.keypose.adding import RATE, take_along
 from gensim2.policy.keypose.data import plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
+from gensim2.policy.keypose.teaching import pulls_last
 from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
 from gensim2.policy.network import fresh_network
 from gensim2.policy.objects import unseen_instances, words
@@ -320,7 +321,7 @@ def _teach_by_plans(
         for one in group:
             planned.append(
                 plan_scenes(
-                    one,
+                    pulls_last(one),
                     with_noise(SPEC, record),
                     folder / "data" / one.spec.name,
                     evaluator.executor,

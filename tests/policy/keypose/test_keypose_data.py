@@ -15,6 +15,7 @@ from gensim2.policy.keypose import data
 from gensim2.policy.keypose.data import plan_scenes, read_planned
 from gensim2.policy.keypose.examples import _left_anywhere, draw
 from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, RETREAT, program_of
+from gensim2.policy.keypose.teaching import pulls_last
 from gensim2.processes import WorkerPool
 from gensim2.robots import robot
 from gensim2.rollout.inputs import TaskInput, read_task_input
@@ -123,3 +124,13 @@ def test_a_folder_goes_on_and_refuses_what_is_not_its_own(
     (tmp_path / "shard_00001.npz").write_bytes(b"PK nothing")
     with pytest.raises(InputError, match="shard_00001"):
         read_planned(tmp_path)
+
+
+def test_a_grasp_that_is_searched_for_on_a_part_teaches_last() -> None:
+    given = read_task_input("OpenDrawer", assets="builtin")
+    (step,), (taught,) = given.spec.steps, pulls_last(given).spec.steps
+    assert step.strategies[-1] != "pull_drawer_by_a_grasp"
+    others = [name for name in step.strategies if name != "pull_drawer_by_a_grasp"]
+    assert list(taught.strategies) == [*others, "pull_drawer_by_a_grasp"]
+    box = read_task_input("CloseBox", assets="builtin")
+    assert pulls_last(box).spec.steps == box.spec.steps
