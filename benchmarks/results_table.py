@@ -3,16 +3,18 @@
     python scripts/figures.py results/*.json                             # what benchmarks found, into the figures
     python benchmarks/results_table.py --into docs/results.md README.md
     python benchmarks/results_table.py results/*.json > tables.md        # of these files of `gensim2 benchmark` alone
-    python benchmarks/results_table.py --switches results/*.json         # what each switch of the physics is worth
+    python benchmarks/results_table.py --switches results/*.json --into docs/results.md     # of the physics' switches
 
-With `--into`, what stands between `<!-- figures: all -->` (or `claims`, or `short`) and `<!-- /figures -->` in a file
-is written anew. A cell holds the share of episodes that fulfil paper / held (with its 95 % interval) / strict; in
-the short table held alone, or paper in the original's physics, as the paper counts.
+Rows of switches are on scenes of their own and stand in `switches.json` beside this file, whose rows new files replace.
+With `--into`, what stands between `<!-- figures: all -->` (or `claims`, `short`, `switches`) and `<!-- /figures -->` in
+a file is written anew. A cell holds the share of episodes that fulfil paper / held (with its 95 % interval) / strict;
+in the short table held alone, or paper in the original's physics, as the paper counts.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -23,7 +25,7 @@ from results_claims import TYPES, claims
 
 from gensim2.errors import InputError
 from gensim2.evaluation.figures import rows_of
-from gensim2.files import write_atomic
+from gensim2.files import write_atomic, write_json
 from gensim2.rollout.tally import interval
 from gensim2.scenes.physics import DEFAULT_PHYSICS, PHYSICS_NAMES
 from gensim2.tasks.figures import Condition, Figure, figures
@@ -36,7 +38,8 @@ MEASURED_TASKS = {"single-step": 24, "long-horizon": 15}
 """Tasks of a table below which the release's share over all of them does not stand in it."""
 MIN_EPISODES = 5
 """Of an object for its share to be named."""
-MARKED = re.compile(r"(<!-- figures: (all|claims|short) -->\n).*?(<!-- /figures -->)", re.DOTALL)
+SWITCHES = Path(__file__).with_name("switches.json")
+MARKED = re.compile(r"(<!-- figures: (all|claims|short|switches) -->\n).*?(<!-- /figures -->)", re.DOTALL)
 
 Cell = Callable[[Figure], str]
 
@@ -82,6 +85,17 @@ def switches(rows: Sequence[Figure]) -> str:
     if not found:
         raise InputError("hold no switch and its default on the same scenes", field="results")
     return "\n".join(lines) + "\n"
+
+
+def take_in(rows: Sequence[Figure]) -> None:
+    """Keep rows for :func:`switches`, without what each object did."""
+    kept = [row.model_copy(update={"instances": {}}).model_dump(mode="json") for row in rows]
+    write_json(SWITCHES, {"schema_version": 1, "rows": kept})
+
+
+def measured_switches() -> list[Figure]:
+    """Rows that were kept for :func:`switches`."""
+    return [Figure.model_validate(row) for row in json.loads(SWITCHES.read_text(encoding="utf-8"))["rows"]]
 
 
 def _scenes(row: Figure) -> tuple[str, Condition, int, int]:
@@ -261,7 +275,12 @@ def renewed(text: str, rows: Sequence[Figure]) -> str:
     Raises:
         InputError: it has no marks.
     """
-    makers = {"all": everything, "claims": claims, "short": short}
+    makers: dict[str, Callable[[Sequence[Figure]], str]] = {
+        "all": everything,
+        "claims": claims,
+        "short": short,
+        "switches": lambda _: switches(measured_switches()),
+    }
     found, count = MARKED.subn(lambda match: f"{match[1]}\n{makers[match[2]](rows)}\n{match[3]}", text)
     if not count:
         raise InputError("has no <!-- figures: all --> ... <!-- /figures -->", remedy="write the marks into it")
@@ -275,13 +294,17 @@ def main() -> None:
     parser.add_argument("--switches", action="store_true", help="of the files: what each physics switch is worth")
     options = parser.parse_args()
     try:
-        rows = [row for path in options.results for row in rows_of(path)] if options.results else figures().rows
+        rows = [row for path in options.results for row in rows_of(path)]
+        if options.switches and rows:
+            take_in(rows)
+        if options.switches or not rows:
+            rows = list(figures().rows)
         for path in options.into:
             write_atomic(path, renewed(path.read_text(encoding="utf-8"), rows))
     except InputError as error:
         sys.exit(f"results_table: {error}")
     if not options.into:
-        print(switches(rows) if options.switches else everything(rows))
+        print(switches(measured_switches()) if options.switches else everything(rows))
 
 
 if __name__ == "__main__":

@@ -161,6 +161,14 @@ def test_switches_are_compared_on_the_same_scenes(made: Any) -> None:
     assert "hulls" not in made.everything(rows)
 
 
+def test_switches_stand_in_a_file_of_their_own(made: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    rows = [_row("OpenBox", 240), _row("OpenBox", 180, physics="default+hulls=original")]
+    monkeypatch.setattr(made, "SWITCHES", tmp_path / "switches.json")
+    made.take_in(rows)
+    text = made.renewed("<!-- figures: switches -->\n<!-- /figures -->", ROWS)
+    assert made.switches(rows) in text
+
+
 def test_claims_are_counted_of_rows_that_know_their_commit(made: Any) -> None:
     import results_claims
 
