@@ -60,7 +60,8 @@ def _about(arm: Arm) -> list[str]:
     if seen.episodes and unseen.episodes:
         gap, (low, high) = difference(seen, unseen)
         lost = f"{100 * gap:+.1f} ({100 * low:+.1f} to {100 * high:+.1f}) points"
-    return [str(len(arm["tasks"])), str(arm["seeds"]), str(arm["demonstrations"]), f"{arm['cpu_s'] / 60:.0f}", lost]
+    taught = sum("unseen" in counts for counts in arm["tasks"].values())
+    return [str(taught), str(arm["seeds"]), str(arm["demonstrations"]), f"{arm['cpu_s'] / 60:.0f}", lost]
 
 
 def _rate(tasks: Any, kind: Kind) -> Rate:
