@@ -9,12 +9,13 @@ place of an earlier one of the same name and first seed.
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from markdown_tables import line, runs_to_take_in
 
 from gensim2.files import write_atomic, write_json
 from gensim2.policy.experiments.figures import KINDS, Kind, Rate, difference
@@ -71,9 +72,9 @@ def _rate(tasks: Any, kind: Kind) -> Rate:
 def _table(what: str, rows: Sequence[tuple[str, list[str], list[Any]]], about: Sequence[str]) -> str:
     kinds = [kind for kind in KINDS if any(_rate(tasks, kind).episodes for _, _, tasks in rows)]
     head = [what, *(f"{WORDS[kind]} (95 %)" for kind in kinds), *about]
-    lines = [_line(head), _line(["---"] * len(head))]
+    lines = [line(head), line(["---"] * len(head))]
     for name, cells, tasks in rows:
-        lines.append(_line([name, *(_cell(_rate(tasks, kind)) for kind in kinds), *cells]))
+        lines.append(line([name, *(_cell(_rate(tasks, kind)) for kind in kinds), *cells]))
     return "\n".join(lines) + "\n"
 
 
@@ -84,18 +85,9 @@ def _cell(rate: Rate) -> str:
     return f"{rate.mean:.3f} ({low:.3f} to {high:.3f}) of {rate.episodes}"
 
 
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
 def main() -> None:
     """Take runs in, and write the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="*", type=Path)
-    parser.add_argument("--commit", help="that the runs were made with")
-    given = parser.parse_args()
-    if given.files and not given.commit:
-        parser.error("say which --commit the runs were made with")
+    given = runs_to_take_in(__doc__)
     figures = json.loads(FIGURES.read_text())["arms"] if FIGURES.exists() else []
     known = {(arm["name"], arm["seed"]): arm for arm in figures}
     for file in given.files:

@@ -9,13 +9,14 @@ of an earlier one of the same task, policy, objects, randomization and number of
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import mean
 from typing import Any
+
+from markdown_tables import line, runs_to_take_in
 
 from gensim2.files import write_atomic, write_json
 from gensim2.rollout.tally import interval
@@ -120,7 +121,7 @@ def _table(rows: Sequence[Row], *, others: bool) -> str:
     controls = [name for name in CONTROLS if any(name in row for row in rows)]
     head = ["task", *(["policy"] if others else []), "held (95 %)", "strict", *(NAMES[name] for name in controls)]
     head += ["taught by", "steps", "CPU s: data, training", "what failed"]
-    lines = [_line(head), _line(["---"] * len(head))]
+    lines = [line(head), line(["---"] * len(head))]
     for row in sorted(rows, key=lambda row: [row[each] for each in ("together", "policy", "name", "objects")]):
         cells = [row["name"]]
         if others:
@@ -137,28 +138,19 @@ def _table(rows: Sequence[Row], *, others: bool) -> str:
         cells += ["" if name not in row else f"{row[name]} of {row['control_episodes']}" for name in controls]
         cells += [str(row["demonstrations"]), str(row["steps"]), f"{row['data_cpu_s']}, {row['training_cpu_s']}"]
         cells.append(", ".join(f"{count} {cause}" for cause, count in row["causes"].items()))
-        lines.append(_line(cells))
+        lines.append(line(cells))
     if not others:
         held = [row["held"] / row["episodes"] for row in rows]
         cpu = mean(row["data_cpu_s"] + row["training_cpu_s"] for row in rows)
         lines.append(
-            _line([f"mean of {len(rows)}", f"{mean(held):.3f}", *[""] * (3 + len(controls)), f"{cpu:.0f} in all", ""])
+            line([f"mean of {len(rows)}", f"{mean(held):.3f}", *[""] * (3 + len(controls)), f"{cpu:.0f} in all", ""])
         )
     return "\n".join(lines) + "\n"
 
 
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
 def main() -> None:
     """Take runs in, and write the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="*", type=Path)
-    parser.add_argument("--commit", help="that the runs were made with")
-    given = parser.parse_args()
-    if given.files and not given.commit:
-        parser.error("say which --commit the runs were made with")
+    given = runs_to_take_in(__doc__)
     figures = json.loads(FIGURES.read_text())["rows"] if FIGURES.exists() else []
     known = {tuple(row[name] for name in KEY): row for row in figures}
     for file in given.files:

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import mean, stdev
 
+from markdown_tables import line
 from results_claims import TYPES, claims
 
 from gensim2.errors import InputError
@@ -77,11 +78,11 @@ def switches(rows: Sequence[Figure]) -> str:
         if before is not None and row.condition.physics != DEFAULT_PHYSICS:
             found.setdefault((row.condition.physics, _type(row.task)), []).append((before, row))
     head = ["physics", "tasks", "episodes each", "paper", "held", "strict"]
-    lines = [_line(head), _line(["---"] * len(head))]
+    lines = [line(head), line(["---"] * len(head))]
     for (physics, kind), pairs in found.items():
         sizes = sorted({row.episodes for _, row in pairs})
         cells = (_points(pairs, verdict) for verdict in ("paper", "held", "strict"))
-        lines.append(_line([f"`{physics}`", f"{len(pairs)} {kind}", " or ".join(map(str, sizes)), *cells]))
+        lines.append(line([f"`{physics}`", f"{len(pairs)} {kind}", " or ".join(map(str, sizes)), *cells]))
     if not found:
         raise InputError("hold no switch and its default on the same scenes", field="results")
     return "\n".join(lines) + "\n"
@@ -131,13 +132,13 @@ def what_differs(condition: Condition) -> str:
 
 def _overview(sections: Mapping[str, Sequence[Figure]]) -> str:
     head = ["", "tasks", *(f"{physics}, {objects}" for physics, objects in WHERE)]
-    lines = [_line(head), _line(["---"] * len(head))]
+    lines = [line(head), line(["---"] * len(head))]
     for title, rows in sections.items():
         for kind in TYPES:
             places = [[row for row in rows if _type(row.task) == kind and _where(row) == where] for where in WHERE]
             if any(places):
                 cells = (_average_of_three(members) if members else "" for members in places)
-                lines.append(_line([title, kind, *cells]))
+                lines.append(line([title, kind, *cells]))
     return "\n".join(["## Means over tasks\n", *lines]) + "\n"
 
 
@@ -165,11 +166,11 @@ def _worst_instances(rows: Sequence[Figure]) -> list[str]:
     conditions = sorted({row.condition.in_words for row in known})
     if not known:
         return []
-    lines = [_line(["task", *conditions]), _line(["---"] * (len(conditions) + 1))]
+    lines = [line(["task", *conditions]), line(["---"] * (len(conditions) + 1))]
     by_place = {(row.task, row.condition.in_words): row for row in known}
     for task in sorted({row.task for row in known}, key=_rank):
         cells = (by_place.get((task, condition)) for condition in conditions)
-        lines.append(_line([task, *("" if row is None else _worst(row) for row in cells)]))
+        lines.append(line([task, *("" if row is None else _worst(row) for row in cells)]))
     head = f"## The worst object of each row\n\nHeld, of those with {MIN_EPISODES} episodes or more; real objects.\n"
     return ["\n".join([head, *lines]) + "\n"]
 
@@ -199,21 +200,17 @@ def _table(kind: str, rows: Sequence[Figure], cell: Cell, averages: Callable[[Se
     by_place = {(row.task, *_where(row)): row for row in rows}
     tasks = sorted({row.task for row in rows}, key=_rank)
     lines = [
-        _line([f"{kind} task", *(f"{physics}, {objects}" for physics, objects in columns), "paper", "its release"]),
-        _line(["---"] * (len(columns) + 3)),
+        line([f"{kind} task", *(f"{physics}, {objects}" for physics, objects in columns), "paper", "its release"]),
+        line(["---"] * (len(columns) + 3)),
     ]
     for task in tasks:
         cells = [by_place.get((task, *where)) for where in columns]
-        lines.append(_line([task, *("" if row is None else cell(row) for row in cells), *_published(task)]))
+        lines.append(line([task, *("" if row is None else cell(row) for row in cells), *_published(task)]))
     members = [[by_place[task, *where] for task in tasks if (task, *where) in by_place] for where in columns]
     published = [_mean(PAPER[task][0] for task in tasks if task in PAPER)]
     in_all = MEASURED_IN_ALL[kind] if len(tasks) >= MEASURED_TASKS[kind] else None
     published.append("" if in_all is None else f"{_with_interval(*in_all)} of {in_all[1]}")
-    return "\n".join([*lines, _line(["mean", *map(averages, members), *published])]) + "\n"
-
-
-def _line(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+    return "\n".join([*lines, line(["mean", *map(averages, members), *published])]) + "\n"
 
 
 def _where(row: Figure) -> tuple[str, str]:

@@ -20,12 +20,14 @@ from gensim2.errors import InputError
 from gensim2.observations import ObservationSpec
 from gensim2.observations.columns import CLOUD, STATE
 from gensim2.policy import relabels
-from gensim2.policy.checkpoint import CheckpointError
+from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
+from gensim2.policy.config import PolicyConfig
 from gensim2.policy.controller import PolicyController
 from gensim2.policy.decoded import ACTIONS, decode
 from gensim2.policy.demonstrations import Demonstrations
 from gensim2.policy.frames import SEEN
 from gensim2.policy.heads.actions import ACTION
+from gensim2.policy.sentences import sentence_row
 from gensim2.policy.source import SENTENCE
 from gensim2.policy.training import train
 from gensim2.progress import NullProgress
@@ -213,6 +215,9 @@ def test_other_robots_and_sentences_are_refused(folder: Path, checkpoint: Path) 
     PolicyController(str(checkpoint), unknown_sentences="embed").reset(
         type(observation)(**{**told, "language": "dance"}), 0
     )
+    policy = PolicyCheckpoint.load(checkpoint)
+    policy.network.config = PolicyConfig.of({**policy.config.to_dict(), "text": "none"})
+    assert torch.equal(sentence_row(policy, "dance", checkpoint, embed=False), policy.table[:1])
     moved = {**observation.arrays, "tool_pose": observation.arrays["tool_pose"] + 0.1}
     with pytest.raises(CheckpointError, match=r"the tool of this one stands 0\.17 m off"):
         controller.reset(type(observation)(**{**told, "arrays": moved}), 0)

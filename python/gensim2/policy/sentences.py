@@ -29,6 +29,8 @@ def embeds(word: str) -> bool:
 def sentence_row(policy: PolicyCheckpoint, sentence: str, folder: Path, *, embed: bool) -> torch.Tensor:
     """The row (1, ...) of a sentence: of the checkpoint's table, else by its text encoder.
 
+    Action chunks that look at no sentence take any. Keyposes do not: their classes are of tasks.
+
     Args:
         policy: its checkpoint.
         sentence: what it is told.
@@ -39,7 +41,8 @@ def sentence_row(policy: PolicyCheckpoint, sentence: str, folder: Path, *, embed
         CheckpointError: it was not trained on, and is not to be embedded.
         InputError: the weights of the text encoder cannot be had.
     """
-    if sentence in policy.sentences:
+    looks_at_none = policy.config.text == "none" and policy.action.kind != "keypose"
+    if sentence in policy.sentences or looks_at_none:
         return policy.row_of(sentence, folder)
     if not embed:
         raise unknown_sentence(policy, sentence, folder)
