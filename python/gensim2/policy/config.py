@@ -48,6 +48,9 @@ class PolicyConfig(Settings):
     execute: int = setting(8, "Actions of them that are executed before the policy looks again.", low=1, high=256)
     noise_levels: int = setting(100, "Noise levels of diffusion in training.", low=2, high=10000)
     ways: int = setting(2, "Strategies that the keypose head tells apart, and one for done.", low=1, high=10000)
+    hears: bool = setting(
+        False, "The keypose head has a term of the sentence alone, which says what is meant whatever the cloud is like."
+    )
     seen_points: int = setting(128, "Points that the keypose head makes a heatmap over: any.", low=1, high=49152)
     spread_points: int = setting(
         0, "Points beside them that lie far from each other, so that small things have some.", low=0, high=49152

@@ -90,9 +90,10 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
             pooled = self.encoder(flat)  # (B T, K, F)
         seen = self.project(pooled).unflatten(0, (-1, frames)).flatten(1, 2)  # (B, T K, D)
         tokens = [seen, self.proprio(own)]
-        if self.text is not None:
-            tokens.append(self.text(batch[TEXT])[:, None])
-        return Context(self.trunk(torch.cat(tokens, 1)), points, seen_points, features)
+        sentence = None if self.text is None else self.text(batch[TEXT])
+        if sentence is not None:
+            tokens.append(sentence[:, None])
+        return Context(self.trunk(torch.cat(tokens, 1)), points, seen_points, features, sentence)
 
     def _first_look(self, points: torch.Tensor) -> torch.Tensor:
         """(B, K) rows of points (B, N, 3): the first ``seen_points``, and ``spread_points`` far from each other."""

@@ -270,6 +270,7 @@ def _optimizer(network: PolicyNetwork, training: TrainConfig) -> torch.optim.Ada
     return torch.optim.AdamW(
         [{"params": groups[0], "weight_decay": 0.0}, {"params": groups[1], "weight_decay": decay}],
         lr=training.learning_rate,
+        fused=True,
     )
 
 

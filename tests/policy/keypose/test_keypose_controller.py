@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gensim2.cli.main import run as command
 from gensim2.errors import InputError
@@ -18,7 +19,7 @@ from gensim2.policy.keypose.answers import Answer, answers
 from gensim2.policy.keypose.controller import EMPTY, KeyposeController
 from gensim2.policy.keypose.execution import Executor
 from gensim2.policy.keypose.paths import between
-from gensim2.policy.keypose.program import KEYPOSES, program_of
+from gensim2.policy.keypose.program import KEYPOSES, KeyposeProgram, program_of
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import TRAINING, Way, train_keypose
 from gensim2.robots import OPEN, robot
@@ -98,6 +99,51 @@ def test_what_the_hand_holds_is_taken_along() -> None:
     assert held[30:].all()
 
 
+def test_a_push_goes_on_beyond_its_end_where_the_arm_can_follow() -> None:
+    controller = Oracle("CloseBox")
+    env = simulator(controller.given.scene)
+    env.reset(1)
+    scene = PrivilegedObservation.of(env.observe(PROPRIOCEPTIVE), env.measure(), env.scene_state).scene()
+    step = controller.given.spec.steps[0]
+    program = program_of(StepPlanner(PROFILE).plan(scene, step, controller.ways[step.strategies[0]]), PROFILE)
+    assert program.is_push
+    closing = np.where(np.arange(KEYPOSES + 1) < 4, 1.0, -1.0).astype(np.float32)
+    assert not replace(program, gripper=closing).is_push
+    executor, nothing = Executor(PROFILE), np.zeros((0, 3))
+    ends = []
+    for further in (0.0, 0.03, 0.5):  # 0.5 m further the table is in the way: then it ends where it ended
+        found = executor.execute(program, scene.q, 1.0, nothing, further=further)
+        assert found is not None
+        hands = np.column_stack([found.actions[:, :7], np.full((len(found.actions), 2), 0.04)])
+        ends.append(PROFILE.model.forward_kinematics(hands.astype(np.float64))[:, 2, 3].min())
+    assert ends[1] < ends[0] - 0.005
+    assert ends[2] == ends[0]
+
+
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8)])
+def test_the_further_end_of_a_push_about_a_hinge_is_on_the_same_circle(axis: tuple[float, float, float]) -> None:
+    angles = np.linspace(0.0, 0.8, KEYPOSES - 1)
+    turns = Rotation.from_rotvec(np.outer(angles, axis)).as_matrix()
+    center, start = np.array([0.5, 0.1, 0.2]), np.array([0.0, 0.24, 0.0])
+    positions = center + turns @ start
+    program = KeyposeProgram(
+        positions=np.vstack([positions, positions[-1] + np.array([0.0, 0.0, 0.1])]).astype(np.float32),
+        rotations=np.concatenate([turns, turns[-1:]]).astype(np.float32),
+        gripper=np.ones(KEYPOSES + 1, np.float32),
+        seconds=np.full(KEYPOSES, 0.2, np.float32),
+    )
+    found, end = program.longer(0.03), KEYPOSES - 2
+    chord = np.linalg.norm(positions[end] - positions[end - 2])
+    further = Rotation.from_rotvec((0.8 + (angles[2] - angles[0]) * 0.03 / chord) * np.array(axis)).as_matrix()
+    assert np.allclose(found.positions[end], center + further @ start, atol=1e-5)
+    assert np.allclose(found.rotations[end], further, atol=1e-5)
+    back = [np.linalg.solve(each.poses[end], each.poses[end + 1]) for each in (program, found)]
+    assert np.allclose(*back, atol=1e-5)
+    assert np.array_equal(found.positions[:end], program.positions[:end])
+    still = replace(program, positions=np.repeat(program.positions[:1], KEYPOSES, 0))
+    assert still.longer(0.03) is still
+
+
 def test_poses_between_two_are_near_to_each_other() -> None:
     end = np.eye(4)
     end[:3, 3] = [0.1, 0.0, 0.0]
@@ -144,6 +190,15 @@ def test_the_controller_is_not_privileged_and_misfits_are_one_line(
     first, second, done = (Answer(way, chance, program) for way, chance in ((0, 0.18), (1, 0.82), (2, 0.95)))
     assert controller._weight(first) > max(controller._weight(second), controller._weight(done))
     assert controller._weight(replace(first, chance=0.1)) < controller._weight(second)
+    # Every way has its turn before one is taken a third time.
+    controller._tried.update({1: 2})
+    assert controller._turn(first) > controller._turn(second)
+    controller._tried.update({0: 2})
+    assert controller._turn(first) < controller._turn(replace(second, chance=6.0))
+    # "Done" is believed where it is sure, and surer than the first look, at which nothing was done, was of it.
+    for at_first, now, believed in ((0.05, 0.82, True), (0.05, 0.78, False), (0.6, 0.89, False), (0.6, 0.95, True)):
+        controller._done_at_first = at_first
+        assert controller._is_done(now) is believed
     # What the sentence asks for is what most of the probability of the first look says.
     words = [("open", 0), ("open", 1), ("close", 0)]
     controller._ways = [Way(language=language, step=step, name="one") for language, step in words]

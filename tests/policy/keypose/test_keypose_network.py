@@ -14,7 +14,7 @@ from gensim2.observations.proprioception import Proprioception
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.frames import proprio_size, turn_matrix
-from gensim2.policy.heads.keypose import _turned
+from gensim2.policy.heads.keypose import KeyposeHead, _turned
 from gensim2.policy.keypose.answers import answers
 from gensim2.policy.keypose.data import read_planned
 from gensim2.policy.keypose.program import ACTUATION
@@ -100,6 +100,28 @@ def test_the_first_look_has_points_of_what_is_small() -> None:
     assert context.points.shape == (1, 12, 3)
     assert context.features is not None
     assert context.features.shape[:2] == (1, 12)
+
+
+def test_the_sentence_alone_has_a_say_in_what_is_meant() -> None:
+    config = PolicyConfig.of({**SMALL.to_dict(), "text": "small", "ways": 3})
+    network = fresh_network(config, 7, (24, 12), 0)
+    head = network.head
+    assert isinstance(head, KeyposeHead)
+    assert head.hears is not None
+    rng = torch.Generator().manual_seed(0)
+    batch = {
+        CLOUD: torch.rand(1, 1, 64, 3, generator=rng),
+        PROPRIO: torch.zeros(1, 1, proprio_size(config, 7)),
+        TEXT: torch.randint(0, 200, (1, 24, 12), generator=rng),
+    }
+    with torch.no_grad():
+        head.hears.bias.copy_(torch.tensor([0.0, 9.0, 0.0]))
+        first = network(batch, torch.zeros(1, 0))[0, 0]
+    assert first[1] == 1
+    assert first[0] > 0.9
+    # A policy that was made before has no such term, nor does one of a single task.
+    assert fresh_network(PolicyConfig.of({**config.to_dict(), "hears": False}), 7, (24, 12), 0).head.hears is None
+    assert fresh_network(SMALL, 7, (0,), 0).head.hears is None
 
 
 def test_a_hand_turned_by_half_a_turn_is_the_same_hand() -> None:

@@ -48,6 +48,9 @@ METRE, CENTIMETRES = 0.05, 0.1
 FORCE_SCALE = 2.0  # N
 SOONEST = 0.02  # s
 
+GROWING = ("way.2.weight", "way.2.bias", "hears.weight", "hears.bias", "of_way.weight")
+"""Weights with a row for each way."""
+
 _SIZES = (3, 3 * (KEYPOSES - 1), 6 * KEYPOSES, KEYPOSES + 1, KEYPOSES, 1)
 
 
@@ -79,6 +82,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         width, hidden, of_way = config.width, config.hidden, 32
         self.ways = config.ways
         self.way = nn.Sequential(nn.Linear(width, 128), nn.GELU(), nn.Linear(128, config.ways))
+        self.hears = nn.Linear(width, config.ways) if config.hears and config.text != "none" else None
         self.of_way = nn.Embedding(config.ways, of_way)
         self.of_point, self.of_cloud = nn.Linear(features, 64), nn.Linear(width + of_way, 64)
         self.heat = nn.Linear(64, 4)
@@ -105,7 +109,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         """
         mine = {name: value.clone() for name, value in self.state_dict().items()}
         for name, value in theirs.items():
-            if name in ("way.2.weight", "way.2.bias", "of_way.weight"):
+            if name in GROWING:
                 mine[name][: len(value) - 1], mine[name][-1] = value[:-1], value[-1]
             else:
                 mine[name] = value
@@ -118,7 +122,12 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         live = (way < self.ways - 1).to(place.dtype)
         share = live / live.sum().clamp(min=1.0)
         summary = context.tokens[:, 0]
-        chosen = nn.functional.cross_entropy(self.way(summary), way)
+        logits = self.way(summary)
+        chosen = logits.new_zeros(())
+        if self.hears is not None and context.sentence is not None:
+            said = self.hears(context.sentence)
+            logits, chosen = logits + said, nn.functional.cross_entropy(said, way)
+        chosen = chosen + nn.functional.cross_entropy(logits, way)
         points = context.points
         logits, found = self._first(points, context, way)
         hot = (-(points - place[:, None]).square().sum(-1) / (2 * HEAT**2)).softmax(-1)
@@ -143,7 +152,10 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         probability and number of the way, then the program (:func:`read_answer`).
         """
         summary = context.tokens[:, 0]
-        chances = self.way(summary).softmax(-1)
+        logits = self.way(summary)
+        if self.hears is not None and context.sentence is not None:
+            logits = logits + self.hears(context.sentence)
+        chances = logits.softmax(-1)
         best = chances.topk(min(ANSWERS, self.ways), -1)
         found = []
         for rank in range(best.indices.shape[1]):

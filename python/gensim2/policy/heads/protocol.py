@@ -18,12 +18,14 @@ class Context:
         cloud: (B, N, 3) coordinates of the present cloud in the policy's frame, m.
         points: (B, P, 3) those of the points that have features; all where no head wants them.
         features: (B, P, G) of ``points``; None unless the head wants them.
+        sentence: (B, D) of the sentence alone; None where it is not looked at.
     """
 
     tokens: torch.Tensor
     cloud: torch.Tensor
     points: torch.Tensor
     features: torch.Tensor | None
+    sentence: torch.Tensor | None = None
 
 
 class Head(Protocol):

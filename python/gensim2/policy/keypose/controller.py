@@ -30,13 +30,19 @@ Array = npt.NDArray[np.float64]
 MAX_LOOKS = 8
 """Times that the policy looks in one episode, for every step of its task."""
 MAX_TRIES = 2
-"""Times that one way is taken in one episode before the next most probable one is."""
+"""Times that one way is taken before it is the others' turn."""
 SURE = 0.8
 """Probability from which on the policy believes that nothing is left to do: an effort too many does less harm than one
 too few."""
+SURER = 10.0
+"""Times the odds of the first look from which on it is believed, too: nothing was done then, so what that look made of
+"done" is what the picture does not tell."""
 UNEXPECTED = 0.15
 """Factor of a way's probability where its step is neither the one that was executed last nor the one behind it: a look
 tells steps apart less surely than the order in which they are done."""
+OVERTRAVEL = 0.03
+"""Metres by which a push goes on beyond its program where the joint is to come to an end of its range: how long that
+is no picture tells, and a push that ends early does nothing."""
 RELEASES = 0.5
 """Gripper command from which on fingers hold nothing."""
 HOLDS = 0.1
@@ -112,7 +118,7 @@ class KeyposeController:
         sentence = self._says.get(observation.language, observation.language)
         self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds)
         self._mine: frozenset[int] | None = None
-        self._steps = 1
+        self._steps, self._done_at_first = 1, 0.0
         self._expected, self._taking = {0}, 0
         self._tried, self.told = Counter[int](), Counter()
         self._rows.clear()
@@ -148,16 +154,16 @@ class KeyposeController:
         points = seen[CLOUD][:, :3].astype(np.float64) if self._sees != "nothing" else np.zeros((0, 3))
         q = observation.joint_positions.astype(np.float64)
         found = answers(self._policy, seen, self._row)
-        mine = self._hear(found) if self._mine is None else self._mine
-        for answer in sorted(found, key=self._weight, reverse=True):
+        if self._mine is None:
+            self._mine = self._hear(found)
+            self._done_at_first = sum(each.chance for each in found if each.way == len(self._ways))
+        for answer in sorted(found, key=self._turn, reverse=True):
             if answer.way == len(self._ways):
                 # Whoever is asked to do something is asked before it is done.
-                if self._steps in self._expected and answer.chance >= SURE:
+                if self._steps in self._expected and self._is_done(answer.chance):
                     return False
                 continue
-            if answer.way not in mine or self._tried[answer.way] >= MAX_TRIES:
-                continue
-            if self._begin(answer, q, observation.gripper_command, points):
+            if answer.way in self._mine and self._begin(answer, q, observation.gripper_command, points):
                 return True
         return False
 
@@ -170,9 +176,14 @@ class KeyposeController:
         if not chances:
             return frozenset()
         heard = max(chances, key=chances.__getitem__)
-        self._mine = frozenset(number for number, way in enumerate(self._ways) if way.language == heard)
-        self._steps = 1 + max(self._ways[number].step for number in self._mine)
-        return self._mine
+        mine = frozenset(number for number, way in enumerate(self._ways) if way.language == heard)
+        self._steps = 1 + max(self._ways[number].step for number in mine)
+        return mine
+
+    def _is_done(self, chance: float) -> bool:
+        """Whether nothing is left to do, where that has the probability ``chance``."""
+        first = self._done_at_first
+        return chance >= SURE and chance * (1.0 - first) >= SURER * first * (1.0 - chance)
 
     def _step(self, answer: Answer) -> int:
         """Number of the step that an answer is of; how many there are of "done"."""
@@ -182,10 +193,15 @@ class KeyposeController:
         """Probability of an answer, less where its step is not the one that is expected."""
         return answer.chance * (1.0 if self._step(answer) in self._expected else UNEXPECTED)
 
+    def _turn(self, answer: Answer) -> tuple[int, float]:
+        """Key by which answers are taken, the greatest first: those tried less often, then the more probable."""
+        return -(self._tried[answer.way] // MAX_TRIES), self._weight(answer)
+
     def _begin(self, answer: Answer, q: Array, command: float, points: Array) -> bool:
         self._tried[answer.way] += 1
         program = answer.program
-        found = self._executor.execute(program, q, command, points, holds=self._holds)
+        further = OVERTRAVEL if self._ways[answer.way].to_end and not self._holds else 0.0
+        found = self._executor.execute(program, q, command, points, holds=self._holds, further=further)
         if found is None:
             self.told["out of reach"] += 1
             return False

@@ -23,6 +23,8 @@ from gensim2.record_files import read_record
 from gensim2.rollout.inputs import TaskInput
 from gensim2.scenes.config import SceneConfig
 from gensim2.seeding import scene_seeds
+from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
+from gensim2.tasks.spec import Step
 from gensim2.tasks.strategies import Strategies
 
 if TYPE_CHECKING:
@@ -48,6 +50,7 @@ class PlannedRecord(BaseModel):
         seed: of the run.
         identity: digest of task, strategies and objects.
         verified: scenes whose plans physics refutes are left out.
+        to_end: numbers of the steps that ask for a joint at an end of its range.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -63,6 +66,7 @@ class PlannedRecord(BaseModel):
     seed: int
     identity: str
     verified: bool = False
+    to_end: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -206,7 +210,13 @@ def record_of(given: TaskInput, spec: ObservationSpec, seed: int, verify: bool =
         seed=seed,
         identity=digest(parts),
         verified=verify,
+        to_end=tuple(number for number, step in enumerate(given.spec.steps) if _is_to_end(step)),
     )
+
+
+def _is_to_end(step: Step) -> bool:
+    """Whether a step asks for nothing but joints at an end of their range."""
+    return bool(step.done) and all(isinstance(each, ArticulatedOpen | ArticulatedClosed) for each in step.done)
 
 
 def read_planned(folder: Path) -> Planned:

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 import gensim2_kpam as kpam
 from gensim2.planning.actions import CLOSING_SPEED, HOLD_SECONDS
 from gensim2.policy.keypose.paths import JointPath, joint_path
-from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, KeyposeProgram
+from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, SAME_COMMAND, KeyposeProgram
 from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[np.float64]
@@ -32,8 +32,6 @@ MARGIN = 0.005
 NEAR_FINGERS, NEXT, CARRIED = 0.02, 0.03, 0.3
 """Metres: points of what is held are so near to the fingers or to another one, and not further from the hand."""
 SAMPLES = 4000
-SAME_COMMAND = 0.1
-"""Gripper commands nearer than this need no time of their own."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,14 @@ class Executor:
         self._velocity = SHARE * profile.model.velocity[self._arm]
 
     def execute(
-        self, program: KeyposeProgram, q: Array, command: float, points: Array, *, holds: bool = False
+        self,
+        program: KeyposeProgram,
+        q: Array,
+        command: float,
+        points: Array,
+        *,
+        holds: bool = False,
+        further: float = 0.0,
     ) -> Execution | None:
         """The actions of a program; None where the actuation pose is out of the arm's reach.
 
@@ -84,9 +89,19 @@ class Executor:
             command: the gripper's last.
             points: (N, 3) of the cloud, obstacles of the free motion; (0, 3) for none.
             holds: the hand holds something, whose points it takes along.
+            further: metres by which a push goes on beyond its end, where the arm can follow.
         """
         q = np.clip(q, self._profile.model.lower, self._profile.model.upper)
-        path = joint_path(program, q, self._profile, self._bare)
+        path = None
+        if further > 0.0 and program.is_push:
+            longer = program.longer(further)
+            path = joint_path(longer, q, self._profile, self._bare)
+            if path is not None and path.is_whole:
+                program = longer
+            else:
+                path = None
+        if path is None:
+            path = joint_path(program, q, self._profile, self._bare)
         if path is None:
             return None
         rows = _Rows(self._profile, command)

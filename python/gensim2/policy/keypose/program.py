@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import expm, logm
 
 from gensim2.planning.step_plan import StepPlan
 from gensim2.robots import RobotProfile
@@ -21,6 +22,10 @@ KEYPOSES = 3 + PATH_POSES
 """Poses of a program: before the contact, the actuation pose, the path, and where the hand backs off to."""
 TURN_LENGTH = 0.15
 """Metres of way that a turn of the hand by one radian counts for."""
+SAME_COMMAND = 0.1
+"""Gripper commands nearer than this need no time of their own."""
+LONGEST = 3.0
+"""Times the last quarter of its way by which a push is made longer at most."""
 _DENSE = 200
 
 
@@ -54,6 +59,29 @@ class KeyposeProgram:
         poses = np.tile(np.eye(4), (KEYPOSES, 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = self.rotations, self.positions
         return poses
+
+    @property
+    def is_push(self) -> bool:
+        """Whether the fingers stay as they are from before the contact on."""
+        return float(np.abs(self.gripper[ACTUATION:] - self.gripper[ACTUATION]).max()) <= SAME_COMMAND
+
+    def longer(self, further: float) -> KeyposeProgram:
+        """The program with the end of its way, and where it backs off to, moved on by ``further`` (m) as the hand moves
+        over the last quarter of the way: along a line, or about the same axis.
+        """
+        poses, last = self.poses, PATH.stop - 1
+        gone = np.linalg.norm(poses[last, :3, 3] - poses[last - 2, :3, 3])
+        if gone < 1e-3:
+            return self
+        share = min(further / gone, LONGEST)
+        quarter = np.linalg.inv(poses[last - 2]) @ poses[last]
+        end = poses[last] @ expm(share * np.real(logm(quarter)))
+        back = end @ np.linalg.inv(poses[last]) @ poses[RETREAT]
+        positions, rotations, seconds = self.positions.copy(), self.rotations.copy(), self.seconds.copy()
+        for number, pose in ((last, end), (RETREAT, back)):
+            positions[number], rotations[number] = pose[:3, 3], pose[:3, :3]
+        seconds[last] *= 1.0 + 2.0 * share
+        return replace(self, positions=positions, rotations=rotations, seconds=seconds)
 
 
 def program_of(planned: StepPlan, profile: RobotProfile) -> KeyposeProgram:

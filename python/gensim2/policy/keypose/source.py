@@ -38,9 +38,11 @@ class Ways:
 
     Attributes:
         tasks: (sentence, step, strategy) of each class but the last.
+        to_end: (sentence, step) of those whose joint is to come to an end of its range.
     """
 
     tasks: tuple[tuple[str, int, str], ...]
+    to_end: frozenset[tuple[str, int]] = frozenset()
 
     @staticmethod
     def of(records: Sequence[PlannedRecord]) -> Ways:
@@ -51,7 +53,8 @@ class Ways:
                 for record in records
                 for step, names in enumerate(record.ways)
                 for name in names
-            )
+            ),
+            frozenset((record.language, step) for record in records for step in record.to_end),
         )
 
     @property

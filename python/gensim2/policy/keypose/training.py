@@ -29,6 +29,7 @@ POLICY = PolicyConfig(
     hidden=256,
     seen_points=128,
     spread_points=64,
+    hears=True,
 )
 """Network for one task: its sentence tells nothing, and it is small enough for minutes on one core."""
 TRAINING = TrainConfig(steps=1200, batch=32, learning_rate=2e-3, ema=0.995, threads=1, save_every=200, log_every=25)
@@ -41,6 +42,7 @@ class Way(BaseModel):
         language: the task's sentence.
         step: number of the task's step.
         name: of the strategy that was taught.
+        to_end: the step asks for a joint at an end of its range, so that a push may go on until it gives no more.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -48,6 +50,7 @@ class Way(BaseModel):
     language: str
     step: int
     name: str
+    to_end: bool = False
 
 
 class WaysRecord(BaseModel):
@@ -84,7 +87,10 @@ def train_keypose(
     """
     text = "small" if len(source.sentences) > 1 and policy.text == "none" else policy.text
     config = PolicyConfig.of({**policy.to_dict(), "ways": len(source.ways), "text": text})
-    ways = [Way(language=language, step=step, name=name) for language, step, name in source.ways.tasks]
+    ways = [
+        Way(language=language, step=step, name=name, to_end=(language, step) in source.ways.to_end)
+        for language, step, name in source.ways.tasks
+    ]
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / WAYS_JSON, WaysRecord(ways=ways).model_dump(mode="json"))
     return train_policy(source, config, training, out, start=start, resume=resume, device="cpu", progress=progress)
