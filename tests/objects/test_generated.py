@@ -19,6 +19,7 @@ from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.meshwork.convexes import Block, depth_inside
 from gensim2.objects.physics import hull_moments
 from gensim2.objects.shapes import transform
+from gensim2.seeding import rng
 
 CLASSES = sorted(object_classes())
 PAPER_COUNTS = {
@@ -141,3 +142,18 @@ def test_numbers_differ() -> None:
     for name in CLASSES:
         hashes = {blueprint_hash(name, i, blueprint(name, i)) for i in range(3)}
         assert len(hashes) == 3
+
+
+@pytest.mark.parametrize("name", [name for name in CLASSES if object_classes()[name].others])
+def test_built_in_instances_are_of_the_first_make_and_those_behind_them_of_all(name: str) -> None:
+    known = object_classes()[name]
+
+    def makes(number: int) -> set[int]:
+        found = blueprint_hash(name, number, blueprint(name, number))
+        drawn = [make(rng(0, f"assets/{name}", number)) for make in (known.build, *known.others)]
+        return {k for k, each in enumerate(drawn) if blueprint_hash(name, number, each) == found}
+
+    assert all(makes(number) == {0} for number in range(known.count))
+    behind = [makes(number) for number in range(known.count, known.count + 24)]
+    assert all(len(each) == 1 for each in behind)
+    assert set().union(*behind) == set(range(1 + len(known.others)))

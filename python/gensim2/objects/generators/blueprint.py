@@ -50,9 +50,12 @@ class ObjectClass:
         count: built-in instances.
         joint_type: what ``build`` makes.
         build: draws one instance.
+        others: draw instances of other makes. Built-in instances are never of these, so that they stay what they were;
+            of the numbers behind them each make has as many.
     """
 
     name: str
     count: int
     joint_type: Literal["revolute", "prismatic"]
     build: Callable[[np.random.Generator], Blueprint]
+    others: tuple[Callable[[np.random.Generator], Blueprint], ...] = ()

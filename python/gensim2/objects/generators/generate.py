@@ -22,7 +22,10 @@ T_ROOT_MODEL = np.array([[0.0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0,
 
 def blueprint(asset_class: str, number: int) -> Blueprint:
     """Draw the blueprint of one instance."""
-    return object_classes()[asset_class].build(rng(0, f"assets/{asset_class}", number))
+    known = object_classes()[asset_class]
+    makes = (known.build, *known.others) if number >= known.count else (known.build,)
+    build = makes[int(rng(0, f"assets/{asset_class}/make", number).integers(len(makes)))]
+    return build(rng(0, f"assets/{asset_class}", number))
 
 
 def blueprint_hash(asset_class: str, number: int, drawn: Blueprint) -> str:

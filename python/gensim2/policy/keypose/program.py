@@ -70,7 +70,7 @@ class KeyposeProgram:
         over the last quarter of the way: along a line, or about the same axis.
         """
         poses, last = self.poses, PATH.stop - 1
-        gone = np.linalg.norm(poses[last, :3, 3] - poses[last - 2, :3, 3])
+        gone = float(np.linalg.norm(poses[last, :3, 3] - poses[last - 2, :3, 3]))
         if gone < 1e-3:
             return self
         share = min(further / gone, LONGEST)

@@ -1,4 +1,4 @@
-"""A door in a frame that stands on the table and opens away from the robot."""
+"""A door that stands on the table and opens away from the robot: in a frame, or in a wall."""
 
 from __future__ import annotations
 
@@ -55,4 +55,49 @@ def build(rng: np.random.Generator) -> Blueprint:
     )
 
 
-OBJECT_CLASS = ObjectClass("door", 2, "revolute", build)
+def in_a_wall(rng: np.random.Generator) -> Blueprint:
+    """A leaf in a piece of wall, with or without a lever, often larger than those in a frame."""
+    width, height = c.between(rng, 0.11, 0.26), c.between(rng, 0.40, 0.56)
+    sides = [c.between(rng, 0.03, 0.28) for _ in range(2)]
+    above, deep = c.between(rng, 0.01, 0.22), c.between(rng, 0.02, 0.08)
+    leaf = min(c.between(rng, 0.006, 0.028), deep)
+    wall = c.pick(rng, (c.WHITE, *c.PAINTS, *c.WOODS))
+    look = c.pick(rng, (c.WHITE, *c.PAINTS, *c.WOODS))
+    metal = c.pick(rng, c.METALS)
+    has_lever, glazed = rng.random() < 0.4, rng.random() < 0.4
+    inset = c.between(rng, 0.0, deep - leaf)
+
+    bottom, top = -height / 2, height / 2
+    body = [
+        box((s * (width + side) / 2, above / 2, 0), (side, height + above, deep), wall)
+        for s, side in zip((-1, 1), sides, strict=True)
+    ]
+    body.append(box((0, top + above / 2, 0), (width, above, deep), wall))
+    # How deep in the wall it hangs differs, and the hinge is at its back, so that it swings clear.
+    back = -deep / 2 + (inset if rng.random() < 0.5 else 0.0)
+    z, span, tall = back + leaf / 2, width - 2 * GAP, height - 2 * GAP
+    shape = [box((0, 0, z), (span, tall, leaf), look)]
+    if glazed:
+        pane = (0.7 * span, 0.38 * tall, leaf + 0.001)
+        shape += [box((0, s * 0.23 * tall, z), pane, c.GLASS, 0.0).visual_only() for s in (-1, 1)]
+    lever_x, lever_y = 0.38 * span, c.between(rng, -0.08, 0.06) * height
+    if has_lever:
+        for face in (-1, 1):
+            foot = np.array([lever_x, lever_y, z + face * leaf / 2])
+            out = foot + np.array([0, 0, face * 0.022])
+            shape += path([foot, out, out - np.array([0.2 * width, 0, 0])], 0.005, metal, 8)
+    edge = np.array([0.44 * span, lever_y + 0.05, z + leaf / 2])
+    body.append(box((0, bottom + 0.004, back - 0.01), (width, 0.004, 0.01), wall).visual_only())
+    return Blueprint(
+        body=body,
+        moving=shape,
+        joint_type="revolute",
+        joint_origin=(-width / 2, 0, back),
+        joint_axis=(0, 1, 0),
+        limits=(0.0, 1.4),
+        keypoints={"articulated_object_head": (edge, "the middle of the door's free edge")},
+        object_axis="y",
+    )
+
+
+OBJECT_CLASS = ObjectClass("door", 2, "revolute", build, (in_a_wall,))

@@ -1,4 +1,4 @@
-"""A faucet with a lever on top that turns about the upright axis."""
+"""A faucet with a lever on top that turns about the upright axis: a slender one, or a mixer with a wide head."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
-from gensim2.objects.shapes import ball, cone, path, rod
+from gensim2.objects.shapes import ball, box, cone, convex, path, rod
 
 GAP = 0.001
 
@@ -73,4 +73,60 @@ def build(rng: np.random.Generator) -> Blueprint:
     )
 
 
-OBJECT_CLASS = ObjectClass("faucet", 13, "revolute", build)
+def mixer(rng: np.random.Generator) -> Blueprint:
+    """A wide column, a head as wide with a short lever, flat or round, and a stout spout that begins high or low."""
+    height, radius = c.between(rng, 0.09, 0.25), c.between(rng, 0.024, 0.048)
+    cap, lever = c.between(rng, 0.016, 0.05), c.between(rng, 0.075, 0.14)
+    rise, at = c.between(rng, -0.05, 0.45), c.between(rng, 0.3, 0.85)
+    spout, tube, slope = c.between(rng, 0.11, 0.20), c.between(rng, 0.011, 0.020), c.between(rng, -0.15, 0.5)
+    look = c.pick(rng, (c.CHROME, c.CHROME, c.STEEL, c.WHITE, c.BRASS, c.DARK_METAL))
+    is_flat, droops, square = rng.random() < 0.6, rng.random() < 0.7, rng.random() < 0.3
+
+    bottom, z = -height / 2, -0.03
+    top = bottom + height
+    if square:
+        body = [box((0, 0, z), (1.7 * radius, height, 1.7 * radius), look, 0.004)]
+    else:
+        body = [cone((0, bottom, z), (0, top, z), radius, c.between(rng, 0.85, 1.0) * radius, look)]
+    root = np.array([0.0, bottom + at * height, z])
+    end = root + spout * np.array([0, np.sin(slope), np.cos(slope)])
+    drop = c.between(rng, 0.012, 0.035)
+    end[1] = max(end[1], bottom + 0.03 + drop)
+    body += path([root, end, end - np.array([0, drop, 0])] if droops else [root, end], tube, look)
+
+    base = top + GAP
+    start = np.array([0.0, base + 0.6 * cap, z])
+    tip = start + (lever + radius) * np.array([0, np.sin(rise), np.cos(rise)])
+    if square:
+        moving = [box((0, base + cap / 2, z), (1.7 * radius, cap, 1.7 * radius), look, 0.003)]
+    else:
+        moving = [cone((0, base, z), (0, base + cap, z), radius, c.between(rng, 0.7, 1.0) * radius, look)]
+    if is_flat:
+        broad, narrow = c.between(rng, 0.55, 0.95) * radius, c.between(rng, 0.4, 1.0)
+        thin = c.between(rng, 0.004, 0.008)
+        corners = [
+            middle + np.array([sx * half, sy * thin, 0])
+            for middle, half in ((start, broad), (tip, narrow * broad))
+            for sx in (-1, 1)
+            for sy in (-1, 1)
+        ]
+        moving.append(convex(corners, look))
+    else:
+        moving += path([start, tip], c.between(rng, 0.005, 0.009), look)
+    return Blueprint(
+        body=body,
+        moving=moving,
+        joint_type="revolute",
+        joint_origin=np.array([0.0, base, z]),
+        joint_axis=(0, -1, 0),
+        limits=(-1.2, 1.2),
+        keypoints={
+            "articulated_object_head": (tip, "the tip of the faucet's lever"),
+            "articulated_object_tail": (start, "the point where the faucet's lever meets its joint"),
+            "articulated_object_bottom_base": ((0, bottom + 0.03, z + spout), "the point under the faucet's spout"),
+        },
+        object_axis="y",
+    )
+
+
+OBJECT_CLASS = ObjectClass("faucet", 13, "revolute", build, (mixer,))

@@ -1,4 +1,4 @@
-"""A refrigerator: a fixed freezer door above, a hinged door below."""
+"""A refrigerator: a fixed freezer door above a hinged one, or two tall doors beside each other, or one."""
 
 from __future__ import annotations
 
@@ -92,4 +92,55 @@ def build(rng: np.random.Generator) -> Blueprint:
     )
 
 
-OBJECT_CLASS = ObjectClass("refrigerator", 2, "revolute", build)
+def tall(rng: np.random.Generator) -> Blueprint:
+    """One tall door, or the left one of two beside each other; handles from none to tall bars."""
+    two = rng.random() < 0.6
+    own = c.between(rng, 0.20, 0.26)
+    beside = c.between(rng, 0.18, 0.27) if two else 0.0
+    height, depth = c.between(rng, 0.48, 0.78), c.between(rng, 0.24, 0.40)
+    wall, door = c.between(rng, 0.012, 0.022), c.between(rng, 0.018, 0.045)
+    look = c.pick(rng, (c.WHITE, c.WHITE, c.STEEL, *c.PAINTS[:4]))
+    metal = c.pick(rng, (c.CHROME, c.STEEL, c.DARK_METAL, c.BRASS))
+    reach, thick = c.between(rng, 0.026, 0.042), c.between(rng, 0.005, 0.008)
+    tall_share, round_bar = c.between(rng, 0.12, 0.5), rng.random() < 0.6
+
+    width = own + beside
+    left, front, bottom = -width / 2, depth / 2, -height / 2
+    middle = left + own / 2
+    body = tray((middle, 0, 0), (own, height, depth), wall, look, "+z")
+    z, y, high = front + GAP, 0.0, height - 0.006
+    if two:
+        x = left + own + beside / 2
+        body.append(box((x, 0, 0), (beside, height, depth), look))
+        body.append(box((x + 0.001, y, z + door / 2), (beside - 0.004, high, door), look, 0.004))
+        other = np.array([left + own + 0.12 * beside, 0.05 * height, z + door + reach])
+        body += c.bar_handle(other, tall_share * high, "y", reach, thick, metal)
+    body += c.feet(width, depth, bottom, 0.010, 0.012)
+    shelf = bottom + SHELF * height
+    body.append(box((middle, shelf, -0.02), (own - 2 * wall, 0.005, 0.75 * depth), c.GLASS, 0.0))
+    span = own - 0.002
+    shape = [box((left + span / 2, y, z + door / 2), (span, high, door), look, 0.004)]
+    at = np.array([left + 0.88 * own, c.between(rng, -0.05, 0.12) * height, z + door + reach])
+    if round_bar:
+        shape += c.bar_handle(at, tall_share * high, "y", reach, thick, metal)
+    else:
+        shape += c.flat_handle(at, tall_share * high, "y", reach, 2 * thick, metal)
+    return Blueprint(
+        body=body,
+        moving=shape,
+        joint_type="revolute",
+        joint_origin=(left, 0, z),
+        joint_axis=(0, -1, 0),
+        limits=(0.0, 1.4),
+        keypoints={
+            "articulated_object_head": (at, "the middle of the refrigerator's door handle"),
+            "articulated_object_inside_base": (
+                (middle, bottom + wall + 0.10, 0),
+                "the point inside the refrigerator to place an object",
+            ),
+        },
+        object_axis="y",
+    )
+
+
+OBJECT_CLASS = ObjectClass("refrigerator", 2, "revolute", build, (tall,))

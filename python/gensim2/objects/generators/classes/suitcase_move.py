@@ -1,4 +1,4 @@
-"""A suitcase that lies flat and is pushed across the table."""
+"""A suitcase that lies flat, shut or with its lid up, and is pushed across the table."""
 
 from __future__ import annotations
 
@@ -18,4 +18,13 @@ def build(rng: np.random.Generator) -> Blueprint:
     return replace(pushed, joint_axis=(0, -1, 0), object_axis="y")
 
 
-OBJECT_CLASS = ObjectClass("suitcase_move", 3, "prismatic", build)
+def with_its_lid_up(rng: np.random.Generator) -> Blueprint:
+    """One that stands open, its lid on the far side."""
+    case = _suitcase.draw(rng)
+    lid = c.turned(case.lid, case.hinge, (1, 0, 0), c.between(rng, 0.9, 1.9))
+    near = (0.0, case.edge[1], float(case.grip[2]))
+    pushed = c.pushed(case.shell + lid, 0.12, "the midpoint of the near edge of the suitcase", near)
+    return replace(pushed, joint_axis=(0, -1, 0), object_axis="y")
+
+
+OBJECT_CLASS = ObjectClass("suitcase_move", 3, "prismatic", build, (with_its_lid_up,))
