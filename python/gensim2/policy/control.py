@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -56,16 +56,39 @@ class Shuffled:
         write_arrays(folder / CLOUDS, {"points": self.points, "colours": self.colours})
 
 
-def altered(observation: Observation, sees: Sees, others: Shuffled | None, seed: int) -> Observation:
-    """The observation with what the control lets be seen: the cloud with all points at the base's origin, or that of a
-    scene that the episode's seed draws.
+@dataclass(frozen=True)
+class Sight:
+    """What a policy is let see of its observations.
+
+    Attributes:
+        sees: all, or which control.
+        others: clouds of other scenes, where it sees these.
     """
-    if sees == "all":
-        return observation
-    cloud = observation.cloud
-    assert cloud is not None
-    points, colours = np.zeros_like(cloud.xyz), np.zeros_like(cloud.rgb)
-    if others is not None:
-        drawn = int(rng(seed, "policy/other").integers(len(others.points)))
-        points, colours = others.points[drawn].astype(np.float32), others.colours[drawn]
-    return replace(observation, cloud=replace(cloud, xyz=points, rgb=colours))
+
+    sees: Sees
+    others: Shuffled | None
+
+    @staticmethod
+    def of(sees: Sees, folder: Path) -> Sight:
+        """That of a policy, with the clouds beside its checkpoint.
+
+        Raises:
+            InputError: there is no such control, or no clouds.
+        """
+        if sees not in get_args(Sees):
+            raise InputError(f"must be one of {', '.join(get_args(Sees))}, is {sees!r}", field="sees")
+        return Sight(sees, Shuffled.of(folder) if sees == "other" else None)
+
+    def altered(self, observation: Observation, seed: int) -> Observation:
+        """The observation with what may be seen: the cloud with all points at the base's origin, or that of a scene
+        that the episode's seed draws.
+        """
+        if self.sees == "all":
+            return observation
+        cloud = observation.cloud
+        assert cloud is not None
+        points, colours = np.zeros_like(cloud.xyz), np.zeros_like(cloud.rgb)
+        if self.others is not None:
+            drawn = int(rng(seed, "policy/other").integers(len(self.others.points)))
+            points, colours = self.others.points[drawn].astype(np.float32), self.others.colours[drawn]
+        return replace(observation, cloud=replace(cloud, xyz=points, rgb=colours))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ from gensim2.errors import InputError
 from gensim2.observations.columns import STATE, TOOL_POSE
 from gensim2.observations.proprioception import tool_pose
 from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
-from gensim2.policy.control import Sees, Shuffled, altered
+from gensim2.policy.control import Sees, Sight
 from gensim2.policy.frames import SEEN, inputs_of
 from gensim2.policy.network import CLOUD as CLOUD_INPUT
 from gensim2.policy.network import PROPRIO, TEXT
@@ -78,10 +78,7 @@ class PolicyController:
         if denoise_steps is not None and hasattr(self._policy.network.head, "steps"):
             self._policy.network.head.steps = denoise_steps
         self._profile = robot(self._policy.robot)
-        if sees not in get_args(Sees):
-            raise InputError(f"must be one of {', '.join(get_args(Sees))}, is {sees!r}", field="sees")
-        self._says, self._embeds, self._sees = says or {}, embeds(unknown_sentences), sees
-        self._others = Shuffled.of(self._folder) if sees == "other" else None
+        self._says, self._embeds, self._sight = says or {}, embeds(unknown_sentences), Sight.of(sees, self._folder)
         self.observation_spec = self._policy.observation
 
     @property
@@ -105,7 +102,7 @@ class PolicyController:
 
     def act(self, observation: Observation) -> Action | None:
         """Return the next action, (m + 1,); None: done."""
-        shown = altered(observation, self._sees, self._others, self._seed)
+        shown = self._sight.altered(observation, self._seed)
         seen = {name: torch.from_numpy(np.array(shown[name], dtype=np.float32)) for name in SEEN}
         self._past.append(seen)
         if not self._plan:

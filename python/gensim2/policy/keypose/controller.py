@@ -6,7 +6,6 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +16,7 @@ from gensim2.observations import Observation, ObservationSpec
 from gensim2.observations.columns import CLOUD, GRIPPER
 from gensim2.planning.actions import grip_on
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
-from gensim2.policy.control import Sees, Shuffled, altered
+from gensim2.policy.control import Sees, Sight
 from gensim2.policy.keypose.answers import Answer, answers
 from gensim2.policy.keypose.execution import Executor
 from gensim2.policy.keypose.training import WAYS_JSON, read_ways
@@ -85,16 +84,13 @@ class KeyposeController:
         says: Mapping[str, str] | None = None,
         unknown_sentences: str = "refuse",
     ) -> None:
-        if sees not in get_args(Sees):
-            raise InputError(f"must be one of {', '.join(get_args(Sees))}, is {sees!r}", field="sees")
         folder = Path(checkpoint)
         self._says, self._embeds = says or {}, embeds(unknown_sentences)
-        self._folder, self._sees = folder, sees
+        self._folder, self._sight = folder, Sight.of(sees, folder)
         self._policy = PolicyCheckpoint.load(folder)
         if self._policy.action.kind != "keypose":
             raise InputError(f"has a {self._policy.config.head} head", file=folder, remedy="give one with keyposes")
         self._ways = read_ways(folder)
-        self._others = Shuffled.of(folder) if sees == "other" else None
         self._profile = robot(self._policy.robot)
         self._executor = Executor(self._profile)
         self._arm = list(self._profile.arm_columns)
@@ -148,10 +144,10 @@ class KeyposeController:
     def _look(self, observation: Observation) -> bool:
         """Plan what comes next; whether there is anything."""
         self.told["looks"] += 1
-        seen = altered(observation, self._sees, self._others, self._seed)
+        seen = self._sight.altered(observation, self._seed)
         if not self._holds:  # what the fingers of an empty hand have done last means nothing
             seen = replace(seen, arrays={**seen.arrays, GRIPPER: self._empty})
-        points = seen[CLOUD][:, :3].astype(np.float64) if self._sees != "nothing" else np.zeros((0, 3))
+        points = seen[CLOUD][:, :3].astype(np.float64) if self._sight.sees != "nothing" else np.zeros((0, 3))
         q = observation.joint_positions.astype(np.float64)
         found = answers(self._policy, seen, self._row)
         if self._mine is None:
