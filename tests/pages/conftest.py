@@ -6,6 +6,7 @@ import dataclasses
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import browser as opened
@@ -30,6 +31,9 @@ from gensim2.inspection.gallery import build_gallery
 from gensim2.objects import Library
 from gensim2.observations.cameras import observation_cameras
 from gensim2.observations.cloud import to_steps
+from gensim2.policy.experiments.page import WORDS
+from gensim2.policy.experiments.page import write_page as write_experiment
+from gensim2.policy.page import write_page as write_learned
 from gensim2.robots import robot
 from gensim2.rollout import worker
 from gensim2.sim import rendering
@@ -126,6 +130,54 @@ def tasks_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(shelf, "film", filmed)
     monkeypatch.setattr(rendering, "can_render", lambda: True)
     return tasks_gallery(["OpenDrawer", LONG], out=tmp_path / "tasks", assets="builtin", workers=0).index
+
+
+@pytest.fixture
+def experiment_page(tmp_path: Path) -> Path:
+    """The page of an experiment of two arms, everything measured of one of them."""
+
+    def rates(*kinds: str) -> dict[str, Any]:
+        found = {f"{kind}_mean": 0.8 if kind in kinds else None for kind in WORDS}
+        found |= {f"{kind}_interval": [0.7, 0.9] if kind in kinds else None for kind in WORDS}
+        return {**found, "lost_mean": None, "lost_interval": None, "episodes": 100}
+
+    tasks = [{"arm": "generated-24", "name": name, **rates(*WORDS)} for name in ("OpenDrawer", LONG)]
+    about = {"tasks": ["OpenDrawer", LONG], "count": None, "demonstrations": 900, "cpu_s": 60.0}
+    arms = [{"name": "generated-24", **about, **rates(*WORDS)}, {"name": "real-5", **about, **rates("unseen")}]
+    told = {"out": str(tmp_path), "title": "One policy for two tasks", "about": "Two arms.", "seed": 3, "seeds": 1}
+    write_experiment({**told, "arms": arms, "tasks": tasks, "skipped": {}, "episodes": 400})
+    return tmp_path / "report.html"
+
+
+@pytest.fixture
+def learned_page(tmp_path: Path) -> Path:
+    """The page of a policy for many tasks, with a film; the result is made up, as far as the page asks."""
+    names = ("OpenDrawer", "CloseBox", "OpenBox", LONG)
+    controls = {f"{name}_mean": 0.1 if name == "blind" else None for name in ("blind", "shuffled", "no_op", "expert")}
+    measures = {"held_mean": 0.9, "interval": [0.8, 0.95], "demonstrations": 400, "steps": 900, "cpu_s": 80.0}
+    told = [{"name": n, **measures, **controls, "causes": {"stopped short": 1}, "episodes": 12} for n in names]
+    draw_film(tmp_path / "video_2.mp4", tmp_path / "still.png")
+    rows = []
+    for name in names:
+        task = load_task(name)
+        episodes = [fake_world.episode_of(task, seed, held=seed % 4 > 0) for seed in range(12)]
+        rows.append(SimpleNamespace(task=task, episodes=episodes))
+    curves = "".join(json.dumps({"step": step, "loss": 9.0 / step}) + "\n" for step in range(25, 900, 25))
+    (tmp_path / "training").mkdir()
+    (tmp_path / "training" / "curves.jsonl").write_text(curves)
+    measured = SimpleNamespace(
+        policy=SimpleNamespace(rows=rows, videos={"CloseBox": (str(tmp_path / "video_2.mp4"),)}),
+        rows=lambda control: {name: {"episodes": 30} for name in names},
+    )
+    one = SimpleNamespace(folder=tmp_path, demonstrations=dict.fromkeys(names, 400), measured=measured)
+    record = {"policy": "keypose", "seed": 7, "multi_task": True}
+    result: Any = SimpleNamespace(
+        out=str(tmp_path),
+        learned=(one,),
+        record=SimpleNamespace(model_dump=lambda: record),
+        to_dict=lambda: {"tasks": told},
+    )
+    return write_learned(result)
 
 
 @pytest.fixture

@@ -9,7 +9,16 @@ from browser import WIDTHS, faults
 from hostile_names import HOSTILE
 from playwright.sync_api import Browser
 
-PAGES = ("report_page", "objects_page", "tasks_page", "collection_page", "quality_page", "hostile_page")
+PAGES = (
+    "report_page",
+    "objects_page",
+    "tasks_page",
+    "collection_page",
+    "quality_page",
+    "learned_page",
+    "experiment_page",
+    "hostile_page",
+)
 
 GOOD = """<!doctype html><html lang="en"><head><title>Page</title></head><body><h1 id="top">Page</h1>
 <p>Something to read, <a href="#top">up</a>, <a href="there.txt">there</a>.</p>{}</body></html>"""

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 REPORT = "report.html"
 SEEDS = 5
 """Seeds of a cause that are named."""
+NAMED = 3
+"""Tasks of a policy that are named; more are counted."""
+CONTROLS = {"blind_mean": "blind", "shuffled_mean": "shuffled", "no_op_mean": "no-op", "expert_mean": "expert"}
+"""Heads of columns, which are there where they were measured."""
 _WIDTH, _HEIGHT = 400.0, 100.0
 
 
@@ -36,7 +40,7 @@ def write_page(result: LearnResult) -> Path:
     films: list[dict[str, Any]] = []
     for each in result.learned:
         points = read_curves(each.folder / TRAINING)
-        name = ", ".join(each.demonstrations)
+        name = ", ".join(each.demonstrations) if len(each.demonstrations) <= NAMED else "all tasks"
         if points:
             curves[name] = _curve([point["loss"] for point in points], points[-1]["step"])
         for row in each.measured.policy.rows:
@@ -46,6 +50,7 @@ def write_page(result: LearnResult) -> Path:
     controls = [row["episodes"] for each in result.learned for row in each.measured.rows("blind").values()]
     page = template("gensim2.policy", "learned.html.j2").render(
         rows=told["tasks"],
+        measured=[(n, words) for n, words in CONTROLS.items() if any(row[n] is not None for row in told["tasks"])],
         record=result.record.model_dump(),
         controls=min(controls, default=0),
         curves=curves,
@@ -101,4 +106,5 @@ def _curve(losses: Sequence[float], steps: int) -> dict[str, Any]:
     """Corners of a line in a box, the loss from 0 at the bottom to its largest at the top."""
     top, last = max(*losses, 1e-9), max(len(losses) - 1, 1)
     corners = ((_WIDTH * n / last, _HEIGHT * (1.0 - loss / top)) for n, loss in enumerate(losses))
-    return {"points": " ".join(f"{x:.1f},{y:.1f}" for x, y in corners), "last": losses[-1], "steps": steps}
+    points = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners)
+    return {"points": points, "last": losses[-1], "steps": steps, "top": top}

@@ -124,19 +124,21 @@ def test_the_page_shows_every_arm_with_its_error_bar(tmp_path: Path) -> None:
     drawn = figure(arms)
     x = {name["words"]: name["x"] for name in drawn["names"]}
     assert x["100 objects"] - x["10 objects"] == pytest.approx(x["1000 objects"] - x["100 objects"], abs=0.2)
-    assert len(drawn["marks"]) == 3  # nothing was measured on seen objects
+    assert len(drawn["marks"]) == 6  # unseen and blind: nothing was measured on seen objects
     for mark in drawn["marks"]:
-        assert mark["high"] < mark["y"] < mark["low"]  # rows count downwards
+        assert mark["high"] < mark["y"] <= mark["low"]  # rows count downwards
     tasks = [row for arm in arms for row in arm["rows"]]
     told = {"out": str(tmp_path), "title": "Few & many", "about": "", "seed": 0, "seeds": 1, **summary([])}
     page = write_page({**told, "arms": arms, "tasks": tasks, "skipped": {"real": "needs a folder"}}).read_text()
     assert "Few &amp; many" in page
-    assert len(re.findall("<circle", page)) == 3
+    assert len(re.findall("<circle", page)) == 6
     assert "needs a folder" in page
     both = figure([_arm("a", None, 0.5), _arm("b", None, 0.9)])
     assert [mark["words"] for mark in both["marks"]] == [
         "a, seen: 0.90",
         "a, unseen: 0.50",
+        "a, blind: 0.00",
         "b, seen: 0.90",
         "b, unseen: 0.90",
+        "b, blind: 0.00",
     ]

@@ -13,7 +13,17 @@ from gensim2.policy.experiments.figures import Kind
 
 REPORT = "report.html"
 WIDTH, HEIGHT, LEFT, BOTTOM = 640.0, 240.0, 40.0, 40.0
-COLOURS = {"seen": "#8aa0b8", "unseen": "#2f6fc4"}
+COLOURS: dict[Kind, str] = {
+    "seen": "#8aa0b8",
+    "unseen": "#2f6fc4",
+    "real": "#1f8a5b",
+    "rephrased": "#8a4fbf",
+    "opposite": "#c4772f",
+    "untaught": "#b8952f",
+    "blind": "#b0413e",
+}
+APART = 11.0
+"""Pixels between the points of an arm."""
 WORDS: dict[Kind, str] = {
     "seen": "seen",
     "unseen": "unseen",
@@ -33,7 +43,11 @@ def write_page(told: Mapping[str, Any]) -> Path:
         WriteError: the folder cannot be written to.
     """
     arms = told["arms"]
-    kinds = [{"name": kind, "words": words} for kind, words in WORDS.items() if _measured(arms, kind)]
+    kinds = [
+        {"name": kind, "words": words, "colour": COLOURS[kind]}
+        for kind, words in WORDS.items()
+        if _measured(arms, kind)
+    ]
     page = template("gensim2.policy.experiments", "experiment.html.j2").render(
         told=told, kinds=kinds, figure=figure(arms)
     )
@@ -56,18 +70,23 @@ def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
     places = [log10(count) for count in counts] if counted else [float(n) for n in range(len(arms))]
     low, span = min(places), max(max(places) - min(places), 1e-9)
     room = (WIDTH - LEFT) / (len(arms) + 1)
+    kinds = [kind for kind in WORDS if _measured(arms, kind)]
     marks, names = [], []
     for arm, place in zip(arms, places, strict=True):
         share = (place - low) / span if len(arms) > 1 else 0.5
         x = LEFT + room + share * (WIDTH - LEFT - 2 * room)
         names.append({"x": round(x, 1), "words": f"{arm['count']} objects" if counted else arm["name"]})
-        for kind, shift in (("seen", -5.0), ("unseen", 5.0)):
+        for number, kind in enumerate(kinds):
             mean, interval = arm[f"{kind}_mean"], arm[f"{kind}_interval"]
             if mean is not None:
+                shift = APART * (number - (len(kinds) - 1) / 2)
                 ends = [round(_up(value), 1) for value in interval]
                 mark = {"x": round(x + shift, 1), "y": round(_up(mean), 1), "low": ends[0], "high": ends[1]}
-                marks.append({**mark, "colour": COLOURS[kind], "words": f"{arm['name']}, {kind}: {mean:.2f}"})
-    grid = [{"y": round(_up(share), 1), "words": f"{share:.1f}"} for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
+                marks.append({**mark, "colour": COLOURS[kind], "words": f"{arm['name']}, {WORDS[kind]}: {mean:.2f}"})
+    grid = [
+        {"y": round(_up(share), 1), "words": f"{share:.2f}".rstrip("0").ljust(3, "0")}
+        for share in (0.0, 0.25, 0.5, 0.75, 1.0)
+    ]
     return {"width": WIDTH, "height": HEIGHT, "left": LEFT, "marks": marks, "names": names, "grid": grid}
 
 
