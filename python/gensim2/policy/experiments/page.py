@@ -83,10 +83,7 @@ def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
                 ends = [round(_up(value), 1) for value in interval]
                 mark = {"x": round(x + shift, 1), "y": round(_up(mean), 1), "low": ends[0], "high": ends[1]}
                 marks.append({**mark, "colour": COLOURS[kind], "words": f"{arm['name']}, {WORDS[kind]}: {mean:.2f}"})
-    grid = [
-        {"y": round(_up(share), 1), "words": f"{share:.2f}".rstrip("0").ljust(3, "0")}
-        for share in (0.0, 0.25, 0.5, 0.75, 1.0)
-    ]
+    grid = [{"y": round(_up(share), 1), "words": f"{share:.2f}"} for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
     return {"width": WIDTH, "height": HEIGHT, "left": LEFT, "marks": marks, "names": names, "grid": grid}
 
 
