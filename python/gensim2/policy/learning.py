@@ -338,12 +338,15 @@ def _teach_by_plans(
         count = f"{each.demonstrations} plans in {each.scenes} scenes"
         left_out = f"{sum(each.failed.values()) - each.refuted} without a plan, {each.refuted} refuted by physics"
         progress.message(f"{each.record.task}: {count}, {left_out}, {each.cpu_s:.0f} s of CPU")
-    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, POLICY, TRAINING), out, progress)
+    policy = POLICY if begun is None else begun.config
+    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, TRAINING), out, progress)
     told: dict[str, Any] = {"steps": record.steps[key], "seed": record.seed}
     if begun is not None:
         told["learning_rate"] = RATE * TRAINING.learning_rate
     training = TrainConfig.of({**TRAINING.to_dict(), **told})
-    trained = train_keypose(source, folder, training=training, start=begun, resume=True, progress=progress)
+    trained = train_keypose(
+        source, folder, policy=policy, training=training, start=begun, resume=True, progress=progress
+    )
     return {each.record.task: each.demonstrations for each in planned}, trained
 
 

@@ -12,6 +12,7 @@ from gensim2.cli.main import run
 from gensim2.errors import InputError
 from gensim2.policy import learning
 from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.config import PolicyConfig
 from gensim2.policy.evaluating import CONTROLS, read_controls
 from gensim2.policy.keypose import data
 from gensim2.policy.keypose.training import read_ways
@@ -64,15 +65,18 @@ def test_controls_are_named() -> None:
         read_controls("blind,deaf")
 
 
+@pytest.mark.parametrize("hears", [True, False])  # policies of before had no term of the sentence
 def test_tasks_are_added_to_those_that_a_policy_knows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    hears: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(data, "SHARD", 2)
     monkeypatch.setattr(learning, "LEAST_STEPS", 2)
     first, second, told = tmp_path / "two", tmp_path / "three", tmp_path / "told.json"
     common = ["--assets", "builtin", "--minutes", "0.001", "--scenes", "2", "--workers", "1", "--episodes", "1"]
     common += ["--controls", "none", "--videos", "0", "--json", str(told)]
-    assert run(["learn", "TurnOnFaucet", "TurnOffFaucet", "--multi-task", *common, "--out", str(first)]) == 0
+    with monkeypatch.context() as before:
+        before.setattr(learning, "POLICY", PolicyConfig.of({**learning.POLICY.to_dict(), "hears": hears}))
+        assert run(["learn", "TurnOnFaucet", "TurnOffFaucet", "--multi-task", *common, "--out", str(first)]) == 0
     plans = {path.name: path.read_bytes() for path in (first / "data" / "TurnOnFaucet").iterdir()}
     words = ["learn", "CloseBox", "--from", str(first), *common, "--out", str(second)]
     assert run(words) == 0
@@ -80,6 +84,7 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     assert [row["name"] for row in found["tasks"]] == ["TurnOnFaucet", "TurnOffFaucet", "CloseBox"]
     policy = PolicyCheckpoint.load(second)
     assert policy.data.tasks == ("TurnOnFaucet", "TurnOffFaucet", "CloseBox")
+    assert policy.config.hears is hears
     assert policy.sentences[:2] == PolicyCheckpoint.load(first).sentences
     assert {path.name: path.read_bytes() for path in (second / "data" / "TurnOnFaucet").iterdir()} == plans
     assert [way.language for way in read_ways(second)[-2:]] == ["close the box"] * 2
