@@ -22,7 +22,8 @@ from gensim2.policy.keypose.data import RECORD, Planned, make_shard, read_planne
 from gensim2.policy.keypose.examples import other_openness
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import TRAINING, train_keypose
-from gensim2.policy.learning import CHUNK_SPEC, SPEC
+from gensim2.policy.learning import CHUNK_SPEC
+from gensim2.policy.starting import SPEC
 from gensim2.policy.training import train
 from gensim2.rollout.inputs import TaskInput, read_task_input
 from gensim2.rollout.run import run

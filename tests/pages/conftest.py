@@ -155,7 +155,10 @@ def learned_page(tmp_path: Path) -> Path:
     names = ("OpenDrawer", "CloseBox", "OpenBox", LONG)
     controls = {f"{name}_mean": 0.1 if name == "blind" else None for name in ("blind", "shuffled", "no_op", "expert")}
     measures = {"held_mean": 0.9, "interval": [0.8, 0.95], "demonstrations": 400, "steps": 900, "cpu_s": 80.0}
-    told = [{"name": n, **measures, **controls, "causes": {"stopped short": 1}, "episodes": 12} for n in names]
+    told = [
+        {"name": n, **measures, **controls, "causes": {"stopped short": 1}, "episodes": 12, "control_episodes": 30}
+        for n in names
+    ]
     draw_film(tmp_path / "video_2.mp4", tmp_path / "still.png")
     rows = []
     for name in names:
@@ -175,7 +178,7 @@ def learned_page(tmp_path: Path) -> Path:
         out=str(tmp_path),
         learned=(one,),
         record=SimpleNamespace(model_dump=lambda: record),
-        to_dict=lambda: {"tasks": told},
+        to_dict=lambda: {"tasks": told, "seen_objects": []},
     )
     return write_learned(result)
 

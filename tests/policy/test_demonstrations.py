@@ -185,7 +185,7 @@ def test_rounds_of_relabels_are_counted_and_resumed(
     words += ["--dagger", "1", "--dagger-episodes", "1", "--json"]
     assert run(words) == 0
     told = json.loads(capfd.readouterr().out)
-    made = relabels.Relabels.load(tmp_path / "out" / "rounds" / "0" / "relabels" / "CloseBox.npz")
+    made = relabels.Relabels.load(tmp_path / "out" / "rounds" / "0" / "relabels" / "0-CloseBox-1.npz")
     assert (told["demonstrations"], told["noisy_episodes"], told["relabels"]) == (2, 0, len(made))
     assert run([*words, "--resume"]) == 0
     assert json.loads(capfd.readouterr().out)["data"] == told["data"]

@@ -2,19 +2,43 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
+
 import pytest
 
 from gensim2.errors import InputError
-from gensim2.policy.objects import unseen_instances
+from gensim2.policy.objects import shared_objects, unseen_instances, words
 from gensim2.rollout.counted_objects import with_objects
-from gensim2.rollout.inputs import only_strategies, read_task_input
+from gensim2.rollout.inputs import only_strategies, read_task_input, read_task_inputs
 from gensim2.scenes.sampler import SceneSampler
+from gensim2.tasks.library import task_folder
 
 
 def test_unseen_objects_are_of_the_test_split_where_every_class_has_one() -> None:
-    many, few = (read_task_input(name, assets="builtin") for name in ("OpenDrawer", "CloseSuitcaseLid"))
-    assert unseen_instances([many]) == "test"
+    drawers = ("OpenDrawer", "PlaceGolfBallIntoDrawer")
+    many, ball, few = (
+        read_task_input(name, assets="builtin", instances="train") for name in (*drawers, "CloseSuitcaseLid")
+    )
+    assert unseen_instances([many, ball]) == "test"
     assert unseen_instances([many, few]) == "new"
+    assert shared_objects([many, ball, few], "new") == []
+    # Whoever is taught on all of them, or on the test split, saw that.
+    for word in ("all", "test"):
+        taught = read_task_input("PlaceGolfBallIntoDrawer", assets="builtin", instances=word)
+        assert unseen_instances([taught]) == "new"
+        test = taught.library.choose("drawer", "test")
+        assert shared_objects([taught], "test") == [f"drawer/{each}" for each in test]
+    taught = read_task_input("OpenDrawer", assets="builtin", instances="new")
+    with pytest.raises(InputError, match="--test-instances"):
+        unseen_instances([taught, few])
+
+
+def test_the_words_of_tasks_are_by_their_own_names(tmp_path: Path) -> None:
+    folder = tmp_path / "my box"
+    shutil.copytree(task_folder("CloseBox"), folder)
+    given, _ = read_task_inputs([str(folder), "OpenBox"], seed=0, assets="builtin")
+    assert words(given, [str(folder), "OpenBox"]) == {"CloseBox": str(folder), "OpenBox": "OpenBox"}
 
 
 def test_counted_objects_are_neither_listed_nor_new() -> None:

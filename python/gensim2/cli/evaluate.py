@@ -88,6 +88,8 @@ def evaluate(
     """
     if (checkpoint is None) == (controller is None):
         raise click.UsageError("Give either --controller or --checkpoint.")
+    if checkpoint is None and controls != "none":
+        raise click.UsageError("--controls are those of a --checkpoint.")
     with report(json_file, _show) as (progress, give):
         if checkpoint is None:
             from gensim2.evaluation import evaluate as function

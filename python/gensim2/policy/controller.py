@@ -9,22 +9,21 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
 from gensim2.errors import InputError
-from gensim2.observations.columns import STATE, TOOL_POSE
-from gensim2.observations.proprioception import tool_pose
-from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
-from gensim2.policy.control import Sees, Sight
+from gensim2.observations.columns import STATE
+from gensim2.policy.checkpoint import CONFIG_JSON, CheckpointError, PolicyCheckpoint
+from gensim2.policy.control import CLOUDS, Sees, Sight
+from gensim2.policy.embodiment import check_robot
 from gensim2.policy.frames import SEEN, inputs_of
 from gensim2.policy.network import CLOUD as CLOUD_INPUT
 from gensim2.policy.network import PROPRIO, TEXT
-from gensim2.policy.sentences import embeds, sentence_row
-from gensim2.robots import robot
+from gensim2.policy.sentences import embeds, sentence_row, substitutes
 from gensim2.seeding import rng
 
 if TYPE_CHECKING:
@@ -32,9 +31,6 @@ if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
 
 Action = npt.NDArray[np.float32]
-
-FARTHEST = 0.02
-"""Metres by which the tool may stand off where the joints of the policy's robot would have it."""
 
 
 class PolicyController:
@@ -54,6 +50,11 @@ class PolicyController:
     Raises:
         InputError: the checkpoint cannot be used, or an argument cannot be so.
     """
+
+    @staticmethod
+    def depends_on(checkpoint: str, sees: Sees = "all", **_: object) -> list[Path]:
+        """Files that say what it does beside its source: they name the weights by their digest."""
+        return [Path(checkpoint) / CONFIG_JSON, *([Path(checkpoint) / CLOUDS] if sees == "other" else [])]
 
     def __init__(
         self,
@@ -75,10 +76,17 @@ class PolicyController:
         self._execute = config.execute if execute is None else execute
         if not 1 <= self._execute <= config.horizon:
             raise InputError(f"must lie in 1..{config.horizon}, is {self._execute}", field="execute")
-        if denoise_steps is not None and hasattr(self._policy.network.head, "steps"):
+        if denoise_steps is not None:
+            if not hasattr(self._policy.network.head, "steps"):
+                raise InputError(f"is of diffusion and flow, the head is {config.head}", field="denoise_steps")
+            if not 1 <= denoise_steps <= config.noise_levels:
+                raise InputError(f"must lie in 1..{config.noise_levels}, is {denoise_steps}", field="denoise_steps")
             self._policy.network.head.steps = denoise_steps
-        self._profile = robot(self._policy.robot)
-        self._says, self._embeds, self._sight = says or {}, embeds(unknown_sentences), Sight.of(sees, self._folder)
+        self._says, self._embeds, self._sight = (
+            substitutes(says),
+            embeds(unknown_sentences),
+            Sight.of(sees, self._folder),
+        )
         self.observation_spec = self._policy.observation
 
     @property
@@ -92,7 +100,7 @@ class PolicyController:
         Raises:
             CheckpointError: the robot is another one, or the sentence was not trained on.
         """
-        self._check_robot(observation)
+        check_robot(self._policy.robot, observation, self._folder)
         sentence = self._says.get(observation.language, observation.language)
         self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds)
         config = self._policy.config
@@ -131,20 +139,3 @@ class PolicyController:
     def _noise(self) -> torch.Tensor:
         shape = self._policy.network.head.noise
         return torch.from_numpy(self._rng.standard_normal((1, *shape), dtype=np.float32))
-
-    def _check_robot(self, observation: Observation) -> None:
-        """Refuse a robot whose tool does not stand where the joints of the policy's robot would have it.
-
-        Raises:
-            CheckpointError: it does not, or has another number of joints.
-        """
-        state: Any = np.asarray(observation[STATE], dtype=np.float32)
-        expected = len(self._profile.reset_qpos)
-        remedy = f"use --robot {self._policy.robot}"
-        if state.shape != (expected,):
-            message = f"is for the robot {self._policy.robot!r} with {expected} joints, this one has {len(state)}"
-            raise CheckpointError(message, file=self._folder, field="robot", remedy=remedy)
-        off = np.linalg.norm(tool_pose(self._profile, state)[:3] - np.asarray(observation[TOOL_POSE])[:3])
-        if off > FARTHEST:
-            message = f"is for the robot {self._policy.robot!r}: the tool of this one stands {off:.2f} m off"
-            raise CheckpointError(message, file=self._folder, field="robot", remedy=remedy)

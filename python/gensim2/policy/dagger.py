@@ -71,24 +71,32 @@ def train_rounds(
         told = NamedProgress(f"round {number}", progress)
         train_policy(mixed, policy, training, folder, start=start, resume=resume, device=device, progress=told)
         start = PolicyCheckpoint.load(folder)
-        for one in given:
-            found.append(_relabel(one, folder, training.seed, number, episodes, workers, told))
+        for place, one in enumerate(given):
+            path = folder / "relabels" / f"{place}-{one.spec.name}-{episodes}.npz"
+            purpose = f"{PURPOSE}/{number}/{place}"
+            found.append(_relabel(one, path, folder, purpose, training.seed, episodes, workers, told))
         mixed = RelabelledSource(source, found)
         progress.message(f"round {number}: {mixed.record.relabels} relabels in all")
     return train_policy(mixed, policy, training, out, start=start, resume=resume, device=device, progress=progress)
 
 
 def _relabel(
-    given: TaskInput, folder: Path, seed: int, number: int, episodes: int, workers: int, progress: Progress
+    given: TaskInput,
+    path: Path,
+    folder: Path,
+    purpose: str,
+    seed: int,
+    episodes: int,
+    workers: int,
+    progress: Progress,
 ) -> Relabels:
-    """Labels of one task and round, made once."""
+    """Labels of one task of one data set in one round, made once: in ``path``, by the policy in ``folder``."""
     from gensim2.processes import Job, results
     from gensim2.rollout.evaluator import PoolEvaluator
 
-    path = folder / "relabels" / f"{given.spec.name}.npz"
     if path.exists():
         return Relabels.load(path)
-    seeds = scene_seeds(seed, given.spec.name, f"{PURPOSE}/{number}", episodes)
+    seeds = scene_seeds(seed, given.spec.name, purpose, episodes)
     jobs = [Job(n, (given.scene, given.strategies, str(folder), each)) for n, each in enumerate(seeds)]
     progress.start(f"{given.spec.name}: relabels", len(jobs))
     made: dict[int, Any] = {}

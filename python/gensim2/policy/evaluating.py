@@ -10,7 +10,7 @@ from typing import Any, Literal, Unpack, get_args
 from gensim2.errors import InputError
 from gensim2.evaluation.evaluating import EvaluationResult, evaluate
 from gensim2.policy.checkpoint import PolicyCheckpoint
-from gensim2.policy.sentences import embeds, sentence_row
+from gensim2.policy.sentences import embeds, sentence_row, substitutes
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION
@@ -150,9 +150,12 @@ def evaluate_policy(
         name, reason = next(iter(skipped.items()))
         raise InputError(reason, field=f"tasks.{name}")
     told = dict(arguments or {})
-    embed = embeds(told.get("unknown_sentences", "refuse"))
+    for name in ("checkpoint", "sees"):
+        if name in told:
+            raise InputError("is said by the checkpoint and the controls", field=f"arguments.{name}")
+    embed, says = embeds(told.get("unknown_sentences", "refuse")), substitutes(told.get("says"))
     for one in given:
-        sentence = told.get("says", {}).get(one.spec.description, one.spec.description)
+        sentence = says.get(one.spec.description, one.spec.description)
         sentence_row(policy, sentence, checkpoint, embed=embed)
     from gensim2.data.runfolder import default_run_dir
 
@@ -185,7 +188,7 @@ def evaluate_policy(
         folder, listener = out / "controls" / control, NamedProgress(control, progress)
         if control == "expert":
             beside[control] = tuple(
-                evaluate(chain(one.strategies), name, out=folder / one.spec.name, progress=listener, **few)
+                evaluate(chain(one.strategies), name, stop=stop, out=folder / one.spec.name, progress=listener, **few)
                 for name, one in zip(names, given, strict=True)
             )
         else:

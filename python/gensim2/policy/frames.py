@@ -136,4 +136,6 @@ def check_turns(profile: RobotProfile, config: PolicyConfig) -> None:
     expected[:3, :3] = turn_matrix(torch.tensor(angle, dtype=torch.float64)).numpy()
     if not np.allclose(after, expected @ before, atol=1e-6):
         message = f"the first joint of {profile.name} does not turn it about the z axis of its base"
-        raise InputError(message, field="frame", remedy="use frame: base")
+        raise InputError(
+            message, field="frame", remedy="train action chunks with frame: base (gensim2 train --frame base)"
+        )

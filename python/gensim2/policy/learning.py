@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, Unpack
 
@@ -16,29 +15,29 @@ from pydantic import BaseModel, ConfigDict
 from gensim2.errors import InputError
 from gensim2.files import check_writable, write_json
 from gensim2.observations import DepthNoise, ObservationSpec
-from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
+from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import HEADS, PolicyConfig, TrainConfig
 from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, Control, PolicyResult, evaluate_policy
+from gensim2.policy.frames import check_turns
 from gensim2.policy.keypose.adding import RATE, take_along
 from gensim2.policy.keypose.data import plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.teaching import pulls_last
 from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
 from gensim2.policy.network import fresh_network
-from gensim2.policy.objects import unseen_instances, words
+from gensim2.policy.objects import shared_objects, unseen_instances, words
 from gensim2.policy.source import Source
+from gensim2.policy.starting import SPEC, check_sentences, digest_of_start, known_tasks, read_start, with_noise
 from gensim2.policy.text import prepare
 from gensim2.policy.train import TrainResult, _batch
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION, read_record
+from gensim2.robots import robot
 from gensim2.rollout.counted_objects import can_be_counted, with_objects
 from gensim2.rollout.inputs import TaskInput, check_counts, read_task_inputs
 from gensim2.scenes.config import SceneArguments
 from gensim2.seeding import rng
-from gensim2.tasks.library import task_names
 
-SPEC = ObservationSpec.of({"points": 1024, "candidates": 4096, "robot": "none"})
-"""Observations of a keypose policy: the scene without the robot."""
 SCENES = 2000
 """Of each task at most; more make hands no more exact in a training of minutes."""
 OBJECTS = 200
@@ -54,8 +53,8 @@ CHUNK_SPEC = ObservationSpec.of({"points": 512, "candidates": 2048})
 """Observations of a policy of action chunks."""
 VIDEOS = 3
 """Episodes of each task that are filmed."""
-EPISODES, SECONDS_AN_EPISODE = 600, 0.5
-"""Demonstrations of each task at most, and what one takes of CPU with its clouds."""
+EPISODES, PORTION = 600, 25
+"""Demonstrations of each task at most, and how many are collected before it is asked whether there is time for more."""
 
 
 class LearnRecord(BaseModel):
@@ -69,6 +68,7 @@ class LearnRecord(BaseModel):
         start: folder of the policy that goes on, with the digest of its weights; None: from nothing.
         steps: of each policy that were decided on when its training began, by its folder.
         data_cpu_s: CPU seconds that went into the data of each.
+        episodes: demonstrations of each task that are to teach each, of policies of chunks.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -87,6 +87,7 @@ class LearnRecord(BaseModel):
     start: tuple[str, str] | None = None
     steps: dict[str, int] = {}
     data_cpu_s: dict[str, float] = {}
+    episodes: dict[str, int] = {}
 
 
 @dataclass(frozen=True)
@@ -121,12 +122,14 @@ class LearnResult:
         out: folder.
         record: what was asked for.
         test_instances: word for the objects that it was measured on.
+        seen_objects: those of them, ``class/id``, that it was taught on, too.
         learned: one policy a task, or one for all.
     """
 
     out: str
     record: LearnRecord
     test_instances: str
+    seen_objects: tuple[str, ...]
     learned: tuple[Learned, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -134,8 +137,9 @@ class LearnResult:
         return {
             "schema_version": SCHEMA_VERSION,
             "out": self.out,
-            **self.record.model_dump(mode="json", exclude={"tasks", "schema_version", "data_cpu_s"}),
+            **self.record.model_dump(mode="json", exclude={"tasks", "schema_version", "data_cpu_s", "episodes"}),
             "test_instances": self.test_instances,
+            "seen_objects": list(self.seen_objects),
             "tasks": [row for each in self.learned for row in _rows(each, self.record.policy)],
             "cpu_s": round(sum(each.cpu_s for each in self.learned), 3),
         }
@@ -200,17 +204,27 @@ def learn(
         raise InputError(f"must be one of {', '.join(HEADS)}, is {policy!r}", field="policy")
     if not 0 < minutes <= 1e5:
         raise InputError(f"must lie in 0..1e5, is {minutes}", field="minutes")
+    if verify and policy != "keypose":
+        raise InputError("is of plans, and chunks are taught by episodes, which physics has judged", field="verify")
+    if objects is not None and "instances" in scene:
+        raise InputError("says other objects than instances", field="objects", remedy="give either")
     train_on: dict[str, Any] = {**scene, "instances": scene.get("instances", "train")}
-    given, skipped = read_task_inputs((tasks,) if isinstance(tasks, str) else tuple(tasks), seed=seed, **train_on)
-    if skipped:
-        name, reason = next(iter(skipped.items()))
-        raise InputError(reason, field=f"tasks.{name}")
+    given = _all_inputs((tasks,) if isinstance(tasks, str) else tuple(tasks), seed, train_on)
+    named = words(given, tasks)
     if objects is None and "instances" not in scene and all(map(can_be_counted, given)):
         objects = OBJECTS
     if test_instances is None:
         test_instances = unseen_instances(given) if objects is None else "new"
+    tested_on: dict[str, Any] = {**scene, "instances": test_instances}
+    seen = shared_objects(given, test_instances) if objects is None else []
     if objects is not None:
         given = [with_objects(one, objects, seed) for one in given]
+    begun = None if start is None else read_start(start, policy, given, noise)
+    known = [] if begun is None else known_tasks(begun, progress)
+    _all_inputs([*known, *named.values()], seed, tested_on)
+    if multi_task or begun is not None:
+        check_sentences([*(begun.sentences if begun is not None else ()), *(one.spec.description for one in given)])
+    check_turns(robot(given[0].scene.robot), POLICY)
     out.mkdir(parents=True, exist_ok=True)
     check_writable(out / LEARN_JSON)
     record = LearnRecord(
@@ -224,20 +238,20 @@ def learn(
         verify=verify,
         scene={**given[0].scene.options.to_record(), "instances": train_on["instances"]},
         noise=None if noise is None else asdict(noise),
-        start=_start(start, policy),
+        start=None if start is None else digest_of_start(start),
     )
     record = _begin(out, record, resume)
     together = multi_task or start is not None or len(given) == 1
     groups = [tuple(given)] if together else [(one,) for one in given]
     learned = []
-    tested_on: dict[str, Any] = {**scene, "instances": test_instances}
     for group in groups:
         folder = out if len(groups) == 1 else out / group[0].spec.name
         teach = _teach_by_plans if policy == "keypose" else _teach_by_episodes
-        demonstrations, trained = teach(group, words(group, tasks), folder, out, record, workers, progress)
+        asked = [named[one.spec.name] for one in group]
+        demonstrations, trained = teach(group, asked, folder, out, record, workers, progress)
         measured = evaluate_policy(
             folder,
-            [*_known(record, progress), *words(group, tasks)],
+            [*known, *asked],
             controls=CONTROLS if controls is None else controls,
             control_episodes=control_episodes,
             episodes=episodes,
@@ -251,7 +265,7 @@ def learn(
         )
         spent = record.data_cpu_s[_key(folder, out)]
         learned.append(Learned(folder, demonstrations, spent, trained, measured))
-    result = LearnResult(str(out), record, test_instances, tuple(learned))
+    result = LearnResult(str(out), record, test_instances, tuple(seen), tuple(learned))
     write_json(out / RESULT_JSON, result.to_dict())
     from gensim2.policy.page import write_page
 
@@ -259,30 +273,16 @@ def learn(
     return result
 
 
-def _start(start: Path | None, policy: str) -> tuple[str, str] | None:
-    """What a policy goes on from, as the record has it.
+def _all_inputs(tasks: Sequence[str], seed: int, scene: Mapping[str, Any]) -> list[TaskInput]:
+    """All of these tasks.
 
     Raises:
-        InputError: it is none of keyposes and several tasks, or cannot be read.
+        InputError: one of them cannot be run on these objects, or otherwise.
     """
-    if start is None:
-        return None
-    found = PolicyCheckpoint.load(start)
-    if policy != "keypose" or found.action.kind != "keypose" or found.config.text == "none":
-        message = "goes on from a keypose policy of several tasks"
-        raise InputError(message, file=start, field="from", remedy="chunks: gensim2 train --from")
-    return str(start.resolve()), hashlib.sha256((start / CONFIG_JSON).read_bytes()).hexdigest()
-
-
-def _known(record: LearnRecord, progress: Progress) -> list[str]:
-    """Tasks of the policy that goes on, those that the library has."""
-    if record.start is None:
-        return []
-    known, there = PolicyCheckpoint.load(Path(record.start[0])).data.tasks, task_names()
-    for name in known:
-        if name not in there:
-            progress.message(f"{name}: not measured again, the library does not have it")
-    return [name for name in known if name in there]
+    given, skipped = read_task_inputs(tasks, seed=seed, **scene)
+    for name, reason in skipped.items():
+        raise InputError(reason, field=f"tasks.{name}")
+    return given
 
 
 def _begin(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
@@ -294,7 +294,7 @@ def _begin(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
         raise InputError("holds a run already", file=out, remedy="choose another --out, or go on with --resume")
     there = read_record(path, LearnRecord, "choose another --out")
     for name in LearnRecord.model_fields:
-        if name not in ("steps", "data_cpu_s") and getattr(there, name) != getattr(record, name):
+        if name not in ("steps", "data_cpu_s", "episodes") and getattr(there, name) != getattr(record, name):
             message = f"the run has {getattr(there, name)!r}, not {getattr(record, name)!r}"
             raise InputError(message, file=path, field=name, remedy="give the same, or another --out")
     return there
@@ -322,7 +322,7 @@ def _teach_by_plans(
             planned.append(
                 plan_scenes(
                     pulls_last(one),
-                    with_noise(SPEC, record),
+                    with_noise(SPEC, _noise(record)),
                     folder / "data" / one.spec.name,
                     evaluator.executor,
                     seed=record.seed,
@@ -365,23 +365,27 @@ def _teach_by_episodes(
     from gensim2.policy.train import train_policy
 
     data, key = folder / "data", _key(folder, out)
-    limit = DATA_SHARE * 60.0 * record.minutes / len(group)
-    episodes = max(1, min(EPISODES, record.scenes, int(limit / SECONDS_AN_EPISODE)))
+    limit, most = DATA_SHARE * 60.0 * record.minutes, min(EPISODES, record.scenes)
     scene: dict[str, Any] = dict(record.scene)
-    collected = collect(
-        named,
-        episodes=episodes,
-        objects=record.objects,
-        out=data,
-        seed=record.seed,
-        workers=workers,
-        resume=True,
-        **scene,
-    )
-    rendered = render(data, spec=with_noise(CHUNK_SPEC, record), workers=workers, resume=True, progress=progress)
-    # What an earlier call took stands in the record.
-    record.data_cpu_s[key] = record.data_cpu_s.get(key, 0.0) + collected.cpu_s + rendered.cpu_s
-    write_json(out / LEARN_JSON, record.model_dump(mode="json"))
+    spec = with_noise(CHUNK_SPEC, _noise(record))
+    collected = None
+    while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
+        # What earlier calls took and have collected stands in the record.
+        spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
+        record.episodes[key] = min(count + PORTION, most) if spent < limit else count
+        collected = collect(
+            named,
+            episodes=record.episodes[key],
+            objects=record.objects,
+            out=data,
+            seed=record.seed,
+            workers=workers,
+            resume=True,
+            **scene,
+        )
+        rendered = render(data, spec=spec, workers=workers, resume=True, progress=progress)
+        record.data_cpu_s[key] = spent + collected.cpu_s + rendered.cpu_s
+        write_json(out / LEARN_JSON, record.model_dump(mode="json"))
     policy = PolicyConfig(head=record.policy, text="small" if len(group) > 1 else "none")
     source = Demonstrations.open([data], policy, (), progress=progress)
     training = TrainConfig(seed=record.seed, threads=1)
@@ -403,10 +407,8 @@ def _decide_steps(
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))
 
 
-def with_noise(spec: ObservationSpec, record: LearnRecord) -> ObservationSpec:
-    """Return a spec with the noise that was asked for."""
-    noise = None if record.noise is None else DepthNoise(**record.noise)  # type: ignore[arg-type]
-    return replace(spec, cloud=replace(spec.cloud, noise=noise))
+def _noise(record: LearnRecord) -> DepthNoise | None:
+    return None if record.noise is None else DepthNoise(**record.noise)  # type: ignore[arg-type]
 
 
 def _key(folder: Path, out: Path) -> str:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from gensim2.errors import InputError
-from gensim2.rollout.inputs import TaskInput, has_instances
+from gensim2.rollout.inputs import TaskInput, has_instances, taken
 
 
 def unseen_instances(given: Sequence[TaskInput]) -> str:
-    """The word for objects that no training on ``train`` saw: ``test`` where all classes have it, else ``new``.
+    """The word for objects that no training on these tasks saw: ``test`` where all classes have such, else ``new``.
 
     Raises:
         InputError: some class has neither.
@@ -19,17 +18,31 @@ def unseen_instances(given: Sequence[TaskInput]) -> str:
         found = [
             has_instances(one.library, thing.asset_class, word) for one in given for thing in one.spec.objects.values()
         ]
-        if all(found):
+        if all(found) and not shared_objects(given, word):
             return word
     raise InputError(
-        "some class has neither a test split nor new objects",
+        "some class has neither a test split nor new objects apart from those that are taught on",
         field="test_instances",
         remedy="say which: --test-instances all|ID",
     )
 
 
-def words(group: Sequence[TaskInput], tasks: str | Sequence[str]) -> list[str]:
-    """The words that a user gave for tasks: names, or folders."""
-    given = (tasks,) if isinstance(tasks, str) else tuple(tasks)
-    folders = {Path(word).name: word for word in given if Path(word).is_dir()}
-    return [folders.get(one.spec.name, one.spec.name) for one in group]
+def shared_objects(given: Sequence[TaskInput], word: str) -> list[str]:
+    """Articulated objects, ``class/id``, that tasks draw from and that ``word`` stands for, too.
+
+    Raises:
+        InputError: a class has no such objects.
+    """
+    found = []
+    for one in given:
+        mine, others = (taken(one.spec, one.library, each) for each in (one.instances, word))
+        for name, thing in one.spec.objects.items():
+            if one.library.kind(thing.asset_class) == "articulated":  # a rigid one is the only one of its class
+                found += [f"{thing.asset_class}/{each}" for each in others[name] if each in mine[name]]
+    return list(dict.fromkeys(found))
+
+
+def words(given: Sequence[TaskInput], tasks: str | Sequence[str]) -> dict[str, str]:
+    """The words that a user gave for tasks, names or folders, by the tasks' names."""
+    named = (tasks,) if isinstance(tasks, str) else tuple(tasks)
+    return dict(zip((one.spec.name for one in given), named, strict=True))

@@ -47,12 +47,13 @@ def write_page(result: LearnResult) -> Path:
             failures += _failures(row)
             films += _films(row, each.measured.policy.videos.get(row.task.name, ()), out)
     told = result.to_dict()
-    controls = [row["episodes"] for each in result.learned for row in each.measured.rows("blind").values()]
+    controls = [row["control_episodes"] for row in told["tasks"]]
     page = template("gensim2.policy", "learned.html.j2").render(
         rows=told["tasks"],
         measured=[(n, words) for n, words in CONTROLS.items() if any(row[n] is not None for row in told["tasks"])],
         record=result.record.model_dump(),
         controls=min(controls, default=0),
+        seen_objects=told["seen_objects"],
         curves=curves,
         failures=failures,
         films=films,

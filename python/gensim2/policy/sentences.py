@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -24,6 +25,19 @@ def embeds(word: str) -> bool:
     if word not in get_args(Unknown):
         raise InputError(f"must be one of {', '.join(get_args(Unknown))}, is {word!r}", field="unknown_sentences")
     return word == "embed"
+
+
+def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
+    """What a policy is told in place of sentences, by these; nothing where ``says`` is None.
+
+    Raises:
+        InputError: it is something else than sentences by sentences.
+    """
+    if says is None:
+        return {}
+    if not isinstance(says, Mapping) or not all(isinstance(each, str) for pair in says.items() for each in pair):
+        raise InputError("must give sentences by sentences", field="says")
+    return says
 
 
 def sentence_row(policy: PolicyCheckpoint, sentence: str, folder: Path, *, embed: bool) -> torch.Tensor:

@@ -157,6 +157,10 @@ def _train(
     folder = out / TRAINING
     if resume and (folder / STATE_JSON).exists():
         state.load(folder, identity)
+    elif resume and (out / "config.json").exists():
+        raise InputError(
+            "is not there: there is nothing to go on from", file=folder / STATE_JSON, remedy="choose another --out"
+        )
     elif (out / "config.json").exists() or (folder / STATE_JSON).exists():
         raise InputError("holds a policy already", file=out, remedy="choose another --out, or go on with --resume")
     out.mkdir(parents=True, exist_ok=True)

@@ -172,14 +172,18 @@ def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> 
     """
     if instances == "random":
         drawn = object_of_ids(library.instances, _classes(spec))
-        ids = _taken(spec, library, "all")[drawn]
+        ids = taken(spec, library, "all")[drawn]
         return ids[int(rng(seed, f"choose/{spec.objects[drawn].asset_class}").integers(len(ids)))]
-    _taken(spec, library, instances)
+    taken(spec, library, instances)
     return instances
 
 
-def _taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, ...]]:
-    """Ids that one word of ``--instances`` stands for, by object."""
+def taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, ...]]:
+    """Ids that one word of ``--instances`` stands for, by object.
+
+    Raises:
+        InputError: a class has no such instance or split.
+    """
     asked = words_of_objects(library.instances, _classes(spec), (word,))
     return {
         name: taken_instances(
@@ -254,7 +258,7 @@ def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
 def _object_names(spec: TaskSpec, library: Library, word: str) -> dict[str, ObjectNames]:
     """Return the names that strategies may use of each of the task's objects, of those that ``word`` stands for."""
     found: dict[str, ObjectNames] = {}
-    for name, ids in _taken(spec, library, word).items():
+    for name, ids in taken(spec, library, word).items():
         model = library.load(spec.objects[name].asset_class, ids[0])
         joint = model.joint.type if isinstance(model, ArticulatedObject) else None
         found[name] = ObjectNames(tuple(model.keypoints), joint)

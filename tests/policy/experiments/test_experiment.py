@@ -8,8 +8,11 @@ from pathlib import Path
 import pytest
 
 from gensim2.cli.main import run
+from gensim2.objects.library.catalogue import BUILTIN
 from gensim2.policy import learning
 from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.experiments.config import ExperimentConfig
+from gensim2.policy.experiments.running import ExperimentRecord, runnable
 from gensim2.policy.keypose import data
 
 CONFIG = """
@@ -67,6 +70,37 @@ def test_every_arm_is_learned_and_measured(
     assert run([*words, "--resume"]) == 0
     assert {path: path.read_bytes() for path in out.rglob("weights-*")} == before
     assert json.loads(told.read_text())["tasks"] == found["tasks"]
+    config.write_text(CONFIG.replace("Two arms.", "Two arms, and one more."))
+    assert run([*words, "--resume"]) == 0  # the words of the page may be mended
     config.write_text(CONFIG.replace("episodes: 1", "episodes: 2"))
     assert run([*words, "--resume"]) == 2
     assert "config" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("[CloseTrashCan]", "[CloseTrashcan]"), "CloseTrashcan"),
+        (("[CloseBox, OpenBox]", "[CloseBox, OpenBok]"), "OpenBok"),
+        (("[CloseBox, OpenBox]", "[CloseBox, OpenDishwasher]"), "has no other words for"),
+    ],
+)
+def test_what_cannot_be_measured_is_said_before_anything_is_taught(
+    change: tuple[str, str], said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    config, out = tmp_path / "toy.yaml", tmp_path / "out"
+    config.write_text(CONFIG.replace(*change))
+    words = ["experiment", "generalization", "--config", str(config), "--assets", "builtin", "--out", str(out)]
+    assert run(words) == 2
+    assert said in capfd.readouterr().err
+    assert not out.exists()
+
+
+def test_tasks_without_unseen_objects_are_left_out_of_an_arm_and_named() -> None:
+    arm = {"name": "split", "objects": "generated", "tasks": ["CloseBox", "SwingDoorOpen"]}
+    base = {"title": "a", "about": "a", "minutes_a_task": 1, "scenes": 1, "episodes": 1, "control_episodes": 1}
+    record = ExperimentRecord(config=ExperimentConfig.model_validate({**base, "arms": [arm]}), seed=0, assets=BUILTIN)
+    found, skipped = runnable(record)
+    assert [each.tasks for each in found] == [("CloseBox",)]
+    assert list(skipped) == ["split/SwingDoorOpen"]
+    assert "a test split takes 10" in skipped["split/SwingDoorOpen"]

@@ -98,10 +98,11 @@ def test_the_paper_s_arms_have_five_and_fifteen_tasks() -> None:
         ("minutes: 3", "minutes"),
         ("episodes: 0", "episodes"),
         ("arms: [{name: a, objects: real, count: 3, tasks: [OpenBox]}]", "arms.0"),
+        ("untaught: [OpenBox]", None),
         ("arms: [{name: A b, objects: real, tasks: [OpenBox]}]", "arms.0.name"),
     ],
 )
-def test_a_field_that_cannot_be_so_is_named(tmp_path: Path, text: str, field: str) -> None:
+def test_a_field_that_cannot_be_so_is_named(tmp_path: Path, text: str, field: str | None) -> None:
     base = {"title": "a", "about": "a", "minutes_a_task": "1", "scenes": "1", "episodes": "1", "control_episodes": "1"}
     base["arms"] = "[{name: a, objects: generated, tasks: [OpenBox]}]"
     lines = [f"{name}: {value}" for name, value in base.items() if not text.startswith(f"{name}:")]
@@ -117,6 +118,13 @@ def _arm(name: str, count: int | None, mean: float) -> dict[str, Any]:
     task = TaskFigures("OpenBox", rates if count else {"seen": Rate(9, 10), **rates})
     about = {"name": name, "count": count, "tasks": ["OpenBox"], "demonstrations": 7, "cpu_s": 3.0}
     return {**about, **summary([task]), "rows": [task.to_dict(name)]}
+
+
+def test_what_is_lost_is_counted_over_tasks_that_have_both() -> None:
+    both = TaskFigures("OpenBox", {"seen": Rate(90, 100), "unseen": Rate(80, 100)})
+    unseen_alone = TaskFigures("CloseBox", {"unseen": Rate(100, 100)})
+    assert summary([both, unseen_alone])["lost_mean"] == pytest.approx(0.1)
+    assert summary([unseen_alone])["lost_mean"] is None
 
 
 def test_the_page_shows_every_arm_with_its_error_bar(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.cli.main import run as command
 from gensim2.errors import InputError
-from gensim2.observations.columns import GRIPPER
+from gensim2.observations.columns import GRIPPER, TOOL_POSE
 from gensim2.planning import StepPlanner
 from gensim2.policy.checkpoint import CheckpointError
 from gensim2.policy.keypose.answers import Answer, answers
@@ -176,13 +176,18 @@ def test_the_controller_is_not_privileged_and_misfits_are_one_line(
     env.reset(1)
     seen = replace(env.observe(SPEC), language="push the bar")
     controller.reset(seen, 0)
-    controller._holds = True
+    controller._holds, controller._taking, controller._expected = True, 1, {2, 3}
     assert seen.gripper_width > EMPTY
     empty = replace(seen, arrays={**seen.arrays, GRIPPER: np.array([0.0, -1.0], dtype=np.float32)})
     action = controller.act(empty)  # the fingers have closed on nothing: they open, the arm goes back and looks again
     assert controller.told["lost"] == 1
+    assert controller._expected == {1}  # the step that had taken it up
     assert action is not None
     assert action[-1] == OPEN
+    other = seen[TOOL_POSE].copy()
+    other[0] += 0.1
+    with pytest.raises(CheckpointError, match="the tool of this one stands"):
+        controller.reset(replace(seen, arrays={**seen.arrays, TOOL_POSE: other}), 0)
     # Of two steps the first is expected first, whatever a look makes of it within reason; "done" is not yet.
     controller._ways = [Way(language="push the bar", step=step, name="one") for step in (0, 1)]
     controller.reset(seen, 0)

@@ -16,6 +16,7 @@ from gensim2.policy.config import PolicyConfig
 from gensim2.policy.evaluating import CONTROLS, read_controls
 from gensim2.policy.keypose import data
 from gensim2.policy.keypose.training import read_ways
+from gensim2.tasks.library import task_folder
 
 
 def test_learning_goes_from_nothing_to_a_measured_policy(
@@ -90,13 +91,33 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     assert [way.language for way in read_ways(second)[-2:]] == ["close the box"] * 2
     assert run([*words, "--resume"]) == 0
     capfd.readouterr()
+    other = tmp_path / "CloseBoxToo"
+    shutil.copytree(task_folder("CloseBox"), other)
+    (other / "task.yaml").write_text((other / "task.yaml").read_text().replace("CloseBox", "CloseBoxToo"))
     for tasks, said in (
         (["TurnOnFaucet", "--from", str(second)], "knows it already"),
         (["OpenBox", "--from", str(second), "--policy", "chunk"], "goes on from a keypose policy of several tasks"),
         (["OpenBox", "--from", str(tmp_path / "none")], "config.json"),
+        (["OpenBox", "--from", str(second), "--noise", "d435"], "noise"),
+        (["OpenBox", "--from", str(second), "--robot", "fetch"], "is for the robot 'panda'"),
+        ([str(other), "--from", str(second)], "have the sentence 'close the box'"),
     ):
         assert run(["learn", *tasks, *common, "--out", str(tmp_path / "refused")]) == 2
         assert said in capfd.readouterr().err
+        assert not (tmp_path / "refused").exists()
     shutil.rmtree(second / "data" / "CloseBox")
     assert run(["learn", "OpenBox", "--from", str(second), *common, "--out", str(tmp_path / "refused-too")]) == 2
     assert "the plans that taught it are not beside it" in capfd.readouterr().err
+
+
+def test_what_cannot_be_done_is_said_before_anything_is_planned(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for words, said in (
+        (["--test-instances", "tset"], "tset"),
+        (["--objects", "5", "--instances", "train"], "says other objects than instances"),
+        (["--policy", "chunk", "--verify"], "is of plans"),
+    ):
+        assert run(["learn", "CloseBox", "--assets", "builtin", *words, "--out", str(tmp_path / "out")]) == 2
+        assert said in capfd.readouterr().err
+        assert not (tmp_path / "out").exists()

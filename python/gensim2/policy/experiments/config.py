@@ -79,6 +79,9 @@ class ExperimentConfig(BaseModel):
     def _names_differ(self) -> ExperimentConfig:
         if len({arm.name for arm in self.arms}) < len(self.arms):
             raise ValueError("two arms have one name")
+        for name in self.untaught:
+            if any(name in arm.tasks for arm in self.arms):
+                raise ValueError(f"{name} is untaught, and an arm has it")
         return self
 
 

@@ -100,15 +100,18 @@ def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
     paired = [each for each in tasks if each.rate("opposite").episodes]
     return {
         **told,
-        **_less("lost", totals["seen"], totals["unseen"]),
-        **_less("transfer_lost", totals["unseen"], totals["real"]),
+        **_less("lost", tasks, "seen", "unseen"),
+        **_less("transfer_lost", tasks, "unseen", "real"),
         **Rate.total([each.rate("unseen") for each in paired]).to_dict("said"),
         "episodes": _evaluated(tasks),
     }
 
 
-def _less(name: str, one: Rate, other: Rate) -> dict[str, Any]:
-    found = difference(one, other) if one.episodes and other.episodes else None
+def _less(name: str, tasks: Sequence[TaskFigures], one: Kind, other: Kind) -> dict[str, Any]:
+    """What is lost from one kind to another, over the tasks that both were measured of."""
+    both = [each for each in tasks if each.rate(one).episodes and each.rate(other).episodes]
+    first, second = (Rate.total([each.rate(kind) for each in both]) for kind in (one, other))
+    found = difference(first, second) if both else None
     return {
         f"{name}_mean": None if found is None else found[0],
         f"{name}_interval": None if found is None else list(found[1]),

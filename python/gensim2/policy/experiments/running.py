@@ -22,6 +22,8 @@ from gensim2.policy.experiments.language import opposites, rephrased
 from gensim2.policy.learning import Learned, learn
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION, read_record
+from gensim2.rollout.inputs import of_these_objects, read_task_input, read_task_inputs
+from gensim2.scenes.config import SceneArguments
 from gensim2.tasks.library import load_task
 
 EXPERIMENT_JSON, RESULT_JSON = "experiment.json", "result.json"
@@ -81,7 +83,7 @@ class ExperimentResult:
         out: folder.
         record: what was run.
         arms: in the order of the configuration, those that could be run.
-        skipped: arms that could not be, with the reason.
+        skipped: arms, and tasks of arms (``arm/task``), that could not be, with the reason.
     """
 
     out: str
@@ -133,17 +135,16 @@ def run_experiment(
     """
     library = open_library(assets)
     record = ExperimentRecord(config=config, seed=seed, assets=str(library.location))
-    runnable = [arm for arm in config.arms if arm.objects == "generated" or record.assets != BUILTIN]
-    reason = "needs a folder of real objects: --assets"
-    skipped = {arm.name: reason for arm in config.arms if arm not in runnable}
-    if not runnable:
-        raise InputError("no arm can be run without a folder of real objects", field="assets")
+    arms, skipped = runnable(record)
+    if not arms:
+        name, reason = next(iter(skipped.items()))
+        raise InputError(f"no arm can be run on these objects: {name} {reason}", field="assets")
     out.mkdir(parents=True, exist_ok=True)
     check_writable(out / EXPERIMENT_JSON)
     _begin(out, record, resume)
     found = []
-    for number, arm in enumerate(runnable, 1):
-        progress.message(f"arm {number} of {len(runnable)}: {arm.name}")
+    for number, arm in enumerate(arms, 1):
+        progress.message(f"arm {number} of {len(arms)}: {arm.name}")
         found.append(_run_arm(arm, record, out, workers, progress))
     result = ExperimentResult(str(out), record, tuple(found), skipped)
     told = result.to_dict()
@@ -163,18 +164,61 @@ def _begin(out: Path, record: ExperimentRecord, resume: bool) -> None:
         raise InputError("holds an experiment already", file=out, remedy="choose another --out, or add --resume")
     there = read_record(path, ExperimentRecord, "choose another --out")
     for name in ExperimentRecord.model_fields:
-        if getattr(there, name) != getattr(record, name):
+        if _without_words(getattr(there, name)) != _without_words(getattr(record, name)):
             raise InputError(
                 "the experiment was another", file=path, field=name, remedy="give the same, or another --out"
             )
 
 
+def _without_words(value: Any) -> Any:
+    """A configuration without the words of its page, which may be mended; anything else as it is."""
+    return value.model_copy(update={"title": "", "about": ""}) if isinstance(value, ExperimentConfig) else value
+
+
+def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
+    """Arms with those of their tasks that they can be measured of, and why others are left out.
+
+    What costs nothing is checked here, before anything is taught.
+
+    Raises:
+        InputError: there is no such task, or no other words for one.
+    """
+    found, skipped = [], dict[str, str]()
+    for arm in record.config.arms:
+        if arm.objects == "real" and record.assets == BUILTIN:
+            skipped[arm.name] = "needs a folder of real objects: --assets"
+            continue
+        left = list(arm.tasks)
+        for word in ("train" if arm.count is None else "all", record.config.unseen):
+            for name in list(left):
+                load_task(name)
+                try:
+                    read_task_input(name, assets=_assets(arm, record), instances=word)
+                except InputError as error:
+                    skipped[f"{arm.name}/{name}"] = error.message
+                    left.remove(name)
+        if left:
+            found.append(arm.model_copy(update={"tasks": tuple(left)}))
+    for arm in found:
+        for one in _measurements(arm, record):
+            _, lacking = read_task_inputs(tuple(one.tasks), seed=0, assets=one.assets, instances=one.instances)
+            for name, reason in lacking.items():
+                raise InputError(f"{one.title}: {reason}", field=f"arms.{arm.name}.{name}")
+    return found, skipped
+
+
+def _assets(arm: Arm, record: ExperimentRecord) -> str:
+    return BUILTIN if arm.objects == "generated" else record.assets
+
+
 def _run_arm(arm: Arm, record: ExperimentRecord, out: Path, workers: int, progress: Progress) -> ArmResult:
-    config = record.config
-    assets = BUILTIN if arm.objects == "generated" else record.assets
+    config, assets = record.config, _assets(arm, record)
     policies: list[Learned] = []
     tables: dict[Kind, list[EvaluationResult]] = defaultdict(list)
     for number in range(config.seeds):
+        taught_on: SceneArguments = {"assets": assets}
+        if arm.count is None:
+            taught_on["instances"] = "train"
         folder, seed = out / arm.name / f"seed-{record.seed + number}", record.seed + number
         learned = learn(
             arm.tasks,
@@ -192,8 +236,7 @@ def _run_arm(arm: Arm, record: ExperimentRecord, out: Path, workers: int, progre
             workers=workers,
             resume=True,
             progress=progress,
-            assets=assets,
-            instances="train",
+            **taught_on,
         )
         policies += learned.learned
         for each in learned.learned:
@@ -242,12 +285,13 @@ class _Measurement:
 
 
 def _measurements(arm: Arm, record: ExperimentRecord) -> Iterator[_Measurement]:
-    config = record.config
-    assets = BUILTIN if arm.objects == "generated" else record.assets
+    config, assets = record.config, _assets(arm, record)
     if arm.count is None:  # an evaluation draws from a split, and counted objects are none
         yield _Measurement("seen", "seen", "seen objects", arm.tasks, config.episodes, assets, "train")
     if config.transfer and arm.objects == "generated" and record.assets != BUILTIN:
-        yield _Measurement("real", "real", "real objects", arm.tasks, config.episodes, record.assets, "all")
+        _, lacking = of_these_objects(record.assets, arm.tasks)
+        there = [name for name in arm.tasks if name not in lacking]
+        yield _Measurement("real", "real", "real objects", there, config.episodes, record.assets, "all")
     embedded = {"unknown_sentences": "embed"}
     if config.untaught:
         tasks, few = config.untaught, config.control_episodes

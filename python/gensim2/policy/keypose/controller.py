@@ -16,11 +16,12 @@ from gensim2.observations import Observation, ObservationSpec
 from gensim2.observations.columns import CLOUD, GRIPPER
 from gensim2.planning.actions import grip_on
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
-from gensim2.policy.control import Sees, Sight
+from gensim2.policy.control import CLOUDS, Sees, Sight
+from gensim2.policy.embodiment import check_robot
 from gensim2.policy.keypose.answers import Answer, answers
 from gensim2.policy.keypose.execution import Executor
 from gensim2.policy.keypose.training import WAYS_JSON, read_ways
-from gensim2.policy.sentences import embeds, sentence_row
+from gensim2.policy.sentences import embeds, sentence_row, substitutes
 from gensim2.robots import OPEN, robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE
 
@@ -73,9 +74,10 @@ class KeyposeController:
     privileged = False
 
     @staticmethod
-    def depends_on(checkpoint: str, **_: object) -> list[Path]:
+    def depends_on(checkpoint: str, sees: Sees = "all", **_: object) -> list[Path]:
         """Files that say what it does beside its source: they name the weights by their digest."""
-        return [Path(checkpoint) / CONFIG_JSON, Path(checkpoint) / WAYS_JSON]
+        names = [CONFIG_JSON, WAYS_JSON, *([CLOUDS] if sees == "other" else [])]
+        return [Path(checkpoint) / name for name in names]
 
     def __init__(
         self,
@@ -85,7 +87,7 @@ class KeyposeController:
         unknown_sentences: str = "refuse",
     ) -> None:
         folder = Path(checkpoint)
-        self._says, self._embeds = says or {}, embeds(unknown_sentences)
+        self._says, self._embeds = substitutes(says), embeds(unknown_sentences)
         self._folder, self._sight = folder, Sight.of(sees, folder)
         self._policy = PolicyCheckpoint.load(folder)
         if self._policy.action.kind != "keypose":
@@ -99,6 +101,11 @@ class KeyposeController:
         self.told: Counter[str] = Counter()
 
     @property
+    def robot(self) -> str:
+        """Name of the robot that it is for."""
+        return self._policy.robot
+
+    @property
     def sentences(self) -> Collection[str]:
         """Those that it was trained on."""
         return self._policy.sentences
@@ -109,8 +116,13 @@ class KeyposeController:
         return PROPRIOCEPTIVE if self._rows else self._policy.observation
 
     def reset(self, observation: Observation, seed: int) -> None:
-        """Begin an episode."""
+        """Begin an episode.
+
+        Raises:
+            CheckpointError: the robot is another one, or the sentence was not trained on.
+        """
         torch.set_num_threads(1)
+        check_robot(self._policy.robot, observation, self._folder)
         sentence = self._says.get(observation.language, observation.language)
         self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds)
         self._mine: frozenset[int] | None = None
@@ -217,9 +229,12 @@ class KeyposeController:
         return True
 
     def _lost(self, observation: Observation) -> None:
-        """Go back to where the arm looks from, with open fingers: they have closed on nothing, or it has slipped."""
+        """Go back to where the arm looks from, with open fingers: they have closed on nothing, or it has slipped.
+
+        What took it up is expected next.
+        """
         self.told["lost"] += 1
-        self._holds = False
+        self._holds, self._expected = False, {self._taking}
         self._rows = deque(
             self._executor.rest(observation.joint_positions.astype(np.float64), self._home, OPEN).actions
         )

@@ -50,7 +50,7 @@ def measure_looks(
     if not tasks:
         raise InputError("knows the sentence of no task of the library", file=checkpoint)
     progress.start("looks", looks + WARM_UP)
-    environments = [HeadlessEnv(task, assets=assets) for task in tasks]
+    environments = [HeadlessEnv(task, assets=assets, robot=controller.robot) for task in tasks]
     watch = Stopwatch("observation", "decision")
     episode = 0
     while True:

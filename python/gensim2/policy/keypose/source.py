@@ -22,6 +22,7 @@ from gensim2.policy.heads.keypose import GRIPPER as FINGERS
 from gensim2.policy.keypose.data import Planned, PlannedRecord
 from gensim2.policy.keypose.examples import RESOLUTION
 from gensim2.policy.source import SENTENCE
+from gensim2.policy.starting import check_sentences
 from gensim2.robots import OPEN, robot
 
 YAW = 0.2
@@ -79,6 +80,7 @@ class PlannedSource:
 
     def __init__(self, planned: Sequence[Planned], known: int = 0) -> None:
         first = planned[0].record
+        check_sentences([each.record.language for each in planned])
         for other in planned[1:]:
             for name in ("robot", "observation"):
                 if getattr(other.record, name) != getattr(first, name):

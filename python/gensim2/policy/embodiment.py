@@ -1,0 +1,43 @@
+"""Whether a controller is shown the robot that its policy is for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gensim2.observations.columns import STATE, TOOL_POSE
+from gensim2.observations.proprioception import tool_pose
+from gensim2.policy.checkpoint import CheckpointError
+from gensim2.robots import robot
+
+if TYPE_CHECKING:
+    from gensim2.observations import Observation
+
+FARTHEST = 0.02
+"""Metres by which the tool may stand off where the joints of the policy's robot would have it."""
+
+
+def check_robot(name: str, observation: Observation, folder: Path) -> None:
+    """Refuse a robot whose tool does not stand where the joints of the policy's robot would have it.
+
+    Args:
+        name: of the policy's robot.
+        observation: of the robot that is there.
+        folder: of the checkpoint, for the message.
+
+    Raises:
+        CheckpointError: it does not, or has another number of joints.
+    """
+    profile = robot(name)
+    state: Any = np.asarray(observation[STATE], dtype=np.float32)
+    expected = len(profile.reset_qpos)
+    remedy = f"use --robot {name}"
+    if state.shape != (expected,):
+        message = f"is for the robot {name!r} with {expected} joints, this one has {len(state)}"
+        raise CheckpointError(message, file=folder, field="robot", remedy=remedy)
+    off = np.linalg.norm(tool_pose(profile, state)[:3] - np.asarray(observation[TOOL_POSE])[:3])
+    if off > FARTHEST:
+        message = f"is for the robot {name!r}: the tool of this one stands {off:.2f} m off"
+        raise CheckpointError(message, file=folder, field="robot", remedy=remedy)

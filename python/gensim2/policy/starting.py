@@ -1,0 +1,74 @@
+"""Policies that learning goes on from: what they know, and whether more can be added to it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from gensim2.errors import InputError
+from gensim2.observations import DepthNoise, ObservationSpec
+from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
+from gensim2.progress import Progress
+from gensim2.rollout.inputs import TaskInput
+from gensim2.tasks.library import task_names
+
+SPEC = ObservationSpec.of({"points": 1024, "candidates": 4096, "robot": "none"})
+"""Observations of a keypose policy: the scene without the robot."""
+
+
+def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: DepthNoise | None) -> PolicyCheckpoint:
+    """The policy that learning goes on from.
+
+    Args:
+        start: its folder.
+        policy: name of the head that is asked for.
+        given: tasks that are added.
+        noise: of the cameras that is asked for.
+
+    Raises:
+        InputError: it is none of keyposes and several tasks, knows one of the tasks, is of another robot or saw
+            other observations, or cannot be read.
+    """
+    found = PolicyCheckpoint.load(start)
+    if policy != "keypose" or found.action.kind != "keypose" or found.config.text == "none":
+        message = "goes on from a keypose policy of several tasks"
+        raise InputError(message, file=start, field="from", remedy="chunks: gensim2 train --from")
+    for one in given:
+        if one.spec.name in found.data.tasks:
+            raise InputError("the policy knows it already", file=start, field=f"tasks.{one.spec.name}")
+    found.require_robot(given[0].scene.robot, start)
+    found.observation.require(with_noise(SPEC, noise), "what is asked for", of=str(start))
+    return found
+
+
+def with_noise(spec: ObservationSpec, noise: DepthNoise | None) -> ObservationSpec:
+    """Return a spec with this noise."""
+    return replace(spec, cloud=replace(spec.cloud, noise=noise))
+
+
+def digest_of_start(start: Path) -> tuple[str, str]:
+    """What a policy goes on from, as its record has it: the folder, and the digest of its configuration."""
+    return str(start.resolve()), hashlib.sha256((start / CONFIG_JSON).read_bytes()).hexdigest()
+
+
+def known_tasks(begun: PolicyCheckpoint, progress: Progress) -> list[str]:
+    """Tasks that a policy knows, those that the library has."""
+    there = task_names()
+    for name in begun.data.tasks:
+        if name not in there:
+            progress.message(f"{name}: not measured again, the library does not have it")
+    return [name for name in begun.data.tasks if name in there]
+
+
+def check_sentences(sentences: Sequence[str]) -> None:
+    """Refuse tasks that one policy could not tell apart.
+
+    Raises:
+        InputError: two have one sentence.
+    """
+    for sentence in sentences:
+        if sentences.count(sentence) > 1:
+            message = f"two tasks of one policy have the sentence {sentence!r}"
+            raise InputError(message, field="description", remedy="say each task otherwise")
