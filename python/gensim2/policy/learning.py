@@ -277,8 +277,10 @@ def _all_inputs(tasks: Sequence[str], seed: int, scene: Mapping[str, Any]) -> li
     """All of these tasks.
 
     Raises:
-        InputError: one of them cannot be run on these objects, or otherwise.
+        InputError: none is named, or one of them cannot be run on these objects, or otherwise.
     """
+    if not tasks:
+        raise InputError("names no task", field="tasks")
     given, skipped = read_task_inputs(tasks, seed=seed, **scene)
     for name, reason in skipped.items():
         raise InputError(reason, field=f"tasks.{name}")
