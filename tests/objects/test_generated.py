@@ -85,7 +85,7 @@ def test_any_number_gives_a_valid_object(name: str, number: int) -> None:
         assert np.isfinite(hull).all()
         volume, _, _ = hull_moments(hull)
         assert volume > 1e-9
-        assert np.ptp(hull, axis=0).max() < 0.6
+        assert np.ptp(hull, axis=0).max() < 0.8  # as high as the walls about doors and tall refrigerators
     assert model.upper > model.lower
     assert np.linalg.norm(model.axis) == pytest.approx(1)
     assert "articulated_object_head" in model.keypoints
