@@ -75,9 +75,9 @@ def build(rng: np.random.Generator) -> Blueprint:
 
 def mixer(rng: np.random.Generator) -> Blueprint:
     """A wide column, a head as wide with a short lever, flat or round, and a stout spout that begins high or low."""
-    height, radius = c.between(rng, 0.09, 0.25), c.between(rng, 0.024, 0.048)
+    height, radius = c.between(rng, 0.10, 0.25), c.between(rng, 0.024, 0.048)
     cap, lever = c.between(rng, 0.016, 0.05), c.between(rng, 0.075, 0.14)
-    rise, at = c.between(rng, -0.05, 0.45), c.between(rng, 0.3, 0.85)
+    rise, at = c.between(rng, 0.0, 0.45), c.between(rng, 0.3, 0.85)
     spout, tube, slope = c.between(rng, 0.11, 0.20), c.between(rng, 0.011, 0.020), c.between(rng, -0.15, 0.5)
     look = c.pick(rng, (c.CHROME, c.CHROME, c.STEEL, c.WHITE, c.BRASS, c.DARK_METAL))
     is_flat, droops, square = rng.random() < 0.6, rng.random() < 0.7, rng.random() < 0.3
@@ -88,14 +88,16 @@ def mixer(rng: np.random.Generator) -> Blueprint:
         body = [box((0, 0, z), (1.7 * radius, height, 1.7 * radius), look, 0.004)]
     else:
         body = [cone((0, bottom, z), (0, top, z), radius, c.between(rng, 0.85, 1.0) * radius, look)]
-    root = np.array([0.0, bottom + at * height, z])
+    highest = top - tube - 0.004  # the lever turns above it
+    root = np.array([0.0, min(bottom + at * height, highest), z])
     end = root + spout * np.array([0, np.sin(slope), np.cos(slope)])
-    drop = c.between(rng, 0.012, 0.035)
-    end[1] = max(end[1], bottom + 0.03 + drop)
+    mouth = bottom + 0.06  # with room beneath
+    drop = min(c.between(rng, 0.012, 0.035), highest - mouth)
+    end[1] = np.clip(end[1], mouth + drop, highest)
     body += path([root, end, end - np.array([0, drop, 0])] if droops else [root, end], tube, look)
 
     base = top + GAP
-    start = np.array([0.0, base + 0.6 * cap, z])
+    start = np.array([0.0, base + max(0.6 * cap, 0.012), z])
     tip = start + (lever + radius) * np.array([0, np.sin(rise), np.cos(rise)])
     if square:
         moving = [box((0, base + cap / 2, z), (1.7 * radius, cap, 1.7 * radius), look, 0.003)]

@@ -22,7 +22,7 @@ def with_its_lid_up(rng: np.random.Generator) -> Blueprint:
     """One that stands open, its lid on the far side."""
     case = _suitcase.draw(rng)
     lid = c.turned(case.lid, case.hinge, (1, 0, 0), c.between(rng, 0.9, 1.9))
-    near = (0.0, case.edge[1], float(case.grip[2]))
+    near = (0.0, -float(case.hinge[1]), float(case.grip[2]))
     pushed = c.pushed(case.shell + lid, 0.12, "the midpoint of the near edge of the suitcase", near)
     return replace(pushed, joint_axis=(0, -1, 0), object_axis="y")
 
