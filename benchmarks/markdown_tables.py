@@ -1,4 +1,4 @@
-"""What the makers of Markdown tables share."""
+"""Shared helpers of the scripts that write Markdown tables."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class Shuffled:
 
 @dataclass(frozen=True)
 class Sight:
-    """What a policy is let see of its observations.
+    """Part of its observations that a policy sees.
 
     Attributes:
         sees: all, or which control.

@@ -15,7 +15,7 @@ from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.rollout.controller_spec import ControllerSpec
-from gensim2.rollout.inputs import read_task_inputs, scene_options
+from gensim2.rollout.inputs import read_all_task_inputs, scene_options
 from gensim2.rollout.run import Stop
 from gensim2.rollout.worker import chain
 from gensim2.scenes.config import SceneArguments
@@ -145,10 +145,7 @@ def evaluate_policy(
     """
     policy = PolicyCheckpoint.load(checkpoint)
     policy.require_robot(scene_options(**scene).robot, checkpoint)
-    given, skipped = read_task_inputs(tuple(tasks), seed=seed, **scene)
-    if skipped:
-        name, reason = next(iter(skipped.items()))
-        raise InputError(reason, field=f"tasks.{name}")
+    given = read_all_task_inputs(tuple(tasks), seed=seed, **scene)
     told = dict(arguments or {})
     for name in ("checkpoint", "sees"):
         if name in told:

@@ -34,7 +34,7 @@ from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION, read_record
 from gensim2.robots import robot
 from gensim2.rollout.counted_objects import can_be_counted, with_objects
-from gensim2.rollout.inputs import TaskInput, check_counts, read_task_inputs
+from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs
 from gensim2.scenes.config import SceneArguments
 from gensim2.seeding import rng
 
@@ -209,7 +209,9 @@ def learn(
     if objects is not None and "instances" in scene:
         raise InputError("says other objects than instances", field="objects", remedy="give either")
     train_on: dict[str, Any] = {**scene, "instances": scene.get("instances", "train")}
-    given = _all_inputs((tasks,) if isinstance(tasks, str) else tuple(tasks), seed, train_on)
+    if not tasks:
+        raise InputError("names no task", field="tasks")
+    given = read_all_task_inputs((tasks,) if isinstance(tasks, str) else tuple(tasks), seed=seed, **train_on)
     named = words(given, tasks)
     if objects is None and "instances" not in scene and all(map(can_be_counted, given)):
         objects = OBJECTS
@@ -221,7 +223,7 @@ def learn(
         given = [with_objects(one, objects, seed) for one in given]
     begun = None if start is None else read_start(start, policy, given, noise)
     known = [] if begun is None else known_tasks(begun, progress)
-    _all_inputs([*known, *named.values()], seed, tested_on)
+    read_all_task_inputs([*known, *named.values()], seed=seed, **tested_on)
     if multi_task or begun is not None:
         check_sentences([*(begun.sentences if begun is not None else ()), *(one.spec.description for one in given)])
     check_turns(robot(given[0].scene.robot), POLICY)
@@ -273,20 +275,6 @@ def learn(
     return result
 
 
-def _all_inputs(tasks: Sequence[str], seed: int, scene: Mapping[str, Any]) -> list[TaskInput]:
-    """All of these tasks.
-
-    Raises:
-        InputError: none is named, or one of them cannot be run on these objects, or otherwise.
-    """
-    if not tasks:
-        raise InputError("names no task", field="tasks")
-    given, skipped = read_task_inputs(tasks, seed=seed, **scene)
-    for name, reason in skipped.items():
-        raise InputError(reason, field=f"tasks.{name}")
-    return given
-
-
 def _begin(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
     path = out / LEARN_JSON
     if not path.exists():
@@ -316,7 +304,7 @@ def _teach_by_plans(
     planned, begun = [], None
     if record.start is not None:
         begun = PolicyCheckpoint.load(Path(record.start[0]))
-        planned = take_along(Path(record.start[0]), folder, [one.spec.name for one in group])
+        planned = take_along(Path(record.start[0]), folder, begun.data.tasks)
     known = len(planned)
     limit = DATA_SHARE * 60.0 * record.minutes / len(group)
     with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
@@ -372,7 +360,7 @@ def _teach_by_episodes(
     spec = with_noise(CHUNK_SPEC, _noise(record))
     collected = None
     while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
-        # What earlier calls took and have collected stands in the record.
+        # The record holds the CPU time and the episodes of earlier calls.
         spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
         record.episodes[key] = min(count + PORTION, most) if spent < limit else count
         collected = collect(

@@ -28,7 +28,7 @@ def embeds(word: str) -> bool:
 
 
 def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
-    """What a policy is told in place of sentences, by these; nothing where ``says`` is None.
+    """Return sentences by the ones that they replace; none where ``says`` is None.
 
     Raises:
         InputError: it is something else than sentences by sentences.

@@ -49,7 +49,7 @@ def with_noise(spec: ObservationSpec, noise: DepthNoise | None) -> ObservationSp
 
 
 def digest_of_start(start: Path) -> tuple[str, str]:
-    """What a policy goes on from, as its record has it: the folder, and the digest of its configuration."""
+    """Return folder and digest of a policy's configuration, as the record of a run that goes on from it holds them."""
     return str(start.resolve()), hashlib.sha256((start / CONFIG_JSON).read_bytes()).hexdigest()
 
 

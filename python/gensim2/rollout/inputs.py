@@ -141,6 +141,21 @@ def read_task_inputs(
     return inputs, skipped
 
 
+def read_all_task_inputs(tasks: Sequence[str], *, seed: int, **given: Unpack[RolloutArguments]) -> list[TaskInput]:
+    """Read and check tasks of which none may be left out.
+
+    Args:
+        tasks, seed, given: as for :func:`read_task_inputs`.
+
+    Raises:
+        InputError: as there, or one of them cannot be run on these objects.
+    """
+    inputs, skipped = read_task_inputs(tasks, seed=seed, **given)
+    for name, reason in skipped.items():
+        raise InputError(reason, field=f"tasks.{name}")
+    return inputs
+
+
 def only_strategies(given: Sequence[TaskInput], names: Sequence[str]) -> list[TaskInput]:
     """Tasks whose steps are done in no other way than ``names``; steps that have none of these are left alone.
 

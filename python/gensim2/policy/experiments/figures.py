@@ -108,7 +108,7 @@ def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
 
 
 def _less(name: str, tasks: Sequence[TaskFigures], one: Kind, other: Kind) -> dict[str, Any]:
-    """What is lost from one kind to another, over the tasks that both were measured of."""
+    """Return the difference of two kinds over the tasks with figures of both."""
     both = [each for each in tasks if each.rate(one).episodes and each.rate(other).episodes]
     first, second = (Rate.total([each.rate(kind) for each in both]) for kind in (one, other))
     found = difference(first, second) if both else None

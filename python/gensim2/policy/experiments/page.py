@@ -43,11 +43,7 @@ def write_page(told: Mapping[str, Any]) -> Path:
         WriteError: the folder cannot be written to.
     """
     arms = told["arms"]
-    kinds = [
-        {"name": kind, "words": words, "colour": COLOURS[kind]}
-        for kind, words in WORDS.items()
-        if _measured(arms, kind)
-    ]
+    kinds = [{"name": kind, "words": WORDS[kind], "colour": COLOURS[kind]} for kind in _measured(arms)]
     page = template("gensim2.policy.experiments", "experiment.html.j2").render(
         told=told, kinds=kinds, figure=figure(arms)
     )
@@ -56,8 +52,9 @@ def write_page(told: Mapping[str, Any]) -> Path:
     return path
 
 
-def _measured(arms: list[dict[str, Any]], kind: Kind) -> bool:
-    return any(arm[f"{kind}_mean"] is not None for arm in arms)
+def _measured(arms: list[dict[str, Any]]) -> list[Kind]:
+    """Return the kinds that some arm has figures of."""
+    return [kind for kind in WORDS if any(arm[f"{kind}_mean"] is not None for arm in arms)]
 
 
 def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
@@ -70,7 +67,7 @@ def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
     places = [log10(count) for count in counts] if counted else [float(n) for n in range(len(arms))]
     low, span = min(places), max(max(places) - min(places), 1e-9)
     room = (WIDTH - LEFT) / (len(arms) + 1)
-    kinds = [kind for kind in WORDS if _measured(arms, kind)]
+    kinds = _measured(arms)
     marks, names = [], []
     for arm, place in zip(arms, places, strict=True):
         share = (place - low) / span if len(arms) > 1 else 0.5

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from gensim2.errors import InputError
 from gensim2.files import new_folder
-from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.keypose.data import Planned, read_planned
 
 DATA = "data"
@@ -17,21 +16,17 @@ RATE = 0.3
 """Of the learning rate of a training from nothing, for a network that knows something already."""
 
 
-def take_along(start: Path, folder: Path, tasks: Sequence[str]) -> list[Planned]:
+def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]:
     """Copy the plans that taught a policy to another, and return them in the order of its tasks.
 
     Args:
         start: folder of the policy, as ``gensim2 learn`` left it.
         folder: of the other.
-        tasks: names of those that the other is to know beside.
+        known: names of the policy's tasks.
 
     Raises:
-        InputError: the policy has no plans beside it, or knows one of the tasks.
+        InputError: the policy has no plans beside it.
     """
-    known = PolicyCheckpoint.load(start).data.tasks
-    for name in tasks:
-        if name in known:
-            raise InputError("the policy knows it already", file=start, field=f"tasks.{name}")
     found = []
     for name in known:
         there, here = start / DATA / name, folder / DATA / name

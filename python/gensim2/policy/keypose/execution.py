@@ -92,16 +92,7 @@ class Executor:
             further: metres by which a push goes on beyond its end, where the arm can follow.
         """
         q = np.clip(q, self._profile.model.lower, self._profile.model.upper)
-        path = None
-        if further > 0.0 and program.is_push:
-            longer = program.longer(further)
-            path = joint_path(longer, q, self._profile, self._bare)
-            if path is not None and path.is_whole:
-                program = longer
-            else:
-                path = None
-        if path is None:
-            path = joint_path(program, q, self._profile, self._bare)
+        program, path = self._followed(program, q, further)
         if path is None:
             return None
         rows = _Rows(self._profile, command)
@@ -118,6 +109,15 @@ class Executor:
                 gripped = len(rows)
         rows.dwell(path.joints[-1][self._arm], rows.command, ceil(HOLD_SECONDS * self._profile.control_hz))
         return Execution(rows.actions(), free, path.reached, gripped)
+
+    def _followed(self, program: KeyposeProgram, q: Array, further: float) -> tuple[KeyposeProgram, JointPath | None]:
+        """Return the program that is followed, a push with its longer way where all of that can be, and its path."""
+        if further > 0.0 and program.is_push:
+            longer = program.longer(further)
+            path = joint_path(longer, q, self._profile, self._bare)
+            if path is not None and path.is_whole:
+                return longer, path
+        return program, joint_path(program, q, self._profile, self._bare)
 
     def rest(self, q: Array, goal: Array, command: float, points: Array | None = None) -> Execution:
         """Free motion of the arm to joints ``goal`` (n,), where it looks from."""

@@ -6,9 +6,23 @@ import numpy as np
 
 from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
-from gensim2.objects.shapes import box, path, rod
+from gensim2.objects.shapes import Solid, Vec3, box, path, rod
 
 GAP = 0.003
+
+
+def _hung(body: list[Solid], leaf: list[Solid], hinge: Vec3, edge: Vec3) -> Blueprint:
+    """A leaf on an upright hinge at its left."""
+    return Blueprint(
+        body=body,
+        moving=leaf,
+        joint_type="revolute",
+        joint_origin=hinge,
+        joint_axis=(0, 1, 0),
+        limits=(0.0, 1.4),
+        keypoints={"articulated_object_head": (edge, "the middle of the door's free edge")},
+        object_axis="y",
+    )
 
 
 def build(rng: np.random.Generator) -> Blueprint:
@@ -43,16 +57,7 @@ def build(rng: np.random.Generator) -> Blueprint:
         pin = np.array([-width / 2, y * height, -deep / 2])
         body.append(rod(pin - np.array([0, 0.015, 0]), pin + np.array([0, 0.015, 0]), 0.005, metal).visual_only())
     edge = np.array([0.46 * span, lever_y + 0.05, z + leaf / 2])
-    return Blueprint(
-        body=body,
-        moving=shape,
-        joint_type="revolute",
-        joint_origin=(-width / 2, 0, -deep / 2),
-        joint_axis=(0, 1, 0),
-        limits=(0.0, 1.4),
-        keypoints={"articulated_object_head": (edge, "the middle of the door's free edge")},
-        object_axis="y",
-    )
+    return _hung(body, shape, (-width / 2, 0, -deep / 2), edge)
 
 
 def in_a_wall(rng: np.random.Generator) -> Blueprint:
@@ -73,7 +78,7 @@ def in_a_wall(rng: np.random.Generator) -> Blueprint:
         for s, side in zip((-1, 1), sides, strict=True)
     ]
     body.append(box((0, top + above / 2, 0), (width, above, deep), wall))
-    # How deep in the wall it hangs differs, and the hinge is at its back, so that it swings clear.
+    # The leaf hangs at any depth in the wall, on a hinge at its back: so it swings clear.
     back = -deep / 2 + (inset if rng.random() < 0.5 else 0.0)
     z, span, tall = back + leaf / 2, width - 2 * GAP, height - 2 * GAP
     shape = [box((0, 0, z), (span, tall, leaf), look)]
@@ -88,16 +93,7 @@ def in_a_wall(rng: np.random.Generator) -> Blueprint:
             shape += path([foot, out, out - np.array([0.2 * width, 0, 0])], 0.005, metal, 8)
     edge = np.array([0.44 * span, lever_y + 0.05, z + leaf / 2])
     body.append(box((0, bottom + 0.004, back - 0.01), (width, 0.004, 0.01), wall).visual_only())
-    return Blueprint(
-        body=body,
-        moving=shape,
-        joint_type="revolute",
-        joint_origin=(-width / 2, 0, back),
-        joint_axis=(0, 1, 0),
-        limits=(0.0, 1.4),
-        keypoints={"articulated_object_head": (edge, "the middle of the door's free edge")},
-        object_axis="y",
-    )
+    return _hung(body, shape, (-width / 2, 0, back), edge)
 
 
 OBJECT_CLASS = ObjectClass("door", 2, "revolute", build, (in_a_wall,))

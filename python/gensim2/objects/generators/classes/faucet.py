@@ -6,9 +6,29 @@ import numpy as np
 
 from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
-from gensim2.objects.shapes import ball, box, cone, convex, path, rod
+from gensim2.objects.shapes import Solid, Vec3, ball, box, cone, convex, path, rod
 
 GAP = 0.001
+
+
+def _with_lever(
+    body: list[Solid], lever: list[Solid], base: Vec3, start: Vec3, tip: Vec3, under_spout: Vec3
+) -> Blueprint:
+    """A lever from ``start`` to ``tip`` that turns about the upright axis through ``base``."""
+    return Blueprint(
+        body=body,
+        moving=lever,
+        joint_type="revolute",
+        joint_origin=base,
+        joint_axis=(0, -1, 0),
+        limits=(-1.2, 1.2),
+        keypoints={
+            "articulated_object_head": (tip, "the tip of the faucet's lever"),
+            "articulated_object_tail": (start, "the point where the faucet's lever meets its joint"),
+            "articulated_object_bottom_base": (under_spout, "the point under the faucet's spout"),
+        },
+        object_axis="y",
+    )
 
 
 def build(rng: np.random.Generator) -> Blueprint:
@@ -47,30 +67,13 @@ def build(rng: np.random.Generator) -> Blueprint:
     body.append(ball(end, tube, look).visual_only())
 
     base = top + GAP
-    origin = np.array([0.0, base, z])
     moving = [cone((0, base, z), (0, base + cap, z), radius, 0.8 * radius, lever_look)]
     start = np.array([0, base + 0.6 * cap, z])
     tip = start + lever * np.array([0, np.sin(rise), np.cos(rise)])
     moving += path([start, tip], bar, lever_look)
     moving.append(ball(tip, (1.6 * bar if flat_tip else 1.15 * bar, 1.15 * bar, 1.15 * bar), lever_look))
     moving.append(rod((0, base + cap, z), (0, base + cap + 0.002, z), 0.4 * radius, c.PAINTS[1]).visual_only())
-    return Blueprint(
-        body=body,
-        moving=moving,
-        joint_type="revolute",
-        joint_origin=origin,
-        joint_axis=(0, -1, 0),
-        limits=(-1.2, 1.2),
-        keypoints={
-            "articulated_object_head": (tip, "the tip of the faucet's lever"),
-            "articulated_object_tail": (start, "the point where the faucet's lever meets its joint"),
-            "articulated_object_bottom_base": (
-                (0, bottom + 0.03, z + spout),
-                "the point under the faucet's spout",
-            ),
-        },
-        object_axis="y",
-    )
+    return _with_lever(body, moving, (0, base, z), start, tip, (0, bottom + 0.03, z + spout))
 
 
 def mixer(rng: np.random.Generator) -> Blueprint:
@@ -115,20 +118,7 @@ def mixer(rng: np.random.Generator) -> Blueprint:
         moving.append(convex(corners, look))
     else:
         moving += path([start, tip], c.between(rng, 0.005, 0.009), look)
-    return Blueprint(
-        body=body,
-        moving=moving,
-        joint_type="revolute",
-        joint_origin=np.array([0.0, base, z]),
-        joint_axis=(0, -1, 0),
-        limits=(-1.2, 1.2),
-        keypoints={
-            "articulated_object_head": (tip, "the tip of the faucet's lever"),
-            "articulated_object_tail": (start, "the point where the faucet's lever meets its joint"),
-            "articulated_object_bottom_base": ((0, bottom + 0.03, z + spout), "the point under the faucet's spout"),
-        },
-        object_axis="y",
-    )
+    return _with_lever(body, moving, (0, base, z), start, tip, (0, bottom + 0.03, z + spout))
 
 
 OBJECT_CLASS = ObjectClass("faucet", 13, "revolute", build, (mixer,))

@@ -6,7 +6,7 @@ import numpy as np
 
 from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
-from gensim2.objects.shapes import Solid, ball, box, cone, rod, tray
+from gensim2.objects.shapes import Solid, Vec3, ball, box, cone, rod, tray
 
 GAP = 0.0015
 
@@ -33,6 +33,23 @@ def _food(
             elif kind == 2:
                 parts.append(ball(at + np.array([0, 0.014, 0]), 0.014, look))
     return [part.visual_only() for part in parts]
+
+
+def _with_door(body: list[Solid], door: list[Solid], hinge: Vec3, handle: Vec3, inside: Vec3) -> Blueprint:
+    """A door on an upright hinge at its left."""
+    return Blueprint(
+        body=body,
+        moving=door,
+        joint_type="revolute",
+        joint_origin=hinge,
+        joint_axis=(0, -1, 0),
+        limits=(0.0, 1.4),
+        keypoints={
+            "articulated_object_head": (handle, "the middle of the refrigerator's door handle"),
+            "articulated_object_inside_base": (inside, "the point inside the refrigerator to place an object"),
+        },
+        object_axis="y",
+    )
 
 
 def build(rng: np.random.Generator) -> Blueprint:
@@ -74,22 +91,7 @@ def build(rng: np.random.Generator) -> Blueprint:
         shape += c.bar_handle(at, length, "y", reach, 0.006, metal)
     else:
         shape += c.flat_handle(at, length, "y", reach, 0.013, metal)
-    return Blueprint(
-        body=body,
-        moving=shape,
-        joint_type="revolute",
-        joint_origin=(left, 0, z),
-        joint_axis=(0, -1, 0),
-        limits=(0.0, 1.4),
-        keypoints={
-            "articulated_object_head": (at, "the middle of the refrigerator's door handle"),
-            "articulated_object_inside_base": (
-                (0, bottom + wall + 0.10, 0),
-                "the point inside the refrigerator to place an object",
-            ),
-        },
-        object_axis="y",
-    )
+    return _with_door(body, shape, (left, 0, z), at, (0, bottom + wall + 0.10, 0))
 
 
 def tall(rng: np.random.Generator) -> Blueprint:
@@ -108,39 +110,24 @@ def tall(rng: np.random.Generator) -> Blueprint:
     left, front, bottom = -width / 2, depth / 2, -height / 2
     middle = left + own / 2
     body = tray((middle, 0, 0), (own, height, depth), wall, look, "+z")
-    z, y, high = front + GAP, 0.0, height - 0.006
+    z, high = front + GAP, height - 0.006
     if two:
         x = left + own + beside / 2
         body.append(box((x, 0, 0), (beside, height, depth), look))
-        body.append(box((x + 0.001, y, z + door / 2), (beside - 0.004, high, door), look, 0.004))
+        body.append(box((x + 0.001, 0, z + door / 2), (beside - 0.004, high, door), look, 0.004))
         other = np.array([left + own + 0.12 * beside, 0.05 * height, z + door + reach])
         body += c.bar_handle(other, tall_share * high, "y", reach, thick, metal)
     body += c.feet(width, depth, bottom, 0.010, 0.012)
     shelf = bottom + SHELF * height
     body.append(box((middle, shelf, -0.02), (own - 2 * wall, 0.005, 0.75 * depth), c.GLASS, 0.0))
     span = own - 0.002
-    shape = [box((left + span / 2, y, z + door / 2), (span, high, door), look, 0.004)]
+    shape = [box((left + span / 2, 0, z + door / 2), (span, high, door), look, 0.004)]
     at = np.array([left + 0.88 * own, c.between(rng, -0.05, 0.12) * height, z + door + reach])
     if round_bar:
         shape += c.bar_handle(at, tall_share * high, "y", reach, thick, metal)
     else:
         shape += c.flat_handle(at, tall_share * high, "y", reach, 2 * thick, metal)
-    return Blueprint(
-        body=body,
-        moving=shape,
-        joint_type="revolute",
-        joint_origin=(left, 0, z),
-        joint_axis=(0, -1, 0),
-        limits=(0.0, 1.4),
-        keypoints={
-            "articulated_object_head": (at, "the middle of the refrigerator's door handle"),
-            "articulated_object_inside_base": (
-                (middle, bottom + wall + 0.10, 0),
-                "the point inside the refrigerator to place an object",
-            ),
-        },
-        object_axis="y",
-    )
+    return _with_door(body, shape, (left, 0, z), at, (middle, bottom + wall + 0.10, 0))
 
 
 OBJECT_CLASS = ObjectClass("refrigerator", 2, "revolute", build, (tall,))
