@@ -14,6 +14,8 @@ from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.experiments.config import ExperimentConfig
 from gensim2.policy.experiments.running import ExperimentRecord, runnable
 from gensim2.policy.keypose import data
+from gensim2.policy.learning import LearnRecord
+from gensim2.record_files import read_record
 
 CONFIG = """
 title: Toy
@@ -28,6 +30,7 @@ untaught: [CloseTrashCan]
 arms:
   - {name: split, objects: generated, tasks: [CloseBox, OpenBox]}
   - {name: counted, objects: generated, count: 2, tasks: [CloseBox]}
+  - {name: more, start: split, objects: generated, tasks: [CloseLaptop, CloseBox, OpenBox]}
   - {name: real, objects: real, tasks: [CloseBox]}
 """
 
@@ -49,9 +52,14 @@ def test_every_arm_is_learned_and_measured(
         ("split", "CloseTrashCan"),
         ("counted", "CloseBox"),
         ("counted", "CloseTrashCan"),
+        ("more", "CloseLaptop"),
+        ("more", "CloseBox"),
+        ("more", "OpenBox"),
+        ("more", "CloseTrashCan"),
     ]
-    split, _, untaught, counted, _ = found["tasks"]
-    assert (split["episodes"], counted["episodes"], found["episodes"]) == (2, 1, 5)
+    split, _, untaught, counted, _, added, known, _, _ = found["tasks"]
+    assert (split["episodes"], counted["episodes"], added["episodes"], known["episodes"]) == (2, 1, 2, 2)
+    assert found["episodes"] == 11
     assert counted["seen_mean"] is None
     measured = {kind: rate["episodes"] for kind, rate in split["counts"].items()}
     assert measured == {"seen": 1, "unseen": 1, "opposite": 1, "rephrased": 2, "blind": 1}
@@ -63,6 +71,12 @@ def test_every_arm_is_learned_and_measured(
     assert found["skipped"] == {"real": "needs a folder of real objects: --assets"}
     assert "Toy" in (out / "report.html").read_text()
     assert PolicyCheckpoint.load(out / "counted" / "seed-3").data.tasks == ("CloseBox",)
+    more = PolicyCheckpoint.load(out / "more" / "seed-3")
+    assert more.data.tasks == ("CloseBox", "OpenBox", "CloseLaptop")
+    assert read_record(out / "more" / "seed-3" / "learn.json", LearnRecord, "").tasks == ("CloseLaptop",)
+    split_arm, counted_arm, more_arm = found["arms"]
+    assert more_arm["cpu_s"] > split_arm["cpu_s"]
+    assert found["cpu_s"] == pytest.approx(counted_arm["cpu_s"] + more_arm["cpu_s"], abs=0.01)
     capfd.readouterr()
     assert run(words) == 2
     assert "--resume" in capfd.readouterr().err
@@ -89,7 +103,7 @@ def test_what_cannot_be_measured_is_said_before_anything_is_taught(
     change: tuple[str, str], said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     config, out = tmp_path / "toy.yaml", tmp_path / "out"
-    config.write_text(CONFIG.replace(*change))
+    config.write_text("\n".join(line for line in CONFIG.splitlines() if "start:" not in line).replace(*change))
     words = ["experiment", "generalization", "--config", str(config), "--assets", "builtin", "--out", str(out)]
     assert run(words) == 2
     assert said in capfd.readouterr().err

@@ -100,6 +100,11 @@ def test_the_paper_s_arms_have_five_and_fifteen_tasks() -> None:
         ("arms: [{name: a, objects: real, count: 3, tasks: [OpenBox]}]", "arms.0"),
         ("untaught: [OpenBox]", None),
         ("arms: [{name: A b, objects: real, tasks: [OpenBox]}]", "arms.0.name"),
+        ("arms: [{name: a, start: b, objects: real, tasks: [OpenBox]}]", None),
+        (
+            "arms: [{name: a, objects: real, tasks: [OpenBox]}, {name: b, start: a, objects: real, tasks: [OpenBox]}]",
+            None,
+        ),
     ],
 )
 def test_a_field_that_cannot_be_so_is_named(tmp_path: Path, text: str, field: str | None) -> None:

@@ -27,6 +27,8 @@ class Arm(BaseModel):
         count: of objects of each class that it is taught on, of generated ones; None: the training split's.
         tasks: names of library tasks, one policy for all of them.
         minutes_a_task: of CPU for data and training, in place of the experiment's.
+        start: name of an arm before this one, on the same objects: this one's policy begins with its weights and plans,
+            and is taught only the tasks that it does not know; None: from nothing.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -36,12 +38,17 @@ class Arm(BaseModel):
     count: Count | None = None
     tasks: Annotated[tuple[str, ...], Field(min_length=1)]
     minutes_a_task: Minutes | None = None
+    start: str | None = None
 
     @model_validator(mode="after")
     def _counted_are_generated(self) -> Arm:
         if self.count is not None and self.objects == "real":
             raise ValueError("count is of generated objects")
         return self
+
+    def added_to(self, start: Arm | None) -> tuple[str, ...]:
+        """Return the tasks that it is taught, which the arm that it begins with does not know."""
+        return tuple(name for name in self.tasks if start is None or name not in start.tasks)
 
 
 class ExperimentConfig(BaseModel):
@@ -83,6 +90,24 @@ class ExperimentConfig(BaseModel):
             if any(name in arm.tasks for arm in self.arms):
                 raise ValueError(f"{name} is untaught, and an arm has it")
         return self
+
+    @model_validator(mode="after")
+    def _starts_go_before(self) -> ExperimentConfig:
+        for number, arm in enumerate(self.arms):
+            if arm.start is None:
+                continue
+            start = next((each for each in self.arms[:number] if each.name == arm.start), None)
+            if start is None:
+                raise ValueError(f"{arm.name} starts from {arm.start}, which is no arm before it")
+            if (start.objects, start.count) != (arm.objects, arm.count):
+                raise ValueError(f"{arm.name} and {arm.start}, which it starts from, have different objects")
+            if len(start.tasks) < 2 or not set(start.tasks) < set(arm.tasks):
+                raise ValueError(f"{arm.name} has to have all tasks of {arm.start}, which are several, and others")
+        return self
+
+    def start_of(self, arm: Arm) -> Arm | None:
+        """Return the arm that one begins with."""
+        return next((each for each in self.arms if each.name == arm.start), None)
 
 
 def config_of(name: Name, *, small: bool = False) -> ExperimentConfig:
