@@ -58,6 +58,32 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     assert "seed" in capfd.readouterr().err
 
 
+def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(learning, "PORTION", 1)
+    monkeypatch.setattr(learning, "LEAST_STEPS", 2)
+    out, told = tmp_path / "box", tmp_path / "told.json"
+    words = ["learn", "CloseBox", "--policy", "chunk", "--assets", "builtin", "--minutes", "0.001", "--workers", "1"]
+    words += ["--episodes", "1", "--control-episodes", "1", "--controls", "blind", "--videos", "0"]
+    words += ["--out", str(out), "--json", str(told)]
+    assert run(words) == 0
+    (row,) = json.loads(told.read_text())["tasks"]
+    assert (row["policy"], row["demonstrations"], row["steps"], row["episodes"]) == ("chunk", 1, 2, 1)
+    assert row["expert_mean"] is None
+    assert row["data_cpu_s"] > 0.024  # the share of the time: a first portion is there, and none after it
+    record = json.loads((out / "learn.json").read_text())
+    assert record["episodes"] == {".": 1}
+    policy = PolicyCheckpoint.load(out)
+    assert policy.action.kind == "joint-relative"
+    weights = sorted(path.name for path in out.glob("weights-*"))
+    capfd.readouterr()
+    assert run([*words, "--resume"]) == 0
+    assert sorted(path.name for path in out.glob("weights-*")) == weights
+    assert json.loads((out / "learn.json").read_text())["episodes"] == {".": 1}
+    assert json.loads(told.read_text())["tasks"][0]["held_mean"] == row["held_mean"]
+
+
 def test_controls_are_named() -> None:
     assert read_controls("all") == CONTROLS
     assert read_controls("none") == ()
