@@ -390,7 +390,8 @@ class Scene:
             approach: straight way of the open hand, m.
             lift: (3,) way of the hand right after the grasp, base frame, m; also how it comes to targets. Default: up
                 0.1.
-            options: options of every plan.
+            options: options of every plan; ``start_velocity`` and ``start_acceleration`` are the pick's, for what comes
+                after it begins at rest.
 
         Returns:
             The grasp with its motions; None where no grasp will do.
@@ -424,7 +425,8 @@ class Scene:
 
         Args:
             q_start: (n,) full joint vector; joints that do not move the hand stay there.
-            goal: (n,) joints, or (K, n) of which any will do, or a pose (4, 4) of ``link`` in the base frame.
+            goal: (n,) joints, or (K, n) of which any will do, or a pose (4, 4) of ``link`` in the base frame. With
+                four joints, (4, 4) that is a rigid transform is a pose.
             link: link that the pose is of (default: the hand).
             margin: distance in m, 0 to 0.1. A pair that is nearer at the start or at the goal keeps what it has there.
             samples: most samples of the search.
@@ -484,8 +486,8 @@ class Motion:
 
     @property
     def status(self) -> MotionStatus:
-        """ "solved", or "start_blocked", "goals_blocked", "unreachable", "not_found", "late" (the deadline passed),
-        "cancelled"."""
+        """ "solved", or "start_blocked", "goals_blocked", "unreachable", "not_found", "untimed" (a free way was found,
+        and no motion along it keeps the limits), "late" (the deadline passed), "cancelled"."""
     @property
     def reason(self) -> str:
         """One sentence for a person; empty where solved."""
@@ -614,7 +616,8 @@ class Trajectory:
         """Write position, velocity and acceleration at time t (s) into contiguous float64 arrays (n,), for control
         loops: nothing is allocated. Raises ProblemError where an array does not fit."""
     def brake(self, t: float) -> Trajectory:
-        """Return the fastest stop found from the state at time t (s) on, along the motion's path and within its limits.
+        """Return the fastest stop found from the state at time t (s) on, along the motion's path and within its limits
+        of velocity, acceleration and jerk; limits of torque, where it was planned with these, are not looked at.
 
         The stop begins at t; its clock is slowed to a halt by a trapezoid of deceleration. It is the rest of the motion
         where that ends sooner.
@@ -623,8 +626,11 @@ class Trajectory:
         """Return this motion until time t (s) and ``next`` from there on.
 
         Raises ProblemError where ``next`` does not go on from the state at t: position, velocity and acceleration to
-        1e-6.
+        1e-6, and joints that neither moves, such as fingers, where they stand. What a stream has behind it is kept:
+        see ``since``.
         """
+    def since(self, t: float) -> Trajectory:
+        """Return this motion from time t (s) on, so that a stream that is spliced again and again stays small."""
     def sample_every(self, dt: float) -> Array:
         """Return positions every ``dt`` (s), (ceil(duration / dt) + 1, n); at most a million rows."""
 
@@ -913,7 +919,8 @@ def refine(
 ) -> Refined:
     """Shorten a plan's whole waypoint path by sequential quadratic programming on Clarabel.
 
-    The cost is the original's: squared joint steps between waypoints, 10 times for the first joint. Hand poses of
+    The cost is squared joint steps between waypoints, weighted by the problem's ``joint_weights`` (the original weighs
+    the first joint 10 times). Hand poses of
     keyframes stay (position exactly, orientation within 0.03 rad), joint limits hold, straight steps that were free
     stay free; the cost is never more than before.
 

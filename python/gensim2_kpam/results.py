@@ -166,7 +166,7 @@ class ActuationPose(TypedDict):
 
 
 class Clearances(TypedDict):
-    """Smallest signed distances along a motion, m; None where nothing is judged."""
+    """Smallest signed distances along a motion, m; None where nothing is checked within a metre."""
 
     self: float | None
     table: float | None

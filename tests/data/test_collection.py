@@ -17,6 +17,7 @@ import pytest
 from kill_runs import SCRIPT_ENVIRONMENT, contents, differences
 
 from gensim2.data import DataSet
+from gensim2.data.queue import Queue
 from gensim2.data.status import NullListener, Status
 from gensim2.errors import InputError, NotRunError, WriteError
 from gensim2.objects import open_library
@@ -121,6 +122,22 @@ def test_resuming_starts_what_is_not_there_and_runs_nothing_twice(
         gather()
     assert gather(resume=True).status.ran == 0
     assert_same(tmp_path / "set", undisturbed)
+
+
+def test_what_is_known_of_finished_episodes_stays_where_going_on_is_stopped(
+    tmp_path: Path, gather: Gather, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gather("OpenDrawer", episodes=3)
+    before = DataSet.open(tmp_path / "set").record
+    assert before.objects
+    monkeypatch.setattr(Queue, "run", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    for episodes in (3, 4):
+        with pytest.raises(KeyboardInterrupt):
+            gather("OpenDrawer", episodes=episodes, resume=True)
+        after = DataSet.open(tmp_path / "set").record
+        assert after.objects == before.objects
+        assert after.complete is (episodes == 3)
+        assert after.tasks["OpenDrawer"].tried == (3 if episodes == 3 else None)
 
 
 def test_a_data_set_can_grow(tmp_path: Path, gather: Gather, undisturbed: dict[str, Any]) -> None:

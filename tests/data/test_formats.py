@@ -109,6 +109,22 @@ def test_observations_go_along_and_must_be_there_for_all(dataset: DataSet, tmp_p
         export(dataset.path, tmp_path / "both", "zarr")
 
 
+def test_episodes_that_were_rendered_in_two_ways_are_not_exported_as_one(dataset: DataSet, tmp_path: Path) -> None:
+    for name in dataset.tasks:
+        store = dataset.task(name)
+        for row in (row for row in store.rows() if row.held):
+            frames = row.control_steps + 1
+            arrays = {
+                "pointcloud/xyz": to_steps(np.zeros((frames, 16, 3), np.float32)),
+                "pointcloud/rgb": np.zeros((frames, 16, 3), np.uint8),
+            }
+            told = {"episode_digest": row.episode_digest, "cloud": {"noise": name}}
+            write_observation(store.observation_path(row.index), told, arrays)
+    with pytest.raises(InputError, match="rendered in another way"):
+        export(dataset.path, tmp_path / "both", "zarr")
+    export(dataset.path, tmp_path / "one", "zarr", Selection(tasks=("CloseBox", "CloseBox")))  # named twice: once
+
+
 def test_exports_hold_what_the_robot_knows_of_itself_and_what_cameras_and_ids_are(
     dataset: DataSet, tmp_path: Path
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import limits as judge
@@ -29,6 +30,13 @@ def test_no_limit_is_passed_by_hostile_targets() -> None:
     assert found["passed"] == 0, found["limits"]
     assert found["moved_rad"] > 100.0  # standing still would pass nothing, too
     assert {"velocity", "acceleration", "position", "tool speed", "clearance", "refused"} <= set(found["clips"])
+
+
+def test_limits_of_one_arm_are_not_those_of_another() -> None:
+    plain = ArmLimits.of(robot("panda"))
+    slow = replace(robot("panda"), solver={**robot("panda").solver, "acceleration_limits": [1.0] * 9})
+    assert (ArmLimits.of(slow).acceleration == 1.0).all()
+    np.testing.assert_array_equal(ArmLimits.of(robot("panda")).acceleration, plain.acceleration)
 
 
 def test_no_limit_is_passed_at_full_speed() -> None:

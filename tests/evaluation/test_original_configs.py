@@ -17,10 +17,11 @@ from gensim2.bench.problems import read_problems
 from gensim2.cli.main import run
 from gensim2.errors import InputError
 from gensim2.evaluation.comparison import Rate, differ
-from gensim2.evaluation.original_configs import ROBOT, _groups, _recorded
+from gensim2.evaluation.original_configs import ROBOT, _groups, _recorded, _release_of
 from gensim2.objects import open_library
 from gensim2.robots import robot
 from gensim2.sim.headless import HeadlessEnv
+from gensim2.tasks.published import MEASURED
 
 
 def a_record(**changes: Any) -> dict[str, Any]:
@@ -142,6 +143,16 @@ def test_options_of_another_method_are_refused(
 ) -> None:
     assert run(["benchmark", *words]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_some_tasks_are_set_beside_the_release_s_figures_of_these() -> None:
+    assert _release_of([]) is None
+    found = _release_of(["OpenLaptop", "TurnOffFaucet"])
+    assert found is not None
+    assert (found.count, found.of) == (7, 20)
+    whole = _release_of(list(MEASURED))
+    assert whole is not None
+    assert (whole.count, whole.of) == (556, 720)
 
 
 def test_equal_rates_differ_by_chance_and_others_do_not() -> None:

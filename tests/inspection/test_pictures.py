@@ -145,6 +145,13 @@ def test_bad_input_is_named(
         build_gallery([library], tmp_path / "out", classes=classes, findings=[file])
 
 
+def test_two_folders_of_one_name_would_take_each_others_pictures(
+    library: Library, tmp_path: Path, pretend: None
+) -> None:
+    with pytest.raises(InputError, match="two folders are called"):
+        build_gallery([library, library], tmp_path / "out", classes=["switch"])
+
+
 @needs_driver
 def test_pictures_show_the_object_its_motion_and_its_keypoints(library: Library, tmp_path: Path) -> None:
     studio = pictures.Studio(96)

@@ -124,6 +124,28 @@ def test_a_later_pose_decides_the_grasp(panda: kpam.Robot, gripper: kpam.Paralle
     assert turned.index < led.index
 
 
+def test_the_object_is_carried_from_rest_whatever_the_arm_did_at_the_start(
+    panda: kpam.Robot, gripper: kpam.ParallelGripper
+) -> None:
+    body, velocity = block(at(0.45, -0.15, 0.05), (0.015, 0.015, 0.05)), np.zeros(len(Q_START))
+    velocity[0] = 0.1
+    whole = scene(panda, table(), body)
+    plan = whole.plan_grasp(
+        "block",
+        gripper,
+        Q_START,
+        whole.grasps("block", gripper),
+        targets=[(at(0.5, 0.2, 0.053), None)],
+        options={"start_velocity": velocity.tolist(), "limits": "panda"},
+    )
+    assert plan is not None
+    assert plan.pick.trajectory is not None
+    np.testing.assert_allclose(plan.pick.trajectory.sample(0.0)[1], velocity, atol=1e-9)
+    [carry] = plan.carries
+    assert carry.trajectory is not None
+    np.testing.assert_allclose(carry.trajectory.sample(carry.trajectory.times[0])[1], 0.0, atol=1e-9)
+
+
 def test_no_grasp_will_do(panda: kpam.Robot, gripper: kpam.ParallelGripper) -> None:
     whole = scene(panda, block(at(0.5, 0, 0.05)), table())
     found = whole.grasps("block", gripper)[:3]

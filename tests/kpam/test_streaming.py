@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import signal
 import threading
 import time
@@ -12,6 +13,8 @@ import numpy as np
 import pytest
 
 import gensim2_kpam as kpam
+
+from .kpam_scenes import Q_START
 
 Array = np.ndarray
 VELOCITY = np.full(3, 1.5)
@@ -95,6 +98,42 @@ def test_motions_are_spliced_in_one_state_only() -> None:
     resting, _ = kpam.retime([q, [0.2, 0.1, -0.3]], *limits, start_time=now)
     with pytest.raises(kpam.ProblemError, match="velocity"):
         whole.splice(resting, now)
+
+
+def test_a_stream_forgets_what_lies_behind_it() -> None:
+    limits = VELOCITY, np.full(3, 10.0), np.full(3, 5000.0)
+    stream, rng, sizes = motion(10.0, 5000.0), np.random.default_rng(0), []
+    for number in range(1, 120):
+        now = 0.1 * number
+        q, v, a = stream.sample(now)
+        state = {"start_velocity": v, "start_acceleration": a, "start_time": now}
+        following, _ = kpam.retime([q, rng.uniform(-1.0, 1.0, 3)], *limits, **state)
+        kept = stream.splice(following, now)
+        stream = kept.since(now - 0.5)
+        assert stream.times[0] == now - 0.5 if now > 0.5 else stream.times[0] == 0.0
+        np.testing.assert_array_equal(stream.sample(now - 0.05), kept.sample(now - 0.05))
+        np.testing.assert_array_equal(stream.sample(now + 0.1), kept.sample(now + 0.1))
+        sizes.append(len(pickle.dumps(stream)))
+    assert max(sizes[60:]) < 2 * max(sizes[10:20])
+    with pytest.raises(kpam.ProblemError, match="not finite"):
+        stream.since(float("inf"))
+
+
+def test_joints_that_neither_motion_moves_have_to_stand_where_they_do(panda: kpam.Robot) -> None:
+    scene, other = kpam.Scene(panda), Q_START.copy()
+    other[0] += 0.3
+    closed = [np.append(q[:7], [0.0, 0.0]) for q in (Q_START, other)]
+    opened, closed_motion = scene.plan_to(Q_START, other).trajectory, scene.plan_to(*closed).trajectory
+    assert opened is not None
+    assert closed_motion is not None
+    with pytest.raises(kpam.ProblemError, match="does not move"):
+        opened.splice(closed_motion, 0.0)
+    np.testing.assert_allclose(opened.splice(opened, 0.0).sample(0.2), opened.sample(0.2))
+
+
+def test_a_stop_at_the_end_takes_no_time() -> None:
+    whole = motion(10.0, 300.0)
+    assert whole.brake(whole.duration).duration == 0.0
 
 
 def test_samples_are_written_in_place() -> None:

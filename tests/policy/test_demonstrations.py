@@ -282,6 +282,30 @@ def test_decoding_is_done_once_and_again_where_a_file_is_short(folder: Path, mon
     assert np.array_equal(first.arrays[ACTIONS], again.arrays[ACTIONS])
 
 
+def test_another_training_may_decode_the_same_meanwhile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from gensim2.policy import decoded
+
+    fill = decoded._fill
+
+    def twice(*given: Any) -> None:
+        fill(*given)
+        place = given[0]
+        raise InputError("is not an empty folder", file=place)
+
+    whole = decode([folder])
+    for each in (gensim2.files.cache_dir() / "policy" / "frames").iterdir():
+        shutil.rmtree(each)
+    with monkeypatch.context() as patch:
+        patch.setattr(decoded, "_fill", twice)
+        assert np.array_equal(decode([folder]).arrays[ACTIONS], whole.arrays[ACTIONS])
+    for each in (gensim2.files.cache_dir() / "policy" / "frames").iterdir():
+        shutil.rmtree(each)
+    with monkeypatch.context() as patch:
+        patch.setattr(decoded, "_fill", lambda place, *_: (_ for _ in ()).throw(InputError("no room", file=place)))
+        with pytest.raises(InputError, match="no room"):
+            decode([folder])
+
+
 def test_the_command_line(folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out, words = tmp_path / "policy", [word for name, value in SETTINGS.items() for word in _flags(name, value)]
     assert run(["train", "--data", str(folder), "--out", str(out), *words, "--json"]) == 0

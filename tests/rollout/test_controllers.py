@@ -12,7 +12,7 @@ import pytest
 from controllers import Rest
 from scripted import OPEN_DRAWER, ScriptedController, ScriptedWorld, glide
 
-from gensim2.observations import CloudSettings, Observation, ObservationSpec
+from gensim2.observations import CloudSettings, EmptyCloudError, Observation, ObservationSpec
 from gensim2.robots import robot
 from gensim2.rollout import worker
 from gensim2.rollout.config import EpisodeConfig
@@ -109,6 +109,52 @@ def test_files_classes_and_modules_name_controllers() -> None:
     assert by_file.digest != ControllerSpec.of(f"{FILE}:Rest").digest
 
 
+def test_a_class_that_was_edited_and_a_policy_that_was_trained_again_are_others(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    text = FILE.read_text()
+    file.write_text(text)
+    spec = ControllerSpec.of(f"{file}:Rest")
+    before, kind = spec.digest, spec.load()
+    assert spec.load() is kind
+    file.write_text(text.replace("1.0]", "-1.0]"))
+    assert spec.digest != before
+    assert spec.load() is not kind
+
+
+def test_a_policy_in_a_folder_that_was_moved_is_the_same(tmp_path: Path) -> None:
+    digests = []
+    for name, weights in (("here", "1"), ("there", "1"), ("other", "2")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "config.json").write_text(weights)
+        arguments = {"checkpoint": str(tmp_path / name)}
+        digests.append(ControllerSpec("gensim2.policy.controller:PolicyController", arguments).digest)
+    assert digests[0] == digests[1]
+    assert digests[2] != digests[0]
+
+
+class Blinded(ScriptedWorld):
+    """A world before whose cameras nothing is left after some steps."""
+
+    blind_from = 5
+
+    def observe(self, spec: ObservationSpec) -> Observation:
+        if self.elapsed_steps >= self.blind_from:
+            raise EmptyCloudError("no camera sees anything in the workspace")
+        return super().observe(spec)
+
+
+def test_an_episode_ends_where_the_cameras_see_nothing_any_more() -> None:
+    seen = run(ScriptedWorld(OPEN_DRAWER, OPENED[:1]), Never(), seed=0, stop="goal").episode
+    episode = run(Blinded(OPEN_DRAWER, OPENED[:1]), Never(), seed=0, stop="goal").episode
+    assert not episode.held
+    assert not episode.truncated
+    assert episode.control_steps < 0.5 * seen.control_steps
+    world = Blinded(OPEN_DRAWER, OPENED)
+    world.blind_from = 0
+    with pytest.raises(EmptyCloudError):
+        run(world, Never(), seed=0, stop="goal")
+
+
 @pytest.mark.parametrize(
     ("target", "arguments", "words"),
     [
@@ -184,6 +230,21 @@ class Slow(Never):
         if len(self.seen) == 2:
             time.sleep(0.5)
         return robot("panda").rest_action + np.float32(0.1)
+
+
+class Stalls(Restless):
+    """Its cameras stall once."""
+
+    def observe(self, spec: ObservationSpec) -> Observation:
+        if self.steps == 3:
+            time.sleep(0.4)
+        return super().observe(spec)
+
+
+def test_what_came_late_is_not_caught_up() -> None:
+    body = Stalls()
+    assert drive(body, Never(), 12) == 12
+    assert min(np.diff(body.at)) > 0.4 / body.profile.control_hz
 
 
 def test_a_body_that_does_not_wait_gets_an_action_every_control_step() -> None:

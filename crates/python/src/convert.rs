@@ -110,6 +110,10 @@ pub(crate) fn json(
     {
         return Ok(Value::Number(i.into()));
     }
+    // numpy's scalars say what they are by this: an integer of it is no int of Python.
+    if value.hasattr("dtype")? && value.getattr("shape")?.len()? == 0 {
+        return json(&value.call_method0("item")?, field, depth + 1, error);
+    }
     if let Ok(mapping) = value.cast::<PyMapping>() {
         let mut out = Map::new();
         for item in mapping.items()?.iter() {

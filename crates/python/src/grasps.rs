@@ -198,7 +198,7 @@ impl PyGraspPlan {
 }
 
 impl PyScene {
-    /// As [`Scene::grasps`], the GIL released; Ctrl-C ends it.
+    /// As [`Scene::grasps`], the GIL released; Ctrl-C ends the call.
     pub(crate) fn grasps_of(
         &self,
         py: Python<'_>,
@@ -232,7 +232,9 @@ impl PyScene {
         let task = targets.into_iter().fold(task, GraspTask::target);
         let grasps: Vec<Grasp> = grasps.iter().map(|g| g.0).collect();
         let scene = self.0.clone();
-        interruptible(py, Cancel::new(), move |_| scene.plan_grasp(&task, &grasps))?
+        let cancel = Cancel::new();
+        let task = task.cancel(cancel.clone());
+        interruptible(py, cancel, move |_| scene.plan_grasp(&task, &grasps))?
             .map(|found| found.map(PyGraspPlan))
             .map_err(|e| from_problem(&e))
     }

@@ -108,7 +108,7 @@ pub(crate) fn plan_batch(
 }
 
 /// Smallest signed distances (m) of the checked pairs along a plan's motion, sampled every `step` seconds: `self`,
-/// `table`, `object`. None where the plan has no motion.
+/// `table`, `object`, each None where nothing of it is checked within a metre. None where the plan has no motion.
 #[pyfunction]
 pub(crate) fn min_clearance<'py>(
     py: Python<'py>,
@@ -121,8 +121,8 @@ pub(crate) fn min_clearance<'py>(
         interruptible(py, Cancel::new(), move |cancel| gensim2_kpam::min_clearance(&problem, &plan, step, cancel))?;
     let Some([itself, table, object]) = found.map_err(|e| from_problem(&e))? else { return Ok(None) };
     let out = PyDict::new(py);
-    out.set_item("self", itself)?;
-    out.set_item("table", table)?;
-    out.set_item("object", object)?;
+    for (name, distance) in [("self", itself), ("table", table), ("object", object)] {
+        out.set_item(name, distance.is_finite().then_some(distance))?;
+    }
     Ok(Some(out))
 }

@@ -72,7 +72,7 @@ impl PyTrajectory {
     fn sample_every<'py>(&self, py: Python<'py>, dt: f64) -> PyResult<Bound<'py, PyAny>> {
         let (start, end) = (self.0.start(), self.0.end());
         let steps = ((end - start) / dt - 1e-9).ceil();
-        if !(dt > 0.0 && steps < MAX_ROWS) {
+        if !(dt > 0.0 && dt.is_finite() && steps < MAX_ROWS) {
             let least = (end - start) / MAX_ROWS;
             return Err(problem_error(
                 "dt",
@@ -114,8 +114,14 @@ impl PyTrajectory {
     }
 
     /// Return this motion until t and `next` from there on, which is in the same state at t (to 1e-6).
-    fn splice(&self, next: &Bound<'_, Self>, t: f64) -> PyResult<Self> {
-        self.0.splice(&next.get().0, t).map(Self).map_err(|e| from_problem(&e))
+    fn splice(&self, py: Python<'_>, next: &Bound<'_, Self>, t: f64) -> PyResult<Self> {
+        let next = &next.get().0;
+        py.detach(|| self.0.splice(next, t)).map(Self).map_err(|e| from_problem(&e))
+    }
+
+    /// Return this motion from t on.
+    fn since(&self, t: f64) -> PyResult<Self> {
+        self.0.since(t).map(Self).map_err(|e| from_problem(&e))
     }
 
     #[staticmethod]

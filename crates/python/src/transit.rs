@@ -92,11 +92,14 @@ impl PyMotion {
     }
 }
 
-/// Joint vectors from (n,) or (K, n), or a pose (4, 4) with the link that is to be there.
+/// Joint vectors from (n,) or (K, n), or a pose (4, 4) with the link that is to be there. Of a robot with four joints a
+/// rigid transform is a pose.
 fn goal_of(goal: &Bound<'_, PyAny>, joints: usize, link: Option<String>) -> PyResult<Goal> {
     let (values, shape) = convert::numbers(goal, "goal")?;
     match (shape.as_slice(), link) {
-        ([4, 4], link) if link.is_some() || joints != 4 => Ok(Goal::Pose { pose: convert::pose(goal, "goal")?, link }),
+        ([4, 4], link) if link.is_some() || joints != 4 || convert::pose(goal, "goal").is_ok() => {
+            Ok(Goal::Pose { pose: convert::pose(goal, "goal")?, link })
+        }
         ([n], None) if *n == joints => Ok(Goal::Joints(vec![values])),
         ([k, n], None) if *n == joints && *k > 0 => {
             Ok(Goal::Joints(values.chunks_exact(*n).map(<[f64]>::to_vec).collect()))

@@ -79,7 +79,7 @@ def benchmark(tasks: tuple[str, ...], json_file: str | None, **given: Any) -> No
     method = given.pop("method")
     if method == "original-configs":
         return _configs(tasks, json_file, given)
-    _refuse(given, ("configs", "scenes"), f"is of no use with --method {method}")
+    _refuse(("configs", "scenes"), f"is of no use with --method {method}")
     with report(json_file, _show) as (progress, give):
         from gensim2.evaluation import benchmark as function
 
@@ -93,13 +93,14 @@ _OF_CONFIGS = ("configs", "scenes", "episodes", "seed", "assets", "physics", *_R
 
 
 def _configs(tasks: tuple[str, ...], json_file: str | None, given: dict[str, Any]) -> None:
-    _refuse(given, [name for name in given if name not in _OF_CONFIGS], "is of our own method")
+    _refuse([name for name in given if name not in _OF_CONFIGS], "is of our own method")
     if given["configs"] is None:
         raise click.UsageError("--method original-configs needs --configs FILE.jsonl")
     chosen = {name: given[name] for name in _OF_CONFIGS}
     chosen["scenes"] = chosen["scenes"] or "recorded"
     if not _was_given("physics"):
-        chosen["physics"] = "original"
+        _, switch, redraw = given["physics"].partition("+redraw=")  # which --redraw has put there
+        chosen["physics"] = f"original{switch}{redraw}"
     if not _was_given("episodes"):
         del chosen["episodes"]
     with report(json_file, _show_configs) as (progress, give):
@@ -113,7 +114,7 @@ def _was_given(name: str) -> bool:
     return source is not click.core.ParameterSource.DEFAULT
 
 
-def _refuse(given: dict[str, Any], names: Sequence[str], why: str) -> None:
+def _refuse(names: Sequence[str], why: str) -> None:
     for name in names:
         if _was_given(name):
             option = {"disturbance": "disturb"}.get(name, name).replace("_", "-")

@@ -30,6 +30,12 @@ class Command(click.Command):
             args = ["--json=-" if word == "--json" else word for word in args]
         return super().parse_args(ctx, args)
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Refuse to go on with a run that is not named: a new folder would begin from nothing."""
+        if ctx.params.get("resume") and ctx.params.get("out", "") is None:
+            raise click.UsageError("--resume goes on with what --out holds: give --out, too")
+        return super().invoke(ctx)
+
     def _lacks_an_argument(self, ctx: click.Context, args: list[str]) -> bool:
         try:
             given, _, _ = self.make_parser(ctx).parse_args(list(args))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -12,9 +12,7 @@ from gensim2.cli import options
 from gensim2.cli.designers import NAMES, designer_of_command, designer_options
 from gensim2.cli.output import line, report, table
 from gensim2.cli.tasks_memory import show_remembered
-
-if TYPE_CHECKING:
-    pass
+from gensim2.errors import InputError
 
 
 @click.command("run-pipeline", cls=options.Command, short_help="Design, verify and demonstrate new tasks.")
@@ -80,6 +78,7 @@ def run_pipeline(
         from gensim2.scenes.config import SceneOptions, split_arguments
 
         asked = {name: given.pop(name) for name in NAMES}
+        _check_kinds(designer, asked["mode"], given)
         scene = SceneOptions.of(**split_arguments(given)[0])
         by, target = designer_of_command(designer, target_task, target_object, scene, asked)
         result = function(
@@ -89,6 +88,18 @@ def run_pipeline(
             **given,
         ).to_dict()
         give({**result, "remembered": asdict(remember(Path(result["run_dir"])))})
+
+
+def _check_kinds(designer: str | None, mode: str | None, given: dict[str, Any]) -> None:
+    """Refuse to ask a model for tasks of a kind that it does not propose in this mode: each proposal would cost."""
+    if designer in (None, "offline"):
+        return
+    explores = mode in (None, "explore")
+    kind, other = ("long", "topdown or bottomup") if explores else ("single", "explore")
+    if given[kind]:
+        steps = "one step" if explores else "several steps"
+        message = f"a model proposes tasks of {steps} in --mode {mode or 'explore'}"
+        raise InputError(message, field=f"--{kind}", remedy=f"give --mode {other}, in a run of its own")
 
 
 def _show(result: dict[str, Any]) -> None:

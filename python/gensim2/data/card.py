@@ -145,6 +145,8 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
                 ("randomization", scene.randomization),
                 ("seed", str(record.seed)),
                 ("episodes tried of each task", str(record.episodes)),
+                *([("control", "open loop")] if record.rollout.open_loop else []),
+                *([("noise on what was sent", f"{record.rollout.noise:g} rad")] if record.rollout.noise else []),
                 *((f"version of {name}", version) for name, version in sorted(record.versions.items())),
             ],
         ),

@@ -40,7 +40,9 @@ class CollectionFolder(OwnedFolder):
         super().__init__(path, DATASET_JSON, "a data set", resume)
         with self.released_on_error():
             if (path / DATASET_JSON).exists():
-                _compare(path / DATASET_JSON, DataSet.open(path).record, record)
+                before = DataSet.open(path).record
+                _compare(path / DATASET_JSON, before, record)
+                _carry_over(before, record)
             self.dataset = DataSet(path, record)
             self.dataset.save()
             self._run: dict[str, Any] = {
@@ -90,6 +92,13 @@ def _compare(file: Path, before: DatasetRecord, now: DatasetRecord) -> None:
         if (other.digest, other.instances, other.objects) != (task.digest, task.instances, task.objects):
             text = "the task, its strategies or its instances have changed since the collection was begun"
             raise InputError(text, file=file, field=f"tasks.{name}", remedy=_REMEDY)
+
+
+def _carry_over(before: DatasetRecord, now: DatasetRecord) -> None:
+    """Keep what is known of the episodes that are there: until new ones are, the data set is what it was."""
+    now.objects = dict(before.objects)
+    if (now.episodes, list(now.tasks)) == (before.episodes, list(before.tasks)):
+        now.tasks, now.complete = dict(before.tasks), before.complete
 
 
 def now() -> str:

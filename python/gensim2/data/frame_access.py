@@ -177,11 +177,12 @@ class FrameAccess:
         return TorchFrames(self)
 
     def _actions(self, recording: Recording, frame: int) -> dict[str, Array]:
+        meant = recording.meant  # without the noise of `collect --noise`
         if self._horizon == 1:
-            return {"action": recording.actions[frame]}
+            return {"action": meant[frame]}
         rows = np.arange(frame, frame + self._horizon)
         return {
-            "action": recording.actions[np.minimum(rows, recording.steps - 1)],
+            "action": meant[np.minimum(rows, recording.steps - 1)],
             "action_is_pad": rows >= recording.steps,
         }
 

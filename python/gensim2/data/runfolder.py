@@ -9,6 +9,7 @@ OUT/rejected/<Task>/            the same for what was designed and not kept
 
 from __future__ import annotations
 
+import itertools
 import platform
 import sys
 import time
@@ -49,8 +50,10 @@ RUN_JSON = "run.json"
 
 
 def default_run_dir() -> Path:
-    """Return ``runs/<date>-<time>`` under the present folder."""
-    return Path("runs") / time.strftime("%Y%m%d-%H%M%S")
+    """Return ``runs/<date>-<time>`` under the present folder, with a number behind it where that is taken."""
+    first = Path("runs") / time.strftime("%Y%m%d-%H%M%S")
+    others = (first.with_name(f"{first.name}-{number}") for number in itertools.count(2))
+    return next(path for path in itertools.chain([first], others) if not path.exists())
 
 
 class RunFolder(OwnedFolder):

@@ -63,7 +63,7 @@ class Selection:
             InputError: the data set has no such task, or its collection is not complete, or an episode's file that has
                 to be looked at is damaged.
         """
-        for name in self.tasks or dataset.tasks:
+        for name in dict.fromkeys(self.tasks or dataset.tasks):
             store = dataset.task(name)
             rows = [row for row in store.rows() if self.takes(row)]
             if self.clearance is not None:

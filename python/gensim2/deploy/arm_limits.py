@@ -124,7 +124,9 @@ class ArmLimits:
         if not np.isfinite(velocity).all():
             raise InputError("a joint of the arm has no velocity limit", file=profile.urdf, field="limit")
         known = profile.solver.get("limits") == "panda"
-        acceleration, jerk = _PANDA if known else (np.full(len(columns), each) for each in _UNKNOWN)
+        acceleration, jerk = (
+            each.copy() for each in (_PANDA if known else [np.full(len(columns), each) for each in _UNKNOWN])
+        )
         for name, own in (("acceleration_limits", acceleration), ("jerk_limits", jerk)):
             given = profile.solver.get(name)
             if given is not None:
@@ -136,8 +138,8 @@ class ArmLimits:
             range_lower,
             range_upper,
             speed * velocity,
-            acceleration.copy(),
-            jerk.copy(),
+            acceleration,
+            jerk,
             speed * TOOL_SPEED,
             np.array(low),
             np.array(high),

@@ -126,7 +126,7 @@ class Log:
         self._new_writer: Callable[[Any], Any] = partial(Writer, **how)
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.glob("*.mcap")):
-            raise InputError("holds a log already", file=folder, remedy="choose another folder with --log")
+            raise InputError("holds a log already", file=folder, remedy="choose another folder with --out")
         self.folder, self._about, self._opener = folder, dict(about), opener
         self._max_bytes, self._segment = max_bytes, segment
         self.trouble: str | None = None

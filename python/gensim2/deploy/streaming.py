@@ -17,6 +17,9 @@ _PASSED = 2 * CYCLE
 """Seconds before its time from which on a target is left to what follows: a motion that is a little late need not turn
 back for it."""
 
+_KEPT = 1.0
+"""Seconds of the past that are kept: the last command is asked about."""
+
 _FITTED = 0.999
 """Share of the limits that motions use: what they ask for is to be sent as it is."""
 
@@ -84,7 +87,9 @@ class Streamer:
                 start_acceleration=a,
                 start_time=now,
             )
-            self._motion = found if self._motion is None or q is sent.q else self._motion.splice(found, now)
+            if self._motion is not None and q is not sent.q:
+                found = self._motion.splice(found, now).since(now - _KEPT)
+            self._motion = found
         except kpam.KpamError:
             return False  # what there is comes to rest by itself, and the next targets are joined from there
         return True

@@ -32,6 +32,9 @@ from gensim2.tasks.strategies import StepStrategies, Strategies, with_strategies
 #: Proposals put to the search for each task that was asked for, before the run gives up on reaching that number.
 PROPOSALS_PER_TASK = 3
 
+#: Proposals in a row of a kind that no more of are wanted, before the run gives up: each may cost a model's answer.
+MAX_UNWANTED = 300
+
 #: Seconds of CPU after which the report is written anew: it takes the longer the more tasks there are.
 REPORT_EVERY = 60.0
 
@@ -118,7 +121,7 @@ class Execution:
     def run(self, wanted: Wanted, target: TaskSpec | None, stored: Sequence[TaskInput]) -> PipelineResult:
         """Design until what is wanted is kept, or the one that is the target; then take the stored ones."""
         rejected: list[dict[str, str]] = []
-        tried, reported = 0, 0.0
+        tried, unwanted, reported = 0, 0, 0.0
         self.designer.open(self.folder.path)
         proposals = iter([target] if target is not None else self.designer.propose(self._brief, self.seed))
         while len(self._kept) < wanted.total and tried < PROPOSALS_PER_TASK * wanted.total:
@@ -126,7 +129,12 @@ class Execution:
             if task is None:
                 break
             if not wanted.wants(task, self._kept):
+                unwanted += 1
+                if unwanted == MAX_UNWANTED:
+                    self.notes.append(f"{unwanted} proposals in a row were of a kind that no more of are wanted")
+                    break
                 continue
+            unwanted = 0
             tried += 1
             begin, cpu_s = time.perf_counter(), self.evaluator.cpu_s
             reason = self._designed(task)

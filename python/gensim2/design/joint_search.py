@@ -57,7 +57,7 @@ LIKELY: tuple[tuple[str, Literal["closed", "grasp"], Axis | None, float, float, 
 
 def likely(thing: Affordance, opening: bool, goal: float) -> list[Manipulation]:
     """Alignments that are worth a try before any draw, at the keypoint furthest from the axis."""
-    if thing.joint_type != "prismatic":
+    if thing.joint_type != "prismatic" or not thing.lever_arms:
         return []
     named = {direction.name: direction for direction in DIRECTIONS}
     return [

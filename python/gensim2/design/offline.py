@@ -69,6 +69,8 @@ class OfflineDesigner:
         """Return the first round: all rules together, each alone, and for a joint a draw of alignments beside them."""
         if task.is_single_step and (goal := proposals.joint_goal(task)) is not None:
             step, thing = task.steps[0], brief.classes[goal[0]]
+            if not thing.lever_arms:
+                raise Declined("no keypoint of the part that moves is one of all its objects")
             rules = skills.joint_ways(thing, "open" if OPENING[goal[1]] else "close", goal[1].startswith("half"))
             teams = [_rules(step, rules), _rules(step, dict(reversed(rules.items())))]
             alone = [_rules(step, {name: data}) for name, data in rules.items()]

@@ -190,6 +190,7 @@ def evaluate(
             folder.save()
             rows.append(TaskRow(one.spec, runs, tuple(found)))
             if videos:
+                _keep_missing(one, folder, evaluator, spec, stop, min(videos, runs * episodes), found, progress)
                 films[one.spec.name] = _film(one, spec, about, folder, evaluator, seed, progress)
         result = EvaluationResult(
             str(folder.path), about, asked, versions(), tuple(rows), skipped, speeds, films, evaluator.cpu_s
@@ -239,6 +240,33 @@ def _keep(folder: Path, index: int, episode: Episode, recording: Recording | Non
 
     TaskStore(folder).add(index, episode, recording)
     return episode
+
+
+def _keep_missing(
+    given: TaskInput,
+    folder: RunFolder,
+    evaluator: PoolEvaluator,
+    spec: ControllerSpec,
+    stop: Stop,
+    videos: int,
+    episodes: Sequence[Episode],
+    progress: Progress,
+) -> None:
+    """Run those of the first episodes once more whose states were not kept, for no film was asked for then."""
+    from gensim2.data.store import TaskStore
+    from gensim2.processes import Job
+
+    files = folder.task(given.spec.name).path
+    kept = {each.index for each in TaskStore(files).found() if each.row is not None and each.row.recorded}
+    config = evaluator.config(given.spec, given.instances)
+    missing = [
+        Job(index, _arguments(config, spec, stop, files, videos, index, episodes[index].seed))
+        for index in range(videos)
+        if index not in kept
+    ]
+    progress.start(f"{given.spec.name}: episodes to film", len(missing))
+    for _ in evaluator.run(_episode, missing, f"{given.spec.name}: episodes to film"):
+        progress.advance()
 
 
 def _film(

@@ -88,12 +88,17 @@ def build_gallery(
         size: edge of each in pixels.
 
     Raises:
-        InputError: no library has one of ``classes``; a findings file is none; the folder cannot be written to.
+        InputError: no library has one of ``classes``; two folders have one name; a findings file is none; the folder
+            cannot be written to.
         MissingExtraError: SAPIEN is not installed.
         GenSim2Error: no Vulkan driver works here.
     """
     wanted = wanted_classes(libraries, classes)
     verdicts = [_verdicts(path) for path in findings]
+    names_of = [library.name for library, _ in wanted]
+    if len(set(names_of)) < len(names_of):
+        repeated = next(name for name in names_of if names_of.count(name) > 1)
+        raise InputError(f"two folders are called {repeated!r}", field="assets", remedy="make a page of each")
     maker = _Maker(out, views, size)
     sections = []
     for library, names in wanted:

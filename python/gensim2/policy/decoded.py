@@ -124,7 +124,11 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
     place = cache_dir() / "policy" / "frames" / f"{VERSION}-{digest[:32]}"
     episodes = tuple(_episodes(rows))
     if not _whole(place, episodes):
-        _fill(place, rows, episodes, spec, progress)
+        try:
+            _fill(place, rows, episodes, spec, progress)
+        except InputError:
+            if not _whole(place, episodes):  # else another training decoded the same meanwhile
+                raise
     arrays = {file.stem: np.load(file, mmap_mode="r") for file in sorted(place.glob("*.npy"))}
     last = episodes[-1]
     record = DataRecord(

@@ -19,7 +19,7 @@ from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import HEADS, PolicyConfig, TrainConfig
 from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, Control, PolicyResult, evaluate_policy
 from gensim2.policy.frames import check_turns
-from gensim2.policy.keypose.adding import RATE, take_along
+from gensim2.policy.keypose.adding import RATE, take_along, taught_before
 from gensim2.policy.keypose.data import plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.teaching import pulls_last
@@ -215,14 +215,17 @@ def learn(
     named = words(given, tasks)
     if objects is None and "instances" not in scene and all(map(can_be_counted, given)):
         objects = OBJECTS
-    if test_instances is None:
-        test_instances = unseen_instances(given) if objects is None else "new"
-    tested_on: dict[str, Any] = {**scene, "instances": test_instances}
-    seen = shared_objects(given, test_instances) if objects is None else []
     if objects is not None:
         given = [with_objects(one, objects, seed) for one in given]
     begun = None if start is None else read_start(start, policy, given, noise)
     known = [] if begun is None else known_tasks(begun, progress)
+    # Those that it was taught before are measured, too: on none of the objects that it was taught them on.
+    before = [] if start is None else taught_before(start, known, seed=seed, **scene)
+    listed = [*(given if objects is None else ()), *before]
+    if test_instances is None:
+        test_instances = unseen_instances(listed) if listed else "new"
+    tested_on: dict[str, Any] = {**scene, "instances": test_instances}
+    seen = shared_objects(listed, test_instances)
     read_all_task_inputs([*known, *named.values()], seed=seed, **tested_on)
     if multi_task or begun is not None:
         check_sentences([*(begun.sentences if begun is not None else ()), *(one.spec.description for one in given)])
@@ -284,10 +287,13 @@ def _begin(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
         raise InputError("holds a run already", file=out, remedy="choose another --out, or go on with --resume")
     there = read_record(path, LearnRecord, "choose another --out")
     for name in LearnRecord.model_fields:
-        if name not in ("steps", "data_cpu_s", "episodes") and getattr(there, name) != getattr(record, name):
-            message = f"the run has {getattr(there, name)!r}, not {getattr(record, name)!r}"
+        was, now = getattr(there, name), getattr(record, name)
+        if name == "start" and was is not None and now is not None:
+            was, now = was[1], now[1]  # the same policy in a folder that was moved
+        if name not in ("steps", "data_cpu_s", "episodes") and was != now:
+            message = f"the run has {was!r}, not {now!r}"
             raise InputError(message, file=path, field=name, remedy="give the same, or another --out")
-    return there
+    return there.model_copy(update={"start": record.start})
 
 
 def _teach_by_plans(
@@ -376,6 +382,10 @@ def _teach_by_episodes(
         rendered = render(data, spec=spec, workers=workers, resume=True, progress=progress)
         record.data_cpu_s[key] = spent + collected.cpu_s + rendered.cpu_s
         write_json(out / LEARN_JSON, record.model_dump(mode="json"))
+    for task in collected.status.tasks:
+        if task.held == 0:
+            message = f"none of its {task.tried} demonstrations held"
+            raise InputError(message, field=f"tasks.{task.name}", remedy="leave it out, or give more --minutes")
     policy = PolicyConfig(head=record.policy, text="small" if len(group) > 1 else "none")
     source = Demonstrations.open([data], policy, (), progress=progress)
     training = TrainConfig(seed=record.seed, threads=1)

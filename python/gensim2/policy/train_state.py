@@ -115,7 +115,6 @@ class TrainState:
                 if f"{key}.{name}" in parts["optimizer"]
             }
             if moments:
-                self.optimizer.state[parameter] = {
-                    key: value if key == "step" else value.to(parameter.device) for key, value in moments.items()
-                }
+                # The fused optimizer wants the number of the step where the parameter is, too.
+                self.optimizer.state[parameter] = {key: value.to(parameter.device) for key, value in moments.items()}
         self.step, self.cpu_s = record.step, record.cpu_s

@@ -93,13 +93,15 @@ class ControllerSpec:
     @property
     def digest(self) -> str:
         """Of the name, the arguments, the source and the files that the class says it depends on (``depends_on``, a
-        static method that is given the arguments): a run that is gone on with must have the same.
+        static method that is given the arguments): a run that is gone on with must have the same. The folder of a
+        checkpoint whose files are among them is left out: it may be moved.
         """
         where, _ = _parts(self.target)
         source = getattr(_module(where, self.target), "__file__", None)
-        found = hashlib.sha256(json.dumps([self.target, self.arguments], sort_keys=True).encode())
-        found.update(Path(source).read_bytes() if source is not None else b"")
         depends: Callable[..., list[Path]] | None = getattr(self.load(), "depends_on", None)
+        told = {name: value for name, value in self.arguments.items() if depends is None or name != "checkpoint"}
+        found = hashlib.sha256(json.dumps([self.target, told], sort_keys=True).encode())
+        found.update(Path(source).read_bytes() if source is not None else b"")
         for path in [] if depends is None else depends(**self.arguments):
             found.update(path.read_bytes())
         return found.hexdigest()[:16]
@@ -137,11 +139,12 @@ def _module(where: str, target: str) -> ModuleType:
 
 
 def _of_file(path: Path) -> ModuleType:
-    """The module in a file, imported once a process; its folder is searched for what it imports."""
+    """The module in a file, imported once a process as long as it is not edited; its folder is searched for what it
+    imports."""
     path = path.resolve()
     if not path.is_file():
         raise ControllerError("there is no such file", file=path, remedy=_REMEDY)
-    name = f"gensim2_controller_{path.stem}_{hashlib.sha256(bytes(path)).hexdigest()[:8]}"
+    name = f"gensim2_controller_{path.stem}_{hashlib.sha256(bytes(path) + path.read_bytes()).hexdigest()[:8]}"
     if name in sys.modules:
         return sys.modules[name]
     found = importlib.util.spec_from_file_location(name, path)

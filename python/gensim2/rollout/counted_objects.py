@@ -9,6 +9,8 @@ from gensim2.objects.library.catalogue import BUILTIN
 from gensim2.rollout.inputs import TaskInput
 from gensim2.seeding import rng
 
+_COUNTED = " generated, seed "
+
 
 def can_be_counted(given: TaskInput) -> bool:
     """Whether a task has articulated objects that are generated, so that there are as many as are wanted."""
@@ -25,7 +27,12 @@ def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
         raise InputError(f"{given.spec.name}: can be counted for generated articulated objects", field="objects")
     chosen = frozenset((name, _drawn(given, kind, count, seed)) for name, kind in _articulated(given).items())
     scene = given.scene.options.with_task(given.spec, chosen)
-    return replace(given, scene=scene, instances=f"{count} generated, seed {seed}")
+    return replace(given, scene=scene, instances=f"{count}{_COUNTED}{seed}")
+
+
+def is_counted(instances: str) -> bool:
+    """Whether :func:`with_objects` chose a task's objects, from its word for them."""
+    return _COUNTED in instances
 
 
 def _articulated(given: TaskInput) -> dict[str, str]:

@@ -88,7 +88,9 @@ def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> i
                 return step
             body.step(action)
             if not body.waits:
-                due += 1.0 / body.profile.control_hz
+                # What came late is caught up by half a step at most: the next commands would follow too fast.
+                period = 1.0 / body.profile.control_hz
+                due = max(due, time.monotonic() - 0.5 * period) + period
                 time.sleep(max(0.0, due - time.monotonic()))
         return steps
     finally:

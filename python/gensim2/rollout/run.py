@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.observations import Observation, ObservationSpec
+from gensim2.observations import EmptyCloudError, Observation, ObservationSpec
 from gensim2.rollout.controller import (
     ACTUATION,
     Action,
@@ -80,7 +80,8 @@ def run(
     The controller acts until it is done, or until the task's step limit. Then its last command is held until the scene
     has settled, and the episode is judged. These steps are part of the episode: a replay ends in the same state. Only
     where the goal holds, the rest of a second is run for the strict verdict, and the same seed without the arm; neither
-    is part of the episode. A controller that is done before its first action ends the episode there.
+    is part of the episode. A controller that is done before its first action ends the episode there. So it ends where
+    the cameras see nothing any more, since what was in the workspace has left it.
 
     Args:
         world: is reset, and once more where the no-op baseline is run.
@@ -118,6 +119,10 @@ def run(
             motion.step(action, reference_of(controller))
             if stop == "goal":
                 held_for = held_for + 1 if all_hold(world.task.success, motion.trace[-1]) else 0
+    except EmptyCloudError:
+        if not motion.steps:
+            raise  # cameras that see nothing from the start are a fault of what was asked for
+        cut = False  # what stood before the cameras has left the workspace: there is nothing to go on from
     finally:
         asked.close()
     ended = motion.steps

@@ -245,7 +245,8 @@ def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> 
     if is_privileged(spec.load()):
         controller = spec.make(task, profile)
     else:
-        key = (spec.target, json.dumps(spec.arguments, sort_keys=True))
+        # What it is made of may have been made anew since: a checkpoint in the same folder, the class in the same file.
+        key = (spec.target, json.dumps(spec.arguments, sort_keys=True), spec.digest)
         if key not in _kept:
             _kept.clear()
             _kept[key] = spec.make(task, profile)
@@ -253,7 +254,7 @@ def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> 
     return Guarded(controller, spec, profile, which)
 
 
-_kept: dict[tuple[str, str], Controller] = {}
+_kept: dict[tuple[str, str, str], Controller] = {}
 """The last controller that was made in this process."""
 
 

@@ -140,6 +140,19 @@ def test_an_endpoint_without_schemas_is_asked_without(server: ModelServer) -> No
     assert all("response_format" not in asked.body for asked in server.asked)
 
 
+def test_a_server_that_refuses_a_field_as_unprocessable_is_asked_without(server: ModelServer) -> None:
+    refused = b'{"detail": [{"type": "extra_forbidden", "loc": ["body", "response_format"]}]}'
+    server.faults = deque([Fault(422, body=refused)])
+    assert Client(options(server)).ask(question()).text == '{"fine": true}'
+    assert "response_format" not in server.asked[-1].body
+
+
+def test_nothing_at_the_address_is_no_missing_model(server: ModelServer) -> None:
+    server.faults = deque([Fault(404, body=b'{"detail": "Not Found"}')])
+    with pytest.raises(InputError, match="--base-url end as it should"):
+        Client(options(server)).ask(question())
+
+
 def test_a_model_with_another_name_for_the_limit_is_asked_by_it(server: ModelServer) -> None:
     complaint = b'{"error": {"message": "max_tokens is not supported, use max_completion_tokens"}}'
     server.faults = deque([Fault(400, body=complaint)])

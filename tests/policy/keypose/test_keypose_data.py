@@ -13,7 +13,7 @@ from gensim2.observations import ObservationSpec
 from gensim2.planning import StepPlanner
 from gensim2.policy.keypose import data
 from gensim2.policy.keypose.data import plan_scenes, read_planned
-from gensim2.policy.keypose.examples import _left_anywhere, draw
+from gensim2.policy.keypose.examples import _left_anywhere, draw, other_openness
 from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, RETREAT, program_of
 from gensim2.policy.keypose.teaching import pulls_last
 from gensim2.processes import WorkerPool
@@ -103,6 +103,18 @@ def test_a_scene_is_left_out_where_physics_refutes_its_plans(given: TaskInput) -
     assert refuted.examples == ()
     assert refuted.failed is not None
     assert refuted.failed.startswith("refuted: ")
+
+
+def test_steps_that_are_done_at_the_start_are_none_that_physics_is_asked_about() -> None:
+    lemon = read_task_input("PlaceLemonIntoDrawer", assets="builtin", instances="train")
+    for seed in range(400):
+        opened = other_openness(lemon.scene, seed)
+        if opened is not None and opened["openness"]["drawer"] > 0.9:
+            break
+    drawn = draw(lemon.scene, lemon.strategies, SPEC, seed, verify=True)
+    steps = [int(each["step"]) for each in draw(lemon.scene, lemon.strategies, SPEC, seed).examples]
+    assert steps[0] == 1, "the drawer is not open at the start: this tests nothing"
+    assert drawn.failed is None or drawn.failed.startswith("refuted: ")
 
 
 def test_a_folder_goes_on_and_refuses_what_is_not_its_own(

@@ -8,7 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{Grasp, ParallelGripper};
 use crate::config::{Constraint, Frame, Motion, SolverConfigBuilder, TargetAxis};
-use crate::{Bodies, Gripper, KeypointProblem, Options, Outcome, Plan, ProblemError, Role, Scene, SolverConfig, plan};
+use crate::{
+    Bodies, Cancel, Gripper, KeypointProblem, Options, Outcome, Plan, ProblemError, Role, Scene, SolverConfig,
+    plan_timed,
+};
 
 /// Tolerances of the hand's pose (m, rad).
 const PLACE: f64 = 2e-4;
@@ -36,6 +39,7 @@ pub struct GraspTask {
     lift: Vector3<f64>,
     targets: Vec<Target>,
     options: Options,
+    cancel: Cancel,
 }
 
 impl GraspTask {
@@ -43,7 +47,8 @@ impl GraspTask {
     /// and up by as much.
     pub fn new(body: impl Into<String>, gripper: ParallelGripper, q_start: Vec<f64>) -> Self {
         let (lift, options) = (Vector3::new(0.0, 0.0, 0.1), Options::default());
-        Self { body: body.into(), gripper, q_start, approach: 0.1, lift, targets: Vec::new(), options }
+        let (body, cancel) = (body.into(), Cancel::new());
+        Self { body, gripper, q_start, approach: 0.1, lift, targets: Vec::new(), options, cancel }
     }
 
     /// Sets the way (m) that the open hand comes straight along its fingers.
@@ -64,9 +69,15 @@ impl GraspTask {
         self
     }
 
-    /// Sets the options of every plan.
+    /// Sets the options of every plan; a motion that the arm has at the start is the pick's.
     pub fn options(mut self, options: Options) -> Self {
         self.options = options;
+        self
+    }
+
+    /// Sets the flag by which another thread ends the search: no grasp is found then.
+    pub fn cancel(mut self, cancel: Cancel) -> Self {
+        self.cancel = cancel;
         self
     }
 
@@ -131,12 +142,15 @@ struct Asked<'a> {
 
 impl Asked<'_> {
     fn motions(&self, grasp: &Grasp, object_hand: &Pose) -> Result<Option<(Plan, Vec<Plan>)>, ProblemError> {
-        let pick = plan(&self.pick(grasp, object_hand)?);
+        if self.task.cancel.is_cancelled() {
+            return Ok(None);
+        }
+        let pick = plan_timed(&self.pick(grasp, object_hand)?, &self.task.cancel).0;
         let Some(mut q) = end(&pick) else { return Ok(None) };
         let mut carries = Vec::with_capacity(self.task.targets.len());
         for target in &self.task.targets {
             self.task.gripper.set_opening(&mut q, grasp.width);
-            let carry = plan(&self.carry(target, object_hand, q)?);
+            let carry = plan_timed(&self.carry(target, object_hand, q)?, &self.task.cancel).0;
             let Some(next) = end(&carry) else { return Ok(None) };
             q = next;
             carries.push(carry);
@@ -164,7 +178,9 @@ impl Asked<'_> {
         let hand_object = object_hand.inverse();
         let bodies = self.bodies(Role::Attached, |_| hand_object)?;
         let motions = (vec![Motion::Move(self.task.lift)], vec![]);
-        self.problem(q, bodies, &hand_object, &target.object, target.free_axis, motions, self.task.options.clone())
+        // It begins at rest, where the motion before it ends.
+        let options = Options { start_velocity: None, start_acceleration: None, ..self.task.options.clone() };
+        self.problem(q, bodies, &hand_object, &target.object, target.free_axis, motions, options)
     }
 
     /// Brings a frame that rides on the hand to a pose, up to turns about `free_axis`.

@@ -157,6 +157,8 @@ impl<'p> Planner<'p> {
         };
         if !solved && self.world.is_cancelled() {
             (out.outcome, out.reason) = (Outcome::Failed(Lack::Cancelled), "planning was cancelled".to_owned());
+            // Times are of a trajectory.
+            out.keyframes.iter_mut().for_each(|keyframe| keyframe.time = None);
         } else if !solved && self.world.is_spent() && out.trajectory().is_none() {
             out.outcome = Outcome::Failed(Lack::NotFound);
             out.reason = format!("the collision checks are spent; so far {}", out.reason);

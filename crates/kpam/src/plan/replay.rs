@@ -82,7 +82,7 @@ pub fn min_clearance(
     let trajectory = replay.trajectory;
     let (start, end) = (trajectory.start(), trajectory.end());
     let steps = ((end - start) / step).ceil().max(1.0);
-    if !(step > 0.0 && steps <= MAX_CHECKS as f64) {
+    if !(step > 0.0 && step.is_finite() && steps <= MAX_CHECKS as f64) {
         let least = (end - start) / MAX_CHECKS as f64;
         return Err(ProblemError::new("step", format!("must be at least {least:.3e} s for this motion, not {step}")));
     }

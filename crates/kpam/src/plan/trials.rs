@@ -88,8 +88,13 @@ impl Planner<'_> {
         // The hand's paths from a pose are the same whatever the margin.
         let mut followed: Vec<Attempt> = Vec::new();
         let margins = self.margins_in_turn();
+        // The part of a motion that an earlier round, of a larger margin, came to: it counts where planning has to end.
+        let mut kept: Option<(f64, Attempt)> = None;
         for (round, margin) in margins.iter().enumerate() {
             let is_last = round + 1 == margins.len();
+            if let Some(part) = trials.best.take_if(|best| round > 0 && best.timed.is_some()) {
+                kept = Some((margins[round - 1], part));
+            }
             self.set_margin(*margin);
             // The longest part that keeps less is no measure for what keeps more, nor is it taken where less will do.
             self.partial = options.allow_partial && (is_last || self.world.is_limited());
@@ -138,6 +143,11 @@ impl Planner<'_> {
             }
         }
         self.drop_parts(&mut trials);
+        let has_part = trials.best.as_ref().is_some_and(|best| best.timed.is_some());
+        if let Some((margin, part)) = kept.filter(|_| self.world.is_over() && !has_part) {
+            self.set_margin(margin);
+            trials.best = Some(part);
+        }
         let better = others.iter().flatten().find(|c| c.cost < cheapest.cost);
         self.conclude(trials, better.unwrap_or(&cheapest))
     }

@@ -1,6 +1,7 @@
 //! Trajectory optimization: a plan's whole waypoint path made shorter by sequential quadratic programming.
 //!
-//! The cost is the original's: weighted squared joint steps between waypoints, 10 for the first joint and 1 for the rest.
+//! The cost is squared joint steps between waypoints, weighted by the problem's `joint_weights` (the original's are 10 for
+//! the first joint and 1 for the rest).
 //! Hand poses of keyframes stay (position exactly, orientation within 0.03 rad), and so does, where asked for, the hand's
 //! path from the actuation on; joint limits and clearances are linearized at each waypoint, clearances halfway between
 //! two as well. Each round is one banded program; its step counts only where the motion is cheaper, and free wherever it

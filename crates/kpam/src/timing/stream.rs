@@ -71,7 +71,8 @@ impl Trajectory {
 
     /// The motion that comes to rest as soon as the limits allow from the state at time `t` (s) on, along the same path:
     /// its clock is slowed to a halt. It begins at `t`; where the motion ends before it could be slowed, it is the rest
-    /// of the motion. Fastest among stops whose deceleration of the clock is a trapezoid.
+    /// of the motion. Fastest among stops whose deceleration of the clock is a trapezoid. The limits are those of velocity,
+    /// acceleration and jerk: a stop may ask for more torque than the motion did.
     ///
     /// # Errors
     /// A time that is not finite.
@@ -109,8 +110,9 @@ impl Trajectory {
             best = Some((high, nodes));
         }
         let pieces = match best {
-            Some((_, nodes)) => vec![Piece::smooth(begin, self.limits().joints(), &nodes, &[])],
-            None => self.from(begin),
+            // At its very end the motion is at rest already.
+            Some((_, nodes)) if left > 0.0 => vec![Piece::smooth(begin, self.limits().joints(), &nodes, &[])],
+            _ => self.from(begin),
         };
         let end = pieces.last().map_or(begin, Piece::end);
         let times = if end > begin { vec![begin, end] } else { vec![begin] };
@@ -151,14 +153,36 @@ impl Trajectory {
             .all(|pair| peaks(self.limits(), &pair[0], &pair[1]).into_iter().all(|share| share <= 1.0 + TOLERANCE))
     }
 
+    /// This motion from time `t` (s) on: a stream that is spliced again and again forgets what lies behind it by this.
+    ///
+    /// # Errors
+    /// A time that is not finite.
+    pub fn since(&self, t: f64) -> Result<Self, ProblemError> {
+        if !t.is_finite() {
+            return Err(ProblemError::new("t", format!("{t} is not finite")));
+        }
+        let t = t.clamp(self.start(), self.end());
+        let mut times = vec![t];
+        times.extend(self.times().iter().filter(|time| **time > t));
+        Ok(self.with(self.from(t), times, *self.limits()))
+    }
+
     /// This motion until time `t` (s), and from there on `next`, which goes on from the state at `t`.
     ///
     /// # Errors
     /// `next` moves other joints, begins later than `t`, or differs there in position, velocity or acceleration by more
-    /// than 1e-6 (rad, m, s).
+    /// than 1e-6 (rad, m, s). Joints that neither moves have to stand where they do, too.
     pub fn splice(&self, next: &Self, t: f64) -> Result<Self, ProblemError> {
-        if next.joints() != self.joints() || next.map().indices() != self.map().indices() {
+        if next.joints() != self.joints() || next.map().driven() != self.map().driven() {
             return Err(ProblemError::new("next", "moves other joints"));
+        }
+        let stands = |joint: usize| self.map().driven().iter().all(|driven| driven.joint != joint);
+        for joint in (0..self.joints()).filter(|joint| stands(*joint)) {
+            let (was, is) = (self.map().rest()[joint], next.map().rest()[joint]);
+            if (was - is).abs() > TOLERANCE {
+                let message = format!("its joint {joint}, which does not move, stands at {is:.6} and not at {was:.6}");
+                return Err(ProblemError::new("next", message));
+            }
         }
         if !(t >= self.start() && t >= next.start() - TOLERANCE && t <= next.end()) {
             let message = format!("{t} lies outside the motions, [{:.4}, {:.4}]", next.start(), next.end());
@@ -275,6 +299,18 @@ mod tests {
         assert!(spliced.sample_into(t, &mut q[..1], &mut v, &mut a).is_err());
         // Anywhere else it does not fit.
         assert!(whole.splice(&next, t + 0.05).is_err());
+        // What has been is forgotten, and nothing else.
+        let since = spliced.since(t - 0.1).unwrap();
+        assert_eq!((since.start(), since.end()), (t - 0.1, spliced.end()));
+        for k in 0..=1000 {
+            let time = since.start() + (since.end() - since.start()) * f64::from(k) / 1000.0;
+            assert_eq!(since.sample(time), spliced.sample(time));
+        }
+        let whole_again = spliced.since(-1.0).unwrap();
+        assert_eq!(whole_again.sample(0.01), spliced.sample(0.01));
+        assert!(since.since(f64::NAN).is_err());
+        // A stop at the end takes no time.
+        assert_eq!(spliced.brake(spliced.end()).unwrap().end(), spliced.end());
         // Twice, on the way of the second.
         let stop = next.brake(t + 0.1).unwrap();
         let twice = spliced.splice(&stop, t + 0.1).unwrap();

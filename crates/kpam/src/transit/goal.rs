@@ -3,6 +3,7 @@
 use gensim2_geometry::{Chain, ChainFrames, JointKind, Pose, rotation_log};
 use nalgebra::{Matrix6, Vector3, Vector6};
 
+use super::question::check_seed;
 use super::{TransitOptions, finite, within_limits};
 use crate::body::rigid;
 use crate::free_space::Draws;
@@ -87,6 +88,7 @@ pub fn solutions(
     if !(1..=MAX_SOLUTIONS).contains(&max_solutions) {
         return Err(ProblemError::new("max_solutions", format!("must be 1 to {MAX_SOLUTIONS}, not {max_solutions}")));
     }
+    check_seed(seed)?;
     finite("q_start", q_start)?;
     let model = Model::new(scene.robot(), q_start)?;
     let found = rows(scene, &model, pose, link, max_solutions, seed)?;
@@ -163,10 +165,13 @@ impl Search<'_> {
         Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
     }
 
-    /// Levenberg and Marquardt's way from a place to the goal within the limits; `None` where it does not get there.
+    /// Levenberg and Marquardt's way to the goal within the limits, from a place or what of them is nearest to it; `None` where it does not get there.
     fn from(&mut self, x: &Row) -> Option<Row> {
         let n = self.model.n();
         let (mut x, mut damping) = (*x, 1e-2);
+        for v in 0..n {
+            x[v] = x[v].clamp(self.model.lower[v], self.model.upper[v]);
+        }
         let mut left = self.left(&x);
         for _ in 0..ROUNDS {
             if left.amax() < MET {

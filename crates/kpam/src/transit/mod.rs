@@ -263,8 +263,9 @@ impl Transit<'_> {
     }
 
     /// Whether a motion keeps to what holds along the path.
-    fn stays(&self, trajectory: &Trajectory) -> bool {
-        self.along.clone().is_none_or(|mut along| along.proves(self.model, trajectory))
+    fn stays(&self, field: &Field<'_>, trajectory: &Trajectory) -> bool {
+        let is_over = || field.is_cancelled() || field.is_late();
+        self.along.clone().is_none_or(|mut along| along.proves(self.model, trajectory, &is_over))
     }
 
     fn builder(&self) -> Builder {
@@ -298,7 +299,7 @@ impl Transit<'_> {
             let found = sweep.breach(&trajectory);
             field.checks += std::mem::take(&mut sweep.checks);
             match found {
-                None if self.stays(&trajectory) => return Ok(trajectory),
+                None if self.stays(field, &trajectory) => return Ok(trajectory),
                 None => breach = Stuck::Off,
                 Some(found) => breach = Stuck::Near(found),
             }
@@ -314,7 +315,7 @@ impl Transit<'_> {
             let found = sweep.breach(&trajectory);
             field.checks += sweep.checks;
             return match found {
-                None if self.stays(&trajectory) => Ok(trajectory),
+                None if self.stays(field, &trajectory) => Ok(trajectory),
                 None => Err(Stuck::Off),
                 Some(found) => Err(Stuck::Near(found)),
             };

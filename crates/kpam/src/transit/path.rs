@@ -144,15 +144,26 @@ impl Along {
         self.keeps(model, x)
     }
 
-    /// Whether a motion keeps to it all along: the hand turns no faster than all joints together.
-    pub fn proves(&mut self, model: &Model, trajectory: &Trajectory) -> bool {
+    /// Whether a motion keeps to it all along: the hand turns no faster than all joints together. Not where the search is
+    /// over first.
+    pub fn proves(&mut self, model: &Model, trajectory: &Trajectory, is_over: &impl Fn() -> bool) -> bool {
         let most: f64 =
             model.map().driven().iter().map(|d| d.factor.abs() * trajectory.limits().velocity[d.variable]).sum();
         let ends: Vec<f64> = trajectory.times().to_vec();
-        ends.windows(2).all(|pair| self.proves_between(model, trajectory, pair[0], pair[1], most))
+        ends.windows(2).all(|pair| self.proves_between(model, trajectory, [pair[0], pair[1]], most, is_over))
     }
 
-    fn proves_between(&mut self, model: &Model, trajectory: &Trajectory, from: f64, to: f64, most: f64) -> bool {
+    fn proves_between(
+        &mut self,
+        model: &Model,
+        trajectory: &Trajectory,
+        [from, to]: [f64; 2],
+        most: f64,
+        is_over: &impl Fn() -> bool,
+    ) -> bool {
+        if is_over() {
+            return false;
+        }
         let turn = 0.5 * most * (to - from);
         for t in [from, to] {
             let x = trajectory.moving(t);
@@ -171,8 +182,8 @@ impl Along {
             return true;
         }
         let middle = 0.5 * (from + to);
-        self.proves_between(model, trajectory, from, middle, most)
-            && self.proves_between(model, trajectory, middle, to, most)
+        self.proves_between(model, trajectory, [from, middle], most, is_over)
+            && self.proves_between(model, trajectory, [middle, to], most, is_over)
     }
 }
 

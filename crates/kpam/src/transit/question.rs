@@ -8,6 +8,9 @@ use nalgebra::Vector3;
 use crate::options::LimitSet;
 use crate::{Cancel, Options, ProblemError, SolverConfig, Trajectory};
 
+/// Greatest seed.
+const MAX_SEED: usize = 1_000_000;
+
 /// Options of a motion to a goal.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
@@ -152,6 +155,14 @@ impl TransitOptions {
         if !(0.0..=0.1).contains(&self.margin) {
             return fail("margin", format!("must lie in 0 to 0.1 m, not {}", self.margin));
         }
-        Ok(())
+        check_seed(self.seed)
     }
+}
+
+/// Refuses seeds beyond those of `options.seed`.
+pub(super) fn check_seed(seed: usize) -> Result<(), ProblemError> {
+    if seed > MAX_SEED {
+        return Err(ProblemError::new("seed", format!("must be 0 to {MAX_SEED}, not {seed}")));
+    }
+    Ok(())
 }

@@ -32,8 +32,9 @@ class Frames:
     Attributes:
         sentence: what was to be done.
         columns: (T, ...) by name: ``action`` (m + 1 float32, targets of the arm's joints, and the gripper from -1 to
-            1), ``reward`` (float32, 1 where the goal holds after the action), ``success``, ``done`` (bool), and what is
-            seen, by the names of :mod:`gensim2.observations.columns`.
+            1; what was meant, where noise was on what was sent), ``reward`` (float32, 1 where the goal holds after
+            the action), ``success``, ``done`` (bool), and what is seen, by the names of
+            :mod:`gensim2.observations.columns`.
     """
 
     sentence: str
@@ -72,7 +73,7 @@ def frames_of(
         sentence,
         {
             **{name: np.stack(rows) for name, rows in own.items()},
-            "action": recording.actions,
+            "action": recording.meant,
             "reward": recording.rewards,
             "success": recording.success,
             "done": np.arange(steps) == steps - 1,

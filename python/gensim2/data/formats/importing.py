@@ -92,7 +92,8 @@ def _read(path: Path, folder: Path, of: Format, progress: Progress) -> int:
         count = sum(1 for _ in read_back(DataSet.open(folder), progress))
     else:
         copy_native(path / NATIVE, folder)
-        count = _compare(DataSet.open(folder), lerobot_frames(path) if of == "lerobot" else zarr_frames(path), path)
+        theirs = lerobot_frames(path) if of == "lerobot" else zarr_frames(path)
+        count = _compare(DataSet.open(folder), theirs, path, progress)
     if manifest is not None and manifest.episodes != count:
         wrong = f"holds {count} episodes, of which {manifest.episodes} were exported"
         raise InputError(wrong, file=path, remedy="export again")
@@ -101,7 +102,7 @@ def _read(path: Path, folder: Path, of: Format, progress: Progress) -> int:
     return count
 
 
-def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Progress = NULL_PROGRESS) -> int:
+def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Progress) -> int:
     """Compare an export's frames with the episodes beside it; how many there are.
 
     Raises:

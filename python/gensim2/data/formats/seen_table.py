@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gensim2.data.observation_file import ObservedEpisode
+from gensim2.errors import InputError
 from gensim2.files import write_json
 
 NAME = "observations.json"
@@ -30,9 +31,20 @@ class SeenTable:
         self._episodes: list[dict[str, Any]] = []
 
     def add(self, task: str, index: int, observation: ObservedEpisode) -> None:
-        """Take note of an episode."""
+        """Take note of an episode.
+
+        Raises:
+            InputError: it was rendered in another way than those before it.
+        """
         description, arrays = observation.description, observation.arrays
-        self._spec = {name: description.get(name) for name in _SPEC}
+        spec = {name: description.get(name) for name in _SPEC}
+        if self._spec not in (None, spec):
+            raise InputError(
+                "was rendered in another way than the tasks before it",
+                field=f"tasks.{task}",
+                remedy="export the tasks apart with --task, or render them in one way",
+            )
+        self._spec = spec
         for name in arrays:
             camera, _, what = name.removeprefix("cameras/").rpartition("/")
             is_own = name.startswith("cameras/") and what in ("intrinsic", "T_base_camera", "T_link_camera")

@@ -109,8 +109,8 @@ class Client:
             try:
                 raw = self._api.chat.completions.with_raw_response.create(messages=messages, **request)
                 return self._answer(question, raw)
-            except self._openai.BadRequestError as error:
-                if (name := self._refused(request, str(error))) is None:
+            except (self._openai.BadRequestError, self._openai.UnprocessableEntityError) as error:
+                if (name := self._refused(request, _complaint(error))) is None:
                     raise self._in_words(error) from error
                 self._without.add(name)
             except self._openai.OpenAIError as error:
@@ -166,12 +166,17 @@ class Client:
     def _in_words(self, error: Exception) -> InputError | ModelError:
         """The library's error as one of ours."""
         library, given = self._openai, self.options
-        said = one_line(str(error))
+        said = one_line(_complaint(error))
         if isinstance(error, library.AuthenticationError | library.PermissionDeniedError):
             missing = "is not set" if self._key is None else "holds a key that is refused"
             return InputError(missing, field=f"${given.key_variable}", remedy=f"set it to a key of {self.endpoint}")
         if isinstance(error, library.NotFoundError):
-            return InputError(f"{self.endpoint} has no model {given.model!r}: {said}", field="designer")
+            message = f"{self.endpoint} has no model {given.model!r}: {said}"
+            known = given.model in said  # else it is as likely the address
+            remedy = (
+                None if known else "is the model's name right, and does --base-url end as it should, mostly in /v1?"
+            )
+            return InputError(message, field="designer", remedy=remedy)
         if isinstance(error, library.APITimeoutError):
             return ModelError(f"{self.endpoint}: no answer within {given.timeout:g} s, {self._tries()}")
         if isinstance(error, library.APIConnectionError):
@@ -189,6 +194,12 @@ class Client:
     def _tries(self) -> str:
         tries = self.options.retries + 1
         return f"tried {tries} times" if tries > 1 else "tried once"
+
+
+def _complaint(error: Exception) -> str:
+    """What an endpoint said: servers that are not OpenAI's say it in fields that the library leaves out."""
+    said, body = str(error), getattr(error, "body", None)
+    return f"{said} - {body}" if body and " - " not in said else said
 
 
 def estimated_tokens(question: Question) -> int:

@@ -118,7 +118,9 @@ class FolderRigidShelf(RigidShelf):
             point: (info.scale * at, info.descriptions.get(point, point.replace("_", " ")))
             for point, at in info.keypoints.items()
         }
-        mass, terms = known_mass(asset_class, info.scale), info.license or self.license
+        # Of another unit than metres the scale says nothing of how large the object is beside a natural one.
+        mass = known_mass(asset_class, info.scale) if NATURAL[0] <= info.scale <= NATURAL[1] else None
+        terms = info.license or self.license
         return load_from_meshes(
             asset_class, folder, "collision.obj", info.scale, keypoints, mass, None, terms, source_digest(*_MODULES),
             hulls,
@@ -171,6 +173,10 @@ class YcbShelf(RigidShelf):
             asset_class, folder, "collision.ply", scale, keypoints, mass, density, self.license,
             source_digest(*_MODULES), hulls,
         )  # fmt: skip
+
+
+NATURAL = (0.3, 3.0)
+"""Scales that an object in metres may have beside its natural size."""
 
 
 def known_mass(name: str, scale: float) -> float | None:

@@ -149,7 +149,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
 
     def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
         """Return the programs of the most probable ways, (B, ``ANSWERS``, 2 + numbers of a program):
-        probability and number of the way, then the program (:func:`read_answer`).
+        probability and number of the way, then the program (:mod:`gensim2.policy.keypose.answers`).
         """
         summary = context.tokens[:, 0]
         logits = self.way(summary)

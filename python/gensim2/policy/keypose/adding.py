@@ -5,15 +5,41 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Unpack
 
 from gensim2.errors import InputError
 from gensim2.files import new_folder
-from gensim2.policy.keypose.data import Planned, read_planned
+from gensim2.policy.keypose.data import RECORD, Planned, PlannedRecord, read_planned
+from gensim2.record_files import read_record
+from gensim2.rollout.counted_objects import is_counted
+from gensim2.rollout.inputs import TaskInput, read_task_input
+from gensim2.scenes.config import SceneArguments
 
 DATA = "data"
 """Folder of a learned policy that holds the plans which taught it, a folder a task."""
+REMEDY = "give a folder that gensim2 learn has made"
 RATE = 0.3
 """Of the learning rate of a training from nothing, for a network that knows something already."""
+
+
+def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpack[SceneArguments]) -> list[TaskInput]:
+    """Tasks of a policy with the listed objects that they were taught on; those taught on numbered ones are left out.
+
+    Args:
+        start: folder of the policy, as ``gensim2 learn`` left it.
+        known: names of the policy's tasks.
+        seed: of the run.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`.
+
+    Raises:
+        InputError: the policy has no plans beside it.
+    """
+    found = []
+    for name in known:
+        word = read_record(_plans(start, name) / RECORD, PlannedRecord, REMEDY).scene["instances"]
+        if not is_counted(word):
+            found.append(read_task_input(name, seed=seed, **{**scene, "instances": word}))
+    return found
 
 
 def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]:
@@ -29,13 +55,17 @@ def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]
     """
     found = []
     for name in known:
-        there, here = start / DATA / name, folder / DATA / name
-        if not there.is_dir():
-            remedy = "give a folder that gensim2 learn has made"
-            raise InputError("the plans that taught it are not beside it", file=there, remedy=remedy)
+        there, here = _plans(start, name), folder / DATA / name
         if not here.exists():
             here.parent.mkdir(parents=True, exist_ok=True)
             with new_folder(here) as made:
                 shutil.copytree(there, made, dirs_exist_ok=True)
         found.append(read_planned(here))
     return found
+
+
+def _plans(start: Path, name: str) -> Path:
+    folder = start / DATA / name
+    if not folder.is_dir():
+        raise InputError("the plans that taught it are not beside it", file=folder, remedy=REMEDY)
+    return folder

@@ -105,7 +105,7 @@ def refuted(scene: SceneConfig, strategies: Strategies, taken: Mapping[str, str]
     """Why the plans of a scene do not do its task in physics, each executed once; None where they do.
 
     Args:
-        taken: the strategy of each step.
+        taken: the strategy of each step that is left to do; those before them are done where the episode begins.
     """
     from gensim2.rollout.chain import ChainController
     from gensim2.rollout.no_op import NoOpResult
@@ -113,9 +113,10 @@ def refuted(scene: SceneConfig, strategies: Strategies, taken: Mapping[str, str]
     from gensim2.tasks.strategies import with_strategies
 
     env = simulator(scene)
-    ways = {step.name: {taken[step.name]: strategies[taken[step.name]]} for step in scene.task.steps}
+    task = scene.task.model_copy(update={"steps": tuple(step for step in scene.task.steps if step.name in taken)})
+    ways = {step.name: {taken[step.name]: strategies[taken[step.name]]} for step in task.steps}
     chosen = {name: data for own in ways.values() for name, data in own.items()}
-    controller = ChainController(with_strategies(scene.task, ways), chosen, robot(scene.robot), one_plan=True)
+    controller = ChainController(with_strategies(task, ways), chosen, robot(scene.robot), one_plan=True)
     # Whether the goal comes by itself says nothing of a plan.
     still = NoOpResult(success=False, stable=True, start=env.measure(), end=env.measure())
     options = other_openness(scene, seed)

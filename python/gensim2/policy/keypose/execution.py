@@ -61,7 +61,6 @@ class Executor:
 
     Args:
         profile: the robot.
-        table: its top's height in the base frame, m.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -114,10 +113,10 @@ class Executor:
         """Return the program that is followed, a push with its longer way where all of that can be, and its path."""
         if further > 0.0 and program.is_push:
             longer = program.longer(further)
-            path = joint_path(longer, q, self._profile, self._bare)
+            path = joint_path(longer, q, self._bare)
             if path is not None and path.is_whole:
                 return longer, path
-        return program, joint_path(program, q, self._profile, self._bare)
+        return program, joint_path(program, q, self._bare)
 
     def rest(self, q: Array, goal: Array, command: float, points: Array | None = None) -> Execution:
         """Free motion of the arm to joints ``goal`` (n,), where it looks from."""

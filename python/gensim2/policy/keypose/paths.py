@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import gensim2_kpam as kpam
 from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, KeyposeProgram
-from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[np.float64]
 
@@ -48,7 +47,7 @@ class JointPath:
         return self.reached == KEYPOSES and self.touches == 0
 
 
-def joint_path(program: KeyposeProgram, q: Array, profile: RobotProfile, scene: kpam.Scene) -> JointPath | None:
+def joint_path(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> JointPath | None:
     """The waypoints of the first arm posture in which the whole program can be followed; else of the one that goes
     furthest. None where the actuation pose is out of reach.
 

@@ -92,7 +92,6 @@ class PlannedSource:
         self.observation = ObservationSpec.of(first.observation)
         self.sentences = tuple(dict.fromkeys(each.record.language for each in planned))
         self.ways = Ways.of([each.record for each in planned])
-        self._tool = np.stack([tool_pose(profile, each.arrays["joints"][0]) for each in planned])
         self._starts = np.cumsum([0, *(len(each.arrays["way"]) for each in planned)])
         self._way = np.concatenate([self._classes(each) for each in planned])
         self._arrays = {

@@ -91,9 +91,9 @@ def train_keypose(
         Way(language=language, step=step, name=name, to_end=(language, step) in source.ways.to_end)
         for language, step, name in source.ways.tasks
     ]
-    out.mkdir(parents=True, exist_ok=True)
+    trained = train_policy(source, config, training, out, start=start, resume=resume, device="cpu", progress=progress)
     write_json(out / WAYS_JSON, WaysRecord(ways=ways).model_dump(mode="json"))
-    return train_policy(source, config, training, out, start=start, resume=resume, device="cpu", progress=progress)
+    return trained
 
 
 def read_ways(folder: Path) -> list[Way]:
