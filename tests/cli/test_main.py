@@ -135,6 +135,16 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_work(capfd: pytest.
         assert err.startswith(f"gensim2: {target}: --json: ")
 
 
+@pytest.mark.parametrize("words", [["demo", "CloseBox"], ["benchmark"], ["learn", "CloseBox"], ["run-pipeline"]])
+def test_going_on_needs_the_folder_that_is_gone_on_with(
+    words: list[str], capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.run([*words, "--resume"]) == 2
+    assert "give --out, too" in capfd.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_unknown_library_folder_is_bad_input(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     missing = tmp_path / "nowhere"
     assert cli.run(["assets", "list", "--assets", str(missing), "--json"]) == 2

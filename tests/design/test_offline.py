@@ -166,6 +166,14 @@ def test_a_task_of_several_steps_gets_ways_for_each() -> None:
     assert first.of(put_ball_away()).steps[1].strategies == tuple(first.steps["place"])
 
 
+def test_a_class_whose_objects_share_no_keypoint_of_the_moving_part_is_declined() -> None:
+    tasks, told = everything()
+    task = next(each for each in tasks if each.is_single_step and each.steps[0].done and "drawer" in str(each.objects))
+    classes = {**told.classes, "drawer": replace(told.classes["drawer"], lever_arms={})}
+    with pytest.raises(Declined, match="no keypoint of the part that moves"):
+        OfflineDesigner().candidates(task, Brief(SETTINGS, classes), seed=0)
+
+
 def test_a_step_that_it_knows_no_way_for_is_declined() -> None:
     task = put_ball_away()
     odd = task.model_copy(update={"steps": (task.steps[1].model_copy(update={"tool": "hand"}),)})

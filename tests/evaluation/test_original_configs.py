@@ -145,6 +145,29 @@ def test_options_of_another_method_are_refused(
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "physics"),
+    [
+        ([], "original"),
+        (["--redraw", "placement"], "original+redraw=placement"),
+        (["--physics", "default"], "default"),
+        (["--physics", "original", "--redraw", "placement"], "original+redraw=placement"),
+    ],
+)
+def test_physics_and_redrawing_are_what_was_asked_for(
+    words: list[str], physics: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def stop(*_: object, **given: str) -> None:
+        asked.append(given["physics"])
+        raise InputError("that is all")
+
+    monkeypatch.setattr("gensim2.evaluation.benchmark_configs", stop)
+    assert run(["benchmark", "--method", "original-configs", "--configs", "x", *words]) == 2
+    assert asked == [physics]
+
+
 def test_some_tasks_are_set_beside_the_release_s_figures_of_these() -> None:
     assert _release_of([]) is None
     found = _release_of(["OpenLaptop", "TurnOffFaucet"])

@@ -99,8 +99,8 @@ def _configs(tasks: tuple[str, ...], json_file: str | None, given: dict[str, Any
     chosen = {name: given[name] for name in _OF_CONFIGS}
     chosen["scenes"] = chosen["scenes"] or "recorded"
     if not _was_given("physics"):
-        _, switch, redraw = given["physics"].partition("+redraw=")  # which --redraw has put there
-        chosen["physics"] = f"original{switch}{redraw}"
+        redraw = click.get_current_context().meta.get(options.REDRAW)
+        chosen["physics"] = "original" if redraw is None else f"original+redraw={redraw}"
     if not _was_given("episodes"):
         del chosen["episodes"]
     with report(json_file, _show_configs) as (progress, give):

@@ -8,6 +8,7 @@ import os
 import random
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from gensim2.data import runfolder
 from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.lock import FolderLock
 from gensim2.data.records import RunRecord, Verification
-from gensim2.data.runfolder import RunFolder, TaskFolder
+from gensim2.data.runfolder import RunFolder, TaskFolder, default_run_dir
 from gensim2.data.store import TaskStore
 from gensim2.design.designs import Design, read_design, write_design
 from gensim2.errors import InputError
@@ -306,6 +307,18 @@ def test_mutated_files_are_read_or_refused(tmp_path: Path, record: Record) -> No
         path.write_bytes(content)
     assert all(len(errors) > 60 for errors in refused.values())
     assert all("\n" not in str(error) and error.remedy for errors in refused.values() for error in errors)
+
+
+def test_runs_that_begin_in_one_second_have_folders_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(time, "strftime", lambda *_: "20260101-120000")
+    folders = []
+    for _ in range(3):
+        folders.append(default_run_dir())
+        folders[-1].mkdir(parents=True)
+    assert [folder.name for folder in folders] == ["20260101-120000", "20260101-120000-2", "20260101-120000-3"]
 
 
 def test_two_folders_are_two_runs(tmp_path: Path) -> None:

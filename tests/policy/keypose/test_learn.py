@@ -15,7 +15,12 @@ from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig
 from gensim2.policy.evaluating import CONTROLS, read_controls
 from gensim2.policy.keypose import data
+from gensim2.policy.keypose.adding import taught_before
 from gensim2.policy.keypose.training import read_ways
+from gensim2.policy.objects import shared_objects, unseen_instances
+from gensim2.policy.starting import SPEC
+from gensim2.rollout.counted_objects import with_objects
+from gensim2.rollout.inputs import read_task_input
 from gensim2.tasks.library import task_folder
 
 
@@ -134,6 +139,19 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     shutil.rmtree(second / "data" / "CloseBox")
     assert run(["learn", "OpenBox", "--from", str(second), *common, "--out", str(tmp_path / "refused-too")]) == 2
     assert "the plans that taught it are not beside it" in capfd.readouterr().err
+
+
+def test_a_policy_s_tasks_are_measured_on_none_of_the_objects_that_taught_them(tmp_path: Path) -> None:
+    boxes = read_task_input("OpenBox", assets="builtin", instances="new")
+    counted = with_objects(read_task_input("CloseBox", assets="builtin"), 3, 0)
+    for one in (boxes, counted):
+        folder = tmp_path / "data" / one.spec.name
+        folder.mkdir(parents=True)
+        (folder / data.RECORD).write_text(data.record_of(one, SPEC, 0).model_dump_json())
+    before = taught_before(tmp_path, ["OpenBox", "CloseBox"], seed=0, assets="builtin")
+    assert [(one.spec.name, one.instances) for one in before] == [("OpenBox", "new")]
+    assert unseen_instances(before) == "test"
+    assert shared_objects(before, "new") != []
 
 
 def test_what_cannot_be_done_is_said_before_anything_is_planned(
