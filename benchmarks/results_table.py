@@ -5,7 +5,8 @@
     python benchmarks/results_table.py results/*.json > tables.md        # of these files of `gensim2 benchmark` alone
     python benchmarks/results_table.py --switches results/*.json --into docs/results.md     # of the physics' switches
 
-Rows of switches are on scenes of their own and stand in `switches.json` beside this file, whose rows new files replace.
+Rows of switches are on scenes of their own and stand in `switches.json` beside this file, where new ones take the place
+of those of the same scenes and physics.
 With `--into`, what stands between `<!-- figures: all -->` (or `claims`, `short`, `switches`) and `<!-- /figures -->` in
 a file is written anew. A cell holds the share of episodes that fulfil paper / held (with its 95 % interval) / strict;
 in the short table held alone, or paper in the original's physics, as the paper counts.
@@ -89,8 +90,10 @@ def switches(rows: Sequence[Figure]) -> str:
 
 
 def take_in(rows: Sequence[Figure]) -> None:
-    """Keep rows for :func:`switches`, without what each object did."""
-    kept = [row.model_copy(update={"instances": {}}).model_dump(mode="json") for row in rows]
+    """Keep rows for :func:`switches`, without what each object did; they replace those of the same scenes."""
+    before = measured_switches() if SWITCHES.exists() else []
+    found = {(_scenes(row), row.condition.physics): row for row in (*before, *rows)}
+    kept = [row.model_copy(update={"instances": {}}).model_dump(mode="json") for row in found.values()]
     write_json(SWITCHES, {"schema_version": 1, "rows": kept})
 
 
@@ -99,9 +102,9 @@ def measured_switches() -> list[Figure]:
     return [Figure.model_validate(row) for row in json.loads(SWITCHES.read_text(encoding="utf-8"))["rows"]]
 
 
-def _scenes(row: Figure) -> tuple[str, Condition, int, int]:
+def _scenes(row: Figure) -> tuple[str, str, int, int]:
     """Return what a row's scenes follow from, physics apart."""
-    return row.task, row.condition.model_copy(update={"physics": ""}), row.seed, row.episodes
+    return row.task, row.condition.model_copy(update={"physics": ""}).model_dump_json(), row.seed, row.episodes
 
 
 def _points(pairs: Sequence[tuple[Figure, Figure]], verdict: str) -> str:

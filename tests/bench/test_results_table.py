@@ -167,6 +167,10 @@ def test_switches_stand_in_a_file_of_their_own(made: Any, monkeypatch: pytest.Mo
     made.take_in(rows)
     text = made.renewed("<!-- figures: switches -->\n<!-- /figures -->", ROWS)
     assert made.switches(rows) in text
+    made.take_in([_row("OpenBox", 120, physics="default+densities=original")])
+    made.take_in([_row("OpenBox", 200, physics="default+hulls=original")])
+    kept = {row.condition.physics: row.held for row in made.measured_switches()}
+    assert kept == {"default": 240, "default+hulls=original": 200, "default+densities=original": 120}
 
 
 def test_claims_are_counted_of_rows_that_know_their_commit(made: Any) -> None:

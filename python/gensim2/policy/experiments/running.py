@@ -64,7 +64,7 @@ class ArmResult:
     checkpoints: tuple[str, ...]
     demonstrations: int
     cpu_s: float
-    before_s: float
+    before_s: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data; ``cpu_s`` with those of the arm that it begins with."""
