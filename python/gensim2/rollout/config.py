@@ -24,7 +24,8 @@ class RolloutArguments(SceneArguments, total=False):
     """Keywords of scenes, and of the chain of planned steps that works in them.
 
     Keys:
-        open_loop: everything is planned at the start of an episode, with the first strategy of each step.
+        open_loop: everything is planned at the start of an episode, each step by the first of its strategies that is
+            planned whole.
     """
 
     open_loop: bool
@@ -35,7 +36,7 @@ class RolloutOptions:
     """Options that all episodes of a run share beside their scenes.
 
     Attributes:
-        open_loop: everything is planned at the start, with the first strategy of each step.
+        open_loop: everything is planned at the start, each step by the first of its strategies that is planned whole.
         one_plan: each step is planned once, at its turn, by its first strategy; what then goes otherwise, goes so.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; None: nothing is disturbed.
         attempts: resets to the same start that an episode has at most, until one holds.

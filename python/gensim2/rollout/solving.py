@@ -150,7 +150,7 @@ def _plan(given: TaskInput, scene: Scene) -> list[SolvedStep]:
     steps: list[SolvedStep] = []
     for index, (step, _) in enumerate(ways):
         tried: list[SolvedStep] = []
-        for name in step.strategies[:1] if given.rollout.open_loop else step.strategies:
+        for name in step.strategies:
             found = planner.plan(scene, step, strategies[name], following=ways[index + 1 :])
             tried.append(SolvedStep(step.name, name, scene, found))
             if found.rank == 0:
