@@ -91,15 +91,17 @@ def xarm(body: FakeBody) -> dict[str, types.ModuleType]:
             return 0
 
         motion_enable = set_mode = set_gripper_enable = _fine
+        state = 4
 
         def set_state(self, state: int) -> int:
+            self.state = state
             return body.halt() if state == 4 else 0
 
         def get_joint_states(self, is_radian: bool) -> tuple[int, list[list[float]]]:
             return 0, [body.q.tolist(), [0.0] * 7, [0.0] * 7]
 
         def set_servo_angle_j(self, q: list[float], is_radian: bool) -> int:
-            return 0 if body.take(q) else 9
+            return 0 if self.state != 4 and body.take(q) else 9
 
         def set_gripper_position(self, position: int, wait: bool) -> int:
             body.grips.append(2 * position / 850 - 1)

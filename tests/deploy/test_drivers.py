@@ -108,13 +108,37 @@ def test_standing_is_at_once_and_lasts(arm: tuple[StreamedArm, FakeBody]) -> Non
     assert len(body.sent) == count
 
 
-def test_the_gripper_is_told_of_changes_only(arm: tuple[StreamedArm, FakeBody]) -> None:
+def test_an_arm_that_was_let_stand_takes_targets_again(arm: tuple[StreamedArm, FakeBody]) -> None:
+    driver, body = arm
+    for _ in range(2):
+        before = len(body.sent)
+        driver.send(HOME, 1.0, 0.0)
+        until(lambda before=before: len(body.sent) > before)  # type: ignore[misc]
+        driver.stand()
+    time.sleep(0.02)
+    assert driver.trouble is None
+    assert said(driver).mode == "ready"
+
+
+def test_the_gripper_is_told_of_the_first_command_and_of_changes(arm: tuple[StreamedArm, FakeBody]) -> None:
     driver, body = arm
     for command in (1.0, 1.0, -1.0, -1.0, -1.0):
         driver.send(HOME, command, 0.0)
-    until(lambda: len(body.grips) > 0)
+    until(lambda: body.grips[-1:] == [-1.0])
     time.sleep(0.02)
-    assert body.grips == [-1.0]
+    assert set(body.grips) <= {1.0, -1.0}  # what has changed again before it was done need not be done
+    body.grips.clear()
+    driver.send(HOME, -1.0, 0.0)
+    time.sleep(0.02)
+    assert body.grips == []
+
+
+def test_a_hand_that_may_hold_something_is_told_what_it_is_to_be_at_the_start(
+    arm: tuple[StreamedArm, FakeBody],
+) -> None:
+    driver, body = arm
+    driver.send(HOME, 1.0, 0.0)
+    until(lambda: body.grips == [1.0])
 
 
 def test_the_watch_stops_what_refuses_and_what_has_stopped(arm: tuple[StreamedArm, FakeBody]) -> None:
@@ -127,6 +151,7 @@ def test_the_watch_stops_what_refuses_and_what_has_stopped(arm: tuple[StreamedAr
     until(lambda: said(driver).mode == "refusing")
     assert driver.trouble is not None
     watch.saw_arm(said(driver), 1.0)
+    assert driver.trouble in watch.reason
     assert (watch.state, watch.stops_at_once) == (State.STOPPED, True)
 
 

@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gensim2.deploy.faults import Fault
@@ -33,6 +34,16 @@ def test_a_plan_closes_boxes_through_the_line_and_the_log_replays(tmp_path: Path
     assert topics["/sent"] > 500
     assert topics["/camera/left"] == topics["/camera/right"] > 50
     assert {"/about", "/arm", "/answer", "/question", "/watch", "/clocks"} <= set(topics)
+
+
+def test_an_episode_that_is_cut_off_in_motion_comes_to_rest(tmp_path: Path) -> None:
+    found = run("CloseBox", speed=0.3, seed=1, episodes=1, minutes=0.1, log=tmp_path, force=400.0, **SMALL)
+    assert found["state"] == "idle", found["reason"]
+    assert found["limits_passed"] == 0
+    sent = [arrays["q"] for topic, _, arrays in messages(tmp_path) if topic == "/sent"]
+    steps = np.abs(np.diff(sent, axis=0)).max(axis=1)
+    assert steps.max() > 1e-4, "it never moved: this tests nothing"
+    assert steps[-1] < 1e-6
 
 
 @pytest.mark.parametrize(

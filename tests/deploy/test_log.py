@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import os
+import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,6 +65,38 @@ def test_on_a_full_disk_the_log_ends_and_is_whole(tmp_path: Path) -> None:
     numbers = [plain["number"] for topic, plain, _ in messages(tmp_path) if topic == "/camera/left"]
     assert numbers == list(range(len(numbers)))
     assert len(numbers) >= 12
+
+
+def test_a_disk_that_is_gone_ends_the_log_and_not_the_program(tmp_path: Path) -> None:
+    class Gone(io.RawIOBase):
+        """A file on a disk that takes a while, and then nothing, also not once more."""
+
+        def __init__(self) -> None:
+            self.room = 20_000
+
+        def write(self, data: Any) -> int:
+            self.room -= len(data)
+            if self.room < 0:
+                raise OSError(errno.EIO, "Input/output error")
+            return len(data)
+
+        def truncate(self, size: int | None = None) -> int:
+            return 0
+
+        def seek(self, offset: int, whence: int = 0) -> int:
+            return 0
+
+        def fileno(self) -> int:
+            raise OSError(errno.EIO, "Input/output error")
+
+    log = Log(tmp_path, {}, opener=lambda path: Gone())  # type: ignore[arg-type, return-value]
+    for number in range(5000):
+        log.frame(frame(number))
+    closing = threading.Thread(target=log.close, daemon=True)
+    closing.start()
+    closing.join(timeout=20.0)
+    assert not closing.is_alive(), "closing waits for what writes no more"
+    assert log.trouble is not None
 
 
 def test_files_are_begun_anew_and_the_oldest_go(tmp_path: Path) -> None:

@@ -25,11 +25,11 @@ from gensim2.design.drafting import chains, verbs
 from gensim2.design.joint_search import manipulation_from
 from gensim2.design.proposals import joint_goal, redesigned, spec
 from gensim2.objects import open_library
-from gensim2.objects.words import Goal
+from gensim2.objects.words import Goal, noun
 from gensim2.planning.strategies import GraspStrategy, parse_strategy
 from gensim2.tasks import load_task, task_names
 from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedOpen, DistanceArticulatedRigid, DistanceGripperRigid
-from gensim2.tasks.likeness import first_alike
+from gensim2.tasks.likeness import first_alike, normal_words
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
 SETTINGS = RobotSummary("panda", (-0.615, 0.0), 0.75, 0.08, {})
@@ -128,6 +128,17 @@ def test_what_nobody_asks_for_is_proposed_last() -> None:
 
 def test_a_class_without_keypoints_on_its_moving_link_affords_nothing() -> None:
     assert proposed(replace(affordance("door"), lever_arms={})) == []
+
+
+def test_classes_in_any_script_are_proposed_each_under_a_name_of_its_own() -> None:
+    names = ("柜子", "衣柜", "kühlschrank", "шкаф")
+    tasks = proposed(*(replace(affordance(name), noun=noun(name)) for name in names))
+    opened = {task.description: task.name for task in tasks if task.description.startswith("open the")}
+    assert set(opened) == {f"open the {name}" for name in names}
+    assert len(set(opened.values())) == len(names)
+    assert all(name.isascii() for name in opened.values())
+    assert opened["open the kühlschrank"] == "OpenKuhlschrank"
+    assert not set(normal_words("打开 laptop")) & set(normal_words("关闭 box"))
 
 
 def test_no_two_proposals_have_one_name() -> None:

@@ -146,11 +146,11 @@ def test_released_layout_is_read(library: object, tmp_path: Path) -> None:
 def test_a_known_object_in_another_unit_than_metres_has_the_mass_of_its_size(
     library: object, tmp_path: Path, unit: float, natural: bool
 ) -> None:
-    model = tmp_path / "rigidbody_objs" / "models" / "my_mug"
+    model = tmp_path / "rigidbody_objs" / "models" / "mug"
     model.mkdir(parents=True)
     trimesh.creation.box(np.array([0.08, 0.08, 0.1]) / unit).export(model / "collision.obj")
     (model / "info.json").write_text(json.dumps({"scale": unit, "keypoints": {"rigidbody_object_head": [0, 0, 0]}}))
-    loaded = open_library(tmp_path).load_rigid("my_mug")
+    loaded = open_library(tmp_path).load_rigid("mug")
     assert 0.05 < loaded.mass < 2.0
     assert (loaded.mass == pytest.approx(CLASSES["mug"].mass)) is natural
 

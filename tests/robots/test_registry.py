@@ -89,6 +89,17 @@ def test_a_registered_robot_is_known_by_name_here_and_by_place_elsewhere(tmp_pat
             "@gensim2.register_robot\ndef odd3():\n    return replace(gensim2.robot(), name='odd3', control_hz=30)",
             "physics at 100 Hz is no multiple of control at 30 Hz",
         ),
+        (
+            "def gone():\n    raise KeyError('where')\n@gensim2.register_robot\ndef odd4():\n"
+            "    return replace(gensim2.robot(), name='odd4', files=gone)",
+            "odd4.files: files() raises KeyError: 'where' (line 4)",
+        ),
+        (
+            "from gensim2.robots import RobotFiles\n@gensim2.register_robot\ndef odd5():\n"
+            "    files = lambda: RobotFiles('/nowhere.urdf', '/nowhere.srdf')\n"
+            "    return replace(gensim2.robot(), name='odd5', files=files)",
+            "/nowhere.urdf",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_told_on_one_line(tmp_path: Path, body: str, message: str) -> None:
@@ -99,6 +110,13 @@ def test_what_cannot_be_used_is_told_on_one_line(tmp_path: Path, body: str, mess
     assert message in line
     assert "\n" not in line
     assert "mine.py" in line
+
+
+def test_a_robot_is_one_whatever_it_is_called(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write(tmp_path, MINE.replace("mine", "many_named"))
+    monkeypatch.chdir(tmp_path)
+    found = robot("mine.py")
+    assert robot(str(file)) is robot("mine.py:many_named") is robot("many_named") is found
 
 
 def test_files_that_are_not_there_are_told_with_what_other_machines_need(tmp_path: Path) -> None:

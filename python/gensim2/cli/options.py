@@ -184,8 +184,8 @@ robot = click.option(
 open_loop = click.option(
     "--open-loop",
     is_flag=True,
-    help="Plan everything at the start of an episode, each step by the first of its strategies that is planned whole, and "
-    "never look again.",
+    help="Plan everything at the start of an episode, each step by the first of its strategies that is planned whole, "
+    "and never look again.",
 )
 json_file = click.option(
     "--json",

@@ -57,7 +57,7 @@ class Arm:
         before = next((each for each in reversed(self._states) if each.time < time), after)
         share = 0.0 if after is before else (time - before.time) / (after.time - before.time)
         q, v = (one + share * (two - one) for one, two in ((before.q, after.q), (before.v, after.v)))
-        return ArmState(time, q, v, after.force, after.mode)
+        return ArmState(time, q, v, after.force, after.mode, after.reason)
 
     @property
     def sent(self) -> Sent | None:

@@ -27,6 +27,7 @@ class ArmState:
         force: that presses on the arm from outside, N.
         mode: ``"reflex"``: it has stopped by itself; ``"refusing"``: it takes no commands; ``"at-limit"``: a limit of
             its own keeps it from where it was sent.
+        reason: why, where its library says something.
     """
 
     time: float
@@ -34,6 +35,7 @@ class ArmState:
     v: Array
     force: float
     mode: ArmMode = "ready"
+    reason: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -156,6 +156,7 @@ class Line:
         self._told = 0
         self.stopped_ms: float | None = None
         self.standing_ms: float | None = None
+        self._seed, self._failed = 0, False
         self.forget()
 
     def forget(self) -> None:
@@ -189,14 +190,18 @@ class Line:
         self.arm.begin(arm)
         self._first = arm
         self.watch.arm(now)
+        self._seed, self._failed = seed, False
         self._mind.send(Begin(seed))
         self.watch.run(now)
         self._due = now + LEAD
 
     def resume(self, person: str) -> None:
-        """Go on after a hold, from where the arm stands."""
+        """Go on after a hold, from where the arm stands; a controller that has failed begins anew there."""
         now = self._clock.now()
         self.watch.resume(now, person)
+        if self._failed:
+            self._failed = False
+            self._mind.send(Begin(self._seed))
         self._streamer.clear()
         self._due, self._open, self._grips = now + LEAD, None, []
         self.stopped_ms = self.standing_ms = None
@@ -311,6 +316,7 @@ class Line:
         self._journal.answer(now, answer)
         self._note(answer)
         if answer.error is not None:
+            self._failed = True
             self.watch.hold(now, answer.error)
             return
         self.done = answer.done
@@ -352,6 +358,7 @@ class Line:
         while self._grips and self._grips[0][0] <= due:
             self._grip = self._grips.pop(0)[1]
         try:
+            self._check_force()
             if self.watch.state is State.RUNNING:
                 sent = self.arm.command(self._streamer.at(due, sent), self._grip, due)
             elif self.watch.state is State.HOLDING:
@@ -379,6 +386,16 @@ class Line:
         if self.watch.state is State.HOLDING and sent.is_at_rest:
             self._note_rest(now)
         self._note_standing(now)
+
+    def _check_force(self) -> None:
+        """Refuse to go on under too great a force, also where the arm is only held.
+
+        Raises:
+            RefusedError: so it is.
+        """
+        state, most = self.arm.state(), self.arm.limits.force
+        if state is not None and not state.force <= most:
+            raise RefusedError(f"a force of {state.force:.0f} N presses on the arm, {most:g} N at most")
 
     def _held(self, sent: Sent, due: float) -> Sent:
         """Brake along the path; where the arm is not on it, or that takes too long, by the stop that was checked."""

@@ -208,7 +208,12 @@ class Log:
 
     def close(self) -> None:
         """Write what waits, and end."""
-        self._queue.put(None)
+        while self._thread.is_alive():
+            try:
+                self._queue.put(None, timeout=0.1)
+                break
+            except queue.Full:  # what writes is behind, or has ended: then nothing takes what waits
+                continue
         self._thread.join()
         self._reserve.unlink(missing_ok=True)
 
@@ -217,8 +222,12 @@ class Log:
             while (item := self._queue.get()) is not None:
                 if self.trouble is None or not self._file.trouble:
                     self._write(*item)
-        finally:
+        except OSError as error:  # also in the room that was kept aside
+            self.trouble = self._file.trouble or error.strerror or str(error)
+        try:
             self._close_file()
+        except OSError as error:
+            self.trouble = self.trouble or error.strerror or str(error)
 
     def _write(self, topic: str, time: float, data: bytes) -> None:
         if topic not in self._channels:

@@ -17,7 +17,7 @@ from gensim2.deploy.devices import ArmDriver, CameraDriver
 from gensim2.deploy.faults import Fault, FullDisk
 from gensim2.deploy.keys import Keys
 from gensim2.deploy.limits import RefusedError
-from gensim2.deploy.line import PERIOD, Line, Mind
+from gensim2.deploy.line import Line, Mind
 from gensim2.deploy.watch import State
 from gensim2.errors import GenSim2Error
 from gensim2.progress import Progress
@@ -32,6 +32,12 @@ MEETING = 2.0
 COMING_TO_REST = 3.0
 """Seconds within which a held or stopped arm stands."""
 RESUME = "r"
+
+
+def _said(arm: object) -> str:
+    """What a driver says of its trouble, where it says something."""
+    trouble = getattr(arm, "trouble", None)
+    return f": {trouble}" if trouble else ""
 
 
 class Stage(Protocol):
@@ -158,6 +164,7 @@ class Session:
         self._faults, self._disk, self._interrupted = list(faults), disk, interrupted
         self._keys, self._progress = keys, progress
         self._begun: float | None = None
+        self._held_s = 0.0
         self._outcomes: list[bool | None] = []
         self._halts: list[dict[str, Any]] = []
         self._clips_passed = 0
@@ -186,7 +193,8 @@ class Session:
             with self._devices.clock.punctual() as self._scheduling:
                 self._go_through(seconds, layouts, goal_ends, ended)
         except GenSim2Error as error:
-            self._line.watch.stop(self._devices.clock.now(), str(error))
+            self._line.watch.stop(self._devices.clock.now(), str(error), at_once=True)
+            self._line.arm.release()  # no cycle follows that would send a stop
 
     def _go_through(
         self, seconds: float, layouts: Iterable[Layout], goal_ends: bool, ended: Callable[[Ended], None]
@@ -203,7 +211,7 @@ class Session:
                 watch.stop(self._devices.clock.now(), f"not begun: {error}")
                 return
             self.in_episode = True
-            over = self._episode(self._begun + seconds, goal_ends, ended)
+            over = self._episode(self._begun + self._held_s + seconds, goal_ends, ended)
             self._count_passed()
             if watch.state in (State.HOLDING, State.STOPPED) or over:
                 return
@@ -224,14 +232,33 @@ class Session:
             names = [camera.name for camera in devices.cameras.cameras]
             there = all(name in line.frames and line.frames[name].captured > (ready or np.inf) for name in names)
             state = line.arm.state()
+            now = devices.clock.now()
             if ready is not None and there and state is not None and state.time > ready:
                 fresh = min(line.frames[name].captured for name in names)
-                settled = line.in_phase or devices.clock.now() - ready > MEETING
-                if settled and devices.clock.now() - fresh < PERIOD:
+                settled = line.in_phase or now - ready > MEETING
+                if settled and now - fresh < line.watch.rules.frame_age:
                     return True
             if time.monotonic() - begun > PATIENCE:
-                line.watch.stop(devices.clock.now(), f"devices were not ready within {PATIENCE:g} s")
+                lacking = self._lacking(names, now)
+                line.watch.stop(now, f"devices were not ready within {PATIENCE:g} s: {lacking}")
                 return False
+
+    def _lacking(self, names: Sequence[str], now: float) -> str:
+        """What an episode cannot begin without."""
+        line, devices = self._line, self._devices
+        if not devices.stage.is_ready:
+            return "the scene is not laid out"
+        if not devices.mind.is_ready:
+            return "the controller is not made"
+        if (state := line.arm.state()) is None:
+            return f"the arm says nothing{_said(devices.arm)}"
+        for name in names:
+            if name not in line.frames:
+                return f"camera {name}: no picture"
+        ages = {name: now - line.frames[name].captured for name in names}
+        slowest = max(ages, key=lambda name: ages[name])
+        old, word = 1e3 * ages[slowest], 1e3 * (now - state.time)
+        return f"pictures of camera {slowest} are {old:.0f} ms old, the arm's last word is {word:.0f}"
 
     def _episode(self, end: float, goal_ends: bool, ended: Callable[[Ended], None]) -> bool:
         """One episode, its outcome counted where it came to an end; whether the time is over."""
@@ -246,6 +273,9 @@ class Session:
                 self._come_to_rest()
                 if not self._resumed():
                     return True
+                # What a person took to look into it is no time of the task's.
+                held = clock.now() - now
+                begun, end, held_since, self._held_s = begun + held, end + held, None, self._held_s + held
                 continue
             goal = goal_ends and self._devices.stage.goal
             held_since = (held_since or now) if goal else None
@@ -253,6 +283,7 @@ class Session:
                 break
             if now > end:
                 line.watch.rest(now)
+                self._stand()
                 return True
         over, seconds = line.done, clock.now() - begun
         settled = clock.now() + SETTLE_SECONDS
@@ -269,8 +300,16 @@ class Session:
         said = {True: "held", False: "not held", None: "over"}[goal]
         self._progress.message(f"episode {len(self._outcomes)}: {said}")
         line.watch.rest(clock.now())
+        self._stand()  # whoever is asked about the episode may take his time
         ended(Ended(goal, over, seconds))
         return clock.now() > end
+
+    def _stand(self) -> None:
+        """Bring the arm to rest by the stop that was checked, and let it stand by its own means."""
+        line, until = self._line, self._devices.clock.now() + COMING_TO_REST
+        while line.arm.sent is not None and not line.arm.sent.is_at_rest and self._devices.clock.now() < until:
+            self._cycle()
+        line.arm.release()
 
     def _cycle(self) -> None:
         line = self._line

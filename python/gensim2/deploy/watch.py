@@ -196,12 +196,13 @@ class Watch:
 
     def saw_arm(self, state: ArmState, now: float) -> None:
         """The arm said where it stands."""
+        why = f": {state.reason}" if state.reason else ""
         if state.mode == "reflex":
-            self.stop(now, "the arm has stopped by itself: reflex", at_once=True)
+            self.stop(now, f"the arm has stopped by itself: reflex{why}", at_once=True)
         elif state.mode == "refusing":
-            self.stop(now, "the arm refuses commands", at_once=True)
+            self.stop(now, f"the arm refuses commands{why}", at_once=True)
         elif state.mode == "at-limit":
-            self.hold(now, "the arm is at a limit of its own")
+            self.hold(now, f"the arm is at a limit of its own{why}")
         if not (np.isfinite(state.q).all() and np.isfinite(state.v).all()):
             self.stop(now, "the arm says where it stands in no numbers")
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import tomllib
+import unicodedata
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -150,13 +152,21 @@ def noun(asset_class: str) -> str:
 
 def _taken_apart(asset_class: str) -> tuple[str, str | None]:
     """The noun in a class's name, and the ending that says how it moves."""
-    parts = [part for part in re.split(r"[^0-9A-Za-z]+", asset_class) if part]
+    parts = [part for part in re.split(r"[\W_]+", asset_class) if part]
     motion = parts.pop() if len(parts) > 1 and parts[-1] in MOTIONS else None
     return " ".join(parts).lower() or "object", motion
 
 
+def in_ascii(phrase: str) -> str:
+    """ASCII words that stand for a phrase in names; a number where a word has no such letter, for names must differ."""
+    plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
+    if all(any(map(str.isalnum, word)) for word in plain):
+        return " ".join(plain)
+    return f"object {int(hashlib.sha256(phrase.encode()).hexdigest()[:6], 16)}"
+
+
 def _camel_case(phrase: str) -> str:
-    return "".join(word.capitalize() for word in phrase.split())
+    return "".join(word.capitalize() for word in in_ascii(phrase).split())
 
 
 @cache

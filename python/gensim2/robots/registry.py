@@ -127,7 +127,7 @@ def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
 def _robot(place: str) -> RobotProfile:
     file, module, function = _parted(place)
     if file is not None:
-        make, where = _from_file(file, function), str(file)
+        make, where = _from_file(file.absolute(), function), str(file.absolute())
     elif module:
         make, where = _from_module(module, function), module
     else:
@@ -136,10 +136,23 @@ def _robot(place: str) -> RobotProfile:
             field="robot",
             remedy=f"{near(place, robot_names())}; or give the path of a Python file that registers one",
         )
+    return _made(make, where)
+
+
+@cache
+def _made(make: Maker, where: str) -> RobotProfile:
+    """The profile of a factory, whatever name it was asked for by."""
     profile = _called(make, where)
     if not isinstance(profile, RobotProfile):
         raise InputError(f"{make.__name__}() returns no RobotProfile but {profile!r:.80}", file=where, field="robot")
-    check_profile(profile, where)
+    try:
+        check_profile(profile, where)
+    except GenSim2Error:
+        raise
+    except Exception as error:  # of its files, which are made and read here
+        known = type(error).__module__.startswith("gensim2_kpam")
+        said = str(error) if known else f"files() raises {_told(error, Path(where))}"
+        raise InputError(said, file=where, field=f"{profile.name}.files") from error
     return profile
 
 
@@ -174,7 +187,7 @@ _PREFIX = "_gensim2_robot_"
 
 
 def _from_file(file: Path, function: str) -> Maker:
-    place = f"{file.absolute()}:{function}"
+    place = f"{file}:{function}"
     if function and place in _made_by:
         return _made_by[place]
     if not file.is_file():
@@ -185,7 +198,28 @@ def _from_file(file: Path, function: str) -> Maker:
             remedy="a robot's file must lie under the same path on every machine of a run, or be a module that is "
             "installed there (module:function)",
         )
-    digest = hashlib.sha256(str(file.absolute()).encode()).hexdigest()[:16]
+    names = _names_in.get(file)
+    if names is None:
+        names = _names_in[file] = _loaded(file)
+    found = [name for name in names if not function or name == function]
+    if len(found) != 1:
+        there = f"registers {', '.join(names)}" if names else "registers no robot"
+        remedy = (
+            f"name one: {file}:{names[0]}"
+            if names
+            else "decorate a function that returns a RobotProfile with @gensim2.register_robot"
+        )
+        raise InputError(there, file=file, field="robot", remedy=remedy)
+    return _made_by[_registered[found[0]]]
+
+
+_names_in: dict[Path, list[str]] = {}
+"""Names that the files which were loaded registered."""
+
+
+def _loaded(file: Path) -> list[str]:
+    """Load a file, and return the names that it registers."""
+    digest = hashlib.sha256(str(file).encode()).hexdigest()[:16]
     spec = importlib.util.spec_from_file_location(_PREFIX + digest, file)
     assert spec is not None
     assert spec.loader is not None
@@ -200,16 +234,7 @@ def _from_file(file: Path, function: str) -> Maker:
         raise InputError(f"cannot be loaded: {_told(error, file)}", file=file, field="robot") from error
     finally:
         names = _loading.pop()
-    found = [name for name in names if not function or name == function]
-    if len(found) != 1:
-        there = f"registers {', '.join(names)}" if names else "registers no robot"
-        remedy = (
-            f"name one: {file}:{names[0]}"
-            if names
-            else "decorate a function that returns a RobotProfile with @gensim2.register_robot"
-        )
-        raise InputError(there, file=file, field="robot", remedy=remedy)
-    return _made_by[_registered[found[0]]]
+    return names
 
 
 def _from_module(module: str, function: str) -> Maker:

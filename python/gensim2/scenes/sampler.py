@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Unpack
 
-from gensim2.robots import DEFAULT_ROBOT
+from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.robots import robot as robot_profile
 from gensim2.scenes.arguments import as_library, as_task, check_names, check_words, chosen_instances
 from gensim2.scenes.config import SceneArguments
@@ -30,7 +30,8 @@ class SceneSampler:
     Attributes:
         task: what is to be done.
         library: of the objects.
-        profile: of the robot.
+        robot: word by which any process finds the robot.
+        profile: of it.
         physics: the word for its switches.
         randomization: the preset.
         instances: ids that are drawn from, by object.
@@ -42,7 +43,8 @@ class SceneSampler:
     def __init__(self, task: str | TaskSpec | Mapping[str, Any], **scene: Unpack[SceneArguments]) -> None:
         words = {name: scene.get(name) for name in ("robot", "physics", "randomization")}
         check_words(**words)
-        self.profile = robot_profile(scene.get("robot", DEFAULT_ROBOT))
+        self.robot = robot_key(scene.get("robot") or DEFAULT_ROBOT)
+        self.profile = robot_profile(self.robot)
         self.physics = physics_name(scene.get("physics", DEFAULT_PHYSICS))
         self.randomization = preset(scene.get("randomization", DEFAULT_PRESET))
         self.task = as_task(task)

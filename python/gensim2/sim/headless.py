@@ -275,7 +275,7 @@ class HeadlessEnv(SceneAccessMixin):
         from gensim2.sim.pictures import StatePictures
 
         if self._pictures is None:
-            words = {"physics": self.physics.name, "robot": self.profile.name}
+            words = {"physics": self.physics.name, "robot": self._sampler.robot}
             options = SceneOptions.of(assets=self._sampler.library, **words)
             self._pictures = StatePictures(options.with_task(self.task))
         self._pictures.show(instances, self.seed, {**self.reset_options, "instance": instances})

@@ -95,7 +95,7 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
                 else f"has {present} collision hulls, {promised} were promised",
                 file=where,
                 field=name,
-                remedy="the hull may be flat or tiny: see `gensim2 assets list`",
+                remedy="the hull may be flat or tiny: see `gensim2 assets validate`",
             )
         for index, (hull, shape) in enumerate(zip(instance.hulls.get(name, ()), shapes, strict=True)):
             lost, grown = cooking_misfit(hull, shape)

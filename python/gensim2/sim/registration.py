@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -143,8 +142,9 @@ def recordable(kwargs: Mapping[str, Any]) -> dict[str, Any]:
     plain = dict(kwargs)
     if isinstance(plain.get("task"), TaskSpec):
         plain["task"] = plain["task"].model_dump(mode="json")
-    if isinstance(plain.get("assets"), Path):
-        plain["assets"] = str(plain["assets"])
+    assets = plain.get("assets")
+    if assets is not None and not isinstance(assets, str):  # a path, or an opened library
+        plain["assets"] = str(getattr(assets, "location", assets))
     if isinstance(plain.get("observation"), ObservationSpec):
         plain["observation"] = plain["observation"].to_dict()
     instances = plain.get("instances")

@@ -106,7 +106,7 @@ def first_alike(task: TaskSpec, others: Iterable[TaskSpec]) -> tuple[TaskSpec, s
 
 def normal_words(sentence: str) -> tuple[str, ...]:
     """The words that carry a sentence's meaning, in order, each in the form that stands for it."""
-    words = re.findall(r"[a-z]+", sentence.lower())
+    words = re.findall(r"[^\W\d_]+", sentence.lower())  # letters of any script
     return tuple(_FOR.get(word, word) for word in words if word not in _EMPTY)
 
 

@@ -60,8 +60,12 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
     model: type[BaseModel] | None = None
     for part in location:
         kinds = _kinds(kind)
-        if len(kinds) > 1:  # a union: the part is the word that tells which
-            kind = next(kind for kind in kinds if kind.model_fields["type"].default == part)
+        if len(kinds) > 1:
+            models = [each for each in kinds if isinstance(each, type) and issubclass(each, BaseModel)]
+            if not models:
+                break  # a union of plain values: the parts say what was tried, and the field is named
+            # The part is the word that tells which.
+            kind = next((each for each in models if each.model_fields["type"].default == part), None)
             continue
         if part == "[key]":
             continue

@@ -42,7 +42,7 @@ class StreamedArm(ABC):
     Targets come 100 a second and are gone through in straight lines, a cycle each, one to three cycles behind: what
     comes a little late, or all at once after a pause, makes the arm neither halt nor hurry. Where no successor comes,
     it slows down towards the last target and is never sent beyond; soon after it is stopped. The gripper has a thread
-    of its own and is told of changes only: it may take its time.
+    of its own, for it may take its time, and is told of the first command and of changes.
 
     Args:
         profile: of the robot.
@@ -58,6 +58,7 @@ class StreamedArm(ABC):
         self._share = self._told = self._played = 0.0
         self._stood: Array | None = None
         self._gripper = OPEN
+        self._told_grip: float | None = None  # of what it holds at the start nobody knows
         self._grips: queue.SimpleQueue[float | None] = queue.SimpleQueue()
         self._standing, self._over = True, False
         self._trouble: str | None = None
@@ -89,8 +90,8 @@ class StreamedArm(ABC):
                 self._share, self._played = 0.0, self._told + CYCLE  # there is always one more to go to
             self._goals.append(target)
             self._standing = False
-        if gripper != self._gripper:
-            self._gripper = float(gripper)
+        if gripper != self._told_grip:
+            self._gripper = self._told_grip = float(gripper)
             self._grips.put(self._gripper)
 
     def stand(self) -> None:
@@ -156,7 +157,8 @@ class StreamedArm(ABC):
             columns = list(self.profile.arm_columns)
             q[columns], v[columns] = arm, speed
             q[list(self.profile.gripper_columns)] = self.profile.gripper.at_command(self._gripper)
-            self._states.append(ArmState(now, q, v, force, "refusing" if self._trouble else mode))
+            refuses = self._trouble is not None
+            self._states.append(ArmState(now, q, v, force, "refusing" if refuses else mode, self._trouble or ""))
         with self._lock:
             if self._standing or self._passed is None:
                 return

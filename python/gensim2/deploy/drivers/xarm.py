@@ -41,7 +41,7 @@ class XArm(StreamedArm):
         except ImportError as error:
             raise MissingExtraError("xarm-python-sdk", "xarm") from error
         super().__init__(profile, RATE)
-        self._has_gripper, self._has_sensor = gripper, sensor
+        self._has_gripper, self._has_sensor, self._halted = gripper, sensor, False
         try:
             self._arm: Any = XArmAPI(host, is_radian=True)
         except Exception as error:  # the SDK raises bare Exceptions
@@ -64,9 +64,14 @@ class XArm(StreamedArm):
         return finite(values[0], size, "where it stands"), finite(values[1], size, "how it moves"), force, mode
 
     def _write(self, q: Array, v: Array) -> None:
+        if self._halted:  # the SDK takes no targets in the state that stops
+            self._require(self._arm.set_mode(SERVO), "set_mode")
+            self._require(self._arm.set_state(READY), "set_state")
+            self._halted = False
         self._require(self._arm.set_servo_angle_j(q.tolist(), is_radian=True), "set_servo_angle_j")
 
     def _halt(self) -> None:
+        self._halted = True
         self._require(self._arm.set_state(STOP), "set_state")
 
     def _grip(self, command: float) -> None:

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from gensim2.errors import InputError
+from gensim2.objects.errors import AssetError
 from gensim2.objects.generators.classes import class_modules, object_classes
 from gensim2.objects.generators.generate import LICENSE as GENERATED_LICENSE
 from gensim2.objects.generators.generate import generate
@@ -114,7 +115,12 @@ class FolderShelf(ArticulatedShelf):
         return self._found[asset_class]
 
     def joint_type(self, asset_class: str) -> str:
-        return JOINT_TYPES.get(asset_class, "revolute")
+        if asset_class in JOINT_TYPES:
+            return JOINT_TYPES[asset_class]
+        try:
+            return self.load(asset_class, self._found[asset_class][0]).joint.type
+        except AssetError:
+            return "unknown"  # what is wrong with it is said where it is used
 
     def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject:
         from gensim2.objects.library.released import READER_MODULES, read_model

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -184,7 +185,7 @@ def known_mass(name: str, scale: float) -> float | None:
 
     ManiSkill's names carry the numbers of the YCB set: ``004_sugar_box``.
     """
-    known = CLASSES.get(name) or next((CLASSES[k] for k in CLASSES if name.endswith(f"_{k}")), None)
+    known = CLASSES.get(re.sub(r"^\d{3}_", "", name))
     return None if known is None else known.mass * scale**3
 
 
