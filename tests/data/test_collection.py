@@ -130,7 +130,7 @@ def test_what_is_known_of_finished_episodes_stays_where_going_on_is_stopped(
     gather("OpenDrawer", episodes=3)
     before = DataSet.open(tmp_path / "set").record
     assert before.objects
-    monkeypatch.setattr(Queue, "run", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(Queue, "_run", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     for episodes in (3, 4):
         with pytest.raises(KeyboardInterrupt):
             gather("OpenDrawer", episodes=episodes, resume=True)
@@ -138,6 +138,22 @@ def test_what_is_known_of_finished_episodes_stays_where_going_on_is_stopped(
         assert after.objects == before.objects
         assert after.complete is (episodes == 3)
         assert after.tasks["OpenDrawer"].tried == (3 if episodes == 3 else None)
+    monkeypatch.undo()
+
+
+def test_a_data_set_with_a_hole_is_not_complete(
+    tmp_path: Path, gather: Gather, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gather("OpenDrawer", episodes=3)
+    next((tmp_path / "set" / "OpenDrawer" / "episodes").glob("*.h5")).unlink()
+    with monkeypatch.context() as patch:
+        patch.setattr(Queue, "_run", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            gather("OpenDrawer", episodes=3, resume=True)
+    after = DataSet.open(tmp_path / "set").record
+    assert not after.complete
+    assert after.tasks["OpenDrawer"].tried is None
+    assert after.objects
 
 
 def test_a_data_set_can_grow(tmp_path: Path, gather: Gather, undisturbed: dict[str, Any]) -> None:

@@ -112,6 +112,14 @@ def test_what_cannot_be_used_is_told_on_one_line(tmp_path: Path, body: str, mess
     assert "mine.py" in line
 
 
+def test_a_file_that_was_mended_is_read_again(tmp_path: Path) -> None:
+    file = write(tmp_path, "x = 1")
+    with pytest.raises(InputError, match="registers no robot"):
+        robot(str(file))
+    write(tmp_path, MINE.replace("mine", "mended"))
+    assert robot(str(file)).name == "mended"
+
+
 def test_a_robot_is_one_whatever_it_is_called(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = write(tmp_path, MINE.replace("mine", "many_named"))
     monkeypatch.chdir(tmp_path)

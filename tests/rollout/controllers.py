@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -64,3 +65,15 @@ class NoAct:
     """Is no controller."""
 
     def reset(self, observation: Observation, seed: int) -> None: ...
+
+
+class Versioned(Rest):
+    """Depends on a file, and calls its version a checkpoint."""
+
+    def __init__(self, config: str, checkpoint: str) -> None:
+        super().__init__()
+        self._config, self._version = config, checkpoint
+
+    @staticmethod
+    def depends_on(config: str, **_: Any) -> list[Path]:
+        return [Path(config)]

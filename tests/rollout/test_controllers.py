@@ -130,6 +130,8 @@ def test_a_policy_in_a_folder_that_was_moved_is_the_same(tmp_path: Path) -> None
         digests.append(ControllerSpec("gensim2.policy.controller:PolicyController", arguments).digest)
     assert digests[0] == digests[1]
     assert digests[2] != digests[0]
+    others = [ControllerSpec(f"{FILE}:Versioned", {"config": str(FILE), "checkpoint": word}) for word in ("v2", "v3")]
+    assert others[0].digest != others[1].digest  # what a checkpoint is to others is their word, and no folder of it
 
 
 class Blinded(ScriptedWorld):

@@ -139,7 +139,8 @@ enum kpam_status kpam_trajectory_sample_into(const struct kpam_trajectory *traje
                                              double *velocity,
                                              double *acceleration);
 
-// Makes the fastest stop within the limits from the state at time `t` on, along the motion's own path. It begins at `t`.
+// Makes the fastest stop within the limits of velocity, acceleration and jerk from the state at time `t` on, along the
+// motion's own path. It begins at `t`.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed; `out` may be written.
@@ -147,8 +148,16 @@ enum kpam_status kpam_trajectory_brake(const struct kpam_trajectory *trajectory,
                                        double t,
                                        struct kpam_trajectory **out);
 
+// Makes the motion that is `trajectory` from time `t` on: a stream that is spliced again and again stays small by this.
+//
+// # Safety
+// `trajectory` is null or a motion that was not freed; `out` may be written.
+enum kpam_status kpam_trajectory_since(const struct kpam_trajectory *trajectory,
+                                       double t,
+                                       struct kpam_trajectory **out);
+
 // Makes the motion that is `trajectory` until time `t` and `next` from there on. Both are in the same state at `t`, to
-// 1e-6 in position, velocity and acceleration.
+// 1e-6 in position, velocity and acceleration, and joints that neither moves stand where they do.
 //
 // # Safety
 // `trajectory` and `next` are null or motions that were not freed; `out` may be written.

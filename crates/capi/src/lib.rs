@@ -17,5 +17,6 @@ pub use scene::{
 };
 pub use trajectory::{
     kpam_retime, kpam_trajectory, kpam_trajectory_brake, kpam_trajectory_end, kpam_trajectory_free,
-    kpam_trajectory_joints, kpam_trajectory_sample_into, kpam_trajectory_splice, kpam_trajectory_start,
+    kpam_trajectory_joints, kpam_trajectory_sample_into, kpam_trajectory_since, kpam_trajectory_splice,
+    kpam_trajectory_start,
 };

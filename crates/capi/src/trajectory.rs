@@ -67,7 +67,8 @@ pub unsafe extern "C" fn kpam_trajectory_sample_into(
     })
 }
 
-/// Makes the fastest stop within the limits from the state at time `t` on, along the motion's own path. It begins at `t`.
+/// Makes the fastest stop within the limits of velocity, acceleration and jerk from the state at time `t` on, along the
+/// motion's own path. It begins at `t`.
 ///
 /// # Safety
 /// `trajectory` is null or a motion that was not freed; `out` may be written.
@@ -85,8 +86,26 @@ pub unsafe extern "C" fn kpam_trajectory_brake(
     })
 }
 
+/// Makes the motion that is `trajectory` from time `t` on: a stream that is spliced again and again stays small by this.
+///
+/// # Safety
+/// `trajectory` is null or a motion that was not freed; `out` may be written.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_trajectory_since(
+    trajectory: *const kpam_trajectory,
+    t: f64,
+    out: *mut *mut kpam_trajectory,
+) -> kpam_status {
+    guarded(|| {
+        // SAFETY: as this function's.
+        let motion = &unsafe { held(trajectory, "trajectory") }?.0;
+        // SAFETY: likewise.
+        unsafe { give(out, || motion.since(t).map(kpam_trajectory).map_err(Fault::invalid)) }
+    })
+}
+
 /// Makes the motion that is `trajectory` until time `t` and `next` from there on. Both are in the same state at `t`, to
-/// 1e-6 in position, velocity and acceleration.
+/// 1e-6 in position, velocity and acceleration, and joints that neither moves stand where they do.
 ///
 /// # Safety
 /// `trajectory` and `next` are null or motions that were not freed; `out` may be written.

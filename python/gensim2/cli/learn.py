@@ -77,8 +77,8 @@ from gensim2.cli.output import line, report, table
     "--test-instances",
     default=None,
     metavar="all|train|test|new|ID",
-    help="Objects to evaluate on.  [default: new where --objects are learned from; else test where each class has ten "
-    "or more objects, else new]",
+    help="Objects to evaluate on.  [default: new where --objects are learned from; else, and with --from a policy that "
+    "was taught on listed objects, test where each class has ten or more objects, else new]",
 )
 @options.library
 @options.seed

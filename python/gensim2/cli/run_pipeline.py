@@ -78,7 +78,7 @@ def run_pipeline(
         from gensim2.scenes.config import SceneOptions, split_arguments
 
         asked = {name: given.pop(name) for name in NAMES}
-        _check_kinds(designer, asked["mode"], given)
+        _check_kinds(designer, asked, given)
         scene = SceneOptions.of(**split_arguments(given)[0])
         by, target = designer_of_command(designer, target_task, target_object, scene, asked)
         result = function(
@@ -90,10 +90,11 @@ def run_pipeline(
         give({**result, "remembered": asdict(remember(Path(result["run_dir"])))})
 
 
-def _check_kinds(designer: str | None, mode: str | None, given: dict[str, Any]) -> None:
+def _check_kinds(designer: str | None, asked: dict[str, Any], given: dict[str, Any]) -> None:
     """Refuse to ask a model for tasks of a kind that it does not propose in this mode: each proposal would cost."""
-    if designer in (None, "offline"):
+    if designer in (None, "offline") and asked["config"] is None and asked["replay"] is None:
         return
+    mode = asked["mode"]
     explores = mode in (None, "explore")
     kind, other = ("long", "topdown or bottomup") if explores else ("single", "explore")
     if given[kind]:

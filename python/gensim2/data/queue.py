@@ -45,6 +45,7 @@ class Queue:
         self._tasks = [self._queue(one) for one in given]
         self._ran, self._begin, self._told = 0, time.monotonic(), 0.0
         self._evaluator: PoolEvaluator | None = None
+        self._objects: dict[str, ObjectUsed] = {}
         for task in self._tasks:
             files = TaskFolder(task.store.folder)
             files.write_task(task.task)
@@ -104,6 +105,10 @@ class Queue:
                 self._add_objects(task)
             else:
                 damaged += task.read()
+                entry = self._record.tasks[task.name]
+                entry.tried = entry.held = entry.strict = None
+                entry.causes, self._record.complete = {}, False
+        self._folder.dataset.save()
         if damaged:
             self._listener.message(f"{damaged} episode files are damaged and are made again")
         if there := sum(task.tried for task in self._tasks):
@@ -140,7 +145,9 @@ class Queue:
         for row in task.store.rows():
             for thing in row.objects.values():
                 key = f"{thing.asset_class}/{thing.id}"
-                used = objects[key] = objects.get(key) or _used(self._library, thing.asset_class, thing.id)
+                if key not in self._objects:  # as they are now, whatever the record of earlier calls says
+                    self._objects[key] = _used(self._library, thing.asset_class, thing.id)
+                used = objects[key] = self._objects[key]
                 if used.content_hash != thing.content_hash:
                     raise InputError(
                         f"was run with another {key} than there is now",

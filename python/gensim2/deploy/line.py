@@ -156,7 +156,7 @@ class Line:
         self._told = 0
         self.stopped_ms: float | None = None
         self.standing_ms: float | None = None
-        self._seed, self._failed = 0, False
+        self._seed, self._failed, self._first_number = 0, False, 0
         self.forget()
 
     def forget(self) -> None:
@@ -190,7 +190,7 @@ class Line:
         self.arm.begin(arm)
         self._first = arm
         self.watch.arm(now)
-        self._seed, self._failed = seed, False
+        self._seed, self._failed, self._first_number = seed, False, self._number
         self._mind.send(Begin(seed))
         self.watch.run(now)
         self._due = now + LEAD
@@ -310,6 +310,9 @@ class Line:
     def _hear(self, answer: Answer, now: float) -> None:
         """Targets of an answer to the open question; any other answer is of an episode that is over."""
         if self._open is None or answer.number != self._open.number:
+            if answer.error is not None and answer.number >= self._first_number:  # too late, and all the same the last
+                self._failed = True
+                self.watch.hold(now, answer.error)
             return
         self._open = None
         self.watch.answered()

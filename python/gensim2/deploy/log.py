@@ -215,7 +215,8 @@ class Log:
             except queue.Full:  # what writes is behind, or has ended: then nothing takes what waits
                 continue
         self._thread.join()
-        self._reserve.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # the disk may be gone
+            self._reserve.unlink(missing_ok=True)
 
     def _write_all(self) -> None:
         try:

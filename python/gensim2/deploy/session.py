@@ -290,10 +290,13 @@ class Session:
         line.done = True
         while clock.now() < settled:
             self._cycle()
+            now = clock.now()
             if line.watch.state in (State.HOLDING, State.STOPPED):
                 self._come_to_rest()
                 if not self._resumed():
                     return True
+                held = clock.now() - now
+                end, settled, self._held_s = end + held, settled + held, self._held_s + held
         self.in_episode = False
         goal = self._devices.stage.goal
         self._outcomes.append(goal)

@@ -262,11 +262,16 @@ def _keep_missing(
     missing = [
         Job(index, _arguments(config, spec, stop, files, videos, index, episodes[index].seed))
         for index in range(videos)
-        if index not in kept
+        if index not in kept and episodes[index].control_steps  # of one without a step there is nothing to film
     ]
+    if not missing:
+        return
     progress.start(f"{given.spec.name}: episodes to film", len(missing))
-    for _ in evaluator.run(_episode, missing, f"{given.spec.name}: episodes to film"):
-        progress.advance()
+    try:
+        for _ in evaluator.run(_episode, missing, f"{given.spec.name}: episodes to film"):
+            progress.advance()
+    except GenSim2Error as error:  # the table is whole without films
+        progress.message(f"{given.spec.name}: not all episodes can be filmed: {error}")
 
 
 def _film(

@@ -158,9 +158,11 @@ def _taken_apart(asset_class: str) -> tuple[str, str | None]:
 
 
 def in_ascii(phrase: str) -> str:
-    """ASCII words that stand for a phrase in names; a number where a word has no such letter, for names must differ."""
+    """ASCII words that stand for a phrase in names; a number where it has other letters, for names must differ."""
     plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
-    if all(any(map(str.isalnum, word)) for word in plain):
+    # An accent may go, a letter may not.
+    whole = sum(map(str.isalnum, unicodedata.normalize("NFKD", phrase)))
+    if plain and sum(map(str.isalnum, "".join(plain))) == whole:
         return " ".join(plain)
     return f"object {int(hashlib.sha256(phrase.encode()).hexdigest()[:6], 16)}"
 

@@ -186,8 +186,8 @@ def learn(
             plans, ``tasks`` are added to its own, and all of them are measured.
         noise: of the cameras in all data, with errors of pose, depth and clock drawn each episode; the policy is
             measured with it, too. None: depth is exact.
-        test_instances: objects that the policy is measured on; None: ``new`` where it learns from ``objects``, else
-            ``test`` where all classes have such a split, else ``new``.
+        test_instances: objects that the policy is measured on; None: ``new`` where it learns from ``objects``, else,
+            and where ``start`` was taught on listed ones, ``test`` where all classes have such a split, else ``new``.
         seed: of everything.
         out: folder; of one policy it is the checkpoint's, of several each has one in it by its task's name.
         workers: processes that plan and simulate.

@@ -199,8 +199,8 @@ def _from_file(file: Path, function: str) -> Maker:
             "installed there (module:function)",
         )
     names = _names_in.get(file)
-    if names is None:
-        names = _names_in[file] = _loaded(file)
+    if not names or (function and function not in names):  # it may have been edited since
+        names = _loaded(file)
     found = [name for name in names if not function or name == function]
     if len(found) != 1:
         there = f"registers {', '.join(names)}" if names else "registers no robot"
@@ -210,6 +210,7 @@ def _from_file(file: Path, function: str) -> Maker:
             else "decorate a function that returns a RobotProfile with @gensim2.register_robot"
         )
         raise InputError(there, file=file, field="robot", remedy=remedy)
+    _names_in[file] = names
     return _made_by[_registered[found[0]]]
 
 

@@ -99,10 +99,14 @@ class ControllerSpec:
         where, _ = _parts(self.target)
         source = getattr(_module(where, self.target), "__file__", None)
         depends: Callable[..., list[Path]] | None = getattr(self.load(), "depends_on", None)
-        told = {name: value for name, value in self.arguments.items() if depends is None or name != "checkpoint"}
+        files = [] if depends is None else depends(**self.arguments)
+        place = self.arguments.get("checkpoint")
+        told = dict(self.arguments)
+        if isinstance(place, str) and any(Path(place) in path.parents for path in files):
+            del told["checkpoint"]
         found = hashlib.sha256(json.dumps([self.target, told], sort_keys=True).encode())
         found.update(Path(source).read_bytes() if source is not None else b"")
-        for path in [] if depends is None else depends(**self.arguments):
+        for path in files:
             found.update(path.read_bytes())
         return found.hexdigest()[:16]
 

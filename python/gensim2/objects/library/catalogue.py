@@ -228,7 +228,10 @@ class ClassListing:
 
 
 def listing(library: Library) -> tuple[ClassListing, ...]:
-    """List the contents of a library, one row a class, articulated ones first; nothing is loaded."""
+    """List the contents of a library, one row a class, articulated ones first.
+
+    Of a class that is unknown to the project, one object is loaded: it says how its joint moves.
+    """
     return tuple(
         ClassListing(
             name,

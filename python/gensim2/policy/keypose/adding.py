@@ -12,7 +12,7 @@ from gensim2.files import new_folder
 from gensim2.policy.keypose.data import RECORD, Planned, PlannedRecord, read_planned
 from gensim2.record_files import read_record
 from gensim2.rollout.counted_objects import is_counted
-from gensim2.rollout.inputs import TaskInput, read_task_input
+from gensim2.rollout.inputs import TaskInput, read_task_input, scene_options
 from gensim2.scenes.config import SceneArguments
 
 DATA = "data"
@@ -23,7 +23,7 @@ RATE = 0.3
 
 
 def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpack[SceneArguments]) -> list[TaskInput]:
-    """Tasks of a policy with the listed objects that they were taught on; those taught on numbered ones are left out.
+    """Tasks of a policy with the listed objects of this library that they were taught on; others are left out.
 
     Args:
         start: folder of the policy, as ``gensim2 learn`` left it.
@@ -34,11 +34,11 @@ def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpa
     Raises:
         InputError: the policy has no plans beside it.
     """
-    found = []
+    found, here = [], scene_options(**scene).to_record()["assets"]
     for name in known:
-        word = read_record(_plans(start, name) / RECORD, PlannedRecord, REMEDY).scene["instances"]
-        if not is_counted(word):
-            found.append(read_task_input(name, seed=seed, **{**scene, "instances": word}))
+        was = read_record(_plans(start, name) / RECORD, PlannedRecord, REMEDY).scene
+        if was["assets"] == here and not is_counted(was["instances"]):
+            found.append(read_task_input(name, seed=seed, **{**scene, "instances": was["instances"]}))
     return found
 
 
