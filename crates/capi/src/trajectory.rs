@@ -1,6 +1,6 @@
 //! Motions in time: samples for control loops, the fastest stop, going over to another motion.
 
-use gensim2_kpam::{Limits, RetimeOptions, Trajectory, retime};
+use gensim2_kpam::{Limits, ProblemError, RetimeOptions, Trajectory, retime};
 
 use crate::guard::{Fault, give, guarded, held, kpam_status, numbers};
 
@@ -67,6 +67,23 @@ pub unsafe extern "C" fn kpam_trajectory_sample_into(
     })
 }
 
+/// Makes a motion of another.
+///
+/// # Safety
+/// `trajectory` is null or a motion that was not freed; `out` is null or may be written.
+unsafe fn made_of(
+    trajectory: *const kpam_trajectory,
+    out: *mut *mut kpam_trajectory,
+    make: impl FnOnce(&Trajectory) -> Result<Trajectory, ProblemError>,
+) -> kpam_status {
+    guarded(|| {
+        // SAFETY: as this function's.
+        let motion = &unsafe { held(trajectory, "trajectory") }?.0;
+        // SAFETY: likewise.
+        unsafe { give(out, || make(motion).map(kpam_trajectory).map_err(Fault::invalid)) }
+    })
+}
+
 /// Makes the fastest stop within the limits of velocity, acceleration and jerk from the state at time `t` on, along the
 /// motion's own path. It begins at `t`.
 ///
@@ -78,12 +95,8 @@ pub unsafe extern "C" fn kpam_trajectory_brake(
     t: f64,
     out: *mut *mut kpam_trajectory,
 ) -> kpam_status {
-    guarded(|| {
-        // SAFETY: as this function's.
-        let motion = &unsafe { held(trajectory, "trajectory") }?.0;
-        // SAFETY: likewise.
-        unsafe { give(out, || motion.brake(t).map(kpam_trajectory).map_err(Fault::invalid)) }
-    })
+    // SAFETY: as this function's.
+    unsafe { made_of(trajectory, out, |motion| motion.brake(t)) }
 }
 
 /// Makes the motion that is `trajectory` from time `t` on: a stream that is spliced again and again stays small by this.
@@ -96,12 +109,8 @@ pub unsafe extern "C" fn kpam_trajectory_since(
     t: f64,
     out: *mut *mut kpam_trajectory,
 ) -> kpam_status {
-    guarded(|| {
-        // SAFETY: as this function's.
-        let motion = &unsafe { held(trajectory, "trajectory") }?.0;
-        // SAFETY: likewise.
-        unsafe { give(out, || motion.since(t).map(kpam_trajectory).map_err(Fault::invalid)) }
-    })
+    // SAFETY: as this function's.
+    unsafe { made_of(trajectory, out, |motion| motion.since(t)) }
 }
 
 /// Makes the motion that is `trajectory` until time `t` and `next` from there on. Both are in the same state at `t`, to

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from gensim2.deploy.arm_limits import ArmLimits, Array
 from gensim2.deploy.devices import ArmDriver, ArmState
-from gensim2.deploy.limits import Sent, begin, halt, limit
+from gensim2.deploy.limits import Sent, begin, check_force, halt, limit
 
 _KEPT = 200
 """States that are kept, to know where the arm stood when a picture was taken."""
@@ -95,8 +95,15 @@ class Arm:
         return self._send(limit(self._sent, q, self.limits, force, measured), gripper, t)
 
     def hold(self, t: float) -> Sent:
-        """The next command of the checked stop; at rest, the same place."""
+        """The next command of the checked stop; at rest, the same place.
+
+        Raises:
+            RefusedError: too great a force presses on the arm; nothing is sent.
+        """
         assert self._sent is not None, "the arm is not begun"
+        state = self.state()
+        if state is not None:
+            check_force(state.force, self.limits)
         return self._send(halt(self._sent), self._gripper, t)
 
     def stop(self) -> None:

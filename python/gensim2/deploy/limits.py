@@ -123,8 +123,7 @@ def limit(
     Raises:
         RefusedError: the target is not finite, or the force too great.
     """
-    if not force <= limits.force:
-        raise RefusedError(f"a force of {force:.0f} N presses on the arm, {limits.force:g} N at most")
+    check_force(force, limits)
     wanted = _finite(target, limits)
     clips: list[str] = []
     if measured is not None:
@@ -148,6 +147,16 @@ def limit(
         return Sent(sent.q, standing, standing, sent.stop, tuple(dict.fromkeys(clips)))
     q, v, a = sent.stop.q[0], sent.stop.v[0], sent.stop.a[0]
     return Sent(q, v, a, sent.stop.after(1), tuple(dict.fromkeys(clips)))
+
+
+def check_force(force: float, limits: ArmLimits) -> None:
+    """Refuse to send anything under too great a force (N).
+
+    Raises:
+        RefusedError: it is.
+    """
+    if not force <= limits.force:
+        raise RefusedError(f"a force of {force:.0f} N presses on the arm, {limits.force:g} N at most")
 
 
 def halt(sent: Sent) -> Sent:

@@ -309,18 +309,17 @@ class Line:
 
     def _hear(self, answer: Answer, now: float) -> None:
         """Targets of an answer to the open question; any other answer is of an episode that is over."""
-        if self._open is None or answer.number != self._open.number:
-            if answer.error is not None and answer.number >= self._first_number:  # too late, and all the same the last
-                self._failed = True
-                self.watch.hold(now, answer.error)
-            return
-        self._open = None
-        self.watch.answered()
-        self._journal.answer(now, answer)
-        self._note(answer)
-        if answer.error is not None:
+        is_open = self._open is not None and answer.number == self._open.number
+        if is_open:
+            self._open = None
+            self.watch.answered()
+            self._journal.answer(now, answer)
+            self._note(answer)
+        if answer.error is not None and answer.number >= self._first_number:  # it has ended, also where that comes late
             self._failed = True
             self.watch.hold(now, answer.error)
+            return
+        if not is_open:
             return
         self.done = answer.done
         step, targets = 1.0 / self.pace, []
@@ -361,7 +360,6 @@ class Line:
         while self._grips and self._grips[0][0] <= due:
             self._grip = self._grips.pop(0)[1]
         try:
-            self._check_force()
             if self.watch.state is State.RUNNING:
                 sent = self.arm.command(self._streamer.at(due, sent), self._grip, due)
             elif self.watch.state is State.HOLDING:
@@ -389,16 +387,6 @@ class Line:
         if self.watch.state is State.HOLDING and sent.is_at_rest:
             self._note_rest(now)
         self._note_standing(now)
-
-    def _check_force(self) -> None:
-        """Refuse to go on under too great a force, also where the arm is only held.
-
-        Raises:
-            RefusedError: so it is.
-        """
-        state, most = self.arm.state(), self.arm.limits.force
-        if state is not None and not state.force <= most:
-            raise RefusedError(f"a force of {state.force:.0f} N presses on the arm, {most:g} N at most")
 
     def _held(self, sent: Sent, due: float) -> Sent:
         """Brake along the path; where the arm is not on it, or that takes too long, by the stop that was checked."""

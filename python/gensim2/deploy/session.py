@@ -211,7 +211,7 @@ class Session:
                 watch.stop(self._devices.clock.now(), f"not begun: {error}")
                 return
             self.in_episode = True
-            over = self._episode(self._begun + self._held_s + seconds, goal_ends, ended)
+            over = self._episode(self._begun + seconds, goal_ends, ended)
             self._count_passed()
             if watch.state in (State.HOLDING, State.STOPPED) or over:
                 return
@@ -270,18 +270,15 @@ class Session:
             self._cycle()
             now = clock.now()
             if line.watch.state in (State.HOLDING, State.STOPPED):
-                self._come_to_rest()
-                if not self._resumed():
+                if (held := self._sat_out(now)) is None:
                     return True
-                # What a person took to look into it is no time of the task's.
-                held = clock.now() - now
-                begun, end, held_since, self._held_s = begun + held, end + held, None, self._held_s + held
+                begun, held_since = begun + held, None
                 continue
             goal = goal_ends and self._devices.stage.goal
             held_since = (held_since or now) if goal else None
             if line.done or now - begun > stretch or (held_since is not None and now - held_since > GOAL_SECONDS):
                 break
-            if now > end:
+            if now - self._held_s > end:
                 line.watch.rest(now)
                 self._stand()
                 return True
@@ -292,11 +289,9 @@ class Session:
             self._cycle()
             now = clock.now()
             if line.watch.state in (State.HOLDING, State.STOPPED):
-                self._come_to_rest()
-                if not self._resumed():
+                if (held := self._sat_out(now)) is None:
                     return True
-                held = clock.now() - now
-                end, settled, self._held_s = end + held, settled + held, self._held_s + held
+                settled += held
         self.in_episode = False
         goal = self._devices.stage.goal
         self._outcomes.append(goal)
@@ -305,7 +300,7 @@ class Session:
         line.watch.rest(clock.now())
         self._stand()  # whoever is asked about the episode may take his time
         ended(Ended(goal, over, seconds))
-        return clock.now() > end
+        return clock.now() - self._held_s > end
 
     def _stand(self) -> None:
         """Bring the arm to rest by the stop that was checked, and let it stand by its own means."""
@@ -354,6 +349,15 @@ class Session:
             }
         )
         self._progress.message(f"{change.state}: {change.reason}")
+
+    def _sat_out(self, since: float) -> float | None:
+        """Seconds of a hold, from ``since`` until a person resumes it: no time of the task. None: nobody resumes it."""
+        self._come_to_rest()
+        if not self._resumed():
+            return None
+        held = self._devices.clock.now() - since
+        self._held_s += held
+        return held
 
     def _resumed(self) -> bool:
         """Whether a person resumes what is held; without one, it stays held."""

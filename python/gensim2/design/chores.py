@@ -10,9 +10,9 @@ from gensim2.design.base import Brief
 from gensim2.design.containers import NARROW
 from gensim2.design.drafting import BESIDE, PAIRED, Draft, Family, in_turn
 from gensim2.design.pieces import ENDS, Piece, is_known, pieces
-from gensim2.design.proposals import camel_case, holdable, role_of
+from gensim2.design.proposals import holdable, role_of
 from gensim2.design.serving import carry, into_it, place_support
-from gensim2.objects.words import Purpose, noun, purposes, to_and_fro
+from gensim2.objects.words import Purpose, camel_case, noun, purposes, to_and_fro
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Place
 

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 
 from gensim2.design.affordance import Affordance
 from gensim2.design.base import DESIGNED
-from gensim2.objects.words import Goal, Phrase, halfway, handled, in_ascii, words
+from gensim2.objects.words import Goal, Phrase, camel_case, halfway, handled, in_ascii, words
 from gensim2.tasks.criteria import (
     CLOSED,
     OPEN,
@@ -206,11 +206,6 @@ def role_of(noun: str) -> str:
     """A noun as an object's name in a task; what a task cannot call an object gets an article."""
     role = in_ascii(noun).lower().replace(" ", "_").replace("'", "")[:50]
     return f"the_{role}" if role in (HAND, TABLE) or not role[0].isalpha() else role
-
-
-def camel_case(phrase: str) -> str:
-    """``"box of crackers"`` is ``"BoxOfCrackers"``."""
-    return "".join(word[0].upper() + word[1:] for word in in_ascii(phrase.replace("'", "")).split())
 
 
 def _lifts(classes: Mapping[str, Affordance], stroke: float) -> list[TaskSpec]:

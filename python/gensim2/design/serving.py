@@ -9,8 +9,8 @@ from functools import partial
 from gensim2.design.affordance import Affordance
 from gensim2.design.base import Brief
 from gensim2.design.drafting import ALIKE, BESIDE, CLOSE_ABOUT, OTHER_SIDE, Draft, Family, in_turn
-from gensim2.design.proposals import camel_case, holdable, role_of
-from gensim2.objects.words import belongs
+from gensim2.design.proposals import holdable, role_of
+from gensim2.objects.words import belongs, camel_case
 from gensim2.tasks.criteria import RigidOnRigid
 from gensim2.tasks.spec import ObjectSpec, Place
 

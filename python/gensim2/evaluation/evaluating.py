@@ -253,11 +253,10 @@ def _keep_missing(
     progress: Progress,
 ) -> None:
     """Run those of the first episodes once more whose states were not kept, for no film was asked for then."""
-    from gensim2.data.store import TaskStore
     from gensim2.processes import Job
 
     files = folder.task(given.spec.name).path
-    kept = {each.index for each in TaskStore(files).found() if each.row is not None and each.row.recorded}
+    kept = _recorded(files)
     config = evaluator.config(given.spec, given.instances)
     missing = [
         Job(index, _arguments(config, spec, stop, files, videos, index, episodes[index].seed))
@@ -274,6 +273,14 @@ def _keep_missing(
         progress.message(f"{given.spec.name}: not all episodes can be filmed: {error}")
 
 
+def _recorded(folder: Path) -> dict[int, tuple[Path, str]]:
+    """Files and digests of a task's episodes whose states were kept, by index."""
+    from gensim2.data.store import TaskStore
+
+    found = TaskStore(folder).found()
+    return {each.index: (each.path, each.row.digest) for each in found if each.row is not None and each.row.recorded}
+
+
 def _film(
     given: TaskInput,
     spec: ControllerSpec,
@@ -284,15 +291,14 @@ def _film(
     progress: Progress,
 ) -> list[str]:
     """Film the episodes of a task whose states were kept, with the cloud that the controller is given."""
-    from gensim2.data.store import TaskStore
     from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
     from gensim2.evaluation.films import film_episode, film_path
     from gensim2.processes import Job
     from gensim2.rollout.identity import versions
 
     task, files = given.spec, folder.task(given.spec.name).path
-    kept = {each.index: each for each in TaskStore(files).found() if each.row is not None and each.row.recorded}
-    episodes = [(each.path, each.row.digest) for _, each in sorted(kept.items()) if each.row is not None]
+    kept = _recorded(files)
+    episodes = [kept[index] for index in sorted(kept)]
     if not episodes:
         return []
     provenance = TrajectoryMetadata(

@@ -129,7 +129,6 @@ class ConfigBenchmark:
         tallies = [Tally.of(row.episodes) for row in compared]
         ours = Rate(sum(tally.paper for tally in tallies), sum(tally.episodes for tally in tallies))
         release = _release_of([row.name for row in compared])
-        both = None if release is None else {"release": release.to_dict(), "p_value": differ(ours, release)}
         return {
             "schema_version": SCHEMA_VERSION,
             "run_dir": self.run_dir,
@@ -137,7 +136,11 @@ class ConfigBenchmark:
             "versions": self.versions,
             "provenance": self.provenance,
             "tasks": [row.to_dict() for row in self.rows],
-            "in_all": {"paper": ours.to_dict(), **(both or {"release": None, "p_value": None})},
+            "in_all": {
+                "paper": ours.to_dict(),
+                "release": None if release is None else release.to_dict(),
+                "p_value": None if release is None else differ(ours, release),
+            },
             "left_out": self.left_out,
             "warnings": self.warnings,
             "cpu_s": round(self.cpu_s, 3),

@@ -98,7 +98,7 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
         return Phrase(name, sentence, entry["noun"], float(usefulness))
     spoken, motion = _taken_apart(asset_class)
     name, sentence = (MOTIONS[motion] if motion else BY_JOINT[joint_type])[goal == "articulated_closed"]
-    return Phrase(name.format(_camel_case(spoken)), sentence.format(spoken), spoken, UNKNOWN)
+    return Phrase(name.format(camel_case(spoken)), sentence.format(spoken), spoken, UNKNOWN)
 
 
 def halfway(asset_class: str, goal: Goal) -> Phrase | None:
@@ -167,8 +167,9 @@ def in_ascii(phrase: str) -> str:
     return f"object {int(hashlib.sha256(phrase.encode()).hexdigest()[:6], 16)}"
 
 
-def _camel_case(phrase: str) -> str:
-    return "".join(word.capitalize() for word in in_ascii(phrase).split())
+def camel_case(phrase: str) -> str:
+    """``"box of crackers"`` is ``"BoxOfCrackers"``."""
+    return "".join(word[0].upper() + word[1:] for word in in_ascii(phrase.replace("'", "")).split())
 
 
 @cache

@@ -77,10 +77,7 @@ impl Trajectory {
     /// # Errors
     /// A time that is not finite.
     pub fn brake(&self, t: f64) -> Result<Self, ProblemError> {
-        if !t.is_finite() {
-            return Err(ProblemError::new("t", format!("{t} is not finite")));
-        }
-        let begin = t.clamp(self.start(), self.end());
+        let begin = self.nearest(t)?;
         let left = self.end() - begin;
         let mut best: Option<(f64, Vec<Node>)> = None;
         for (edge, count) in EDGES.iter().flat_map(|edge| INTERVALS.map(|count| (*edge, count))) {
@@ -117,6 +114,14 @@ impl Trajectory {
         let end = pieces.last().map_or(begin, Piece::end);
         let times = if end > begin { vec![begin, end] } else { vec![begin] };
         Ok(self.with(pieces, times, *self.limits()))
+    }
+
+    /// The time (s) within the motion that is nearest to a finite one.
+    fn nearest(&self, t: f64) -> Result<f64, ProblemError> {
+        if !t.is_finite() {
+            return Err(ProblemError::new("t", format!("{t} is not finite")));
+        }
+        Ok(t.clamp(self.start(), self.end()))
     }
 
     /// States of the motion on a slowing clock.
@@ -158,10 +163,7 @@ impl Trajectory {
     /// # Errors
     /// A time that is not finite.
     pub fn since(&self, t: f64) -> Result<Self, ProblemError> {
-        if !t.is_finite() {
-            return Err(ProblemError::new("t", format!("{t} is not finite")));
-        }
-        let t = t.clamp(self.start(), self.end());
+        let t = self.nearest(t)?;
         let mut times = vec![t];
         times.extend(self.times().iter().filter(|time| **time > t));
         Ok(self.with(self.from(t), times, *self.limits()))
