@@ -351,7 +351,7 @@ class Session:
         self._progress.message(f"{change.state}: {change.reason}")
 
     def _sat_out(self, since: float) -> float | None:
-        """Seconds of a hold, from ``since`` until a person resumes it: no time of the task. None: nobody resumes it."""
+        """Seconds of a hold, from ``since`` until a person resumes it: no time of the task. None: it never is."""
         self._come_to_rest()
         if not self._resumed():
             return None
