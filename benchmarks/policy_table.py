@@ -4,7 +4,8 @@
     python benchmarks/policy_table.py                         # writes the tables from the figures that there are
 
 The figures stand in ``policies.json`` beside this file, a row for each task and way of learning: a run takes the place
-of an earlier one of the same task, policy, objects, randomization and number of tasks.
+of an earlier one of the same task, policy, objects, randomization, number of tasks and seed of training. Where there
+are several seeds, the first one's row stands in the tables, and all of them in one of their own.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ PAGES = (ROOT / "docs" / "policy_keypose.md", ROOT / "docs" / "policy.md", ROOT 
 MARKED = re.compile(r"(<!-- policies: (\w+) -->\n).*?(<!-- /policies -->)", re.DOTALL)
 CONTROLS = ("blind", "shuffled", "no_op", "expert")
 NAMES = {"blind": "blind", "shuffled": "clouds of others", "no_op": "no-op", "expert": "expert"}
-KEY = ("name", "policy", "objects", "randomization", "together")
+WHAT = ("name", "policy", "objects", "randomization", "together")
+KEY = (*WHAT, "seed")
 
 Row = dict[str, Any]
 
@@ -67,7 +69,7 @@ def rows_of(found: Mapping[str, Any], commit: str) -> list[Row]:
 
 def every(rows: Sequence[Row]) -> str:
     """Return tables of keypose policies: of one single-step task each, in the paper's scenes and wide ones; others."""
-    keyposes = [row for row in rows if row["policy"] == "keypose"]
+    keyposes = [row for row in _first_seeds(rows) if row["policy"] == "keypose"]
     plain = [row for row in keyposes if _is_plain(row, "paper")]
     wide = [row for row in keyposes if _is_plain(row, "wide")]
     others = [row for row in keyposes if row not in plain and row not in wide]
@@ -81,13 +83,40 @@ def every(rows: Sequence[Row]) -> str:
 
 def chunks(rows: Sequence[Row]) -> str:
     """Return a table of policies of action chunks."""
-    mine = [row for row in rows if row["policy"] != "keypose"]
+    mine = [row for row in _first_seeds(rows) if row["policy"] != "keypose"]
     return _table(mine, others=True) if mine else ""
+
+
+def seeds(rows: Sequence[Row]) -> str:
+    """Return a table of what was trained by several seeds; controls are added up."""
+    groups = {what: mine for what, mine in _by_what(rows).items() if len(mine) > 1}
+    if not groups:
+        return ""
+    several = [row for mine in groups.values() for row in mine]
+    names = sorted({row["seed"] for row in several})
+    controls = [name for name in CONTROLS if any(name in row for row in several)]
+    head = ["task", "policy", *(f"seed {seed}" for seed in names), "together (95 %)", "strict"]
+    head += [*(NAMES[name] for name in controls), "CPU s each"]
+    lines = [line(head), line(["---"] * len(head))]
+    for what, mine in groups.items():
+        held, episodes = sum(row["held"] for row in mine), sum(row["episodes"] for row in mine)
+        low, high = interval(held, episodes)
+        of_seed = {row["seed"]: f"{row['held']} of {row['episodes']}" for row in mine}
+        cells = [what[0], _told(mine[0]), *(of_seed.get(seed, "") for seed in names)]
+        cells.append(f"{held / episodes:.3f} ({low:.3f} to {high:.3f})")
+        cells.append(f"{sum(row['strict'] for row in mine) / episodes:.2f}")
+        for name in controls:
+            asked = [row for row in mine if name in row]
+            counts = sum(row[name] for row in asked), sum(row["control_episodes"] for row in asked)
+            cells.append(f"{counts[0]} of {counts[1]}" if asked else "")
+        cells.append(f"{mean(row['data_cpu_s'] + row['training_cpu_s'] for row in mine):.0f}")
+        lines.append(line(cells))
+    return "\n".join(lines) + "\n"
 
 
 def short(rows: Sequence[Row]) -> str:
     """Return one sentence about single-task keypose policies."""
-    plain = [row for row in rows if _is_plain(row, "paper")]
+    plain = [row for row in _first_seeds(rows) if _is_plain(row, "paper")]
     if not plain:
         return ""
     held, episodes = sum(row["held"] for row in plain), sum(row["episodes"] for row in plain)
@@ -104,6 +133,24 @@ def short(rows: Sequence[Row]) -> str:
         f"and measured on objects that it never saw: {mean(rates):.2f} `held` ({held} of {episodes} episodes, "
         f"{low:.3f} to {high:.3f}), the worst {worst['name']} {min(rates):.2f}; without the cloud {blind} of {of}.\n"
     )
+
+
+def _by_what(rows: Sequence[Row]) -> dict[tuple[Any, ...], list[Row]]:
+    """Rows that differ by their seed alone, in its order."""
+    groups: dict[tuple[Any, ...], list[Row]] = {}
+    for row in sorted(rows, key=lambda row: [row[name] for name in KEY]):
+        groups.setdefault(tuple(row[name] for name in WHAT), []).append(row)
+    return groups
+
+
+def _first_seeds(rows: Sequence[Row]) -> list[Row]:
+    return [mine[0] for mine in _by_what(rows).values()]
+
+
+def _told(row: Row) -> str:
+    together = [f"one of {row['together']} tasks"] if row["together"] > 1 else []
+    wide = [row["randomization"]] if row["randomization"] != "paper" else []
+    return ", ".join([row["policy"], *together, row["objects"], *wide])
 
 
 def _is_plain(row: Row, randomization: str) -> bool:
@@ -125,13 +172,7 @@ def _table(rows: Sequence[Row], *, others: bool) -> str:
     for row in sorted(rows, key=lambda row: [row[each] for each in ("together", "policy", "name", "objects")]):
         cells = [row["name"]]
         if others:
-            told = [
-                row["policy"],
-                *([f"one of {row['together']} tasks"] if row["together"] > 1 else []),
-                row["objects"],
-                *([row["randomization"]] if row["randomization"] != "paper" else []),
-            ]
-            cells.append(", ".join(told))
+            cells.append(_told(row))
         low, high = interval(row["held"], row["episodes"])
         cells.append(f"{row['held'] / row['episodes']:.2f} ({low:.2f} to {high:.2f}) of {row['episodes']}")
         cells.append(f"{row['strict'] / row['episodes']:.2f}")
@@ -158,7 +199,7 @@ def main() -> None:
             known[tuple(row[name] for name in KEY)] = row
     rows = [known[key] for key in sorted(known, key=str)]
     write_json(FIGURES, {"schema_version": 1, "rows": rows})
-    makers = {"all": every, "short": short, "chunks": chunks}
+    makers = {"all": every, "short": short, "chunks": chunks, "seeds": seeds}
     for page in PAGES:
         text = MARKED.sub(lambda match: f"{match[1]}{makers[match[2]](rows)}{match[3]}", page.read_text())
         write_atomic(page, text)

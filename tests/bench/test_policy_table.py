@@ -81,6 +81,20 @@ def test_policies_of_several_tasks_have_a_table_of_their_own(made: Any) -> None:
     assert made.short(rows) == made.short(alone)
 
 
+def test_several_seeds_have_a_table_and_the_first_stands_in_the_others(made: Any) -> None:
+    first, second = _learned("CloseBox", held=1.0), _learned("CloseBox", held=0.9, blind=0.1)
+    second["seed"] = 8
+    alone = made.rows_of(first, "abc") + made.rows_of(_learned("OpenBox", held=1.0), "abc")
+    rows = made.rows_of(second, "abc") + alone
+    assert made.every(rows) == made.every(alone)
+    assert made.short(rows) == made.short(alone)
+    table = made.seeds(rows)
+    assert "OpenBox" not in table
+    assert "| 100 of 100 | 90 of 100 | 0.950 (0.910 to 0.973) |" in table
+    assert "| 3 of 60 | 60 of 60 |" in table
+    assert made.seeds(alone) == ""
+
+
 def test_wide_scenes_and_chunks_of_actions_have_their_own_tables(made: Any) -> None:
     wide = _learned("CloseBox", "OpenBox", held=0.9)
     wide["scene"]["randomization"] = "wide"
