@@ -22,7 +22,7 @@ from gensim2.policy.keypose.data import RECORD, Planned, make_shard, read_planne
 from gensim2.policy.keypose.examples import other_openness
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import TRAINING, train_keypose
-from gensim2.policy.learning import CHUNK_SPEC
+from gensim2.policy.learning import CHUNK_POLICY, CHUNK_SPEC
 from gensim2.policy.starting import SPEC
 from gensim2.policy.training import train
 from gensim2.rollout.inputs import TaskInput, read_task_input
@@ -52,7 +52,7 @@ def by_heart(head: str, steps: int, out: Path) -> dict[str, Any]:
             render(data, spec=CHUNK_SPEC, workers=1)
         seeds = [row.seed for row in DataSet.open(data).task(TASK).logged() if row.held][:EPISODES]
         begin = time.process_time()
-        train(data, out=folder, settings={**PLAIN, "head": head, "steps": steps})
+        train(data, out=folder, settings={**CHUNK_POLICY.to_dict(), **PLAIN, "head": head, "steps": steps})
         controller = PolicyController(str(folder))
     spent = time.process_time() - begin
     env = simulator(given.scene)

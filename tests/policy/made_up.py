@@ -16,6 +16,7 @@ from gensim2.policy.checkpoint import ActionSpec, DataRecord
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.control import Shuffled
 from gensim2.policy.heads.actions import ACTION
+from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS
 from gensim2.policy.source import SENTENCE
 from gensim2.robots import robot
 
@@ -99,6 +100,10 @@ class MadeUpSource:
             GRIPPER: rng.uniform(-1, 1, (size, frames, 2)),
             ACTION: actions,
         }
+        if count := self._config.keyframes:
+            found[KEY_POSITIONS] = rng.normal(0, 0.1, (size, count, 3))
+            found[KEY_POSITIONS][0] = np.nan  # nothing is known of them
+            found[KEY_ROTATIONS] = np.tile(np.eye(3), (size, count, 1, 1))
         tensors = {name: torch.from_numpy(values.astype(np.float32)) for name, values in found.items()}
         return {**tensors, SENTENCE: torch.from_numpy(sentence)}
 

@@ -11,6 +11,7 @@ import made_up
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 import gensim2
 from gensim2.cli.main import run
@@ -27,6 +28,7 @@ from gensim2.policy.decoded import ACTIONS, decode
 from gensim2.policy.demonstrations import Demonstrations
 from gensim2.policy.frames import SEEN
 from gensim2.policy.heads.actions import ACTION
+from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, next_keyframes, taught_span
 from gensim2.policy.sentences import sentence_row
 from gensim2.policy.source import SENTENCE
 from gensim2.policy.training import train
@@ -74,7 +76,10 @@ def test_batches_are_the_frames_and_the_chunks_behind_them(folder: Path) -> None
     found = Demonstrations.open([folder], config)
     frames = DataSet.open(folder).frames()
     first = decode([folder]).episodes[0]
-    rows = np.array([0, 3, first.steps - 2, first.steps])
+    targets = np.array([frames[row]["action"][:7] for row in range(first.steps)])
+    taught, end = taught_span(np.concatenate([targets, targets[-1:]]), 20.0)
+    assert 0 < taught < end < first.steps  # it waits at either end
+    rows = np.array([0, 3, end - 2, end])
     batch = found.batch(rows)
     for number, row in enumerate(rows[:-1].tolist()):
         for back in range(3):
@@ -82,14 +87,40 @@ def test_batches_are_the_frames_and_the_chunks_behind_them(folder: Path) -> None
             for name in (CLOUD, STATE, "velocity", "tool_pose", "gripper"):
                 assert np.array_equal(batch[name][number, 2 - back].numpy(), frame[name]), name
         for ahead in range(6):
-            action = frames[min(row + ahead, first.steps - 1)]["action"]
+            action = frames[min(row + ahead, end)]["action"]
             chunk = batch[ACTION][number, ahead].numpy()
             assert np.allclose(chunk[:7] + frames[row][STATE][:7], action[:7], atol=1e-6)
             assert chunk[7] == action[7]
-            assert chunk[8] == (1.0 if row + ahead >= first.steps else -1.0)
+            assert chunk[8] == (1.0 if row + ahead >= end else -1.0)
     assert (batch[ACTION][-1, :, 8] == 1.0).all()
     assert found.sentences == (gensim2.load_task("CloseBox").description,)
     assert batch[SENTENCE].tolist() == [0] * 4
+    drawn = found.draw(np.random.default_rng(0), 500)[STATE][:, -1]
+    waiting = torch.from_numpy(np.array(frames[0][STATE]))
+    assert len(torch.unique(drawn, dim=0)) > 50
+    assert (drawn - waiting).abs().amax(1).lt(1e-6).sum() < 50
+
+
+def test_keyframes_are_told_in_the_frame_of_the_tool(folder: Path) -> None:
+    found = Demonstrations.open([folder], made_up.policy(history=1, keyframes=2))
+    frames = DataSet.open(folder).frames()
+    steps = decode([folder]).episodes[0].steps
+    targets = np.array([frames[min(row, steps - 1)]["action"][:7] for row in range(steps + 1)])
+    rows = np.array([0, 10, 30])
+    batch, keys = found.batch(rows), next_keyframes(keyframes(targets, 20.0), steps + 1, 2)
+    for number, row in enumerate(rows.tolist()):
+        now = _matrix(frames[row]["tool_pose"])
+        for ahead in range(2):
+            then = np.linalg.inv(now) @ _matrix(frames[int(keys[row, ahead])]["tool_pose"])
+            assert np.allclose(batch[KEY_POSITIONS][number, ahead], then[:3, 3], atol=1e-5)
+            assert np.allclose(batch[KEY_ROTATIONS][number, ahead], then[:3, :3], atol=1e-5)
+
+
+def _matrix(pose: np.ndarray) -> np.ndarray:
+    found = np.eye(4)
+    found[:3, :3] = Rotation.from_quat(pose[3:], scalar_first=True).as_matrix()
+    found[:3, 3] = pose[:3]
+    return found
 
 
 def test_a_policy_sees_live_what_it_saw_in_training(folder: Path, checkpoint: Path) -> None:
@@ -145,6 +176,37 @@ def test_chunks_are_executed_until_the_end_is_marked(folder: Path, checkpoint: P
     assert len(looks) == 3
 
 
+def test_a_hand_that_stands_still_goes_back_the_way_it_came(folder: Path, checkpoint: Path) -> None:
+    env, _ = _live(folder)
+    controller = PolicyController(str(checkpoint), execute=4, attempts=2)
+    observation = env.observe(controller.observation_spec)
+    looks = []
+
+    def network(batch: Any, noise: Any) -> torch.Tensor:  # a made-up network: it goes for 12 steps, and stays there
+        looks.append(batch)
+        count = len(looks) % 7 if len(looks) > 6 else len(looks)
+        chunk = torch.full((1, 4, 9), -1.0)
+        chunk[..., :7] = 0.1 * torch.arange(4 * count - 3, 4 * count + 1)[None, :, None].clamp(max=12)
+        chunk[..., 7] = 1.0
+        return chunk
+
+    network.head = controller._policy.network.head  # type: ignore[attr-defined]
+    object.__setattr__(controller._policy, "network", network)
+    object.__setattr__(network, "config", made_up.policy(history=1))
+    controller.reset(observation, 0)
+    here = observation[STATE][0]
+    went = [controller.act(observation) for _ in range(60)]
+    moved = np.round([(each[0] - here) / 0.1 for each in went if each is not None]).astype(int).tolist()
+    assert len(moved) == 60
+    assert moved[:16] == [*range(1, 13), 12, 12, 12, 12]
+    back = moved.index(11, 16)
+    assert moved[back - 1 : back + 11] == list(range(12, 0, -1))
+    assert max(moved[back + 11 : back + 15]) == 1
+    assert moved[-1] == 12  # it begins again, and once only
+    assert moved.count(6) == 3
+    assert len(looks) > 8
+
+
 def test_along_a_demonstration_labels_are_what_the_demonstration_did(
     folder: Path, checkpoint: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -192,7 +254,7 @@ def test_rounds_of_relabels_are_counted_and_resumed(
 
 
 def test_batches_have_their_share_of_relabels(folder: Path) -> None:
-    source = Demonstrations.open([folder], made_up.policy(history=1, horizon=4))
+    source = Demonstrations.open([folder], made_up.policy(history=1, horizon=4, keyframes=1))
     whole = source.draw(np.random.default_rng(0), 3)
     arrays = {name: np.full_like(whole[name].numpy(), 7.0) for name in (*SEEN, ACTION)}
     language = source.sentences[0]
@@ -200,6 +262,7 @@ def test_batches_have_their_share_of_relabels(folder: Path) -> None:
     batch = mixed.draw(np.random.default_rng(1), 10)
     assert (batch[ACTION][:, 0, 0] == 7.0).sum() == 3
     assert {len(values) for values in batch.values()} == {10}
+    assert batch[KEY_POSITIONS].isnan().all(-1).all(-1).sum() == 3
     assert mixed.record.relabels == 3
     assert mixed.record.digest != source.record.digest
     assert (relabels.RelabelledSource(source, []).draw(np.random.default_rng(1), 10)[ACTION] != 7.0).all()

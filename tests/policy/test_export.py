@@ -17,16 +17,19 @@ pytest.importorskip("onnxscript")
 
 
 @pytest.mark.parametrize(
-    ("encoder", "head", "text"),
+    ("encoder", "head", "text", "keyframes"),
     [
-        ("mlp", "transformer", "none"),
-        ("pointnet", "diffusion", "small"),
-        ("pointnext", "chunk", "clip"),
-        ("mlp", "flow", "small"),
+        ("mlp", "transformer", "none", 0),
+        ("pointnet", "diffusion", "small", 0),
+        ("pointnext", "chunk", "clip", 1),
+        ("mlp", "flow", "small", 3),
     ],
 )
-def test_exports_are_the_same_function(encoder: str, head: str, text: str, tmp_path: Path, clip: str) -> None:
-    config = made_up.policy(encoder=encoder, head=head, text=text, text_model=clip, history=1)
+def test_exports_are_the_same_function(
+    encoder: str, head: str, text: str, keyframes: int, tmp_path: Path, clip: str
+) -> None:
+    told = {"encoder": encoder, "head": head, "text": text, "text_model": clip, "keyframes": keyframes}
+    config = made_up.policy(**told, history=1)
     train_policy(made_up.MadeUpSource(config), config, made_up.training(), tmp_path / "policy")
     for to in export.FORMATS:
         told = export_policy(tmp_path / "policy", tmp_path / f"policy.{to}", to)

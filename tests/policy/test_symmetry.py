@@ -37,11 +37,11 @@ def seen() -> dict[str, torch.Tensor]:
 
 
 @pytest.mark.parametrize("angle", [-1.3, 0.7])
-@pytest.mark.parametrize("encoder", ["mlp", "pointnet", "pointnext"])
+@pytest.mark.parametrize(("encoder", "keyframes"), [("mlp", 0), ("mlp", 2), ("pointnet", 0), ("pointnext", 0)])
 def test_a_turned_scene_has_the_same_relative_actions(
-    seen: dict[str, torch.Tensor], encoder: str, angle: float
+    seen: dict[str, torch.Tensor], encoder: str, keyframes: int, angle: float
 ) -> None:
-    config = made_up.policy(encoder=encoder)
+    config = made_up.policy(encoder=encoder, keyframes=keyframes)
     table = prepare(["open the drawer"], config)
     network = fresh_network(config, 7, table.shape[1:], 0).eval()
     actions = []

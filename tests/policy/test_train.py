@@ -45,7 +45,8 @@ def files(folder: Path) -> dict[str, bytes]:
 def test_every_combination_trains_and_goes_on_bit_for_bit(
     encoder: str, head: str, text: str, tmp_path: Path, clip: str
 ) -> None:
-    config = made_up.policy(encoder=encoder, head=head, text=text, text_model=clip)
+    keyframes = 2 if text == "small" else 0
+    config = made_up.policy(encoder=encoder, head=head, text=text, text_model=clip, keyframes=keyframes)
     source = made_up.MadeUpSource(config)
     result = train_policy(source, config, made_up.training(), tmp_path / "whole")
     assert result.steps == 2

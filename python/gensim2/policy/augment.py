@@ -1,17 +1,28 @@
-"""Augmentation of batches: jitter and dropout of points, colours, yaw."""
+"""Augmentation of batches: jitter and dropout of points, colours, yaw, and arms that are off their way."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
 
-from gensim2.observations.columns import CLOUD
+from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE
+from gensim2.observations.proprioception import tool_pose
 from gensim2.policy.frames import yawed
+from gensim2.policy.heads.actions import ACTION
+from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS
+from gensim2.policy.rotations import matrix_of_quaternion
 
 if TYPE_CHECKING:
     from gensim2.policy.config import TrainConfig
+    from gensim2.robots import RobotProfile
+
+OFF = 0.5
+"""Share of samples whose arm is shown off its way."""
+HOLDS_COMMAND, HOLDS_WIDTH = 0.5, 0.004
+"""Command below which fingers close, and distance of the pads (m) above which they then hold something."""
 
 
 def augmented(
@@ -46,4 +57,43 @@ def augmented(
     found[CLOUD] = torch.cat([xyz, colours], -1)
     if training.yaw > 0:
         found = yawed(found, training.yaw * (2 * torch.rand(batch, **made) - 1))
+    return found
+
+
+def off_its_way(
+    batch: Mapping[str, torch.Tensor], profile: RobotProfile, training: TrainConfig, generator: torch.Generator
+) -> dict[str, torch.Tensor]:
+    """Return a batch in which the arm of some samples is elsewhere than it was, and the actions lead it back.
+
+    A policy that was taught on ways alone cannot come back to them (Ke et al. 2021, noise-injected labels). Joints get
+    normal noise of up to ``arm_noise``, the same in all frames, the tool's pose follows by forward kinematics, targets
+    stay where they are. Hands that hold something are left where they were: what they hold would have come along.
+
+    Args:
+        batch: columns (B, T, ...) in the base frame of clouds without the robot, and targets relative to the joints.
+        profile: of the robot.
+        generator: on the tensors' device.
+    """
+    found = dict(batch)
+    state, fingers, m = batch[STATE], batch[GRIPPER][:, -1], profile.arm_size
+    made = {"generator": generator, "device": state.device}
+    holds = (fingers[:, 1] < HOLDS_COMMAND) & (fingers[:, 0] > HOLDS_WIDTH)
+    off = (torch.rand(len(state), **made) < OFF) & ~holds
+    size = training.arm_noise * torch.rand(len(state), 1, **made) * off[:, None]
+    noise = size * torch.randn(len(state), m, **made)
+    joints = state.clone()
+    joints[..., :m] += noise[:, None]
+    found[STATE] = joints
+    flat = joints.flatten(0, 1).double().cpu().numpy()
+    poses = np.array([tool_pose(profile, row) for row in flat], dtype=np.float32)
+    pose = torch.from_numpy(poses).to(state.device).reshape(batch[TOOL_POSE].shape)
+    found[TOOL_POSE] = torch.where(off[:, None, None], pose, batch[TOOL_POSE])
+    found[ACTION] = batch[ACTION].clone()
+    found[ACTION][..., :m] -= noise[:, None]
+    if KEY_POSITIONS in batch:
+        was, now = batch[TOOL_POSE][:, -1], found[TOOL_POSE][:, -1]
+        R_was, R_now = matrix_of_quaternion(was[:, 3:]), matrix_of_quaternion(now[:, 3:])
+        base = batch[KEY_POSITIONS] @ R_was.transpose(1, 2) + was[:, None, :3]
+        found[KEY_POSITIONS] = (base - now[:, None, :3]) @ R_now
+        found[KEY_ROTATIONS] = (R_now.transpose(1, 2) @ R_was)[:, None] @ batch[KEY_ROTATIONS]
     return found

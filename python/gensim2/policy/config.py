@@ -55,6 +55,13 @@ class PolicyConfig(Settings):
     spread_points: int = setting(
         0, "Points beside them that lie far from each other, so that small things have some.", low=0, high=49152
     )
+    keyframes: int = setting(
+        0,
+        "Keyframes of the hand, the next ones at which it stands still, that heads of action chunks are told: pointed "
+        "at on seen_points of the cloud, and learned from demonstrations beside the actions.",
+        low=0,
+        high=8,
+    )
     denoise_steps: int = setting(4, "Steps of DDIM, or of Euler's rule for flow, at inference.", low=1, high=1000)
 
     def __post_init__(self) -> None:
@@ -65,6 +72,8 @@ class PolicyConfig(Settings):
             raise InputError(f"must be at most horizon, {self.horizon}", field="execute")
         if self.denoise_steps > self.noise_levels:
             raise InputError(f"must be at most noise_levels, {self.noise_levels}", field="denoise_steps")
+        if self.keyframes and self.head == "keypose":
+            raise InputError("is of heads of action chunks", field="keyframes")
 
 
 @dataclass(frozen=True)
@@ -85,6 +94,13 @@ class TrainConfig(Settings):
     colour_jitter: float = setting(0.05, "Standard deviation of a shift of all colours of a cloud.", low=0.0, high=1.0)
     yaw: float = setting(
         0.0, "Largest yaw of a scene about the base, rad; of no effect where frame is turned.", low=0.0, high=3.2
+    )
+    arm_noise: float = setting(
+        0.0,
+        "Largest standard deviation by which the arm's joints are shown elsewhere than they were, rad: half of the "
+        "samples, with actions that lead back. Clouds without the robot alone can be shown so.",
+        low=0.0,
+        high=0.5,
     )
     seed: int = setting(0, "Of everything that is drawn.", low=0, high=2**32 - 1)
     threads: int = setting(

@@ -16,7 +16,8 @@ import numpy.typing as npt
 import torch
 
 from gensim2.errors import InputError
-from gensim2.observations.columns import STATE
+from gensim2.observations.columns import GRIPPER, STATE
+from gensim2.policy.augment import HOLDS_COMMAND, HOLDS_WIDTH
 from gensim2.policy.checkpoint import CONFIG_JSON, CheckpointError, PolicyCheckpoint
 from gensim2.policy.control import CLOUDS, Sees, Sight
 from gensim2.policy.embodiment import check_robot
@@ -32,15 +33,24 @@ if TYPE_CHECKING:
 
 Action = npt.NDArray[np.float32]
 
+ATTEMPTS = 4
+"""Times that a policy begins, by default."""
+RESTS = 6
+"""Control steps at rest before it begins again."""
+STILL, STILL_LOOKS = 0.02, 2
+"""Rad within which targets are the same, and looks in a row at which all of them are."""
+
 
 class PolicyController:
     """Executes chunks of a policy: the first ``execute`` actions of each, then it looks again.
 
-    It is done (None) where the first action of a fresh chunk is marked as behind the end.
+    It is done (None) where the first action of a fresh chunk is marked as behind the end. A hand that stands still
+    without that, and holds nothing, has failed: it goes back the way it came and begins again.
 
     Args:
         checkpoint: folder.
         execute: actions of a chunk that are executed; None: as the policy was configured.
+        attempts: times that it begins, at most.
         denoise_steps: of diffusion and flow; None: as configured.
         unknown_sentences: ``refuse`` those that were not trained on, or ``embed`` them by the text encoder.
         sees: a control, where it is not ``"all"``.
@@ -60,6 +70,7 @@ class PolicyController:
         self,
         checkpoint: str,
         execute: int | None = None,
+        attempts: int = ATTEMPTS,
         denoise_steps: int | None = None,
         unknown_sentences: str = "refuse",
         sees: Sees = "all",
@@ -76,6 +87,9 @@ class PolicyController:
         self._execute = config.execute if execute is None else execute
         if not 1 <= self._execute <= config.horizon:
             raise InputError(f"must lie in 1..{config.horizon}, is {self._execute}", field="execute")
+        if not 1 <= attempts <= 1000:
+            raise InputError(f"must lie in 1..1000, is {attempts}", field="attempts")
+        self._attempts = attempts
         if denoise_steps is not None:
             if not hasattr(self._policy.network.head, "steps"):
                 raise InputError(f"is of diffusion and flow, the head is {config.head}", field="denoise_steps")
@@ -107,6 +121,8 @@ class PolicyController:
         self._rng, self._seed = rng(seed, "policy/act"), seed
         self._past: deque[dict[str, torch.Tensor]] = deque(maxlen=1 + config.stride * (config.history - 1))
         self._plan: list[Action] = []
+        self._sent: list[Action] = []
+        self._begun, self._still, self._goes_back = 1, 0, False
 
     def act(self, observation: Observation) -> Action | None:
         """Return the next action, (m + 1,); None: done."""
@@ -115,7 +131,29 @@ class PolicyController:
         self._past.append(seen)
         if not self._plan:
             self._plan = self._actions(observation)
-        return self._plan.pop(0) if self._plan else None
+            self._goes_back = self._is_stuck(observation)
+            if self._goes_back:
+                self._plan = [*self._sent[::-1], *[self._sent[0]] * RESTS]
+                self._begun, self._still, self._sent = self._begun + 1, 0, []
+        if not self._plan:
+            return None
+        action = self._plan.pop(0)
+        if not self._goes_back and self._moves(action):
+            self._sent.append(action)
+        return action
+
+    def _is_stuck(self, observation: Observation) -> bool:
+        """Whether another attempt is due: for some looks in a row nothing is to move, and the end is not marked."""
+        waits = bool(self._plan) and not any(map(self._moves, self._plan))
+        self._still = self._still + 1 if waits else 0
+        width, command = np.asarray(observation[GRIPPER])
+        holds = command < HOLDS_COMMAND and width > HOLDS_WIDTH
+        return self._still >= STILL_LOOKS and self._begun < self._attempts and len(self._sent) > RESTS and not holds
+
+    def _moves(self, action: Action) -> bool:
+        """Whether a target is another than the last that was sent: a hand that presses stands beside its target."""
+        arm = self._policy.action.arm
+        return not self._sent or bool(np.abs(action[:arm] - self._sent[-1][:arm]).max() > STILL)
 
     def _actions(self, observation: Observation) -> list[Action]:
         """The actions to execute before the next look; none where the episode is over."""

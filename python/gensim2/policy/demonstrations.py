@@ -16,6 +16,8 @@ from gensim2.policy.checkpoint import ActionSpec
 from gensim2.policy.control import Shuffled
 from gensim2.policy.decoded import ACTIONS, RGB, XYZ, DecodedData, decode
 from gensim2.policy.heads.actions import ACTION, EXTRA
+from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, next_keyframes, taught_span
+from gensim2.policy.rotations import matrix_of_quaternion
 from gensim2.policy.source import SENTENCE
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 
 class Demonstrations:
     """Frames of episodes that held, drawn evenly by task, with the chunk of actions from each on.
+
+    Frames in which the arm waits at either end of an episode are not drawn.
 
     Args:
         data: decoded episodes.
@@ -42,11 +46,15 @@ class Demonstrations:
         lengths = np.array([each.steps + 1 for each in data.episodes])
         episode = np.repeat(np.arange(len(firsts)), lengths)
         self._first = firsts[episode]
-        self._last = self._first + lengths[episode] - 1
+        spans = np.array([self._span(first, length) for first, length in zip(firsts, lengths, strict=True)])
+        self._last = spans[episode, 1]
+        rows = np.arange(len(episode))
+        taught = (rows >= spans[episode, 0]) & (rows <= self._last)
         numbers = np.array([self.sentences.index(each.language) for each in data.episodes])
         self._sentence = numbers[episode]
         tasks = np.array([data.record.tasks.index(each.task) for each in data.episodes])[episode]
-        self._frames = [np.flatnonzero(tasks == number) for number in range(len(data.record.tasks))]
+        self._frames = [np.flatnonzero(taught & (tasks == number)) for number in range(len(data.record.tasks))]
+        self._keyframes = self._find_keyframes(firsts, lengths) if config.keyframes else None
 
     @staticmethod
     def open(
@@ -74,10 +82,11 @@ class Demonstrations:
         return self.batch(np.array(rows))
 
     def batch(self, rows: npt.NDArray[np.int64]) -> dict[str, torch.Tensor]:
-        """Return the batch of frames by number: columns (B, T, ...), ``sentence`` and ``action``.
+        """Return the batch of frames by number: columns (B, T, ...), ``sentence``, ``action``, and the next keyframes
+        where the policy is told them.
 
-        Frames before an episode's first are its first one. Behind an episode's last action the arm stays, and the end
-        is marked.
+        Frames before an episode's first are its first one. Behind the last frame that it teaches the arm stays, and
+        the end is marked.
         """
         back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
         seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])
@@ -87,13 +96,39 @@ class Demonstrations:
             found[name] = self._arrays[name][seen]
         found[ACTION] = self._chunks(rows)
         found[SENTENCE] = self._sentence[rows]
-        return {name: torch.from_numpy(np.ascontiguousarray(values)) for name, values in found.items()}
+        batch = {name: torch.from_numpy(np.ascontiguousarray(values)) for name, values in found.items()}
+        return batch if self._keyframes is None else {**batch, **self._ahead(rows, self._keyframes[rows])}
 
     def some_clouds(self, max_clouds: int) -> Shuffled:
         """Clouds of the first frames of episodes evenly through the data."""
         firsts = np.unique(self._first)
         rows = firsts[np.unique(np.linspace(0, len(firsts) - 1, max_clouds).astype(np.int64))]
         return Shuffled(from_steps(self._arrays[XYZ][rows]), np.array(self._arrays[RGB][rows]))
+
+    def _span(self, first: int, length: int) -> tuple[int, int]:
+        """Rows of the first and of the last frame that an episode teaches."""
+        actions = self._arrays[ACTIONS][first : first + length, : self.action.arm]
+        begin, end = taught_span(actions, self.action.control_hz)
+        return first + begin, first + end
+
+    def _find_keyframes(self, firsts: npt.NDArray[np.int64], lengths: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """(F, K) rows of the next keyframes behind each frame."""
+        found = np.empty((len(self._first), self._config.keyframes), dtype=np.int64)
+        for first, length in zip(firsts, lengths, strict=True):
+            own = slice(first, first + length)
+            keys = keyframes(self._arrays[ACTIONS][own, : self.action.arm], self.action.control_hz)
+            found[own] = first + next_keyframes(keys, int(length), self._config.keyframes)
+        return found
+
+    def _ahead(self, rows: npt.NDArray[np.int64], keys: npt.NDArray[np.int64]) -> dict[str, torch.Tensor]:
+        """The tool at rows ``keys`` (B, K), in the frame that it has at ``rows`` (B,)."""
+        now = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][rows]))
+        then = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][keys]))
+        R = matrix_of_quaternion(now[:, 3:])
+        return {
+            KEY_POSITIONS: (then[..., :3] - now[:, None, :3]) @ R,
+            KEY_ROTATIONS: R[:, None].transpose(-1, -2) @ matrix_of_quaternion(then[..., 3:]),
+        }
 
     def _chunks(self, rows: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
         """(B, H, m + 2) (:mod:`gensim2.policy.heads.actions`)."""

@@ -47,10 +47,13 @@ DATA_SHARE = 0.4
 LEAST_STEPS, MAX_STEPS = 20, 10_000
 """Gradient steps for one task; of several tasks as many times more."""
 LEARN_JSON, RESULT_JSON = "learn.json", "result.json"
-PROBES = 3
-"""Steps by which the time of one is measured."""
-CHUNK_SPEC = ObservationSpec.of({"points": 512, "candidates": 2048})
-"""Observations of a policy of action chunks."""
+PROBES, PROBE_S = 3, 1.0
+"""Steps by which the time of one is measured, at least, and the CPU seconds that they take: the first are slow."""
+CHUNK_SPEC = ObservationSpec.of({"points": 256, "candidates": 2048, "robot": "none"})
+"""Observations of a policy of action chunks: the scene without the robot."""
+CHUNK_POLICY = PolicyConfig(keyframes=3, seen_points=192)
+"""Network of a policy of action chunks; its head is what was asked for."""
+CHUNK_TRAINING = TrainConfig(arm_noise=0.06, threads=1)
 VIDEOS = 3
 """Episodes of each task that are filmed."""
 EPISODES, PORTION = 600, 25
@@ -386,9 +389,10 @@ def _teach_by_episodes(
         if task.held == 0:
             message = f"none of its {task.tried} demonstrations held"
             raise InputError(message, field=f"tasks.{task.name}", remedy="leave it out, or give more --minutes")
-    policy = PolicyConfig(head=record.policy, text="small" if len(group) > 1 else "none")
+    text = "small" if len(group) > 1 else "none"
+    policy = PolicyConfig.of({**CHUNK_POLICY.to_dict(), "head": record.policy, "text": text})
     source = Demonstrations.open([data], policy, (), progress=progress)
-    training = TrainConfig(seed=record.seed, threads=1)
+    training = TrainConfig.of({**CHUNK_TRAINING.to_dict(), "seed": record.seed})
     _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out, progress)
     training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key]})
     trained = train_policy(source, policy, training, folder, resume=True, device="cpu", progress=progress)
@@ -416,14 +420,14 @@ def _key(folder: Path, out: Path) -> str:
 
 
 def seconds_a_step(source: Source, policy: PolicyConfig, training: TrainConfig) -> float:
-    """CPU seconds of a gradient step: the median of some on a network that is thrown away."""
+    """CPU seconds of a gradient step: the median of many on a network that is thrown away."""
     torch.set_num_threads(training.threads or 1)
     ways = len(source.ways) if isinstance(source, PlannedSource) else policy.ways
     config = PolicyConfig.of({**policy.to_dict(), "ways": ways})
     table = prepare(source.sentences, config)
     network = fresh_network(config, source.action.arm, table.shape[1:], 0).train()
-    generator, draw, taken = torch.Generator().manual_seed(0), rng(0, "keypose/probe"), []
-    for _ in range(PROBES):
+    generator, draw, taken = torch.Generator().manual_seed(0), rng(0, "keypose/probe"), list[float]()
+    while len(taken) < PROBES or sum(taken) < PROBE_S:
         begin = time.process_time()
         network.loss(_batch(source, config, table, draw, training.batch, training, generator), generator).backward()
         taken.append(time.process_time() - begin)

@@ -12,6 +12,8 @@ from gensim2.policy.encoders import make_encoder
 from gensim2.policy.encoders.grouping import farthest_points, gathered
 from gensim2.policy.frames import cloud_size, proprio_size
 from gensim2.policy.heads import Context, make_head
+from gensim2.policy.pointer import KeyframePointer, Pointed
+from gensim2.policy.rotations import matrix_of_six
 from gensim2.policy.text import make_text_encoder
 from gensim2.policy.trunk import Trunk
 
@@ -53,7 +55,9 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
             nn.Linear(own, config.width), nn.LayerNorm(config.width), nn.GELU(), nn.Linear(config.width, config.width)
         )
         self.text = make_text_encoder(config, self.row)
+        self.pointer = KeyframePointer(config, self.encoder.feature_width) if config.keyframes else None
         tokens = 1 + (self.text is not None) + config.history * (self.encoder.tokens + 1)
+        tokens += 0 if self.pointer is None else self.pointer.tokens
         self.trunk = Trunk(config.width, config.layers, config.attention, tokens)
         self.head = make_head(config, arm, self.encoder.feature_width)
 
@@ -71,8 +75,13 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         self.proprio_scale.copy_(own.std(0, correction=0).clamp(min=SMALLEST))
         self.head.fit(batch)
 
-    def context(self, batch: Mapping[str, torch.Tensor]) -> Context:
-        """Return what the head works from."""
+    def context(self, batch: Mapping[str, torch.Tensor], generator: torch.Generator | None = None) -> Context:
+        """Return what the head works from.
+
+        Args:
+            batch: inputs.
+            generator: in training, of what the pointer looks at.
+        """
         cloud = (batch[CLOUD] - self.cloud_mean) / self.cloud_scale
         own = (batch[PROPRIO] - self.proprio_mean) / self.proprio_scale
         frames = self.config.history
@@ -80,8 +89,12 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         features = None
         points = batch[CLOUD][:, -1, :, :3]
         seen_points = points
-        if self.head.wants_features:
-            rows = self._first_look(batch[CLOUD][..., :3].flatten(0, 1))
+        if self.head.wants_features or self.pointer is not None:
+            rows = (
+                self._first_look(batch[CLOUD][..., :3].flatten(0, 1))
+                if self.pointer is None
+                else self._any_of(flat, generator)
+            )
             flat = gathered(flat, rows)
             seen_points = gathered(points, rows.unflatten(0, (-1, frames))[:, -1])
             pooled, every = self.encoder.with_features(flat)
@@ -89,11 +102,43 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         else:
             pooled = self.encoder(flat)  # (B T, K, F)
         seen = self.project(pooled).unflatten(0, (-1, frames)).flatten(1, 2)  # (B, T K, D)
-        tokens = [seen, self.proprio(own)]
+        state = self.proprio(own)
+        tokens = [seen, state]
         sentence = None if self.text is None else self.text(batch[TEXT])
         if sentence is not None:
             tokens.append(sentence[:, None])
-        return Context(self.trunk(torch.cat(tokens, 1)), points, seen_points, features, sentence)
+        pointed = None
+        if self.pointer is not None:
+            summary = torch.cat([state[:, -1], seen[:, -1]], -1)
+            pointed = self._pointed(self.pointer, batch, seen_points, features, summary, generator)
+            tokens.append(pointed.tokens)
+        return Context(self.trunk(torch.cat(tokens, 1)), points, seen_points, features, sentence, pointed)
+
+    def _pointed(
+        self,
+        pointer: KeyframePointer,
+        batch: Mapping[str, torch.Tensor],
+        seen_points: torch.Tensor,
+        features: torch.Tensor | None,
+        summary: torch.Tensor,
+        generator: torch.Generator | None,
+    ) -> Pointed:
+        assert features is not None
+        own = batch[PROPRIO][:, -1]
+        at, R = own[:, None, -11:-8], matrix_of_six(own[:, -8:-2])  # the tool, in the policy's frame
+        cloud = batch[CLOUD][:, -1, :, :3]
+        found: Pointed = pointer((seen_points - at) @ R, features, summary, (cloud - at) @ R, generator)
+        return found
+
+    def _any_of(self, points: torch.Tensor, generator: torch.Generator | None) -> torch.Tensor:
+        """(B, P) rows of points (B, N, C): one of each of P stretches that are as long, the middle or a random one."""
+        count = points.shape[1]
+        looked_at = min(self.config.seen_points, count)
+        within = torch.full((len(points), looked_at), 0.5, device=points.device)
+        if generator is not None:
+            within = torch.rand(within.shape, generator=generator, device=points.device)
+        rows = (torch.arange(looked_at, device=points.device) + within) * (count / looked_at)
+        return rows.long().clamp(max=count - 1)
 
     def _first_look(self, points: torch.Tensor) -> torch.Tensor:
         """(B, K) rows of points (B, N, 3): the first ``seen_points``, and ``spread_points`` far from each other."""
@@ -104,7 +149,12 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
 
     def loss(self, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
         """Return the loss of a batch of inputs and targets, a scalar."""
-        return self.head.loss(self.context(batch), batch, generator)
+        context = self.context(batch, generator)
+        loss = self.head.loss(context, batch, generator)
+        if self.pointer is not None:
+            assert context.pointed is not None
+            loss = loss + self.pointer.loss(context.pointed, batch)
+        return loss
 
     def forward(self, batch: Mapping[str, torch.Tensor], noise: torch.Tensor) -> torch.Tensor:
         """Return what the policy does, (B, ...), of a batch of inputs."""

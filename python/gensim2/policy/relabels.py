@@ -27,6 +27,7 @@ from gensim2.policy.controller import PolicyController
 from gensim2.policy.demonstrations import Demonstrations
 from gensim2.policy.frames import SEEN
 from gensim2.policy.heads.actions import ACTION, EXTRA
+from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS
 from gensim2.policy.keypose.examples import planned_way
 from gensim2.policy.source import SENTENCE
 from gensim2.robots import RobotProfile, robot
@@ -242,6 +243,9 @@ class RelabelledSource:
         for name in (*SEEN, ACTION):
             drawn = np.stack([self._relabels[task].arrays[name][row] for task, row in pairs])
             found[name] = torch.cat([found[name], torch.from_numpy(drawn)])
+        for name in (KEY_POSITIONS, KEY_ROTATIONS):  # where a new plan stands still is not kept
+            if name in found:
+                found[name] = torch.cat([found[name], torch.full((few, *found[name].shape[1:]), torch.nan)])
         sentences = [self.sentences.index(self._relabels[task].language) for task in which]
         found[SENTENCE] = torch.cat([found[SENTENCE], torch.tensor(sentences, dtype=found[SENTENCE].dtype)])
         return found

@@ -15,7 +15,7 @@ import torch
 
 from gensim2.data.lock import FolderLock
 from gensim2.errors import InputError
-from gensim2.policy.augment import augmented
+from gensim2.policy.augment import augmented, off_its_way
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.control import MAX_CLOUDS
@@ -143,6 +143,9 @@ def _train(
         )
     if training.yaw > 0 and config.frame == "base" and source.action.kind != "joint-relative":
         raise InputError("needs joint-relative actions, or frame: turned", field="yaw")
+    if training.arm_noise > 0 and (source.observation.cloud.robot != "none" or config.head == "keypose"):
+        message = "is of action chunks and clouds without the robot"
+        raise InputError(message, field="arm_noise", remedy="render with --keep-robot none, or leave it out")
     config = PolicyConfig.of({**config.to_dict(), "points": points})
     table = prepare(source.sentences, config)
     arm = source.action.arm
@@ -248,6 +251,8 @@ def _batch(
 ) -> dict[str, torch.Tensor]:
     """Return inputs and targets on the table's device; augmented where ``training`` says how."""
     drawn = {name: value.to(table.device, non_blocking=True) for name, value in source.draw(draw, size).items()}
+    if training is not None and generator is not None and training.arm_noise > 0:
+        drawn = off_its_way(drawn, robot(source.robot), training, generator)
     seen = {name: drawn.pop(name) for name in SEEN}
     if training is not None and generator is not None:
         seen = augmented(seen, training, generator)

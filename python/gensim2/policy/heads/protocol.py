@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import torch
+
+if TYPE_CHECKING:
+    from gensim2.policy.pointer import Pointed
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,7 @@ class Context:
         points: (B, P, 3) those of the points that have features; all where no head wants them.
         features: (B, P, G) of ``points``; None unless the head wants them.
         sentence: (B, D) of the sentence alone; None where it is not looked at.
+        pointed: what the pointer says; None where there is none.
     """
 
     tokens: torch.Tensor
@@ -26,6 +30,7 @@ class Context:
     points: torch.Tensor
     features: torch.Tensor | None
     sentence: torch.Tensor | None = None
+    pointed: Pointed | None = None
 
 
 class Head(Protocol):
