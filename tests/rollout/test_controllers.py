@@ -54,6 +54,18 @@ def test_a_controller_that_never_ends_is_stopped_by_the_goal_and_can_hold() -> N
     assert [type(each) for each in controller.seen] == [Observation] * len(controller.seen)
 
 
+def test_a_goal_that_is_lost_while_the_scene_settles_does_not_end_an_episode() -> None:
+    falls = (20, {"openness": 1.0}), (31, {"openness": 1.0}), (34, {"openness": 0.3}), (60, {"openness": 0.3})
+    controller = Never()
+    course = glide((0, {"openness": 0.0}), *falls, (80, {"openness": 1.0}), (100, {"openness": 1.0}))
+    episode = run(ScriptedWorld(OPEN_DRAWER, course), controller, seed=0, stop="goal").episode
+    assert (episode.held, episode.truncated) == (True, False)
+    assert 80 < episode.control_steps < 100 + 20 * MAX_SETTLE_SECONDS
+    assert len(controller.seen) < episode.control_steps - 10  # it is not asked while the scene settles
+    lost = run(ScriptedWorld(OPEN_DRAWER, course[:61]), Never(), seed=0, stop="goal").episode
+    assert (lost.held, lost.truncated, lost.cause) == (False, False, Cause.GOAL_UNDONE)
+
+
 def test_the_step_limit_is_an_end_that_is_judged_and_leaves_time_to_settle() -> None:
     controller = Never()
     episode = run(ScriptedWorld(OPEN_DRAWER, OPENED[:1]), controller, seed=0, stop="goal").episode

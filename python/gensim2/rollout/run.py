@@ -44,7 +44,8 @@ if TYPE_CHECKING:
 
 Stop = Literal["controller", "goal"]
 """Stopping rule of an episode: by the controller alone, which returns None; or also the goal, where it has held for
-``GOAL_SECONDS``, and the step limit, so that one that never says that it is done can be judged."""
+``GOAL_SECONDS`` and still does once the scene has settled, and the step limit, so that one that never says that it is
+done can be judged."""
 STOPS: tuple[Stop, ...] = get_args(Stop)
 
 GOAL_SECONDS = 0.5
@@ -77,11 +78,13 @@ def run(
 ) -> EpisodeResult:
     """Run one episode and judge it.
 
-    The controller acts until it is done, or until the task's step limit. Then its last command is held until the scene
-    has settled, and the episode is judged. These steps are part of the episode: a replay ends in the same state. Only
-    where the goal holds, the rest of a second is run for the strict verdict, and the same seed without the arm; neither
-    is part of the episode. A controller that is done before its first action ends the episode there. So it ends where
-    the cameras see nothing any more, since what was in the workspace has left it.
+    The controller acts until it is done, or until the task's step limit. Then its last command is held until the
+    scene has settled, and the episode is judged. These steps are part of the episode: a replay ends in the same
+    state. A goal that is lost while the scene settles does not end the episode: the controller acts again, for as
+    long as there is time. Only where the goal holds, the rest of a second is run for the strict verdict, and the
+    same seed without the arm; neither is part of the episode. A controller that is done before its first action
+    ends the episode there. So it ends where the cameras see nothing any more, since what was in the workspace has
+    left it.
 
     Args:
         world: is reset, and once more where the no-op baseline is run.
@@ -106,9 +109,10 @@ def run(
     most = steps_in(world.task.max_seconds)
     limit = most - (steps_in(MAX_SETTLE_SECONDS) if stop == "goal" else 0)
     held_for, cut = 0, stop == "controller"
+    ended, rested, done = 0, 0, False
     try:
         asked.reset(motion.observation(), controller_seed(seed))
-        while world.elapsed_steps < limit and held_for < steps_in(GOAL_SECONDS):
+        while not done and world.elapsed_steps < limit:
             action = asked.act(motion.observation())
             turn = turn_of(controller)
             if turn is not None and (not begun or begun[-1][0] != turn):
@@ -119,15 +123,20 @@ def run(
             motion.step(action, reference_of(controller))
             if stop == "goal":
                 held_for = held_for + 1 if all_hold(world.task.success, motion.trace[-1]) else 0
+                if held_for >= steps_in(GOAL_SECONDS):
+                    ended = motion.steps
+                    motion.settle()
+                    done, held_for, rested = all_hold(world.task.success, motion.trace[-1]), 0, motion.steps
     except EmptyCloudError:
         if not motion.steps:
             raise  # cameras that see nothing from the start are a fault of what was asked for
         cut = False  # what stood before the cameras has left the workspace: there is nothing to go on from
     finally:
         asked.close()
-    ended = motion.steps
-    if ended and not cut:
-        motion.settle()
+    if motion.steps > rested:
+        ended = motion.steps
+        if not cut:
+            motion.settle()
     steps, trace = motion.steps, motion.trace
     turns = told_turns(world.task, trace, begun, every) if begun else turns_by_criteria(world.task, trace, every)
     truncated = cut or steps > most
