@@ -99,7 +99,7 @@ def test_a_pointer_learns_where_the_brightest_point_is() -> None:
         bright = torch.randint(24, (32,), generator=generator)
         features = torch.cat([torch.nn.functional.one_hot(bright, 24)[..., None].float(), points / 0.3], -1)
         true = points[torch.arange(32), bright][:, None]
-        pointed = pointer(points, features, torch.zeros(32, 2 * config.width), points, generator)
+        pointed = pointer(points, features, torch.zeros(32, 3 * config.width), points, generator)
         loss = pointer.loss(pointed, {KEY_POSITIONS: true, KEY_ROTATIONS: torch.eye(3).expand(32, 1, 3, 3)})
         optimizer.zero_grad()
         loss.backward()
@@ -113,7 +113,7 @@ def test_what_is_not_known_teaches_the_pointer_nothing() -> None:
     config = made_up.policy(keyframes=2)
     pointer = KeyframePointer(config, 4)
     points = torch.rand(3, 24, 3)
-    pointed = pointer(points, torch.rand(3, 24, 4), torch.zeros(3, 2 * config.width), points)
+    pointed = pointer(points, torch.rand(3, 24, 4), torch.zeros(3, 3 * config.width), points)
     nothing = {KEY_POSITIONS: torch.full((3, 2, 3), torch.nan), KEY_ROTATIONS: torch.full((3, 2, 3, 3), torch.nan)}
     assert pointer.loss(pointed, nothing) == 0.0
 

@@ -42,7 +42,8 @@ from gensim2.errors import InputError
     type=click.Choice(("goal", "controller")),
     default="goal",
     show_default=True,
-    help="An episode ends where the goal has held for half a second or time is over, and is judged; or only where the "
+    help="An episode ends where the goal has held for half a second and still does when the scene rests, or time is "
+    "over, and is judged; or only where the "
     "controller says None, and one that never does is cut.",
 )
 @click.option("--runs", type=options.count(1000), default=1, show_default=True, help="Repetitions.")

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import torch
 
 from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE
@@ -21,8 +20,9 @@ if TYPE_CHECKING:
 
 OFF = 0.5
 """Share of samples whose arm is shown off its way."""
-HOLDS_COMMAND, HOLDS_WIDTH = 0.5, 0.004
-"""Command below which fingers close, and distance of the pads (m) above which they then hold something."""
+HOLDS_COMMAND, HOLDS_WIDTH = 0.9, 0.004
+"""Command below which fingers may press, and distance of the pads (m) above which they then hold something: what is
+wide is held by a command that is hardly less than open."""
 
 
 def augmented(
@@ -60,6 +60,16 @@ def augmented(
     return found
 
 
+def holds(width: Any, command: Any) -> Any:
+    """Whether fingers hold something, or may: of one hand, or of many as arrays.
+
+    Args:
+        width: distance of the pads, m.
+        command: the gripper's last, -1 to 1.
+    """
+    return (command < HOLDS_COMMAND) & (width > HOLDS_WIDTH)
+
+
 def off_its_way(
     batch: Mapping[str, torch.Tensor], profile: RobotProfile, training: TrainConfig, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
@@ -77,15 +87,13 @@ def off_its_way(
     found = dict(batch)
     state, fingers, m = batch[STATE], batch[GRIPPER][:, -1], profile.arm_size
     made = {"generator": generator, "device": state.device}
-    holds = (fingers[:, 1] < HOLDS_COMMAND) & (fingers[:, 0] > HOLDS_WIDTH)
-    off = (torch.rand(len(state), **made) < OFF) & ~holds
+    off = (torch.rand(len(state), **made) < OFF) & ~holds(fingers[:, 0], fingers[:, 1])
     size = training.arm_noise * torch.rand(len(state), 1, **made) * off[:, None]
     noise = size * torch.randn(len(state), m, **made)
     joints = state.clone()
     joints[..., :m] += noise[:, None]
     found[STATE] = joints
-    flat = joints.flatten(0, 1).double().cpu().numpy()
-    poses = np.array([tool_pose(profile, row) for row in flat], dtype=np.float32)
+    poses = tool_pose(profile, joints.flatten(0, 1).cpu().numpy())
     pose = torch.from_numpy(poses).to(state.device).reshape(batch[TOOL_POSE].shape)
     found[TOOL_POSE] = torch.where(off[:, None, None], pose, batch[TOOL_POSE])
     found[ACTION] = batch[ACTION].clone()

@@ -17,7 +17,7 @@ import torch
 
 from gensim2.errors import InputError
 from gensim2.observations.columns import GRIPPER, STATE
-from gensim2.policy.augment import HOLDS_COMMAND, HOLDS_WIDTH
+from gensim2.policy.augment import holds
 from gensim2.policy.checkpoint import CONFIG_JSON, CheckpointError, PolicyCheckpoint
 from gensim2.policy.control import CLOUDS, Sees, Sight
 from gensim2.policy.embodiment import check_robot
@@ -25,6 +25,7 @@ from gensim2.policy.frames import SEEN, inputs_of
 from gensim2.policy.network import CLOUD as CLOUD_INPUT
 from gensim2.policy.network import PROPRIO, TEXT
 from gensim2.policy.sentences import embeds, sentence_row, substitutes
+from gensim2.robots import robot
 from gensim2.seeding import rng
 
 if TYPE_CHECKING:
@@ -35,17 +36,19 @@ Action = npt.NDArray[np.float32]
 
 ATTEMPTS = 4
 """Times that a policy begins, by default."""
+STILL, STILL_SECONDS = 0.02, 1.5
+"""Rad within which targets are the same, and for how long they are, and the fingers' command, before a hand counts as
+stuck: more than twice what fingers take."""
 RESTS = 6
 """Control steps at rest before it begins again."""
-STILL, STILL_LOOKS = 0.02, 2
-"""Rad within which targets are the same, and looks in a row at which all of them are."""
 
 
 class PolicyController:
     """Executes chunks of a policy: the first ``execute`` actions of each, then it looks again.
 
     It is done (None) where the first action of a fresh chunk is marked as behind the end. A hand that stands still
-    without that, and holds nothing, has failed: it goes back the way it came and begins again.
+    while no action of a chunk is marked so, and holds nothing, has failed: it goes back the way it came and begins
+    again.
 
     Args:
         checkpoint: folder.
@@ -115,17 +118,24 @@ class PolicyController:
             CheckpointError: the robot is another one, or the sentence was not trained on.
         """
         check_robot(self._policy.robot, observation, self._folder)
+        self._robot = robot(self._policy.robot)
         sentence = self._says.get(observation.language, observation.language)
         self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds)
         config = self._policy.config
         self._rng, self._seed = rng(seed, "policy/act"), seed
         self._past: deque[dict[str, torch.Tensor]] = deque(maxlen=1 + config.stride * (config.history - 1))
         self._plan: list[Action] = []
-        self._sent: list[Action] = []
-        self._begun, self._still, self._goes_back = 1, 0, False
+        self._way: list[Action] = []  # that the arm came since it began
+        self._target: Action | None = None
+        self._begun, self._still, self._goes_back, self._ends = 1, 0, False, False
+        self._step = observation.step
 
     def act(self, observation: Observation) -> Action | None:
         """Return the next action, (m + 1,); None: done."""
+        if observation.step > self._step + 1:  # it was not asked while the scene settled
+            self._past.clear()
+            self._plan = []
+        self._step = observation.step
         shown = self._sight.altered(observation, self._seed)
         seen = {name: torch.from_numpy(np.array(shown[name], dtype=np.float32)) for name in SEEN}
         self._past.append(seen)
@@ -133,27 +143,37 @@ class PolicyController:
             self._plan = self._actions(observation)
             self._goes_back = self._is_stuck(observation)
             if self._goes_back:
-                self._plan = [*self._sent[::-1], *[self._sent[0]] * RESTS]
-                self._begun, self._still, self._sent = self._begun + 1, 0, []
+                self._plan, self._way = self._way_back(), []
+                self._begun, self._still = self._begun + 1, 0
         if not self._plan:
             return None
         action = self._plan.pop(0)
-        if not self._goes_back and self._moves(action):
-            self._sent.append(action)
+        self._follow(action)
         return action
 
     def _is_stuck(self, observation: Observation) -> bool:
-        """Whether another attempt is due: for some looks in a row nothing is to move, and the end is not marked."""
-        waits = bool(self._plan) and not any(map(self._moves, self._plan))
-        self._still = self._still + 1 if waits else 0
+        """Whether another attempt is due."""
         width, command = np.asarray(observation[GRIPPER])
-        holds = command < HOLDS_COMMAND and width > HOLDS_WIDTH
-        return self._still >= STILL_LOOKS and self._begun < self._attempts and len(self._sent) > RESTS and not holds
+        waits = self._still >= self._robot.steps(STILL_SECONDS) and not self._ends
+        return waits and self._begun < self._attempts and len(self._way) > RESTS and not holds(width, command)
 
-    def _moves(self, action: Action) -> bool:
-        """Whether a target is another than the last that was sent: a hand that presses stands beside its target."""
-        arm = self._policy.action.arm
-        return not self._sent or bool(np.abs(action[:arm] - self._sent[-1][:arm]).max() > STILL)
+    def _way_back(self) -> list[Action]:
+        """The way that the arm came, backwards; the fingers stay as they are until it is where it began."""
+        assert self._target is not None
+        arm, begin = self._policy.action.arm, self._way[0]
+        back = [np.append(each[:arm], self._target[arm]).astype(np.float32) for each in self._way[::-1]]
+        return [*back, *[begin] * RESTS]
+
+    def _follow(self, action: Action) -> None:
+        """Count for how long targets have been the same; a hand that presses stands beside its own."""
+        arm, last = self._policy.action.arm, self._target
+        moves = last is None or bool(np.abs(action[:arm] - last[:arm]).max() > STILL)
+        if not moves and last is not None and abs(float(action[arm] - last[arm])) <= STILL:
+            self._still += 1
+            return
+        self._still, self._target = 0, action
+        if moves and not self._goes_back:
+            self._way.append(action)
 
     def _actions(self, observation: Observation) -> list[Action]:
         """The actions to execute before the next look; none where the episode is over."""
@@ -162,6 +182,7 @@ class PolicyController:
             chunk = network(self._batch(), self._noise())[0].numpy()
         joints = np.asarray(observation[STATE], dtype=np.float32)[:arm]
         over = np.flatnonzero(chunk[:, arm + 1] > 0)
+        self._ends = bool(len(over))
         count = min(self._execute, int(over[0]) if len(over) else self._execute)
         actions = np.concatenate([joints + chunk[:count, :arm], np.clip(chunk[:count, arm : arm + 1], -1, 1)], -1)
         return list(actions.astype(np.float32))

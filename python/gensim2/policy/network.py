@@ -109,7 +109,8 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
             tokens.append(sentence[:, None])
         pointed = None
         if self.pointer is not None:
-            summary = torch.cat([state[:, -1], seen[:, -1]], -1)
+            heard = torch.zeros_like(state[:, -1]) if sentence is None else sentence
+            summary = torch.cat([state[:, -1], seen[:, -1], heard], -1)
             pointed = self._pointed(self.pointer, batch, seen_points, features, summary, generator)
             tokens.append(pointed.tokens)
         return Context(self.trunk(torch.cat(tokens, 1)), points, seen_points, features, sentence, pointed)

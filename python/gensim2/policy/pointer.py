@@ -70,12 +70,12 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
     def __init__(self, config: PolicyConfig, features: int) -> None:
         super().__init__()
         self.keyframes, width = config.keyframes, config.width
-        self.of_point, self.of_summary = nn.Linear(features, 64), nn.Linear(2 * width, 64)
+        self.of_point, self.of_summary = nn.Linear(features, 64), nn.Linear(3 * width, 64)
         self.heat = nn.Linear(64, 4 * self.keyframes)
         self.near = MlpEncoder(_FEATURES + 3)
         self.of_near = nn.Linear(self.near.width, width)
         self.refined = nn.Sequential(
-            nn.Linear(self.near.width + 2 * width + 3 * self.keyframes, 256),
+            nn.Linear(self.near.width + 3 * width + 3 * self.keyframes, 256),
             nn.GELU(),
             nn.Linear(256, 256),
             nn.GELU(),
@@ -101,7 +101,7 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
         Args:
             points: (B, P, 3) of the first look in the tool's frame, m.
             features: (B, P, G) of them.
-            summary: (B, 2 D) of the cloud and of the robot's own state.
+            summary: (B, 3 D) of the robot's own state, of the cloud and of the sentence.
             cloud: (B, N, 3) of the second look, in the tool's frame, m.
             generator: in training, of the noise on where the second look is at.
         """

@@ -151,7 +151,10 @@ def _train(
     arm = source.action.arm
     network = fresh_network(config, arm, table.shape[1:], training.seed)
     if start is None:
-        network.fit(_batch(source, config, table, rng(training.seed, "policy/fit"), FITTED))
+        drawn, moved = rng(training.seed, "policy/fit"), None
+        if training.arm_noise > 0:  # what leads back is longer than what demonstrations do
+            moved = torch.Generator(table.device).manual_seed(training.seed)
+        network.fit(_batch(source, config, table, drawn, FITTED, training, moved))
     else:
         _start_from(network, start, source)
     network.to(where)
