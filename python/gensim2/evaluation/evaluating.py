@@ -114,8 +114,9 @@ def evaluate(
         tasks: names of library tasks, or folders that hold task.yaml and strategies/.
         arguments: keyword arguments of the controller, plain data.
         data: rendered data set that the controller was trained on: its observations must be of the same spec.
-        stop: ``"goal"``: an episode ends where the controller says None, where the goal has held for half a second, or
-            at the step limit, and is judged. ``"controller"``: one that never says None is cut and has not held.
+        stop: ``"goal"``: an episode ends where the controller says None, where the goal has held for half a second and
+            still does when the scene rests, or at the step limit, and is judged. ``"controller"``: one that never says
+            None is cut and has not held.
         runs, episodes, seed, out, workers, ray, resume, time_limit, jobs_per_worker, progress, scene: as for
             :func:`~gensim2.evaluation.benchmark`.
         videos: number of episodes of each task that are filmed by ray casting, beside the controller's point cloud.

@@ -26,7 +26,7 @@ def keyframes(actions: npt.NDArray[np.float32], control_hz: float) -> npt.NDArra
         actions: (T, m) targets of the arm's joints, rad.
         control_hz: actions a second.
     """
-    speed = np.abs(np.diff(actions, axis=0)).max(1, initial=0.0) * control_hz
+    speed = _speed(actions, control_hz)
     moving = np.flatnonzero(speed > MOVES)
     if not len(moving):
         return np.array([len(actions) - 1], dtype=np.int64)
@@ -46,7 +46,7 @@ def taught_span(actions: npt.NDArray[np.float32], control_hz: float) -> tuple[in
         actions: (T, m) targets of the arm's joints, rad.
         control_hz: actions a second.
     """
-    speed = np.abs(np.diff(actions, axis=0)).max(1, initial=0.0) * control_hz
+    speed = _speed(actions, control_hz)
     moving = np.flatnonzero(speed > MOVES)
     last = len(actions) - 1
     if not len(moving):
@@ -61,4 +61,10 @@ def next_keyframes(keys: npt.NDArray[np.int64], frames: int, count: int) -> npt.
     """
     first = np.searchsorted(keys, np.arange(frames) + 1, side="right")
     found: npt.NDArray[np.int64] = keys[np.minimum(first[:, None] + np.arange(count), len(keys) - 1)]
+    return found
+
+
+def _speed(actions: npt.NDArray[np.float32], control_hz: float) -> npt.NDArray[np.float32]:
+    """(T - 1,) rad/s of the fastest joint's target."""
+    found: npt.NDArray[np.float32] = np.abs(np.diff(actions, axis=0)).max(1, initial=0.0) * control_hz
     return found

@@ -8,7 +8,6 @@ and turns of the hand more exactly. All is in the tool's frame: what an action h
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -18,6 +17,7 @@ from torch import nn
 
 from gensim2.policy.encoders.grouping import gathered
 from gensim2.policy.encoders.mlp import MlpEncoder
+from gensim2.policy.fourier import fourier_features
 from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS
 from gensim2.policy.rotations import six_of_matrix
 
@@ -138,7 +138,4 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
 
 def _waves(positions: torch.Tensor) -> torch.Tensor:
     """(..., 33) Fourier features of positions (..., 3), m."""
-    found = [positions / CENTIMETRES]
-    for band in BANDS:
-        found += [torch.sin(2 * math.pi * band * positions), torch.cos(2 * math.pi * band * positions)]
-    return torch.cat(found, -1)
+    return torch.cat([positions / CENTIMETRES, *fourier_features(positions, BANDS)], -1)

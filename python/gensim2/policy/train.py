@@ -254,11 +254,11 @@ def _batch(
 ) -> dict[str, torch.Tensor]:
     """Return inputs and targets on the table's device; augmented where ``training`` says how."""
     drawn = {name: value.to(table.device, non_blocking=True) for name, value in source.draw(draw, size).items()}
-    if training is not None and generator is not None and training.arm_noise > 0:
-        drawn = off_its_way(drawn, robot(source.robot), training, generator)
-    seen = {name: drawn.pop(name) for name in SEEN}
     if training is not None and generator is not None:
-        seen = augmented(seen, training, generator)
+        if training.arm_noise > 0:
+            drawn = off_its_way(drawn, robot(source.robot), training, generator)
+        drawn = augmented(drawn, training, generator)
+    seen = {name: drawn.pop(name) for name in SEEN}
     inputs = inputs_of(seen, config, source.action.arm)
     return {CLOUD: inputs.cloud, PROPRIO: inputs.proprio, TEXT: table[drawn.pop(SENTENCE)], **drawn}
 

@@ -93,8 +93,8 @@ def run(
         options: of the reset.
         record: keep states and observations of every step.
         stop: ``"controller"``: one that never says that it is done is cut at the step limit and cannot have held.
-            ``"goal"``: the episode also ends where the goal has held for ``GOAL_SECONDS``, or as long before the step
-            limit as settling may take; then it is judged as any other.
+            ``"goal"``: the episode also ends where the goal has held for ``GOAL_SECONDS`` and still does once the scene
+            has settled, or as long before the step limit as settling may take; then it is judged as any other.
         still: gives what the scene of this seed does by itself, for callers that keep it; default: ``no_op_baseline``.
         every: control steps from one look at the criteria of steps to the next, for the verdict ``paper``.
 

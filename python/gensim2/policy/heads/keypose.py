@@ -10,7 +10,6 @@ looks are trained side by side: the second sees the true place with noise, not w
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -19,6 +18,7 @@ import torch
 from torch import nn
 
 from gensim2.policy.encoders.mlp import MlpEncoder
+from gensim2.policy.fourier import fourier_features
 from gensim2.policy.keypose.program import ACTUATION, KEYPOSES
 from gensim2.policy.rotations import matrix_of_six
 
@@ -203,10 +203,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
             far = torch.randint(count, (len(cloud), min(FAR, count)), generator=generator, device=cloud.device)
         rows = torch.cat([near, far], 1)
         about = torch.gather(about, 1, rows[..., None].expand(-1, -1, 3))
-        waves = [about]
-        for band in BANDS:
-            waves += [torch.sin(2 * math.pi * band * about), torch.cos(2 * math.pi * band * about)]
-        seen = self.near(torch.cat(waves, -1))[:, 0]
+        seen = self.near(torch.cat([about, *fourier_features(about, BANDS)], -1))[:, 0]
         out = self.program(torch.cat([seen, self.of_way(way), origin - self.center, summary], -1))
         moved, relative, six, gripper, seconds, force = out.split(_SIZES, -1)
         place = (origin + METRE * moved)[:, None]
