@@ -19,7 +19,7 @@ from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import HEADS, PolicyConfig, TrainConfig
 from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, Control, PolicyResult, evaluate_policy
 from gensim2.policy.frames import check_turns
-from gensim2.policy.keypose.adding import RATE, take_along, taught_before
+from gensim2.policy.keypose.adding import take_along, taught_before
 from gensim2.policy.keypose.data import plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.teaching import pulls_last
@@ -339,10 +339,7 @@ def _teach_by_plans(
         progress.message(f"{each.record.task}: {count}, {left_out}, {each.cpu_s:.0f} s of CPU")
     policy = POLICY if begun is None else begun.config
     _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, TRAINING), out, progress)
-    told: dict[str, Any] = {"steps": record.steps[key], "seed": record.seed}
-    if begun is not None:
-        told["learning_rate"] = RATE * TRAINING.learning_rate
-    training = TrainConfig.of({**TRAINING.to_dict(), **told})
+    training = TrainConfig.of({**TRAINING.to_dict(), "steps": record.steps[key], "seed": record.seed})
     trained = train_keypose(
         source, folder, policy=policy, training=training, start=begun, resume=True, progress=progress
     )

@@ -21,6 +21,7 @@ from gensim2.policy.keypose.execution import Executor
 from gensim2.policy.keypose.paths import between
 from gensim2.policy.keypose.program import KEYPOSES, KeyposeProgram, program_of
 from gensim2.policy.keypose.source import PlannedSource
+from gensim2.policy.keypose.surroundings import Seen, Surroundings
 from gensim2.policy.keypose.training import TRAINING, Way, train_keypose
 from gensim2.robots import OPEN, robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE, PrivilegedObservation, is_privileged
@@ -32,6 +33,8 @@ from .made_up import SPEC, made_up
 from .test_keypose_network import SMALL
 
 PROFILE = robot("panda")
+HOME = np.array(PROFILE.reset_qpos)
+NOTHING = Seen(np.zeros((0, 3)), np.zeros((0, 3)), HOME, holds=False)
 
 
 class Oracle:
@@ -47,7 +50,7 @@ class Oracle:
         step = self.given.spec.steps[0]
         planned = StepPlanner(PROFILE).plan(observation.scene(), step, self.ways[step.strategies[0]])
         program = program_of(planned, PROFILE)
-        self.done = Executor(PROFILE).execute(program, observation.q, 1.0, np.zeros((0, 3)))
+        self.done = Executor(PROFILE).execute(program, observation.q, 1.0, NOTHING)
         assert self.done is not None
         self.rows = list(self.done.actions)
 
@@ -75,12 +78,10 @@ def test_actions_keep_the_joints_limits_and_obstacles_are_gone_around() -> None:
     assert (arm <= PROFILE.model.upper[:7] + 1e-6).all()
     speed = np.abs(np.diff(arm, axis=0)) * PROFILE.control_hz
     assert speed.max() <= 0.5 * PROFILE.model.velocity[:7].max() + 1e-3
-    q, goal = np.array(PROFILE.reset_qpos), np.array(PROFILE.reset_qpos)
-    goal[0] = 1.0
-    middle = np.array(PROFILE.reset_qpos)
-    middle[0] = 0.5
+    q, goal, middle = HOME, HOME.copy(), HOME.copy()
+    goal[0], middle[0] = 1.0, 0.5
     wall = PROFILE.model.forward_kinematics(middle)[:3, 3] + np.random.default_rng(0).uniform(-0.03, 0.03, (60, 3))
-    around = Executor(PROFILE).rest(q, goal, 1.0, wall)
+    around = Executor(PROFILE).rest(q, goal, 1.0, replace(NOTHING, standing=wall))
     assert around.free == "planned"
     hands = PROFILE.model.forward_kinematics(
         np.column_stack([around.actions[:, :7], np.full((len(around.actions), 2), 0.04)])
@@ -89,14 +90,14 @@ def test_actions_keep_the_joints_limits_and_obstacles_are_gone_around() -> None:
 
 
 def test_what_the_hand_holds_is_taken_along() -> None:
-    q = np.array(PROFILE.reset_qpos)
-    hand = PROFILE.model.forward_kinematics(q)
+    hand = PROFILE.model.forward_kinematics(HOME)
     fingers = hand[:3, 3] + 0.1034 * hand[:3, 2]
     stick = fingers + np.outer(np.arange(-9, 10), [0.0, 0.015, 0.0])
     beside = fingers + np.array([0.0, 0.0, -0.1]) + 0.02 * np.random.default_rng(0).uniform(-1, 1, (30, 3))
-    held = Executor(PROFILE)._held(np.vstack([beside, stick]), q)
-    assert not held[:30].any()
-    assert held[30:].all()
+    seen = Surroundings(PROFILE).seen(np.vstack([beside, stick]), HOME, holds=True)
+    assert np.array_equal(seen.standing, beside)
+    assert np.array_equal(seen.held, stick)
+    assert len(Surroundings(PROFILE).seen(np.vstack([beside, stick]), HOME, holds=False).held) == 0
 
 
 def test_a_push_goes_on_beyond_its_end_where_the_arm_can_follow() -> None:
@@ -109,10 +110,10 @@ def test_a_push_goes_on_beyond_its_end_where_the_arm_can_follow() -> None:
     assert program.is_push
     closing = np.where(np.arange(KEYPOSES + 1) < 4, 1.0, -1.0).astype(np.float32)
     assert not replace(program, gripper=closing).is_push
-    executor, nothing = Executor(PROFILE), np.zeros((0, 3))
+    executor = Executor(PROFILE)
     ends = []
     for further in (0.0, 0.03, 0.5):  # 0.5 m further the table is in the way: then it ends where it ended
-        found = executor.execute(program, scene.q, 1.0, nothing, further=further)
+        found = executor.execute(program, scene.q, 1.0, NOTHING, further=further)
         assert found is not None
         hands = np.column_stack([found.actions[:, :7], np.full((len(found.actions), 2), 0.04)])
         ends.append(PROFILE.model.forward_kinematics(hands.astype(np.float64))[:, 2, 3].min())

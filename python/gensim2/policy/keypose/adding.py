@@ -18,8 +18,6 @@ from gensim2.scenes.config import SceneArguments
 DATA = "data"
 """Folder of a learned policy that holds the plans which taught it, a folder a task."""
 REMEDY = "give a folder that gensim2 learn has made"
-RATE = 0.3
-"""Of the learning rate of a training from nothing, for a network that knows something already."""
 
 
 def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpack[SceneArguments]) -> list[TaskInput]:

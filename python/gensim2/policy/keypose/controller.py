@@ -133,6 +133,7 @@ class KeyposeController:
         self._seed, self._force, self._holds = seed, 0.0, False
         self._until_gripped: int | None = None
         self._home, self._empty = observation.joint_positions.astype(np.float64), observation[GRIPPER]
+        self._seen = self._executor.around.seen(np.zeros((0, 3)), self._home, holds=False)
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
         """The next action; None: done, or no way is left."""
@@ -161,6 +162,7 @@ class KeyposeController:
             seen = replace(seen, arrays={**seen.arrays, GRIPPER: self._empty})
         points = seen[CLOUD][:, :3].astype(np.float64) if self._sight.sees != "nothing" else np.zeros((0, 3))
         q = observation.joint_positions.astype(np.float64)
+        self._seen = self._executor.around.seen(points, q, self._holds)
         found = answers(self._policy, seen, self._row)
         if self._mine is None:
             self._mine = self._hear(found)
@@ -171,7 +173,7 @@ class KeyposeController:
                 if self._steps in self._expected and self._is_done(answer.chance):
                     return False
                 continue
-            if answer.way in self._mine and self._begin(answer, q, observation.gripper_command, points):
+            if answer.way in self._mine and self._begin(answer, q, observation.gripper_command):
                 return True
         return False
 
@@ -205,11 +207,11 @@ class KeyposeController:
         """Key by which answers are taken, the greatest first: those tried less often, then the more probable."""
         return -(self._tried[answer.way] // MAX_TRIES), self._weight(answer)
 
-    def _begin(self, answer: Answer, q: Array, command: float, points: Array) -> bool:
+    def _begin(self, answer: Answer, q: Array, command: float) -> bool:
         self._tried[answer.way] += 1
         program = answer.program
         further = OVERTRAVEL if self._ways[answer.way].to_end and not self._holds else 0.0
-        found = self._executor.execute(program, q, command, points, holds=self._holds, further=further)
+        found = self._executor.execute(program, q, command, self._seen, further=further)
         if found is None:
             self.told["out of reach"] += 1
             return False
@@ -225,7 +227,8 @@ class KeyposeController:
         if not takes and (not self._holds or float(found.actions[:, -1].max()) > RELEASES):
             end = q.copy()
             end[self._arm] = found.actions[-1, :-1]
-            self._rows.extend(self._executor.rest(end, self._home, float(found.actions[-1, -1])).actions)
+            back = self._executor.rest(end, self._home, float(found.actions[-1, -1]), self._seen.without_held)
+            self._rows.extend(back.actions)
         return True
 
     def _lost(self, observation: Observation) -> None:
@@ -235,6 +238,5 @@ class KeyposeController:
         """
         self.told["lost"] += 1
         self._holds, self._expected = False, {self._taking}
-        self._rows = deque(
-            self._executor.rest(observation.joint_positions.astype(np.float64), self._home, OPEN).actions
-        )
+        now = observation.joint_positions.astype(np.float64)
+        self._rows = deque(self._executor.rest(now, self._home, OPEN, self._seen.without_held).actions)

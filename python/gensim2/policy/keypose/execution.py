@@ -2,35 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse.csgraph import connected_components
 
 import gensim2_kpam as kpam
 from gensim2.planning.actions import CLOSING_SPEED, HOLD_SECONDS
 from gensim2.policy.keypose.paths import JointPath, joint_path
 from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, SAME_COMMAND, KeyposeProgram
+from gensim2.policy.keypose.surroundings import Seen, Surroundings
 from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]
 
-Free = Literal["planned", "table only", "straight"]
-"""Manner in which a free motion was found: clear of the cloud, clear of the table and the arm itself, or not at all."""
+Free = Literal["planned", "but for touched", "table only", "straight"]
+"""Manner in which a free motion was found: clear of the cloud, clear of it but for points that the arm touches at
+either end, clear of the table and the arm itself, or not at all."""
 
 SHARE = 0.5
 """Of the joints' velocity limits that motions take, as the planner's own."""
 ACCELERATION, JERK = 3.75, 1875.0
 """Per second squared and cubed, rad or m: half of what the slowest joint of a Panda may."""
-POINT_RADIUS = 0.006
-"""Metres about each point of the cloud that free motions keep off, beside their margin."""
 MARGIN = 0.005
-NEAR_FINGERS, NEXT, CARRIED = 0.02, 0.03, 0.3
-"""Metres: points of what is held are so near to the fingers or to another one, and not further from the hand."""
+"""Metres that free motions keep off everything."""
 SAMPLES = 4000
 
 
@@ -61,12 +60,14 @@ class Executor:
 
     Args:
         profile: the robot.
+
+    Attributes:
+        around: makes of a cloud what the arm moves among.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
         self._profile = profile
-        self._table = _table(profile)
-        self._bare = kpam.Scene(profile.model, [self._table])
+        self.around = Surroundings(profile)
         self._arm = list(profile.arm_columns)
         self._velocity = SHARE * profile.model.velocity[self._arm]
 
@@ -75,9 +76,8 @@ class Executor:
         program: KeyposeProgram,
         q: Array,
         command: float,
-        points: Array,
+        seen: Seen,
         *,
-        holds: bool = False,
         further: float = 0.0,
     ) -> Execution | None:
         """The actions of a program; None where the actuation pose is out of the arm's reach.
@@ -86,12 +86,11 @@ class Executor:
             program: in the base frame.
             q: (n,) present joints.
             command: the gripper's last.
-            points: (N, 3) of the cloud, obstacles of the free motion; (0, 3) for none.
-            holds: the hand holds something, whose points it takes along.
+            seen: obstacles, and what is taken along.
             further: metres by which a push goes on beyond its end, where the arm can follow.
         """
         q = np.clip(q, self._profile.model.lower, self._profile.model.upper)
-        program, path = self._followed(program, q, further)
+        program, path = self._followed(program, q, seen, further)
         if path is None:
             return None
         rows = _Rows(self._profile, command)
@@ -99,7 +98,7 @@ class Executor:
         if abs(begin - command) > SAME_COMMAND:
             rows.dwell(q[self._arm], begin, self._profile.gripper_steps)
         rows.command = begin
-        free = self._free(rows, q, path.joints[0], points, holds)
+        free = self._free(rows, q, path.joints[0], seen)
         gripped = 0
         for first, last, number in self._segments(program, path):
             rows.follow(self._timed(program, path, first, last))
@@ -109,63 +108,50 @@ class Executor:
         rows.dwell(path.joints[-1][self._arm], rows.command, ceil(HOLD_SECONDS * self._profile.control_hz))
         return Execution(rows.actions(), free, path.reached, gripped)
 
-    def _followed(self, program: KeyposeProgram, q: Array, further: float) -> tuple[KeyposeProgram, JointPath | None]:
+    def _followed(
+        self, program: KeyposeProgram, q: Array, seen: Seen, further: float
+    ) -> tuple[KeyposeProgram, JointPath | None]:
         """Return the program that is followed, a push with its longer way where all of that can be, and its path."""
+
+        def depth(joints: Array) -> float:
+            return self.around.depth(seen, joints)
+
         if further > 0.0 and program.is_push:
             longer = program.longer(further)
-            path = joint_path(longer, q, self._bare)
+            path = joint_path(longer, q, self.around.bare, depth)
             if path is not None and path.is_whole:
                 return longer, path
-        return program, joint_path(program, q, self._bare)
+        return program, joint_path(program, q, self.around.bare, depth)
 
-    def rest(self, q: Array, goal: Array, command: float, points: Array | None = None) -> Execution:
+    def rest(self, q: Array, goal: Array, command: float, seen: Seen) -> Execution:
         """Free motion of the arm to joints ``goal`` (n,), where it looks from."""
         rows = _Rows(self._profile, command)
-        around = np.zeros((0, 3)) if points is None else points
-        free = self._free(rows, np.clip(q, self._profile.model.lower, self._profile.model.upper), goal, around)
+        free = self._free(rows, np.clip(q, self._profile.model.lower, self._profile.model.upper), goal, seen)
         rows.dwell(goal[self._arm], command, ceil(HOLD_SECONDS * self._profile.control_hz))
         return Execution(rows.actions(), free, KEYPOSES, len(rows))
 
-    def _free(self, rows: _Rows, q: Array, goal: Array, points: Array, holds: bool = False) -> Free:
-        goal = goal.copy()
+    def _free(self, rows: _Rows, q: Array, goal: Array, seen: Seen) -> Free:
+        q, goal = q.copy(), goal.copy()
         fingers = list(self._profile.gripper_columns)
-        if not holds:  # else they are as far apart as what is between them
+        if not seen.holds:  # else they are as far apart as what is between them
             q[fingers] = self._profile.gripper.at_command(rows.command)
         goal[fingers] = q[fingers]
-        scenes: list[tuple[Free, kpam.Scene]] = [("table only", self._bare)]
-        if len(points):
-            scenes.insert(0, ("planned", self._among(points, q, holds)))
-        for how, scene in scenes:
+        for how, scene in self._scenes(q, goal, seen):
             motion = scene.plan_to(
                 q, goal, margin=MARGIN, samples=SAMPLES, velocity_scale=SHARE, acceleration_scale=SHARE
             )
             if motion.trajectory is not None:
                 rows.follow(motion.trajectory.sample_every(1.0 / self._profile.control_hz)[:, self._arm])
-                return "planned" if not len(points) else how
+                return how
         rows.follow(self._retimed(np.linspace(q, goal, 8)[:, self._arm]))
         return "straight"
 
-    def _among(self, points: Array, q: Array, holds: bool) -> kpam.Scene:
-        """The table and the cloud; those of its points that the hand holds at joints ``q`` ride on it."""
-        mine = self._held(points, q) if holds else np.zeros(len(points), dtype=bool)
-        bodies = [
-            kpam.Body(name, "rigid", [kpam.Shape.point_cloud(part, POINT_RADIUS)], np.eye(4))
-            for name, part in (("cloud", points[~mine]), ("held", points[mine]))
-            if len(part)
-        ]
-        scene = kpam.Scene(self._profile.model, [self._table, *bodies])
-        return scene.attached("held", q) if mine.any() else scene
-
-    def _held(self, points: Array, q: Array) -> npt.NDArray[np.bool_]:
-        """(N,) points of what the hand holds: those between the fingers, and what hangs together with them."""
-        hand = self._profile.model.forward_kinematics(q)[:3, 3]
-        near = np.flatnonzero(np.linalg.norm(points - hand, axis=1) < CARRIED)
-        found = np.zeros(len(points), dtype=bool)
-        if len(near):
-            apart = np.linalg.norm(points[near][:, None] - points[near][None], axis=-1)
-            _, piece = connected_components(apart < NEXT)
-            found[near] = np.isin(piece, piece[self._bare.own_points(q, points[near], NEAR_FINGERS)])
-        return found
+    def _scenes(self, q: Array, goal: Array, seen: Seen) -> Iterator[tuple[Free, kpam.Scene]]:
+        """What a free motion is planned among, the next where there is none among the one before."""
+        yield "planned", self.around.scene(seen)
+        if len(seen.standing):
+            yield "but for touched", self.around.scene(self.around.untouched(seen, q, goal))
+            yield "table only", self.around.bare
 
     def _segments(self, program: KeyposeProgram, path: JointPath) -> list[tuple[int, int, int]]:
         """First and last waypoint of each stretch between two rests, and the pose at which it ends: the arm rests at
@@ -251,12 +237,3 @@ class _Rows:
         self._positions.append(position)
         self._ends.append(end)
         self._commands.append(self.command)
-
-
-def _table(profile: RobotProfile) -> kpam.Body:
-    """The table before the robot, as large as a scene's."""
-    from gensim2.sim.table import HALF_SIZE
-
-    pose = np.eye(4)
-    pose[2, 3] = -HALF_SIZE[2]
-    return kpam.Body("table", "table", [kpam.Shape.box(HALF_SIZE)], np.linalg.inv(profile.T_world_base) @ pose)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,8 @@ STEP, TURN = 0.015, 0.08
 """Metres and radians between the hand poses that are followed."""
 JUMP = 0.35
 """Joint difference (rad or m) between two of them from which on they are on different branches."""
+GRAZE = 0.01
+"""Metres of overlap with what was seen that no other posture is looked for, as points are taken for balls."""
 BRANCHES = 8
 """Distinct arm postures at the actuation pose that are tried, with the fingers either way round."""
 
@@ -30,11 +32,13 @@ class JointPath:
         joints: (W, n) waypoints, from the approach on.
         at: (KEYPOSES,) numbers of the waypoints at the program's poses; -1 of poses that are not reached.
         touches: waypoints at which the arm overlaps the table or itself.
+        depth: metres by which it overlaps what was seen.
     """
 
     joints: Array
     at: npt.NDArray[np.int64]
     touches: int
+    depth: float
 
     @property
     def reached(self) -> int:
@@ -46,26 +50,36 @@ class JointPath:
         """Whether it goes through all poses and overlaps nothing."""
         return self.reached == KEYPOSES and self.touches == 0
 
+    @property
+    def rank(self) -> tuple[int, int, float]:
+        """How good it is beside others."""
+        return self.reached, -self.touches, -self.depth
 
-def joint_path(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> JointPath | None:
-    """The waypoints of the first arm posture in which the whole program can be followed; else of the one that goes
-    furthest. None where the actuation pose is out of reach.
+
+def joint_path(
+    program: KeyposeProgram, q: Array, scene: kpam.Scene, depth: Callable[[Array], float]
+) -> JointPath | None:
+    """The waypoints of the first arm posture in which the whole program can be followed clear of what was seen; else of
+    the one that goes furthest, of those the least deep in it. None where the actuation pose is out of reach.
 
     Args:
         program: hand poses in the base frame.
         q: (n,) present joints; postures near to them are tried first.
         scene: the robot, and what stands about it for certain.
+        depth: metres by which the arm overlaps what was seen at the worst of joints (W, n).
     """
     best: JointPath | None = None
-    for path in _paths(program, q, scene):
-        if path.is_whole:
+    for path in _paths(program, q, scene, depth):
+        if path.is_whole and path.depth <= GRAZE:
             return path
-        if best is None or (path.reached, -path.touches) > (best.reached, -best.touches):
+        if best is None or path.rank > best.rank:
             best = path
     return best
 
 
-def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[JointPath]:
+def _paths(
+    program: KeyposeProgram, q: Array, scene: kpam.Scene, depth: Callable[[Array], float]
+) -> Iterator[JointPath]:
     poses = program.poses
     turned = poses.copy()
     turned[:, :3, :2] *= -1.0  # the fingers the other way round
@@ -75,10 +89,10 @@ def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[Joi
         for found in scene.ik(each[ACTUATION], q, max_solutions=BRANCHES)
     ]
     for _, _, each, found in sorted(starts, key=lambda start: start[:2]):
-        yield _followed(each, found, scene)
+        yield _followed(each, found, scene, depth)
 
 
-def _followed(poses: Array, acting: Array, scene: kpam.Scene) -> JointPath:
+def _followed(poses: Array, acting: Array, scene: kpam.Scene, depth: Callable[[Array], float]) -> JointPath:
     """From the actuation pose back to the approach, and on to the end, as far as either goes."""
     at = np.full(KEYPOSES, -1)
     back = _follow(poses[ACTUATION], poses[APPROACH], acting, scene)
@@ -94,7 +108,7 @@ def _followed(poses: Array, acting: Array, scene: kpam.Scene) -> JointPath:
         way += onward
         at[number] = len(way) - 1
     joints = np.array(way)
-    return JointPath(joints, at, int(np.count_nonzero(scene.in_collision(joints))))
+    return JointPath(joints, at, int(np.count_nonzero(scene.in_collision(joints))), depth(joints))
 
 
 def _follow(begin: Array, end: Array, q: Array, scene: kpam.Scene) -> list[Array] | None:

@@ -28,6 +28,8 @@ from gensim2.robots import OPEN, robot
 YAW = 0.2
 """Largest yaw (rad) by which an example is turned about the base, poses with it: what the planner finds for a scene
 that is turned so differs a little, since the arm starts where it did."""
+NEW = 5.0
+"""Times that a task is drawn more often than one that the policy knows already."""
 WIDTH, COMMAND = 0.004, 0.1
 """Standard deviations of the distance of the pads (m) and of the gripper's command about those of a plan, where the
 hand holds something: what it has really taken up is held a little otherwise."""
@@ -68,11 +70,12 @@ class Ways:
 
 
 class PlannedSource:
-    """Planned scenes of one task or of several, drawn evenly by task.
+    """Planned scenes of one task or of several, drawn evenly by task where none is known.
 
     Args:
         planned: one a task, all of one robot and one observation.
-        known: number of them, the first, that a policy knows already; half of each batch is of these.
+        known: number of them, the first, that a policy knows already; one of these is drawn ``NEW`` times less often
+            than one that is new.
 
     Raises:
         InputError: they do not go together.
@@ -135,10 +138,8 @@ class PlannedSource:
 
     def _tasks(self, rng: np.random.Generator, size: int) -> npt.NDArray[np.int64]:
         """Numbers of tasks, (B,)."""
-        if not self._known:
-            return rng.integers(len(self.planned), size=size)
-        known = rng.integers(self._known, size=size)
-        return np.where(rng.random(size) < 0.5, known, rng.integers(self._known, len(self.planned), size=size))
+        shares = np.where(np.arange(len(self.planned)) < self._known, 1.0, NEW)
+        return rng.choice(len(self.planned), size=size, p=shares / shares.sum())
 
     def some_clouds(self, max_clouds: int) -> Shuffled:
         """Clouds of scenes evenly through the data; they have no colours."""

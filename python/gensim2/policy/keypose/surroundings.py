@@ -1,0 +1,135 @@
+"""What an arm moves among: the table, and the points of a cloud, those of what it holds with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse.csgraph import connected_components
+
+import gensim2_kpam as kpam
+from gensim2.robots import RobotProfile
+
+Array = npt.NDArray[np.float64]
+
+POINT_RADIUS = 0.006
+"""Metres about each point of the cloud that are taken for solid."""
+NEAR_FINGERS, NEXT, CARRIED = 0.02, 0.03, 0.3
+"""Metres: points of what is held are so near to the fingers or to another one, and not further from the hand."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A cloud as obstacles, in the base frame.
+
+    Attributes:
+        standing: (N, 3) points of what stands about, m.
+        held: (M, 3) points of what the hand holds.
+        q: (n,) joints at which it was seen.
+        holds: the hand held something, of which there may be no point.
+    """
+
+    standing: Array
+    held: Array
+    q: Array
+    holds: bool
+
+    @property
+    def without_held(self) -> Seen:
+        """The same without what was held: where that lies once it is released was not seen."""
+        return replace(self, held=np.zeros((0, 3)), holds=False)
+
+
+class Surroundings:
+    """Makes planning scenes of one robot and what is seen about it.
+
+    Args:
+        profile: the robot.
+
+    Attributes:
+        bare: the robot and the table, which is known for certain.
+    """
+
+    def __init__(self, profile: RobotProfile) -> None:
+        self._model = profile.model
+        self._table = _table(profile)
+        self.bare = kpam.Scene(profile.model, [self._table])
+        self._wrist = _links_of_the_wrist(profile)
+
+    def seen(self, points: Array, q: Array, holds: bool) -> Seen:
+        """Take apart a cloud (N, 3) that was seen at joints ``q``.
+
+        Args:
+            points: in the base frame, without the robot's own.
+            q: (n,) joints.
+            holds: the hand holds something.
+        """
+        mine = self._held(points, q) if holds else np.zeros(len(points), dtype=bool)
+        return Seen(points[~mine], points[mine], q, holds)
+
+    def scene(self, seen: Seen) -> kpam.Scene:
+        """The table, what stands about, and what is held as a part of the hand."""
+        parts = (("cloud", seen.standing), ("held", seen.held))
+        bodies = [
+            kpam.Body(name, "rigid", [kpam.Shape.point_cloud(part, POINT_RADIUS)], np.eye(4))
+            for name, part in parts
+            if len(part)
+        ]
+        scene = kpam.Scene(self._model, [self._table, *bodies])
+        return scene.attached("held", seen.q) if len(seen.held) else scene
+
+    def untouched(self, seen: Seen, *joints: Array) -> Seen:
+        """Leave out the points that the arm overlaps at some (n,) joints, or what it holds does: where it stands, or is
+        to stand, they cannot be solid.
+        """
+        scene, touched = self.scene(seen), np.zeros(len(seen.standing), dtype=bool)
+        for q in joints:
+            touched |= scene.own_points(q, seen.standing, POINT_RADIUS)
+        return replace(seen, standing=seen.standing[~touched])
+
+    def depth(self, seen: Seen, joints: Array) -> float:
+        """Metres by which the arm overlaps what stands about at the worst of (W, n) joints; the hand may touch it."""
+        if not len(seen.standing):
+            return 0.0
+        checked = self.scene(seen.without_held).check(joints)
+        overlaps = [
+            -pair["distance"]
+            for each in checked
+            for pair in each
+            if "cloud" in pair["bodies"] and not self._wrist.intersection(pair["bodies"])
+        ]
+        return max(overlaps, default=0.0)
+
+    def _held(self, points: Array, q: Array) -> npt.NDArray[np.bool_]:
+        """(N,) points of what the hand holds: those between the fingers, and what hangs together with them."""
+        hand = self._model.forward_kinematics(q)[:3, 3]
+        near = np.flatnonzero(np.linalg.norm(points - hand, axis=1) < CARRIED)
+        found = np.zeros(len(points), dtype=bool)
+        if len(near):
+            apart = np.linalg.norm(points[near][:, None] - points[near][None], axis=-1)
+            _, piece = connected_components(apart < NEXT)
+            found[near] = np.isin(piece, piece[self.bare.own_points(q, points[near], NEAR_FINGERS)])
+        return found
+
+
+def _links_of_the_wrist(profile: RobotProfile) -> frozenset[str]:
+    """Names of the links that no joint of the arm moves against the hand: the flange, the hand, its fingers."""
+    model, arm = profile.model, list(profile.arm_columns)
+    q = np.array(profile.reset_qpos)
+    bent = q.copy()
+    bent[arm] = 0.5 * (q[arm] + np.clip(0.5 * (model.lower + model.upper), -1.0, 1.0)[arm]) + 0.1
+
+    def to_hand(name: str, at: Array) -> Array:
+        return np.linalg.inv(model.forward_kinematics(at)) @ model.forward_kinematics(at, name)
+
+    return frozenset(name for name in model.link_names if np.allclose(to_hand(name, q), to_hand(name, bent), atol=1e-9))
+
+
+def _table(profile: RobotProfile) -> kpam.Body:
+    """The table before the robot, as large as a scene's."""
+    from gensim2.sim.table import HALF_SIZE
+
+    pose = np.eye(4)
+    pose[2, 3] = -HALF_SIZE[2]
+    return kpam.Body("table", "table", [kpam.Shape.box(HALF_SIZE)], np.linalg.inv(profile.T_world_base) @ pose)
