@@ -1,0 +1,95 @@
+"""What an arm moves among: clouds kept off, but for the points that it touches at either end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gensim2.policy.keypose.execution import Executor
+from gensim2.policy.keypose.paths import GRAZE, joint_path
+from gensim2.policy.keypose.program import ACTUATION, KEYPOSES, KeyposeProgram
+from gensim2.policy.keypose.surroundings import POINT_RADIUS, Seen, Surroundings
+from gensim2.robots import robot
+
+PROFILE = robot("panda")
+HOME = np.array(PROFILE.reset_qpos)
+CLOSED = np.append(HOME[:7], [0.018, 0.018])
+AROUND = Surroundings(PROFILE)
+
+
+def _turned(angle: float) -> np.ndarray:
+    """Home, turned about the base's z axis."""
+    q = HOME.copy()
+    q[0] = angle
+    return q
+
+
+def _grip(q: np.ndarray) -> np.ndarray:
+    hand = PROFILE.model.forward_kinematics(q)
+    return hand[:3, 3] + 0.1034 * hand[:3, 2]
+
+
+def _seen(points: np.ndarray, holds: bool = False) -> Seen:
+    return AROUND.seen(points, CLOSED if holds else HOME, holds)
+
+
+def _hands(actions: np.ndarray) -> np.ndarray:
+    joints = np.column_stack([actions[:, :7], np.full((len(actions), 2), 0.04)])
+    return PROFILE.model.forward_kinematics(joints)[:, :3, 3]
+
+
+@pytest.mark.parametrize("holds", [False, True])
+def test_a_point_in_the_way_at_the_goal_does_not_hide_the_others(holds: bool) -> None:
+    wall = PROFILE.model.forward_kinematics(_turned(0.5))[:3, 3]
+    wall = wall + np.random.default_rng(0).uniform(-0.03, 0.03, (60, 3))
+    goal = _turned(1.0)
+    in_hand = PROFILE.model.forward_kinematics(goal)[:3, 3] + np.array([[0.0, 0.0, 0.02]])
+    ball = _grip(HOME) + 0.015 * np.random.default_rng(1).uniform(-1, 1, (8, 3))
+    points = np.vstack([wall, in_hand, *([ball] if holds else [])])
+    seen = _seen(points, holds)
+    assert len(seen.held) == (8 if holds else 0)
+    found = Executor(PROFILE).rest(CLOSED if holds else HOME, goal, -0.2 if holds else 1.0, seen)
+    assert found.free == "but for touched"
+    assert np.linalg.norm(_hands(found.actions)[:, None] - wall, axis=-1).min() > 0.03
+    alone = Executor(PROFILE).rest(HOME, goal, 1.0, _seen(np.zeros((0, 3))))
+    assert np.linalg.norm(_hands(alone.actions)[:, None] - wall, axis=-1).min() < 0.03
+
+
+def test_only_points_that_the_arm_overlaps_are_left_out() -> None:
+    hand = PROFILE.model.forward_kinematics(HOME)[:3, 3]
+    points = np.stack([hand, hand + np.array([0.0, 0.5, 0.0]), _grip(_turned(1.0)) + np.array([0.0, 0.0, 0.08])])
+    seen = _seen(points)
+    assert np.array_equal(AROUND.untouched(seen, HOME).standing, points[1:])
+    assert np.array_equal(AROUND.untouched(seen, HOME, _turned(1.0)).standing, points[1:2])
+    assert np.array_equal(AROUND.untouched(seen, _turned(-1.0)).standing, points)
+
+
+def test_the_hand_may_touch_what_it_likes_and_the_arm_may_not() -> None:
+    elbow = PROFILE.model.forward_kinematics(HOME, "panda_link5")[:3, 3]
+    touched = _seen(_grip(HOME)[None] + np.array([[0.0, 0.0, 0.03]]))
+    assert AROUND.depth(touched, HOME[None]) == 0.0
+    assert AROUND.depth(_seen(elbow[None]), np.stack([_turned(1.5), HOME])) > POINT_RADIUS
+    assert AROUND.depth(_seen(elbow[None]), _turned(1.5)[None]) == 0.0
+    assert AROUND.depth(_seen(np.zeros((0, 3))), HOME[None]) == 0.0
+
+
+def test_of_the_arms_postures_one_that_keeps_out_of_the_cloud_is_taken() -> None:
+    pose = PROFILE.model.forward_kinematics(HOME)
+    positions = np.repeat(pose[None, :3, 3], KEYPOSES, 0)
+    positions[:ACTUATION, 2] += 0.05
+    program = KeyposeProgram(
+        positions=positions.astype(np.float32),
+        rotations=np.repeat(pose[None, :3, :3], KEYPOSES, 0).astype(np.float32),
+        gripper=np.ones(KEYPOSES + 1, np.float32),
+        seconds=np.full(KEYPOSES, 0.2, np.float32),
+    )
+    first = joint_path(program, HOME, AROUND.bare, lambda joints: 0.0)
+    assert first is not None
+    elbow = PROFILE.model.forward_kinematics(first.joints[first.at[ACTUATION]], "panda_link4")[:3, 3]
+    seen = _seen(elbow + np.random.default_rng(0).uniform(-0.04, 0.04, (20, 3)))
+    assert AROUND.depth(seen, first.joints) > GRAZE
+    other = joint_path(program, HOME, AROUND.bare, lambda joints: AROUND.depth(seen, joints))
+    assert other is not None
+    assert other.is_whole
+    assert other.depth <= GRAZE
+    assert np.allclose(PROFILE.model.forward_kinematics(other.joints[other.at[ACTUATION]])[:3, 3], pose[:3, 3])
