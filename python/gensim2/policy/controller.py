@@ -16,8 +16,8 @@ import numpy.typing as npt
 import torch
 
 from gensim2.errors import InputError
-from gensim2.observations.columns import GRIPPER, STATE
-from gensim2.policy.augment import holds
+from gensim2.observations.columns import STATE
+from gensim2.policy.attempts import ATTEMPTS, Attempts
 from gensim2.policy.checkpoint import CONFIG_JSON, CheckpointError, PolicyCheckpoint
 from gensim2.policy.control import CLOUDS, Sees, Sight
 from gensim2.policy.embodiment import check_robot
@@ -33,14 +33,6 @@ if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
 
 Action = npt.NDArray[np.float32]
-
-ATTEMPTS = 4
-"""Times that a policy begins, by default."""
-STILL, STILL_SECONDS = 0.02, 1.5
-"""Rad within which targets are the same, and for how long they are, and the fingers' command, before a hand counts as
-stuck: more than twice what fingers take."""
-RESTS = 6
-"""Control steps at rest before it begins again."""
 
 
 class PolicyController:
@@ -90,9 +82,8 @@ class PolicyController:
         self._execute = config.execute if execute is None else execute
         if not 1 <= self._execute <= config.horizon:
             raise InputError(f"must lie in 1..{config.horizon}, is {self._execute}", field="execute")
-        if not 1 <= attempts <= 1000:
-            raise InputError(f"must lie in 1..1000, is {attempts}", field="attempts")
-        self._attempts = attempts
+        Attempts.check(attempts)
+        self._most_attempts = attempts
         if denoise_steps is not None:
             if not hasattr(self._policy.network.head, "steps"):
                 raise InputError(f"is of diffusion and flow, the head is {config.head}", field="denoise_steps")
@@ -118,17 +109,14 @@ class PolicyController:
             CheckpointError: the robot is another one, or the sentence was not trained on.
         """
         check_robot(self._policy.robot, observation, self._folder)
-        self._robot = robot(self._policy.robot)
+        self._attempts = Attempts(robot(self._policy.robot), self._most_attempts)
         sentence = self._says.get(observation.language, observation.language)
         self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds)
         config = self._policy.config
         self._rng, self._seed = rng(seed, "policy/act"), seed
         self._past: deque[dict[str, torch.Tensor]] = deque(maxlen=1 + config.stride * (config.history - 1))
         self._plan: list[Action] = []
-        self._way: list[Action] = []  # that the arm came since it began
-        self._target: Action | None = None
-        self._begun, self._still, self._goes_back, self._ends = 1, 0, False, False
-        self._step = observation.step
+        self._step, self._ends = observation.step, False
 
     def act(self, observation: Observation) -> Action | None:
         """Return the next action, (m + 1,); None: done."""
@@ -141,39 +129,14 @@ class PolicyController:
         self._past.append(seen)
         if not self._plan:
             self._plan = self._actions(observation)
-            self._goes_back = self._is_stuck(observation)
-            if self._goes_back:
-                self._plan, self._way = self._way_back(), []
-                self._begun, self._still = self._begun + 1, 0
+            self._attempts.goes_on()
+            if not self._ends and self._attempts.is_due(observation):
+                self._plan = self._attempts.again()
         if not self._plan:
             return None
         action = self._plan.pop(0)
-        self._follow(action)
+        self._attempts.follow(action)
         return action
-
-    def _is_stuck(self, observation: Observation) -> bool:
-        """Whether another attempt is due."""
-        width, command = np.asarray(observation[GRIPPER])
-        waits = self._still >= self._robot.steps(STILL_SECONDS) and not self._ends
-        return waits and self._begun < self._attempts and len(self._way) > RESTS and not holds(width, command)
-
-    def _way_back(self) -> list[Action]:
-        """The way that the arm came, backwards; the fingers stay as they are until it is where it began."""
-        assert self._target is not None
-        arm, begin = self._policy.action.arm, self._way[0]
-        back = [np.append(each[:arm], self._target[arm]).astype(np.float32) for each in self._way[::-1]]
-        return [*back, *[begin] * RESTS]
-
-    def _follow(self, action: Action) -> None:
-        """Count for how long targets have been the same; a hand that presses stands beside its own."""
-        arm, last = self._policy.action.arm, self._target
-        moves = last is None or bool(np.abs(action[:arm] - last[:arm]).max() > STILL)
-        if not moves and last is not None and abs(float(action[arm] - last[arm])) <= STILL:
-            self._still += 1
-            return
-        self._still, self._target = 0, action
-        if moves and not self._goes_back:
-            self._way.append(action)
 
     def _actions(self, observation: Observation) -> list[Action]:
         """The actions to execute before the next look; none where the episode is over."""

@@ -16,7 +16,7 @@ import torch
 
 from gensim2.errors import InputError
 from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
-from gensim2.policy.rotations import matrix_of_quaternion, six_of_matrix
+from gensim2.policy.rotations import matrix_of_quaternion, matrix_of_six, six_of_matrix
 
 if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
@@ -96,6 +96,15 @@ def inputs_of(seen: Mapping[str, torch.Tensor], config: PolicyConfig, arm: int) 
     if config.tool_frame:
         points.append(torch.einsum("btji,btnj->btni", rotation, xyz - position[:, :, None]))
     return Inputs(torch.cat(points, -1), torch.cat(own, -1))
+
+
+def tool_in(proprio: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return position (B, 3), m, and rotation (B, 3, 3) of the tool in the policy's frame.
+
+    Args:
+        proprio: (B, P), as :class:`Inputs` has it.
+    """
+    return proprio[:, -11:-8], matrix_of_six(proprio[:, -8:-2])
 
 
 def yawed(seen: Mapping[str, torch.Tensor], angle: torch.Tensor) -> dict[str, torch.Tensor]:

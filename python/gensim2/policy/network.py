@@ -10,10 +10,9 @@ from torch import nn
 
 from gensim2.policy.encoders import make_encoder
 from gensim2.policy.encoders.grouping import farthest_points, gathered
-from gensim2.policy.frames import cloud_size, proprio_size
+from gensim2.policy.frames import cloud_size, proprio_size, tool_in
 from gensim2.policy.heads import Context, make_head
 from gensim2.policy.pointer import KeyframePointer, Pointed
-from gensim2.policy.rotations import matrix_of_six
 from gensim2.policy.text import make_text_encoder
 from gensim2.policy.trunk import Trunk
 
@@ -125,10 +124,9 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         generator: torch.Generator | None,
     ) -> Pointed:
         assert features is not None
-        own = batch[PROPRIO][:, -1]
-        at, R = own[:, None, -11:-8], matrix_of_six(own[:, -8:-2])  # the tool, in the policy's frame
-        cloud = batch[CLOUD][:, -1, :, :3]
-        found: Pointed = pointer((seen_points - at) @ R, features, summary, (cloud - at) @ R, generator)
+        at, R = tool_in(batch[PROPRIO][:, -1])
+        near, cloud = ((points - at[:, None]) @ R for points in (seen_points, batch[CLOUD][:, -1, :, :3]))
+        found: Pointed = pointer(near, features, summary, cloud, generator)
         return found
 
     def _any_of(self, points: torch.Tensor, generator: torch.Generator | None) -> torch.Tensor:

@@ -18,14 +18,13 @@ from torch import nn
 from gensim2.policy.encoders.grouping import gathered
 from gensim2.policy.encoders.mlp import MlpEncoder
 from gensim2.policy.fourier import fourier_features
+from gensim2.policy.heatmap import heat_loss, places_of
 from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS
 from gensim2.policy.rotations import six_of_matrix
 
 if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
 
-HEAT = 0.02
-"""Metres about a place within which points are to be hot."""
 BANDS = (1.0, 2.0, 4.0, 8.0, 16.0)
 """Fourier features, 1/m."""
 NEAR = 96
@@ -35,7 +34,7 @@ LOOKED_AT = 1
 NOISE = 0.01
 """Standard deviation of the second look's origin in training, m."""
 METRE, CENTIMETRES = 0.05, 0.1
-"""Scales of positions, m."""
+"""Scales of positions, m: of a correction, and of a place."""
 _FEATURES = 3 + 6 * len(BANDS)
 
 
@@ -107,7 +106,8 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
         """
         inner = nn.functional.gelu(self.of_point(features) + self.of_summary(summary)[:, None])
         logits, offsets = self.heat(inner).unflatten(-1, (self.keyframes, 4)).split((1, 3), -1)
-        places = (logits.softmax(1) * (points[:, :, None] + CENTIMETRES * offsets)).sum(1)
+        logits = logits[..., 0]
+        places = places_of(points, logits, offsets)
         origin = places[:, min(LOOKED_AT, self.keyframes - 1)].detach()
         if generator is not None:
             origin = origin + NOISE * torch.randn(origin.shape, generator=generator, device=origin.device)
@@ -119,7 +119,7 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
         positions, six = origin[:, None] + METRE * refined[..., :3], refined[..., 3:]
         told = self.of_keyframe(torch.cat([_waves(positions), six], -1))
         tokens = torch.cat([told, self.of_near(looked)[:, None]], 1)
-        return Pointed(tokens, points, logits[..., 0], places, positions, six)
+        return Pointed(tokens, points, logits, places, positions, six)
 
     def loss(self, pointed: Pointed, batch: Mapping[str, torch.Tensor]) -> torch.Tensor:
         """Return the weighted sum of the losses of both looks, of the samples whose keyframes are known."""
@@ -127,9 +127,7 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
         known = true.isfinite().all(-1).all(-1).to(pointed.places.dtype)  # (B,)
         share = known / known.sum().clamp(min=1.0)
         true, turned = true.nan_to_num(), turned.nan_to_num()
-        away = (pointed.points[:, :, None] - true[:, None]).square().sum(-1)
-        hot = (-away / (2 * HEAT**2)).softmax(1)
-        heat = -(hot * pointed.logits.log_softmax(1)).sum(1).mean(-1)
+        heat = heat_loss(pointed.points, pointed.logits, true).mean(-1)
         coarse = (pointed.places - true).abs().sum(-1).mean(-1) / METRE
         fine = (pointed.positions - true).abs().sum(-1).mean(-1) / METRE
         turns = (pointed.six - six_of_matrix(turned)).abs().mean((-2, -1))

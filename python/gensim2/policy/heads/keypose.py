@@ -19,6 +19,7 @@ from torch import nn
 
 from gensim2.policy.encoders.mlp import MlpEncoder
 from gensim2.policy.fourier import fourier_features
+from gensim2.policy.heatmap import heat_loss, places_of
 from gensim2.policy.keypose.program import ACTUATION, KEYPOSES
 from gensim2.policy.rotations import matrix_of_six
 
@@ -33,8 +34,6 @@ where it is that of "done", the last."""
 
 ANSWERS = 8
 """Classes, most probable first, of which ``act`` gives the programs."""
-HEAT = 0.02
-"""Metres about the place of the hand within which points are to be hot."""
 BANDS = (2.0, 8.0)
 """Fourier features, 1/m."""
 NEAR, FAR = 128, 64
@@ -130,8 +129,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         chosen = chosen + nn.functional.cross_entropy(logits, way)
         points = context.points
         logits, found = self._first(points, context, way)
-        hot = (-(points - place[:, None]).square().sum(-1) / (2 * HEAT**2)).softmax(-1)
-        heat = -(hot * logits.log_softmax(-1)).sum(-1)
+        heat = heat_loss(points, logits[..., None], place[:, None])[:, 0]
         coarse = (found - place).abs().sum(-1) / METRE
         made = {"generator": generator, "device": place.device}
         spread = torch.where(torch.rand(len(place), 1, **made) < 0.5, *NOISE)
@@ -182,8 +180,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         told = torch.cat([context.tokens[:, 0], self.of_way(way)], -1)
         inner = nn.functional.gelu(self.of_point(context.features) + self.of_cloud(told)[:, None])
         logits, offsets = self.heat(inner).split((1, 3), -1)
-        weights = logits.softmax(1)
-        return logits[..., 0], (weights * (points + CENTIMETRES * offsets)).sum(1)
+        return logits[..., 0], places_of(points, logits, offsets[:, :, None])[:, 0]
 
     def _second(
         self,

@@ -1,0 +1,34 @@
+"""Heatmaps over the points of a cloud: a place is the mean of the points, each with an offset, by how hot they are."""
+
+from __future__ import annotations
+
+import torch
+
+WIDTH = 0.02
+"""Metres about a place within which points are to be hot."""
+OFFSET = 0.1
+"""Metres in a unit of an offset."""
+
+
+def places_of(points: torch.Tensor, logits: torch.Tensor, offsets: torch.Tensor) -> torch.Tensor:
+    r"""Return the places :math:`p = \sum_i w_i (x_i + o_i)` of K heatmaps, (B, K, 3), m.
+
+    Args:
+        points: (B, N, 3), m.
+        logits: (B, N, K) of the weights.
+        offsets: (B, N, K, 3), in units of ``OFFSET``.
+    """
+    return (logits.softmax(1)[..., None] * (points[:, :, None] + OFFSET * offsets)).sum(1)
+
+
+def heat_loss(points: torch.Tensor, logits: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
+    """Return the cross-entropy (B, K) of heatmaps against what they are to be for ``places`` (B, K, 3).
+
+    Args:
+        points: (B, N, 3), m.
+        logits: (B, N, K).
+        places: (B, K, 3), m.
+    """
+    away = (points[:, :, None] - places[:, None]).square().sum(-1)
+    hot = (-away / (2 * WIDTH**2)).softmax(1)
+    return -(hot * logits.log_softmax(1)).sum(1)
