@@ -35,3 +35,9 @@ def no_tensorboard(monkeypatch: pytest.MonkeyPatch) -> None:
 def clip(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Folder of small random CLIP weights."""
     return str(made_up.random_clip(tmp_path_factory.mktemp("clip") / "random"))
+
+
+@pytest.fixture(scope="session")
+def sentence_model(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A folder with an encoder of sentences, its weights small and random."""
+    return str(made_up.random_sentence_model(tmp_path_factory.mktemp("sentence") / "random"))

@@ -135,3 +135,19 @@ def random_clip(folder: Path) -> Path:
     torch.manual_seed(0)
     transformers.CLIPTextModelWithProjection(config).save_pretrained(folder, safe_serialization=True)
     return folder
+
+
+def random_sentence_model(folder: Path) -> Path:
+    """Write an encoder of sentences with random weights, two layers of 16: of no use but to test with."""
+    import transformers
+
+    folder.mkdir(parents=True)
+    words = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", "[MASK]", "push", "the", "lever", "pull", "it"]
+    (folder / "vocab.txt").write_text("\n".join(words))
+    transformers.BertTokenizer(str(folder / "vocab.txt")).save_pretrained(folder)
+    config = transformers.BertConfig(
+        vocab_size=len(words), hidden_size=16, intermediate_size=16, num_hidden_layers=2, num_attention_heads=2
+    )
+    torch.manual_seed(0)
+    transformers.BertModel(config).save_pretrained(folder, safe_serialization=True)
+    return folder

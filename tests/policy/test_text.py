@@ -1,4 +1,4 @@
-"""Text encoders: what they make of sentences, and what is said where CLIP's weights are missing."""
+"""Text encoders: what they make of sentences, and what is said where weights are missing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from gensim2.errors import InputError, MissingExtraError
-from gensim2.policy import text
+from gensim2.policy import pretrained_text
 from gensim2.policy.text import SmallText, pieces, prepare
 
 
@@ -34,23 +34,30 @@ def test_the_small_encoder_ignores_what_is_not_there() -> None:
     assert torch.allclose(encoder(rows), found)
 
 
-def test_clip_embeds_once_a_sentence(clip: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    config = made_up.policy(text="clip", text_model=clip)
+@pytest.mark.parametrize(("kind", "size"), [("clip", 8), ("sentence", 16)])
+def test_pretrained_encoders_embed_once_a_sentence(
+    kind: str, size: int, clip: str, sentence_model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = clip if kind == "clip" else sentence_model
+    config = made_up.policy(text=kind, text_model=model)
     first = prepare(["push the lever", "pull it"], config)
-    assert first.shape == (2, 8)
+    assert first.shape == (2, size)
     assert torch.allclose(first.norm(dim=-1), torch.ones(2), atol=1e-6)
-    assert not torch.allclose(first[0], first[1])
-    monkeypatch.setattr(text, "_run_clip", lambda *_: pytest.fail("was cached"))
+    assert not torch.allclose(first[0], first[1], atol=1e-3)
+    (alone,) = pretrained_text._run(["pull it"], kind, model)  # what the longer sentence pads changes nothing
+    assert torch.allclose(alone, first[1], atol=1e-5)
+    monkeypatch.setattr(pretrained_text, "_run", lambda *_: pytest.fail("was cached"))
     assert torch.equal(prepare(["pull it", "push the lever"], config), first.flip(0))
 
 
 def test_missing_weights_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "empty").mkdir()
     monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)  # else it tries the hub for most of a minute
-    for model in (str(tmp_path / "empty"), "nobody/has-these-weights"):
-        with pytest.raises(InputError, match="--text small") as caught:
-            prepare(["a"], made_up.policy(text="clip", text_model=model))
-        assert model in str(caught.value)
+    for kind in ("clip", "sentence"):
+        for model in (str(tmp_path / "empty"), "nobody/has-these-weights"):
+            with pytest.raises(InputError, match="--text small") as caught:
+                prepare(["a"], made_up.policy(text=kind, text_model=model))
+            assert model in str(caught.value)
     monkeypatch.setitem(sys.modules, "transformers", None)
     with pytest.raises(MissingExtraError, match=r"gensim2\[clip\]"):
         prepare(["b"], made_up.policy(text="clip", text_model="nobody/has-these-weights"))

@@ -72,6 +72,19 @@ from gensim2.cli.output import line, report, table
     metavar="DIR",
     help="A keypose policy of several tasks, as learn left it: TASKS are added to its own, and all are measured.",
 )
+@click.option(
+    "--text",
+    type=click.Choice(("small", "clip", "sentence")),
+    default=None,
+    help="Text encoder of a policy of several tasks: one that is trained with it, CLIP's, or that of a model of "
+    "sentences.  [default: that of --from, else small]",
+)
+@click.option(
+    "--text-model",
+    default="",
+    metavar="FOLDER|NAME",
+    help="Folder or hub name of the weights of --text clip or sentence.",
+)
 @options.noise(None, "Of the cameras, in training and in evaluation  [default: none]")
 @click.option(
     "--test-instances",

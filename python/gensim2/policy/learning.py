@@ -27,7 +27,7 @@ from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
 from gensim2.policy.network import fresh_network
 from gensim2.policy.objects import shared_objects, unseen_instances, words
 from gensim2.policy.source import Source
-from gensim2.policy.starting import SPEC, check_sentences, digest_of_start, known_tasks, read_start, with_noise
+from gensim2.policy.starting import SPEC, check_sentences, digest_of_start, known_tasks, read_start, text_of, with_noise
 from gensim2.policy.text import prepare
 from gensim2.policy.train import TrainResult, _batch
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -68,6 +68,7 @@ class LearnRecord(BaseModel):
         objects: of each class to learn from; None: those that ``scene`` says.
         verify: scenes whose plans physics refutes are left out.
         noise: of the cameras; None: their depth is exact.
+        text, text_model: encoder of the sentences of a policy of several tasks, and its weights.
         start: folder of the policy that goes on, with the digest of its weights; None: from nothing.
         steps: of each policy that were decided on when its training began, by its folder.
         data_cpu_s: CPU seconds that went into the data of each.
@@ -87,6 +88,8 @@ class LearnRecord(BaseModel):
     verify: bool = False
     scene: dict[str, Any]
     noise: dict[str, float | bool] | None = None
+    text: str = "small"
+    text_model: str = ""
     start: tuple[str, str] | None = None
     steps: dict[str, int] = {}
     data_cpu_s: dict[str, float] = {}
@@ -163,6 +166,8 @@ def learn(
     verify: bool = False,
     start: Path | None = None,
     noise: DepthNoise | None = None,
+    text: str | None = None,
+    text_model: str = "",
     test_instances: str | None = None,
     seed: int = 0,
     out: Path,
@@ -189,6 +194,8 @@ def learn(
             plans, ``tasks`` are added to its own, and all of them are measured.
         noise: of the cameras in all data, with errors of pose, depth and clock drawn each episode; the policy is
             measured with it, too. None: depth is exact.
+        text: encoder of the sentences, of a policy of several tasks; None: that of ``start``, else ``"small"``.
+        text_model: folder or hub name of its weights, where it is pretrained.
         test_instances: objects that the policy is measured on; None: ``new`` where it learns from ``objects``, else,
             and where ``start`` was taught on listed ones, ``test`` where all classes have such a split, else ``new``.
         seed: of everything.
@@ -222,6 +229,8 @@ def learn(
         given = [with_objects(one, objects, seed) for one in given]
     begun = None if start is None else read_start(start, policy, given, noise)
     known = [] if begun is None else known_tasks(begun, progress)
+    together = multi_task or begun is not None
+    text = text_of(text, text_model, [one.spec.description for one in given] if together else (), begun)
     # Those that it was taught before are measured, too: on none of the objects that it was taught them on.
     before = [] if start is None else taught_before(start, known, seed=seed, **scene)
     listed = [*(given if objects is None else ()), *before]
@@ -246,11 +255,12 @@ def learn(
         verify=verify,
         scene={**given[0].scene.options.to_record(), "instances": train_on["instances"]},
         noise=None if noise is None else asdict(noise),
+        text=text,
+        text_model=text_model,
         start=None if start is None else digest_of_start(start),
     )
     record = _begin(out, record, resume)
-    together = multi_task or start is not None or len(given) == 1
-    groups = [tuple(given)] if together else [(one,) for one in given]
+    groups = [tuple(given)] if together or len(given) == 1 else [(one,) for one in given]
     learned = []
     for group in groups:
         folder = out if len(groups) == 1 else out / group[0].spec.name
@@ -337,7 +347,7 @@ def _teach_by_plans(
         count = f"{each.demonstrations} plans in {each.scenes} scenes"
         left_out = f"{sum(each.failed.values()) - each.refuted} without a plan, {each.refuted} refuted by physics"
         progress.message(f"{each.record.task}: {count}, {left_out}, {each.cpu_s:.0f} s of CPU")
-    policy = POLICY if begun is None else begun.config
+    policy = _hearing(POLICY, record, len(group)) if begun is None else begun.config
     _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, TRAINING), out, progress)
     training = TrainConfig.of({**TRAINING.to_dict(), "steps": record.steps[key], "seed": record.seed})
     trained = train_keypose(
@@ -386,8 +396,7 @@ def _teach_by_episodes(
         if task.held == 0:
             message = f"none of its {task.tried} demonstrations held"
             raise InputError(message, field=f"tasks.{task.name}", remedy="leave it out, or give more --minutes")
-    text = "small" if len(group) > 1 else "none"
-    policy = PolicyConfig.of({**CHUNK_POLICY.to_dict(), "head": record.policy, "text": text})
+    policy = _hearing(PolicyConfig.of({**CHUNK_POLICY.to_dict(), "head": record.policy}), record, len(group))
     source = Demonstrations.open([data], policy, (), progress=progress)
     training = TrainConfig.of({**CHUNK_TRAINING.to_dict(), "seed": record.seed})
     _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out, progress)
@@ -406,6 +415,12 @@ def _decide_steps(
         record.steps[key] = max(LEAST_STEPS, min(int(left / each), MAX_STEPS * tasks))
         progress.message(f"training: {record.steps[key]} steps of {1000 * each:.0f} ms of CPU")
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))
+
+
+def _hearing(policy: PolicyConfig, record: LearnRecord, tasks: int) -> PolicyConfig:
+    """The network with its text encoder; of one task the sentence tells nothing."""
+    told = {"text": record.text, "text_model": record.text_model} if tasks > 1 else {"text": "none"}
+    return PolicyConfig.of({**policy.to_dict(), **told})
 
 
 def _noise(record: LearnRecord) -> DepthNoise | None:

@@ -10,6 +10,8 @@ from pathlib import Path
 from gensim2.errors import InputError
 from gensim2.observations import DepthNoise, ObservationSpec
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
+from gensim2.policy.config import PolicyConfig
+from gensim2.policy.text import prepare
 from gensim2.progress import Progress
 from gensim2.rollout.inputs import TaskInput
 from gensim2.tasks.library import task_names
@@ -72,3 +74,30 @@ def check_sentences(sentences: Sequence[str]) -> None:
         if sentences.count(sentence) > 1:
             message = f"two tasks of one policy have the sentence {sentence!r}"
             raise InputError(message, field="description", remedy="say each task otherwise")
+
+
+def text_of(text: str | None, model: str, sentences: Sequence[str], begun: PolicyCheckpoint | None) -> str:
+    """Return the text encoder of a policy, whose weights can be had.
+
+    Args:
+        text: that is asked for; None: that of ``begun``, else ``"small"``.
+        model: its weights.
+        sentences: of its tasks; none where it hears none.
+        begun: policy that learning goes on from.
+
+    Raises:
+        InputError: ``begun`` has another one, there is none of this name, or its weights cannot be had.
+        MissingExtraError: ``transformers`` is not installed.
+    """
+    had = None if begun is None else begun.config.text
+    if text is not None and had is not None and text != had:
+        raise InputError(f"must be {had}, as --from has it, is {text!r}", field="text")
+    if begun is not None and model not in ("", begun.config.text_model):
+        raise InputError(f"is not that of --from, {begun.config.text_model!r}", field="text_model")
+    found = text or had or "small"
+    if found == "none":
+        raise InputError("tells tasks apart, and cannot be none", field="text")
+    config = PolicyConfig.of({"text": found, "text_model": model}) if begun is None else begun.config
+    if sentences:
+        prepare(sentences, config)
+    return found

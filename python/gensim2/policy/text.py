@@ -1,23 +1,20 @@
 """Text encoders: a sentence becomes one token of the trunk.
 
 Each has two parts: :func:`prepare` turns sentences into rows of a table once, without gradients, and a module turns
-rows into tokens. The table of the sentences that were trained on travels with the checkpoint: CLIP's weights are needed
-for new sentences only.
+rows into tokens. The table of the sentences that were trained on travels with the checkpoint: the weights of a
+pretrained encoder are needed for new sentences only.
 """
 
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import nn
 
-from gensim2.errors import InputError, MissingExtraError
-from gensim2.files import cache_dir, replacing
+from gensim2.policy.pretrained_text import embeddings
 
 if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
@@ -27,17 +24,18 @@ WORDS, PIECES, BUCKETS = 24, 12, 2048
 
 
 def prepare(sentences: Sequence[str], config: PolicyConfig) -> torch.Tensor:
-    """Return one row a sentence: (S, 24, 12) pieces for ``small``, (S, E) embeddings for ``clip``, (S, 0) for none.
+    """Return one row a sentence: (S, 24, 12) pieces for ``small``, (S, E) embeddings for ``clip`` and ``sentence``,
+    (S, 0) for none.
 
     Raises:
-        InputError: CLIP's weights cannot be had; names folder and remedy.
+        InputError: the weights cannot be had; names folder and remedy.
         MissingExtraError: ``transformers`` is not installed.
     """
     if config.text == "none":
         return torch.zeros(len(sentences), 0)
     if config.text == "small":
         return torch.stack([pieces(sentence) for sentence in sentences])
-    return clip_embeddings(sentences, config.text_model)
+    return embeddings(sentences, config.text, config.text_model)
 
 
 def make_text_encoder(config: PolicyConfig, row: Sequence[int]) -> nn.Module | None:
@@ -94,63 +92,3 @@ class SmallText(nn.Module):  # type: ignore[misc]
         mean = (words * there).sum(1) / there.sum(1).clamp(min=1.0)
         most = (words * there + (there - 1.0) * 1e4).amax(1) * there.amax(1)
         return self.sentence(torch.cat([mean, most], -1))
-
-
-def clip_embeddings(sentences: Sequence[str], model: str) -> torch.Tensor:
-    """(S, E) text embeddings of CLIP, of unit length, kept by model and sentence in the cache folder.
-
-    Args:
-        model: folder of weights, or a name on Hugging Face's hub.
-
-    Raises:
-        InputError: the weights cannot be had.
-        MissingExtraError: ``transformers`` is not installed.
-    """
-    from safetensors.torch import load_file, save_file
-
-    folder = cache_dir() / "policy" / "clip" / _digest(model)
-    files = [folder / f"{hashlib.sha256(sentence.encode()).hexdigest()[:32]}.safetensors" for sentence in sentences]
-    missing = [number for number, file in enumerate(files) if not file.exists()]
-    if missing:
-        made = _run_clip([sentences[number] for number in missing], model)
-        for number, embedding in zip(missing, made, strict=True):
-            with replacing(files[number]) as path:
-                save_file({"embedding": embedding.contiguous()}, path)
-    return torch.stack([load_file(file)["embedding"] for file in files])
-
-
-def _digest(model: str) -> str:
-    """Of the model: its name, and of a folder size and time of its files."""
-    found = hashlib.sha256(model.encode())
-    if Path(model).is_dir():
-        found = hashlib.sha256(str(Path(model).resolve()).encode())
-        for file in sorted(Path(model).iterdir()):
-            about = file.stat()
-            found.update(f"{file.name} {about.st_size} {about.st_mtime_ns}".encode())
-    return found.hexdigest()[:16]
-
-
-def _run_clip(sentences: Sequence[str], model: str) -> torch.Tensor:
-    os.environ.setdefault("TOKENIZERS_PARALLELISM", "false")
-    try:
-        import transformers
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("transformers", "clip") from error
-    remedy = "give a folder or a hub name with --text-model, or use --text small"
-    transformers.utils.logging.disable_progress_bar()
-    path = Path(model)
-    if path.exists() and not (path / "config.json").is_file():
-        raise InputError("is no folder of CLIP's weights: it has no config.json", file=path, remedy=remedy)
-    try:
-        tokenizer = transformers.AutoTokenizer.from_pretrained(model)
-        text: Any = transformers.CLIPTextModelWithProjection.from_pretrained(model, use_safetensors=True)
-    except (OSError, ValueError, RuntimeError, KeyError) as error:
-        reason = str(error).strip().split("\n")[0][:200]
-        raise InputError(
-            f"CLIP's weights cannot be had: {reason}", file=model, field="text_model", remedy=remedy
-        ) from error
-    text.eval()
-    with torch.no_grad():
-        tokens = tokenizer(list(sentences), padding=True, truncation=True, return_tensors="pt")
-        embedded = text(input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"]).text_embeds
-    return nn.functional.normalize(embedded.float(), dim=-1)

@@ -99,16 +99,23 @@ def test_controls_are_named() -> None:
 
 @pytest.mark.parametrize("hears", [True, False])  # policies of before had no term of the sentence
 def test_tasks_are_added_to_those_that_a_policy_knows(
-    hears: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    hears: bool,
+    sentence_model: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(data, "SHARD", 2)
     monkeypatch.setattr(learning, "LEAST_STEPS", 2)
     first, second, told = tmp_path / "two", tmp_path / "three", tmp_path / "told.json"
     common = ["--assets", "builtin", "--minutes", "0.001", "--scenes", "2", "--workers", "1", "--episodes", "1"]
     common += ["--controls", "none", "--videos", "0", "--json", str(told)]
+    hearing = ["--text", "sentence", "--text-model", sentence_model] if hears else []
     with monkeypatch.context() as before:
         before.setattr(learning, "POLICY", PolicyConfig.of({**learning.POLICY.to_dict(), "hears": hears}))
-        assert run(["learn", "TurnOnFaucet", "TurnOffFaucet", "--multi-task", *common, "--out", str(first)]) == 0
+        assert (
+            run(["learn", "TurnOnFaucet", "TurnOffFaucet", "--multi-task", *common, *hearing, "--out", str(first)]) == 0
+        )
     plans = {path.name: path.read_bytes() for path in (first / "data" / "TurnOnFaucet").iterdir()}
     words = ["learn", "CloseBox", "--from", str(first), *common, "--out", str(second)]
     assert run(words) == 0
@@ -117,6 +124,7 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     policy = PolicyCheckpoint.load(second)
     assert policy.data.tasks == ("TurnOnFaucet", "TurnOffFaucet", "CloseBox")
     assert policy.config.hears is hears
+    assert (policy.config.text, policy.table.shape[0]) == ("sentence" if hears else "small", 3)
     assert policy.sentences[:2] == PolicyCheckpoint.load(first).sentences
     assert {path.name: path.read_bytes() for path in (second / "data" / "TurnOnFaucet").iterdir()} == plans
     assert [way.language for way in read_ways(second)[-2:]] == ["close the box"] * 2
@@ -130,6 +138,8 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
         (["OpenBox", "--from", str(second), "--policy", "chunk"], "goes on from a keypose policy of several tasks"),
         (["OpenBox", "--from", str(tmp_path / "none")], "config.json"),
         (["OpenBox", "--from", str(second), "--noise", "d435"], "noise"),
+        (["OpenBox", "--from", str(second), "--text", "clip"], f"text: must be {policy.config.text}, as --from has it"),
+        (["OpenBox", "--from", str(second), "--text-model", "other"], "text_model: is not that of --from"),
         (["OpenBox", "--from", str(second), "--robot", "fetch"], "is for the robot 'panda'"),
         ([str(other), "--from", str(second)], "have the sentence 'close the box'"),
     ):
@@ -161,6 +171,7 @@ def test_what_cannot_be_done_is_said_before_anything_is_planned(
         (["--test-instances", "tset"], "tset"),
         (["--objects", "5", "--instances", "train"], "says other objects than instances"),
         (["--policy", "chunk", "--verify"], "is of plans"),
+        (["OpenBox", "--multi-task", "--text", "sentence", "--text-model", str(tmp_path)], "it has no config.json"),
     ):
         assert run(["learn", "CloseBox", "--assets", "builtin", *words, "--out", str(tmp_path / "out")]) == 2
         assert said in capfd.readouterr().err

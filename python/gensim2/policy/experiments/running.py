@@ -238,6 +238,8 @@ def _run_arm(
             controls=("blind",),
             videos=0,
             start=None if start is None else Path(start.checkpoints[number]),
+            text=config.text,
+            text_model=config.text_model,
             test_instances=config.unseen,
             seed=seed,
             out=folder,

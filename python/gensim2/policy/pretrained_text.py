@@ -1,0 +1,91 @@
+"""Sentences embedded by weights that were trained elsewhere: CLIP's text half, or an encoder of whole sentences."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from gensim2.errors import InputError, MissingExtraError
+from gensim2.files import cache_dir, replacing
+
+MODELS = {"clip": "openai/clip-vit-base-patch32", "sentence": "sentence-transformers/all-MiniLM-L6-v2"}
+"""Names on Hugging Face's hub, by kind, of what is taken where nothing else is asked for."""
+
+
+def embeddings(sentences: Sequence[str], kind: str, model: str = "") -> torch.Tensor:
+    """(S, E) embeddings of unit length, kept by kind, model and sentence in the cache folder.
+
+    Args:
+        sentences: S of them.
+        kind: ``"clip"``: the projection of CLIP's text half; ``"sentence"``: the mean of an encoder's tokens, as models
+            of ``sentence-transformers`` are trained (Reimers and Gurevych, Sentence-BERT, 2019).
+        model: folder of weights, or a name on Hugging Face's hub; empty: that of ``MODELS``.
+
+    Raises:
+        InputError: the weights cannot be had.
+        MissingExtraError: ``transformers`` is not installed.
+    """
+    from safetensors.torch import load_file, save_file
+
+    model = model or MODELS[kind]
+    folder = cache_dir() / "policy" / kind / _digest(model)
+    files = [folder / f"{hashlib.sha256(sentence.encode()).hexdigest()[:32]}.safetensors" for sentence in sentences]
+    missing = [number for number, file in enumerate(files) if not file.exists()]
+    if missing:
+        made = _run([sentences[number] for number in missing], kind, model)
+        for number, embedding in zip(missing, made, strict=True):
+            with replacing(files[number]) as path:
+                save_file({"embedding": embedding.contiguous()}, path)
+    return torch.stack([load_file(file)["embedding"] for file in files])
+
+
+def _digest(model: str) -> str:
+    """Of the model: its name, and of a folder size and time of its files."""
+    found = hashlib.sha256(model.encode())
+    if Path(model).is_dir():
+        found = hashlib.sha256(str(Path(model).resolve()).encode())
+        for file in sorted(Path(model).iterdir()):
+            about = file.stat()
+            found.update(f"{file.name} {about.st_size} {about.st_mtime_ns}".encode())
+    return found.hexdigest()[:16]
+
+
+def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
+    os.environ.setdefault("TOKENIZERS_PARALLELISM", "false")
+    try:
+        import transformers
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("transformers", "clip") from error
+    remedy = "give a folder or a hub name with --text-model, or use --text small"
+    transformers.utils.logging.disable_progress_bar()
+    path = Path(model)
+    if path.exists() and not (path / "config.json").is_file():
+        raise InputError("is no folder of weights: it has no config.json", file=path, remedy=remedy)
+    load = transformers.CLIPTextModelWithProjection if kind == "clip" else transformers.AutoModel
+    try:
+        tokenizer = transformers.AutoTokenizer.from_pretrained(model)
+        text: Any = load.from_pretrained(model, use_safetensors=True)
+    except (OSError, ValueError, RuntimeError, KeyError) as error:
+        reason = str(error).strip().split("\n")[0][:200]
+        raise InputError(
+            f"its weights cannot be had: {reason}", file=model, field="text_model", remedy=remedy
+        ) from error
+    text.eval()
+    with torch.no_grad():
+        tokens = tokenizer(list(sentences), padding=True, truncation=True, return_tensors="pt")
+        read, mask = tokens["input_ids"], tokens["attention_mask"]
+        found = text(input_ids=read, attention_mask=mask)
+        embedded = found.text_embeds if kind == "clip" else _mean(found.last_hidden_state, mask)
+    return nn.functional.normalize(embedded.float(), dim=-1)
+
+
+def _mean(tokens: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+    """(S, E) means of tokens (S, L, E) where the mask (S, L) has them."""
+    there = mask[..., None].to(tokens.dtype)
+    return (tokens * there).sum(1) / there.sum(1)
