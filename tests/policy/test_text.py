@@ -11,6 +11,7 @@ import torch
 
 from gensim2.errors import InputError, MissingExtraError
 from gensim2.policy import pretrained_text
+from gensim2.policy.config import CLIP
 from gensim2.policy.text import SmallText, pieces, prepare
 
 
@@ -50,7 +51,9 @@ def test_pretrained_encoders_embed_once_a_sentence(
     assert torch.equal(prepare(["pull it", "push the lever"], config), first.flip(0))
 
 
-def test_missing_weights_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_and_foreign_weights_are_one_line(
+    sentence_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "empty").mkdir()
     monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)  # else it tries the hub for most of a minute
     for kind in ("clip", "sentence"):
@@ -58,6 +61,13 @@ def test_missing_weights_are_one_line(tmp_path: Path, monkeypatch: pytest.Monkey
             with pytest.raises(InputError, match="--text small") as caught:
                 prepare(["a"], made_up.policy(text=kind, text_model=model))
             assert model in str(caught.value)
+    for kind, model, reason in (
+        ("clip", sentence_model, "weights are missing"),
+        ("sentence", CLIP, "is CLIP"),
+    ):
+        with pytest.raises(InputError, match="--text small") as caught:
+            prepare(["a"], made_up.policy(text=kind, text_model=model))
+        assert reason in str(caught.value)
     monkeypatch.setitem(sys.modules, "transformers", None)
     with pytest.raises(MissingExtraError, match=r"gensim2\[clip\]"):
         prepare(["b"], made_up.policy(text="clip", text_model="nobody/has-these-weights"))

@@ -81,9 +81,9 @@ from gensim2.cli.output import line, report, table
 )
 @click.option(
     "--text-model",
-    default="",
+    default=None,
     metavar="FOLDER|NAME",
-    help="Folder or hub name of the weights of --text clip or sentence.",
+    help="Folder or hub name of the weights of --text clip or sentence.  [default: CLIP's on the hub]",
 )
 @options.noise(None, "Of the cameras, in training and in evaluation  [default: none]")
 @click.option(

@@ -11,6 +11,8 @@ from gensim2.policy.settings import Settings, setting
 
 ENCODERS = ("mlp", "pointnet", "pointnext")
 TEXTS = ("none", "small", "clip", "sentence")
+CLIP = "openai/clip-vit-base-patch32"
+"""Name on Hugging Face's hub."""
 HEADS = ("chunk", "transformer", "diffusion", "flow", "keypose")
 FRAMES = ("turned", "base")
 
@@ -24,9 +26,7 @@ class PolicyConfig(Settings):
     encoder: str = setting("mlp", "Point encoder.", choices=ENCODERS)
     blocks: int = setting(0, "Inverted residual blocks a stage of pointnext; 0 is PointNeXt-S.", low=0, high=16)
     text: str = setting("small", "Text encoder; none: the sentence is not looked at.", choices=TEXTS)
-    text_model: str = setting(
-        "", "Folder or hub name of the weights of --text clip or sentence.  [default: the best known of the kind]"
-    )
+    text_model: str = setting(CLIP, "Folder or hub name of the weights of --text clip or sentence.")
     head: str = setting("chunk", "What makes actions of the trunk's tokens.", choices=HEADS)
     frame: str = setting(
         "turned",

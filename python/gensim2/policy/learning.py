@@ -27,7 +27,15 @@ from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
 from gensim2.policy.network import fresh_network
 from gensim2.policy.objects import shared_objects, unseen_instances, words
 from gensim2.policy.source import Source
-from gensim2.policy.starting import SPEC, check_sentences, digest_of_start, known_tasks, read_start, text_of, with_noise
+from gensim2.policy.starting import (
+    SPEC,
+    check_sentences,
+    check_text,
+    digest_of_start,
+    known_tasks,
+    read_start,
+    with_noise,
+)
 from gensim2.policy.text import prepare
 from gensim2.policy.train import TrainResult, _batch
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -68,7 +76,7 @@ class LearnRecord(BaseModel):
         objects: of each class to learn from; None: those that ``scene`` says.
         verify: scenes whose plans physics refutes are left out.
         noise: of the cameras; None: their depth is exact.
-        text, text_model: encoder of the sentences of a policy of several tasks, and its weights.
+        text, text_model: encoder of the sentences of a policy of several tasks, and its weights, that were asked for.
         start: folder of the policy that goes on, with the digest of its weights; None: from nothing.
         steps: of each policy that were decided on when its training began, by its folder.
         data_cpu_s: CPU seconds that went into the data of each.
@@ -88,8 +96,8 @@ class LearnRecord(BaseModel):
     verify: bool = False
     scene: dict[str, Any]
     noise: dict[str, float | bool] | None = None
-    text: str = "small"
-    text_model: str = ""
+    text: str | None = None
+    text_model: str | None = None
     start: tuple[str, str] | None = None
     steps: dict[str, int] = {}
     data_cpu_s: dict[str, float] = {}
@@ -167,7 +175,7 @@ def learn(
     start: Path | None = None,
     noise: DepthNoise | None = None,
     text: str | None = None,
-    text_model: str = "",
+    text_model: str | None = None,
     test_instances: str | None = None,
     seed: int = 0,
     out: Path,
@@ -195,7 +203,7 @@ def learn(
         noise: of the cameras in all data, with errors of pose, depth and clock drawn each episode; the policy is
             measured with it, too. None: depth is exact.
         text: encoder of the sentences, of a policy of several tasks; None: that of ``start``, else ``"small"``.
-        text_model: folder or hub name of its weights, where it is pretrained.
+        text_model: folder or hub name of its weights, where it is pretrained; None: CLIP's on the hub.
         test_instances: objects that the policy is measured on; None: ``new`` where it learns from ``objects``, else,
             and where ``start`` was taught on listed ones, ``test`` where all classes have such a split, else ``new``.
         seed: of everything.
@@ -230,7 +238,8 @@ def learn(
     begun = None if start is None else read_start(start, policy, given, noise)
     known = [] if begun is None else known_tasks(begun, progress)
     together = multi_task or begun is not None
-    text = text_of(text, text_model, [one.spec.description for one in given] if together else (), begun)
+    several = together and (begun is not None or len(given) > 1)
+    check_text(text, text_model, [one.spec.description for one in given] if several else (), begun)
     # Those that it was taught before are measured, too: on none of the objects that it was taught them on.
     before = [] if start is None else taught_before(start, known, seed=seed, **scene)
     listed = [*(given if objects is None else ()), *before]
@@ -419,7 +428,8 @@ def _decide_steps(
 
 def _hearing(policy: PolicyConfig, record: LearnRecord, tasks: int) -> PolicyConfig:
     """The network with its text encoder; of one task the sentence tells nothing."""
-    told = {"text": record.text, "text_model": record.text_model} if tasks > 1 else {"text": "none"}
+    text = (record.text or "small") if tasks > 1 else "none"
+    told = {"text": text, "text_model": record.text_model or policy.text_model}
     return PolicyConfig.of({**policy.to_dict(), **told})
 
 

@@ -13,19 +13,20 @@ from torch import nn
 
 from gensim2.errors import InputError, MissingExtraError
 from gensim2.files import cache_dir, replacing
+from gensim2.policy.config import CLIP
 
-MODELS = {"clip": "openai/clip-vit-base-patch32", "sentence": "sentence-transformers/all-MiniLM-L6-v2"}
-"""Names on Hugging Face's hub, by kind, of what is taken where nothing else is asked for."""
+SENTENCE = "sentence-transformers/all-MiniLM-L6-v2"
+"""Name on Hugging Face's hub of a small encoder of sentences."""
 
 
-def embeddings(sentences: Sequence[str], kind: str, model: str = "") -> torch.Tensor:
+def embeddings(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
     """(S, E) embeddings of unit length, kept by kind, model and sentence in the cache folder.
 
     Args:
         sentences: S of them.
         kind: ``"clip"``: the projection of CLIP's text half; ``"sentence"``: the mean of an encoder's tokens, as models
             of ``sentence-transformers`` are trained (Reimers and Gurevych, Sentence-BERT, 2019).
-        model: folder of weights, or a name on Hugging Face's hub; empty: that of ``MODELS``.
+        model: folder of weights, or a name on Hugging Face's hub.
 
     Raises:
         InputError: the weights cannot be had.
@@ -33,7 +34,6 @@ def embeddings(sentences: Sequence[str], kind: str, model: str = "") -> torch.Te
     """
     from safetensors.torch import load_file, save_file
 
-    model = model or MODELS[kind]
     folder = cache_dir() / "policy" / kind / _digest(model)
     files = [folder / f"{hashlib.sha256(sentence.encode()).hexdigest()[:32]}.safetensors" for sentence in sentences]
     missing = [number for number, file in enumerate(files) if not file.exists()]
@@ -63,25 +63,29 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
     except ModuleNotFoundError as error:
         raise MissingExtraError("transformers", "clip") from error
     remedy = "give a folder or a hub name with --text-model, or use --text small"
+    if kind == "sentence" and model == CLIP:
+        raise InputError(f"is CLIP, and no encoder of sentences such as {SENTENCE}", field="text_model", remedy=remedy)
     transformers.utils.logging.disable_progress_bar()
     path = Path(model)
     if path.exists() and not (path / "config.json").is_file():
         raise InputError("is no folder of weights: it has no config.json", file=path, remedy=remedy)
     load = transformers.CLIPTextModelWithProjection if kind == "clip" else transformers.AutoModel
+    text: Any
     try:
         tokenizer = transformers.AutoTokenizer.from_pretrained(model)
-        text: Any = load.from_pretrained(model, use_safetensors=True)
-    except (OSError, ValueError, RuntimeError, KeyError) as error:
+        text, told = load.from_pretrained(model, use_safetensors=True, output_loading_info=True)
+        missing = [name for name in told["missing_keys"] if "pooler" not in name]  # what is not there would be random
+        if missing:
+            raise ValueError(f"it is of another kind: {len(missing)} weights are missing, {min(missing)} among them")
+        text.eval()
+        with torch.no_grad():
+            tokens = tokenizer(list(sentences), padding=True, truncation=True, return_tensors="pt")
+            read, mask = tokens["input_ids"], tokens["attention_mask"]
+            found = text(input_ids=read, attention_mask=mask)
+            embedded = found.text_embeds if kind == "clip" else _mean(found.last_hidden_state, mask)
+    except (OSError, ValueError, RuntimeError, KeyError, TypeError, AttributeError) as error:
         reason = str(error).strip().split("\n")[0][:200]
-        raise InputError(
-            f"its weights cannot be had: {reason}", file=model, field="text_model", remedy=remedy
-        ) from error
-    text.eval()
-    with torch.no_grad():
-        tokens = tokenizer(list(sentences), padding=True, truncation=True, return_tensors="pt")
-        read, mask = tokens["input_ids"], tokens["attention_mask"]
-        found = text(input_ids=read, attention_mask=mask)
-        embedded = found.text_embeds if kind == "clip" else _mean(found.last_hidden_state, mask)
+        raise InputError(f"cannot be used: {reason}", file=model, field="text_model", remedy=remedy) from error
     return nn.functional.normalize(embedded.float(), dim=-1)
 
 

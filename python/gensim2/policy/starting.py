@@ -76,28 +76,34 @@ def check_sentences(sentences: Sequence[str]) -> None:
             raise InputError(message, field="description", remedy="say each task otherwise")
 
 
-def text_of(text: str | None, model: str, sentences: Sequence[str], begun: PolicyCheckpoint | None) -> str:
-    """Return the text encoder of a policy, whose weights can be had.
+def check_text(text: str | None, model: str | None, sentences: Sequence[str], begun: PolicyCheckpoint | None) -> None:
+    """Refuse a text encoder that a policy cannot have.
 
     Args:
         text: that is asked for; None: that of ``begun``, else ``"small"``.
-        model: its weights.
-        sentences: of its tasks; none where it hears none.
+        model: its weights; None: not said.
+        sentences: of the tasks that are taught together; none where no sentence is heard.
         begun: policy that learning goes on from.
 
     Raises:
-        InputError: ``begun`` has another one, there is none of this name, or its weights cannot be had.
+        InputError: no sentence is heard, ``begun`` has another one, or its weights cannot be had.
         MissingExtraError: ``transformers`` is not installed.
     """
-    had = None if begun is None else begun.config.text
-    if text is not None and had is not None and text != had:
-        raise InputError(f"must be {had}, as --from has it, is {text!r}", field="text")
-    if begun is not None and model not in ("", begun.config.text_model):
-        raise InputError(f"is not that of --from, {begun.config.text_model!r}", field="text_model")
-    found = text or had or "small"
-    if found == "none":
+    if begun is not None:
+        had = begun.config.text
+        if text not in (None, had):
+            raise InputError(f"must be {had}, as --from has it, is {text!r}", field="text")
+        if model is not None:
+            raise InputError("is that of --from", field="text_model", remedy="leave it out")
+        prepare([*begun.sentences, *sentences], begun.config)
+        return
+    if not sentences and (text is not None or model is not None):
+        raise InputError("is of policies of several tasks", field="text", remedy="add --multi-task")
+    if model is not None and text in (None, "small", "none"):
+        raise InputError("is of pretrained encoders", field="text_model", remedy="give --text clip or sentence")
+    if text == "none":
         raise InputError("tells tasks apart, and cannot be none", field="text")
-    config = PolicyConfig.of({"text": found, "text_model": model}) if begun is None else begun.config
     if sentences:
-        prepare(sentences, config)
-    return found
+        prepare(
+            sentences, PolicyConfig.of({"text": text or "small", **({} if model is None else {"text_model": model})})
+        )

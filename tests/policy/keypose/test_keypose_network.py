@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from gensim2.policy.keypose.program import ACTUATION
 from gensim2.policy.keypose.source import PlannedSource, _either_way_round
 from gensim2.policy.keypose.training import POLICY, TRAINING, read_ways, train_keypose
 from gensim2.policy.network import CLOUD, PROPRIO, TEXT, fresh_network
+from gensim2.policy.source import SENTENCE
 from gensim2.robots import robot
 
 from .made_up import made_up, written
@@ -53,6 +55,19 @@ def seen(row: int, yaw: float = 0.0) -> Observation:
         cloud=PointCloud(cloud, np.zeros(cloud.shape, np.uint8), None),
         cameras={},
     )
+
+
+def test_new_tasks_are_drawn_five_times_as_often_as_known_ones() -> None:
+    planned = made_up(4)
+    others = [
+        replace(planned, record=planned.record.model_copy(update={"language": language, "task": language}))
+        for language in ("pull", "lift")
+    ]
+    drawn = [
+        np.bincount(PlannedSource([planned, *others], known).draw(np.random.default_rng(0), 3000)[SENTENCE]) / 3000
+        for known in (0, 1)
+    ]
+    assert np.allclose(drawn, [[1 / 3, 1 / 3, 1 / 3], [1 / 11, 5 / 11, 5 / 11]], atol=0.03)
 
 
 def test_it_learns_where_the_hand_acts_and_when_nothing_is_left(trained: Path) -> None:

@@ -139,7 +139,7 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
         (["OpenBox", "--from", str(tmp_path / "none")], "config.json"),
         (["OpenBox", "--from", str(second), "--noise", "d435"], "noise"),
         (["OpenBox", "--from", str(second), "--text", "clip"], f"text: must be {policy.config.text}, as --from has it"),
-        (["OpenBox", "--from", str(second), "--text-model", "other"], "text_model: is not that of --from"),
+        (["OpenBox", "--from", str(second), "--text-model", "other"], "text_model: is that of --from"),
         (["OpenBox", "--from", str(second), "--robot", "fetch"], "is for the robot 'panda'"),
         ([str(other), "--from", str(second)], "have the sentence 'close the box'"),
     ):
@@ -171,6 +171,8 @@ def test_what_cannot_be_done_is_said_before_anything_is_planned(
         (["--test-instances", "tset"], "tset"),
         (["--objects", "5", "--instances", "train"], "says other objects than instances"),
         (["--policy", "chunk", "--verify"], "is of plans"),
+        (["OpenBox", "--text", "clip"], "is of policies of several tasks"),
+        (["OpenBox", "--multi-task", "--text-model", "one"], "is of pretrained encoders"),
         (["OpenBox", "--multi-task", "--text", "sentence", "--text-model", str(tmp_path)], "it has no config.json"),
     ):
         assert run(["learn", "CloseBox", "--assets", "builtin", *words, "--out", str(tmp_path / "out")]) == 2

@@ -8,7 +8,7 @@ import pytest
 from gensim2.policy.keypose.execution import Executor
 from gensim2.policy.keypose.paths import GRAZE, joint_path
 from gensim2.policy.keypose.program import ACTUATION, KEYPOSES, KeyposeProgram
-from gensim2.policy.keypose.surroundings import POINT_RADIUS, Seen, Surroundings
+from gensim2.policy.keypose.surroundings import EVERY, POINT_RADIUS, Seen, Surroundings
 from gensim2.robots import robot
 
 PROFILE = robot("panda")
@@ -55,6 +55,22 @@ def test_a_point_in_the_way_at_the_goal_does_not_hide_the_others(holds: bool) ->
     assert np.linalg.norm(_hands(alone.actions)[:, None] - wall, axis=-1).min() < 0.03
 
 
+def test_what_is_held_on_the_table_is_moved_clear_of_the_table_all_the_same() -> None:
+    low = np.append(PROFILE.model.forward_kinematics(HOME)[:3, 3], 1.0)
+    down = np.eye(4)
+    down[:3, :3] = PROFILE.model.forward_kinematics(HOME)[:3, :3]
+    down[:3, 3] = [low[0], low[1], 0.13]
+    (q, *_) = AROUND.bare.ik(down, CLOSED, max_solutions=1)
+    q = np.append(q[:7], CLOSED[7:])
+    held = _grip(q) + 0.012 * np.random.default_rng(0).uniform(-1, 1, (30, 3))
+    held[:, 2] = np.clip(held[:, 2] - 0.02, 0.002, None)
+    seen = AROUND.seen(held, q, holds=True)
+    assert (len(seen.standing), len(seen.held)) == (0, 30)
+    goal = q.copy()
+    goal[0] += 1.0
+    assert Executor(PROFILE).rest(q, goal, -0.2, seen).free == "table only"
+
+
 def test_only_points_that_the_arm_overlaps_are_left_out() -> None:
     hand = PROFILE.model.forward_kinematics(HOME)[:3, 3]
     points = np.stack([hand, hand + np.array([0.0, 0.5, 0.0]), _grip(_turned(1.0)) + np.array([0.0, 0.0, 0.08])])
@@ -67,10 +83,11 @@ def test_only_points_that_the_arm_overlaps_are_left_out() -> None:
 def test_the_hand_may_touch_what_it_likes_and_the_arm_may_not() -> None:
     elbow = PROFILE.model.forward_kinematics(HOME, "panda_link5")[:3, 3]
     touched = _seen(_grip(HOME)[None] + np.array([[0.0, 0.0, 0.03]]))
-    assert AROUND.depth(touched, HOME[None]) == 0.0
-    assert AROUND.depth(_seen(elbow[None]), np.stack([_turned(1.5), HOME])) > POINT_RADIUS
-    assert AROUND.depth(_seen(elbow[None]), _turned(1.5)[None]) == 0.0
-    assert AROUND.depth(_seen(np.zeros((0, 3))), HOME[None]) == 0.0
+    assert AROUND.depth_in(touched)(HOME[None]) == 0.0
+    ways = np.stack([_turned(1.5)] * EVERY + [HOME])
+    assert AROUND.depth_in(_seen(elbow[None]))(ways) > POINT_RADIUS
+    assert AROUND.depth_in(_seen(elbow[None]))(ways[:EVERY]) == 0.0
+    assert AROUND.depth_in(_seen(np.zeros((0, 3))))(HOME[None]) == 0.0
 
 
 def test_of_the_arms_postures_one_that_keeps_out_of_the_cloud_is_taken() -> None:
@@ -87,8 +104,8 @@ def test_of_the_arms_postures_one_that_keeps_out_of_the_cloud_is_taken() -> None
     assert first is not None
     elbow = PROFILE.model.forward_kinematics(first.joints[first.at[ACTUATION]], "panda_link4")[:3, 3]
     seen = _seen(elbow + np.random.default_rng(0).uniform(-0.04, 0.04, (20, 3)))
-    assert AROUND.depth(seen, first.joints) > GRAZE
-    other = joint_path(program, HOME, AROUND.bare, lambda joints: AROUND.depth(seen, joints))
+    assert AROUND.depth_in(seen)(first.joints) > GRAZE
+    other = joint_path(program, HOME, AROUND.bare, AROUND.depth_in(seen))
     assert other is not None
     assert other.is_whole
     assert other.depth <= GRAZE

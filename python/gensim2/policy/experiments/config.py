@@ -62,7 +62,8 @@ class ExperimentConfig(BaseModel):
         episodes, control_episodes: of each task that a policy and its blind control are measured by.
         unseen: word for the objects that no training saw.
         transfer: measure policies that were taught on generated objects on real ones, too.
-        text, text_model: encoder of the policies' sentences, and folder or hub name of its weights.
+        text, text_model: encoder of the policies' sentences, and folder or hub name of its weights; None: as
+            :func:`~gensim2.policy.learning.learn` has them.
         sentences: measure them told the opposite, and told the same in other words, too.
         untaught: tasks of classes that no arm has, which they are measured on, too, told what these ask for.
         arms: in the order of the page.
@@ -79,8 +80,8 @@ class ExperimentConfig(BaseModel):
     control_episodes: Count
     unseen: Literal["test", "new"] = "test"
     transfer: bool = False
-    text: Literal["small", "clip", "sentence"] = "small"
-    text_model: str = ""
+    text: Literal["small", "clip", "sentence"] | None = None
+    text_model: str | None = None
     sentences: bool = False
     untaught: tuple[str, ...] = ()
     arms: Annotated[tuple[Arm, ...], Field(min_length=1)]

@@ -239,7 +239,7 @@ def _run_arm(
             videos=0,
             start=None if start is None else Path(start.checkpoints[number]),
             text=config.text,
-            text_model=config.text_model,
+            text_model=config.text_model if start is None else None,
             test_instances=config.unseen,
             seed=seed,
             out=folder,

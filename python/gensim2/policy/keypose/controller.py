@@ -97,7 +97,8 @@ class KeyposeController:
         self._executor = Executor(self._profile)
         self._arm = list(self._profile.arm_columns)
         self._rows: deque[npt.NDArray[np.float32]] = deque()
-        #: Counts over the episode: looks, free motions by how they were found, programs cut short, things lost.
+        #: Counts over the episode: looks, free motions (there, and home) by how they were found, programs cut short,
+        #: things lost.
         self.told: Counter[str] = Counter()
 
     @property
@@ -228,6 +229,7 @@ class KeyposeController:
             end = q.copy()
             end[self._arm] = found.actions[-1, :-1]
             back = self._executor.rest(end, self._home, float(found.actions[-1, -1]), self._seen.without_held)
+            self.told[f"home {back.free}"] += 1
             self._rows.extend(back.actions)
         return True
 
@@ -239,4 +241,6 @@ class KeyposeController:
         self.told["lost"] += 1
         self._holds, self._expected = False, {self._taking}
         now = observation.joint_positions.astype(np.float64)
-        self._rows = deque(self._executor.rest(now, self._home, OPEN, self._seen.without_held).actions)
+        back = self._executor.rest(now, self._home, OPEN, self._seen.without_held)
+        self.told[f"home {back.free}"] += 1
+        self._rows = deque(back.actions)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.planning.actions import CLOSING_SPEED, HOLD_SECONDS
-from gensim2.policy.keypose.paths import JointPath, joint_path
+from gensim2.policy.keypose.paths import GRAZE, JointPath, joint_path
 from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, SAME_COMMAND, KeyposeProgram
 from gensim2.policy.keypose.surroundings import Seen, Surroundings
 from gensim2.robots import RobotProfile
@@ -113,15 +113,17 @@ class Executor:
     ) -> tuple[KeyposeProgram, JointPath | None]:
         """Return the program that is followed, a push with its longer way where all of that can be, and its path."""
 
-        def depth(joints: Array) -> float:
-            return self.around.depth(seen, joints)
-
+        depth = self.around.depth_in(seen)
+        longer, path = None, None
         if further > 0.0 and program.is_push:
             longer = program.longer(further)
             path = joint_path(longer, q, self.around.bare, depth)
-            if path is not None and path.is_whole:
+            if path is not None and path.is_whole and path.depth <= GRAZE:
                 return longer, path
-        return program, joint_path(program, q, self.around.bare, depth)
+        own = joint_path(program, q, self.around.bare, depth)
+        if longer is None or path is None or not path.is_whole or (own is not None and own.depth < path.depth - GRAZE):
+            return program, own
+        return longer, path
 
     def rest(self, q: Array, goal: Array, command: float, seen: Seen) -> Execution:
         """Free motion of the arm to joints ``goal`` (n,), where it looks from."""
@@ -149,8 +151,10 @@ class Executor:
     def _scenes(self, q: Array, goal: Array, seen: Seen) -> Iterator[tuple[Free, kpam.Scene]]:
         """What a free motion is planned among, the next where there is none among the one before."""
         yield "planned", self.around.scene(seen)
-        if len(seen.standing):
-            yield "but for touched", self.around.scene(self.around.untouched(seen, q, goal))
+        untouched = self.around.untouched(seen, q, goal)
+        if len(untouched.standing) < len(seen.standing):
+            yield "but for touched", self.around.scene(untouched)
+        if len(seen.standing) or len(seen.held):
             yield "table only", self.around.bare
 
     def _segments(self, program: KeyposeProgram, path: JointPath) -> list[tuple[int, int, int]]:

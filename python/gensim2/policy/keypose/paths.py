@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -38,7 +38,7 @@ class JointPath:
     joints: Array
     at: npt.NDArray[np.int64]
     touches: int
-    depth: float
+    depth: float = np.inf
 
     @property
     def reached(self) -> int:
@@ -52,8 +52,8 @@ class JointPath:
 
     @property
     def rank(self) -> tuple[int, int, float]:
-        """How good it is beside others."""
-        return self.reached, -self.touches, -self.depth
+        """How good it is beside others; of those that are as deep, to a centimetre, the nearer one stays."""
+        return self.reached, -self.touches, -round(self.depth, 2)
 
 
 def joint_path(
@@ -69,7 +69,10 @@ def joint_path(
         depth: metres by which the arm overlaps what was seen at the worst of joints (W, n).
     """
     best: JointPath | None = None
-    for path in _paths(program, q, scene, depth):
+    for path in _paths(program, q, scene):
+        if best is not None and path.rank[:2] < best.rank[:2]:
+            continue
+        path = replace(path, depth=depth(path.joints))
         if path.is_whole and path.depth <= GRAZE:
             return path
         if best is None or path.rank > best.rank:
@@ -77,9 +80,8 @@ def joint_path(
     return best
 
 
-def _paths(
-    program: KeyposeProgram, q: Array, scene: kpam.Scene, depth: Callable[[Array], float]
-) -> Iterator[JointPath]:
+def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[JointPath]:
+    """Those of all postures at the actuation pose; how deep they are in what was seen is left open."""
     poses = program.poses
     turned = poses.copy()
     turned[:, :3, :2] *= -1.0  # the fingers the other way round
@@ -89,10 +91,10 @@ def _paths(
         for found in scene.ik(each[ACTUATION], q, max_solutions=BRANCHES)
     ]
     for _, _, each, found in sorted(starts, key=lambda start: start[:2]):
-        yield _followed(each, found, scene, depth)
+        yield _followed(each, found, scene)
 
 
-def _followed(poses: Array, acting: Array, scene: kpam.Scene, depth: Callable[[Array], float]) -> JointPath:
+def _followed(poses: Array, acting: Array, scene: kpam.Scene) -> JointPath:
     """From the actuation pose back to the approach, and on to the end, as far as either goes."""
     at = np.full(KEYPOSES, -1)
     back = _follow(poses[ACTUATION], poses[APPROACH], acting, scene)
@@ -108,7 +110,7 @@ def _followed(poses: Array, acting: Array, scene: kpam.Scene, depth: Callable[[A
         way += onward
         at[number] = len(way) - 1
     joints = np.array(way)
-    return JointPath(joints, at, int(np.count_nonzero(scene.in_collision(joints))), depth(joints))
+    return JointPath(joints, at, int(np.count_nonzero(scene.in_collision(joints))))
 
 
 def _follow(begin: Array, end: Array, q: Array, scene: kpam.Scene) -> list[Array] | None:

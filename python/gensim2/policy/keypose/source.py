@@ -138,6 +138,8 @@ class PlannedSource:
 
     def _tasks(self, rng: np.random.Generator, size: int) -> npt.NDArray[np.int64]:
         """Numbers of tasks, (B,)."""
+        if not self._known:
+            return rng.integers(len(self.planned), size=size)
         shares = np.where(np.arange(len(self.planned)) < self._known, 1.0, NEW)
         return rng.choice(len(self.planned), size=size, p=shares / shares.sum())
 

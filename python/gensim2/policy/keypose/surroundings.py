@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,8 @@ Array = npt.NDArray[np.float64]
 
 POINT_RADIUS = 0.006
 """Metres about each point of the cloud that are taken for solid."""
+EVERY = 3
+"""Of the waypoints of a path, 1.5 cm apart, those at which it is asked how deep the arm is in the cloud."""
 NEAR_FINGERS, NEXT, CARRIED = 0.02, 0.03, 0.3
 """Metres: points of what is held are so near to the fingers or to another one, and not further from the hand."""
 
@@ -80,26 +83,32 @@ class Surroundings:
         return scene.attached("held", seen.q) if len(seen.held) else scene
 
     def untouched(self, seen: Seen, *joints: Array) -> Seen:
-        """Leave out the points that the arm overlaps at some (n,) joints, or what it holds does: where it stands, or is
-        to stand, they cannot be solid.
+        """Leave out those points of what stands about that the arm overlaps at some (n,) joints, or what it holds does:
+        where it stands, or is to stand, they cannot be solid.
         """
         scene, touched = self.scene(seen), np.zeros(len(seen.standing), dtype=bool)
         for q in joints:
             touched |= scene.own_points(q, seen.standing, POINT_RADIUS)
         return replace(seen, standing=seen.standing[~touched])
 
-    def depth(self, seen: Seen, joints: Array) -> float:
-        """Metres by which the arm overlaps what stands about at the worst of (W, n) joints; the hand may touch it."""
+    def depth_in(self, seen: Seen) -> Callable[[Array], float]:
+        """Return what gives the metres by which the arm overlaps what stands about at the worst of (W, n) joints; the
+        hand may touch it. Every ``EVERY``-th of them is looked at.
+        """
         if not len(seen.standing):
-            return 0.0
-        checked = self.scene(seen.without_held).check(joints)
-        overlaps = [
-            -pair["distance"]
-            for each in checked
-            for pair in each
-            if "cloud" in pair["bodies"] and not self._wrist.intersection(pair["bodies"])
-        ]
-        return max(overlaps, default=0.0)
+            return lambda joints: 0.0
+        scene = self.scene(seen.without_held)
+
+        def depth(joints: Array) -> float:
+            overlaps = [
+                -pair["distance"]
+                for each in scene.check(joints[::EVERY])
+                for pair in each
+                if "cloud" in pair["bodies"] and not self._wrist.intersection(pair["bodies"])
+            ]
+            return max(overlaps, default=0.0)
+
+        return depth
 
     def _held(self, points: Array, q: Array) -> npt.NDArray[np.bool_]:
         """(N,) points of what the hand holds: those between the fingers, and what hangs together with them."""
