@@ -73,6 +73,14 @@ from gensim2.cli.output import line, report, table
     help="A keypose policy of several tasks, as learn left it: TASKS are added to its own, and all are measured.",
 )
 @click.option(
+    "--demonstrations",
+    type=click.Path(path_type=Path),
+    default=None,
+    metavar="DIR",
+    help="What learn has made for another policy of the same TASKS, objects and seed: its demonstrations are taken "
+    "along, and more are made where their share of --minutes is not spent.",
+)
+@click.option(
     "--text",
     type=click.Choice(("small", "clip", "sentence")),
     default=None,

@@ -6,11 +6,10 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 import torch
-from pydantic import BaseModel, ConfigDict
 
 from gensim2.errors import InputError
 from gensim2.files import check_writable, write_json
@@ -19,11 +18,12 @@ from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import HEADS, PolicyConfig, TrainConfig
 from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, Control, PolicyResult, evaluate_policy
 from gensim2.policy.frames import check_turns
-from gensim2.policy.keypose.adding import take_along, taught_before
+from gensim2.policy.keypose.adding import DATA, take_along, taught_before
 from gensim2.policy.keypose.data import plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.teaching import pulls_last
 from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
+from gensim2.policy.learn_record import LEARN_JSON, LearnRecord, begin_record, check_demonstrations, take_demonstrations
 from gensim2.policy.network import fresh_network
 from gensim2.policy.objects import shared_objects, unseen_instances, words
 from gensim2.policy.source import Source
@@ -39,7 +39,7 @@ from gensim2.policy.starting import (
 from gensim2.policy.text import prepare
 from gensim2.policy.train import TrainResult, _batch
 from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.record_files import SCHEMA_VERSION, read_record
+from gensim2.record_files import SCHEMA_VERSION
 from gensim2.robots import robot
 from gensim2.rollout.counted_objects import can_be_counted, with_objects
 from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs
@@ -54,7 +54,7 @@ DATA_SHARE = 0.4
 """Of the CPU time, at most, that goes into data."""
 LEAST_STEPS, MAX_STEPS = 20, 10_000
 """Gradient steps for one task; of several tasks as many times more."""
-LEARN_JSON, RESULT_JSON = "learn.json", "result.json"
+RESULT_JSON = "result.json"
 PROBES, PROBE_S = 3, 1.0
 """Steps by which the time of one is measured, at least, and the CPU seconds that they take: the first are slow."""
 CHUNK_SPEC = ObservationSpec.of({"points": 256, "candidates": 2048, "robot": "none"})
@@ -66,42 +66,6 @@ VIDEOS = 3
 """Episodes of each task that are filmed."""
 EPISODES, PORTION = 600, 25
 """Demonstrations of each task at most, and how many are collected before it is asked whether there is time for more."""
-
-
-class LearnRecord(BaseModel):
-    """``learn.json``: what was asked for, and what a run that is gone on with must keep to.
-
-    Attributes:
-        minutes: of CPU for data and training.
-        objects: of each class to learn from; None: those that ``scene`` says.
-        verify: scenes whose plans physics refutes are left out.
-        noise: of the cameras; None: their depth is exact.
-        text, text_model: encoder of the sentences of a policy of several tasks, and its weights, that were asked for.
-        start: folder of the policy that goes on, with the digest of its weights; None: from nothing.
-        steps: of each policy that were decided on when its training began, by its folder.
-        data_cpu_s: CPU seconds that went into the data of each.
-        episodes: demonstrations of each task that are to teach each, of policies of chunks.
-    """
-
-    model_config = ConfigDict(extra="forbid")
-
-    schema_version: Literal[1] = 1
-    tasks: tuple[str, ...]
-    policy: str
-    minutes: float
-    multi_task: bool
-    seed: int
-    scenes: int
-    objects: int | None = None
-    verify: bool = False
-    scene: dict[str, Any]
-    noise: dict[str, float | bool] | None = None
-    text: str | None = None
-    text_model: str | None = None
-    start: tuple[str, str] | None = None
-    steps: dict[str, int] = {}
-    data_cpu_s: dict[str, float] = {}
-    episodes: dict[str, int] = {}
 
 
 @dataclass(frozen=True)
@@ -173,6 +137,7 @@ def learn(
     objects: int | None = None,
     verify: bool = False,
     start: Path | None = None,
+    demonstrations: Path | None = None,
     noise: DepthNoise | None = None,
     text: str | None = None,
     text_model: str | None = None,
@@ -200,6 +165,8 @@ def learn(
         verify: leave scenes out whose plans physics refutes; of plans, which are not simulated otherwise.
         start: folder of a keypose policy of several tasks that ``learn`` left: the new one begins with its weights and
             plans, ``tasks`` are added to its own, and all of them are measured.
+        demonstrations: folder of another run of ``learn`` on the same tasks, objects and seed, whose demonstrations are
+            taken along; more are made where their share of ``minutes`` is not spent.
         noise: of the cameras in all data, with errors of pose, depth and clock drawn each episode; the policy is
             measured with it, too. None: depth is exact.
         text: encoder of the sentences, of a policy of several tasks; None: that of ``start``, else ``"small"``.
@@ -251,8 +218,6 @@ def learn(
     if multi_task or begun is not None:
         check_sentences([*(begun.sentences if begun is not None else ()), *(one.spec.description for one in given)])
     check_turns(robot(given[0].scene.robot), POLICY)
-    out.mkdir(parents=True, exist_ok=True)
-    check_writable(out / LEARN_JSON)
     record = LearnRecord(
         tasks=tuple(one.spec.name for one in given),
         policy=policy,
@@ -267,15 +232,21 @@ def learn(
         text=text,
         text_model=text_model,
         start=None if start is None else digest_of_start(start),
+        demonstrations_of=None if demonstrations is None else str(demonstrations.resolve()),
     )
-    record = _begin(out, record, resume)
+    if demonstrations is not None:
+        check_demonstrations(demonstrations, record)
+    out.mkdir(parents=True, exist_ok=True)
+    check_writable(out / LEARN_JSON)
+    record = begin_record(out, record, resume)
     groups = [tuple(given)] if together or len(given) == 1 else [(one,) for one in given]
     learned = []
     for group in groups:
         folder = out if len(groups) == 1 else out / group[0].spec.name
-        teach = _teach_by_plans if policy == "keypose" else _teach_by_episodes
+        teach = _teach_by_plans if record.is_of_plans else _teach_by_episodes
+        take_demonstrations(record, _key(folder, out), folder, out)
         asked = [named[one.spec.name] for one in group]
-        demonstrations, trained = teach(group, asked, folder, out, record, workers, progress)
+        taught, trained = teach(group, asked, folder, out, record, workers, progress)
         measured = evaluate_policy(
             folder,
             [*known, *asked],
@@ -291,31 +262,13 @@ def learn(
             **tested_on,
         )
         spent = record.data_cpu_s[_key(folder, out)]
-        learned.append(Learned(folder, demonstrations, spent, trained, measured))
+        learned.append(Learned(folder, taught, spent, trained, measured))
     result = LearnResult(str(out), record, test_instances, tuple(seen), tuple(learned))
     write_json(out / RESULT_JSON, result.to_dict())
     from gensim2.policy.page import write_page
 
     write_page(result)
     return result
-
-
-def _begin(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
-    path = out / LEARN_JSON
-    if not path.exists():
-        write_json(path, record.model_dump(mode="json"))
-        return record
-    if not resume:
-        raise InputError("holds a run already", file=out, remedy="choose another --out, or go on with --resume")
-    there = read_record(path, LearnRecord, "choose another --out")
-    for name in LearnRecord.model_fields:
-        was, now = getattr(there, name), getattr(record, name)
-        if name == "start" and was is not None and now is not None:
-            was, now = was[1], now[1]  # the same policy in a folder that was moved
-        if name not in ("steps", "data_cpu_s", "episodes") and was != now:
-            message = f"the run has {was!r}, not {now!r}"
-            raise InputError(message, file=path, field=name, remedy="give the same, or another --out")
-    return there.model_copy(update={"start": record.start})
 
 
 def _teach_by_plans(
@@ -341,7 +294,7 @@ def _teach_by_plans(
                 plan_scenes(
                     pulls_last(one),
                     with_noise(SPEC, _noise(record)),
-                    folder / "data" / one.spec.name,
+                    folder / DATA / one.spec.name,
                     evaluator.executor,
                     seed=record.seed,
                     scenes=record.scenes,
@@ -379,7 +332,7 @@ def _teach_by_episodes(
     from gensim2.policy.demonstrations import Demonstrations
     from gensim2.policy.train import train_policy
 
-    data, key = folder / "data", _key(folder, out)
+    data, key = folder / DATA, _key(folder, out)
     limit, most = DATA_SHARE * 60.0 * record.minutes, min(EPISODES, record.scenes)
     scene: dict[str, Any] = dict(record.scene)
     spec = with_noise(CHUNK_SPEC, _noise(record))

@@ -14,7 +14,7 @@ from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.experiments.config import ExperimentConfig
 from gensim2.policy.experiments.running import ExperimentRecord, runnable
 from gensim2.policy.keypose import data
-from gensim2.policy.learning import LearnRecord
+from gensim2.policy.learn_record import LearnRecord
 from gensim2.record_files import read_record
 
 CONFIG = """

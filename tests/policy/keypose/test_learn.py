@@ -87,6 +87,21 @@ def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
     assert sorted(path.name for path in out.glob("weights-*")) == weights
     assert json.loads((out / "learn.json").read_text())["episodes"] == {".": 1}
     assert json.loads(told.read_text())["tasks"][0]["held_mean"] == row["held_mean"]
+    # Another head learns from the same.
+    words[words.index("chunk")], words[words.index(str(out))] = "flow", str(tmp_path / "flow")
+    assert run([*words, "--demonstrations", str(out)]) == 0
+    (other,) = json.loads(told.read_text())["tasks"]
+    assert [other[name] for name in ("policy", "demonstrations")] == ["flow", 1]
+    assert other["data_cpu_s"] >= row["data_cpu_s"]
+    assert PolicyCheckpoint.load(tmp_path / "flow").data.digest == policy.data.digest
+    words[words.index(str(tmp_path / "flow"))] = str(tmp_path / "refused")
+    for more, said in (
+        (["--seed", "1"], "seed: it has 0, not 1"),
+        (["--policy", "keypose"], "are episodes, not plans"),
+    ):
+        assert run([*words, *more, "--demonstrations", str(out)]) == 2
+        assert said in capfd.readouterr().err
+        assert not (tmp_path / "refused").exists()
 
 
 def test_controls_are_named() -> None:

@@ -1,0 +1,132 @@
+"""What a run of ``gensim2 learn`` keeps beside its policies: what was asked for, and what was decided on the way."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from gensim2.errors import InputError
+from gensim2.files import new_folder, write_json
+from gensim2.policy.keypose.adding import DATA
+from gensim2.record_files import read_record
+
+LEARN_JSON = "learn.json"
+DECIDED = ("steps", "data_cpu_s", "episodes", "demonstrations_of")
+"""Fields of what was decided or taken along, which a run that is gone on with need not be asked for again."""
+SHOWN_IN = ("tasks", "multi_task", "seed", "objects", "scene", "noise", "verify")
+"""Fields on which the demonstrations of a policy depend."""
+
+
+class LearnRecord(BaseModel):
+    """``learn.json``: what was asked for, and what a run that is gone on with must keep to.
+
+    Attributes:
+        minutes: of CPU for data and training.
+        objects: of each class to learn from; None: those that ``scene`` says.
+        verify: scenes whose plans physics refutes are left out.
+        noise: of the cameras; None: their depth is exact.
+        text, text_model: encoder of the sentences of a policy of several tasks, and its weights, that were asked for.
+        start: folder of the policy that goes on, with the digest of its weights; None: from nothing.
+        demonstrations_of: folder of another run whose demonstrations were there to begin with.
+        steps: of each policy that were decided on when its training began, by its folder.
+        data_cpu_s: CPU seconds that went into the data of each, in that other run, too.
+        episodes: demonstrations of each task that are to teach each, of policies of chunks.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    schema_version: Literal[1] = 1
+    tasks: tuple[str, ...]
+    policy: str
+    minutes: float
+    multi_task: bool
+    seed: int
+    scenes: int
+    objects: int | None = None
+    verify: bool = False
+    scene: dict[str, Any]
+    noise: dict[str, float | bool] | None = None
+    text: str | None = None
+    text_model: str | None = None
+    start: tuple[str, str] | None = None
+    demonstrations_of: str | None = None
+    steps: dict[str, int] = {}
+    data_cpu_s: dict[str, float] = {}
+    episodes: dict[str, int] = {}
+
+    @property
+    def is_of_plans(self) -> bool:
+        """Whether plans teach its policies, which are of keyposes, and not episodes."""
+        return self.policy == "keypose"
+
+
+def begin_record(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
+    """Write the record of a run, or read that of the run that is gone on with.
+
+    Raises:
+        InputError: the folder holds a run that is not to be gone on with, or another one.
+    """
+    path = out / LEARN_JSON
+    if not path.exists():
+        write_json(path, record.model_dump(mode="json"))
+        return record
+    if not resume:
+        raise InputError("holds a run already", file=out, remedy="choose another --out, or go on with --resume")
+    there = read_record(path, LearnRecord, "choose another --out")
+    for name in LearnRecord.model_fields:
+        was, now = getattr(there, name), getattr(record, name)
+        if name == "start" and was is not None and now is not None:
+            was, now = was[1], now[1]  # the same policy in a folder that was moved
+        if name not in DECIDED and was != now:
+            message = f"the run has {was!r}, not {now!r}"
+            raise InputError(message, file=path, field=name, remedy="give the same, or another --out")
+    return there.model_copy(update={"start": record.start})
+
+
+def check_demonstrations(other: Path, record: LearnRecord) -> None:
+    """Refuse another run whose demonstrations are not those that this one would have.
+
+    Raises:
+        InputError: it is none, or was asked for other ones; names the field.
+    """
+    there = read_record(other / LEARN_JSON, LearnRecord, "give a folder that gensim2 learn has made")
+    if there.is_of_plans is not record.is_of_plans:
+        kinds = {True: "plans", False: "episodes"}
+        message = f"its demonstrations are {kinds[there.is_of_plans]}, not {kinds[record.is_of_plans]}"
+        raise InputError(message, file=other, field="policy")
+    for name in SHOWN_IN:
+        was, now = getattr(there, name), getattr(record, name)
+        if was != now:
+            raise InputError(f"it has {was!r}, not {now!r}", file=other / LEARN_JSON, field=name)
+
+
+def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) -> None:
+    """Copy the demonstrations of a policy from ``record.demonstrations_of``, where there are none yet.
+
+    Args:
+        record: of the run; what they cost is counted in it.
+        key: folder of the policy in ``out``, and in the other run.
+        folder: the same, whole.
+        out: of the run.
+
+    Raises:
+        InputError: they are not there.
+    """
+    if record.demonstrations_of is None or (folder / DATA).exists():
+        return
+    other = Path(record.demonstrations_of)
+    there = read_record(other / LEARN_JSON, LearnRecord, "give a folder that gensim2 learn has made")
+    found = other / key / DATA
+    if not found.is_dir():
+        raise InputError("there are no demonstrations", file=found, remedy="leave --demonstrations out")
+    record.data_cpu_s[key] = there.data_cpu_s.get(key, 0.0)
+    if key in there.episodes:
+        record.episodes[key] = there.episodes[key]
+    write_json(out / LEARN_JSON, record.model_dump(mode="json"))  # before the copy: without it nothing is lost
+    with new_folder(folder / DATA) as made:
+        for name in record.tasks if record.is_of_plans else ["."]:
+            if (found / name).is_dir():
+                shutil.copytree(found / name, made / name, dirs_exist_ok=True)
