@@ -27,30 +27,30 @@ class Attempts:
 
     Args:
         profile: the robot.
-        most: times that a policy begins.
+        max_attempts: times that a policy begins.
     """
 
-    def __init__(self, profile: RobotProfile, most: int) -> None:
-        self._arm, self._patience, self._most = profile.arm_size, profile.steps(STILL_SECONDS), most
+    def __init__(self, profile: RobotProfile, max_attempts: int) -> None:
+        self._arm, self._patience, self._max = profile.arm_size, profile.steps(STILL_SECONDS), max_attempts
         self._way: list[Action] = []  # that the arm came since it began
         self._last: Action | None = None
         self._begun, self._still, self._backs_off = 1, 0, False
 
     @staticmethod
-    def check(most: int) -> None:
+    def check(max_attempts: int) -> None:
         """Refuse a number of attempts that cannot be.
 
         Raises:
             InputError: it is none of 1..1000.
         """
-        if not 1 <= most <= 1000:
-            raise InputError(f"must lie in 1..1000, is {most}", field="attempts")
+        if not 1 <= max_attempts <= 1000:
+            raise InputError(f"must lie in 1..1000, is {max_attempts}", field="attempts")
 
     def is_due(self, observation: Observation) -> bool:
         """Whether the hand is stuck, holds nothing, and may begin again."""
         width, command = np.asarray(observation[GRIPPER])
         waits = self._still >= self._patience and len(self._way) > RESTS
-        return waits and self._begun < self._most and not holds(width, command)
+        return waits and self._begun < self._max and not holds(width, command)
 
     def again(self) -> list[Action]:
         """Begin again: return the way that the arm came, backwards, with the fingers as they are until it is there."""

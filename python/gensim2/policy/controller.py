@@ -83,7 +83,7 @@ class PolicyController:
         if not 1 <= self._execute <= config.horizon:
             raise InputError(f"must lie in 1..{config.horizon}, is {self._execute}", field="execute")
         Attempts.check(attempts)
-        self._most_attempts = attempts
+        self._max_attempts = attempts
         if denoise_steps is not None:
             if not hasattr(self._policy.network.head, "steps"):
                 raise InputError(f"is of diffusion and flow, the head is {config.head}", field="denoise_steps")
@@ -109,7 +109,7 @@ class PolicyController:
             CheckpointError: the robot is another one, or the sentence was not trained on.
         """
         check_robot(self._policy.robot, observation, self._folder)
-        self._attempts = Attempts(robot(self._policy.robot), self._most_attempts)
+        self._attempts = Attempts(robot(self._policy.robot), self._max_attempts)
         sentence = self._says.get(observation.language, observation.language)
         self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds)
         config = self._policy.config
