@@ -1,4 +1,4 @@
-"""What a run of ``gensim2 learn`` keeps beside its policies: what was asked for, and what was decided on the way."""
+"""``learn.json``, the record of a ``gensim2 learn`` run: its arguments, and step counts and data cost so far."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gensim2.record_files import read_record
 LEARN_JSON = "learn.json"
 DECIDED = ("steps", "data_cpu_s", "episodes", "demonstrations_of")
 """Fields of what was decided or taken along, which a run that is gone on with need not be asked for again."""
-SHOWN_IN = ("tasks", "multi_task", "seed", "objects", "scene", "noise", "verify")
+DATA_FIELDS = ("tasks", "multi_task", "seed", "objects", "scene", "noise", "verify")
 """Fields on which the demonstrations of a policy depend."""
 
 
@@ -97,7 +97,7 @@ def check_demonstrations(other: Path, record: LearnRecord) -> None:
         kinds = {True: "plans", False: "episodes"}
         message = f"its demonstrations are {kinds[there.is_of_plans]}, not {kinds[record.is_of_plans]}"
         raise InputError(message, file=other, field="policy")
-    for name in SHOWN_IN:
+    for name in DATA_FIELDS:
         was, now = getattr(there, name), getattr(record, name)
         if was != now:
             raise InputError(f"it has {was!r}, not {now!r}", file=other / LEARN_JSON, field=name)

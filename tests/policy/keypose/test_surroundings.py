@@ -1,4 +1,4 @@
-"""What an arm moves among: clouds kept off, but for the points that it touches at either end."""
+"""Collision scenes from point clouds: obstacles are avoided, except points in contact at the start or the goal."""
 
 from __future__ import annotations
 
@@ -56,10 +56,8 @@ def test_a_point_in_the_way_at_the_goal_does_not_hide_the_others(holds: bool) ->
 
 
 def test_what_is_held_on_the_table_is_moved_clear_of_the_table_all_the_same() -> None:
-    low = np.append(PROFILE.model.forward_kinematics(HOME)[:3, 3], 1.0)
-    down = np.eye(4)
-    down[:3, :3] = PROFILE.model.forward_kinematics(HOME)[:3, :3]
-    down[:3, 3] = [low[0], low[1], 0.13]
+    down = PROFILE.model.forward_kinematics(HOME).copy()
+    down[2, 3] = 0.13
     (q, *_) = AROUND.bare.ik(down, CLOSED, max_solutions=1)
     q = np.append(q[:7], CLOSED[7:])
     held = _grip(q) + 0.012 * np.random.default_rng(0).uniform(-1, 1, (30, 3))

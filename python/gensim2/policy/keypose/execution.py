@@ -149,7 +149,7 @@ class Executor:
         return "straight"
 
     def _scenes(self, q: Array, goal: Array, seen: Seen) -> Iterator[tuple[Free, kpam.Scene]]:
-        """What a free motion is planned among, the next where there is none among the one before."""
+        """Yield planning scenes from the strictest to the least strict, each for when the one before has no motion."""
         yield "planned", self.around.scene(seen)
         untouched = self.around.untouched(seen, q, goal)
         if len(untouched.standing) < len(seen.standing):

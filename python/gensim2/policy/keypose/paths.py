@@ -52,7 +52,7 @@ class JointPath:
 
     @property
     def rank(self) -> tuple[int, int, float]:
-        """How good it is beside others; of those that are as deep, to a centimetre, the nearer one stays."""
+        """Sort key, larger is better; depth is rounded to a centimetre so that ties keep the nearest posture."""
         return self.reached, -self.touches, -round(self.depth, 2)
 
 

@@ -1,4 +1,4 @@
-"""What an arm moves among: the table, and the points of a cloud, those of what it holds with it."""
+"""Collision scenes from a point cloud: the table, obstacle points, and the points of a grasped object."""
 
 from __future__ import annotations
 
