@@ -1,7 +1,7 @@
 //! The barrier problem of a third-order pass: linear forms in the coefficients, their bounds, and Newton steps by five
 //! diagonals.
 
-use super::third_order::PathProblem;
+use super::third_order::{PathProblem, Station};
 
 /// Coefficients of a linear form in three neighbouring c, the first that of cell `at`.
 #[derive(Clone, Copy)]
@@ -37,7 +37,8 @@ pub(super) struct Problem {
     /// x at each station but the first and last.
     pub x: Vec<Form>,
     pub w: Vec<Form>,
-    pub ceilings: Vec<f64>,
+    /// x at stations and in the middle of cells, each with the greatest that velocities admit.
+    pub ceilings: Vec<(Form, f64)>,
     pub bounds: Vec<Bound>,
     /// The time is the sum of factors over roots of linear forms: steps and x at the middle of cells.
     pub times: Vec<(Form, f64)>,
@@ -63,23 +64,38 @@ impl Problem {
             x[k] = Form { at: k - 1, of: [steps[k] / both, steps[k - 1] / both, 0.0] };
             w[k] = Form { at: k - 1, of: [-1.0 / both, 1.0 / both, 0.0] };
         }
-        let mut ceilings = vec![f64::INFINITY; cells + 1];
-        for (k, station) in stations.iter().enumerate() {
-            let speed = (0..n).map(|v| limits.velocity[v] / station.first[v].abs()).fold(path.pace[k], f64::min);
-            ceilings[k] = speed * speed;
-        }
+        // The greatest x at a place of a cell, by the joint that is first at its limit.
+        let most = |slope: &dyn Fn(usize) -> f64, pace: f64, share: f64| {
+            let speed = (0..n).map(|v| limits.velocity[v] / slope(v).abs()).fold(pace, f64::min);
+            share * share * speed * speed
+        };
+        let at_station = |k: usize| {
+            let beside = &path.shares[k.saturating_sub(1)..(k + 1).min(cells)];
+            let share = beside.iter().map(|s| s[0]).fold(1.0, f64::min);
+            most(&|v| stations[k].first[v], path.pace[k], share)
+        };
+        let mut highest: Vec<f64> = (0..=cells).map(at_station).collect();
         // From rest, s = J t^3 / 6: x = (9 J s^2 / 2)^(2/3) at the end of the cell.
         for (cell, near, at_end) in [(0, 1, false), (last, last, true)] {
             if at_end || !moving {
                 let jerk = (0..n)
                     .map(|v| {
                         let slope = stations[cell].first[v].abs().max(stations[cell + 1].first[v].abs());
-                        path.shares[cell][1] * limits.jerk[v] / slope
+                        path.shares[cell][2] * limits.jerk[v] / slope
                     })
                     .fold(f64::INFINITY, f64::min);
-                ceilings[near] = ceilings[near].min((4.5 * 0.97 * jerk * steps[cell] * steps[cell]).powf(2.0 / 3.0));
+                highest[near] = highest[near].min((4.5 * 0.97 * jerk * steps[cell] * steps[cell]).powf(2.0 / 3.0));
             }
         }
+        let mut ceilings: Vec<(Form, f64)> = (1..cells).map(|k| (x[k], highest[k])).collect();
+        for cell in 1..last {
+            let (at, h) = (cell - 1, 0.5 * steps[cell]);
+            let of = [0.25 * x[cell].of[0], 0.25 * (x[cell].of[1] + x[cell + 1].of[0]) + 0.5, 0.25 * x[cell + 1].of[1]];
+            let Station { first, second, third, .. } = &stations[cell];
+            let slope = |v: usize| first[v] + h * (second[v] + 0.5 * h * third[v]);
+            ceilings.push((Form { at, of }, most(&slope, f64::INFINITY, path.shares[cell][0])));
+        }
+        ceilings.retain(|(_, most)| most.is_finite());
         let mut out = Self {
             cells,
             steps,
@@ -105,7 +121,7 @@ impl Problem {
         let (limits, stations) = (path.limits, path.stations);
         let n = limits.joints();
         for k in 1..self.cells {
-            let share = path.shares[k - 1][0].min(path.shares[k][0]);
+            let share = path.shares[k - 1][1].min(path.shares[k][1]);
             let (x, w) = (self.x[k], self.w[k]);
             for v in 0..n {
                 let (first, second) = (stations[k].first[v], stations[k].second[v]);
@@ -154,7 +170,7 @@ impl Problem {
                     let [first, second] = [stations[k].first[v], stations[k].second[v]];
                     let third = stations[cell].third[v];
                     let of = [0, 1, 2].map(|i| first * change[i] + 3.0 * second * w[i] + third * x[i]);
-                    let limit = path.shares[cell][1] * limits.jerk[v];
+                    let limit = path.shares[cell][2] * limits.jerk[v];
                     self.bounds.push(Bound { row: Form { at, of }, middle: 0.0, limit, x: Some(k) });
                 }
             }
@@ -171,8 +187,8 @@ impl Problem {
     /// Greatest shares of the limits on velocity (of x), acceleration and jerk.
     pub(super) fn usage(&self, c: &[f64]) -> [f64; 3] {
         let mut out = [0.0_f64; 3];
-        for k in 1..self.cells {
-            out[0] = out[0].max(self.x[k].value(c) / self.ceilings[k]);
+        for (x, most) in &self.ceilings {
+            out[0] = out[0].max(x.value(c) / most);
         }
         for bound in &self.bounds {
             let value = bound.value(c).abs();
@@ -203,10 +219,8 @@ impl Problem {
         if c.iter().any(|v| *v <= 0.0) {
             return None;
         }
-        for k in 1..self.cells {
-            if self.ceilings[k].is_finite() && !log(slack - self.x[k].value(c) / self.ceilings[k]) {
-                return None;
-            }
+        if !self.ceilings.iter().all(|(x, most)| log(slack - x.value(c) / most)) {
+            return None;
         }
         let roots = self.roots(c);
         for bound in &self.bounds {
@@ -239,12 +253,9 @@ impl Problem {
                 }
             }
         };
-        for k in 1..cells {
-            if self.ceilings[k].is_finite() {
-                let room = slack - self.x[k].value(c) / self.ceilings[k];
-                let slope = 1.0 / (room * self.ceilings[k]);
-                add(k - 1, &self.x[k].of, slope, slope * slope);
-            }
+        for (x, most) in &self.ceilings {
+            let slope = 1.0 / (slack * most - x.value(c));
+            add(x.at, &x.of, slope, slope * slope);
         }
         let roots = self.roots(c);
         for bound in &self.bounds {

@@ -17,6 +17,9 @@ const LEAST: f64 = 3.0;
 /// Parts of the first ramp of acceleration that the first cell is, in length, and growth of those that follow.
 const RAMP: f64 = 8.0;
 const GROWTH: f64 = 1.6;
+/// Angle (rad) by which the path may turn on a cell, and the most parts that one which turns by more is cut into.
+const TURN: f64 = 0.35;
+const PARTS: f64 = 6.0;
 /// Share of the limits aimed at, since they are imposed at stations and kept between them.
 const AIM: f64 = 0.998;
 /// Rounds in which cells that exceed a limit get less of it, and how much longer the whole may take instead.
@@ -158,7 +161,32 @@ fn stations(limits: &Limits, path: &Spline, load: Load<'_>) -> (Vec<(usize, f64)
     }
     of_knot.push(places.len());
     places.push((last, whole));
-    (places, of_knot)
+    cut_where_it_turns(limits.joints(), path, places, of_knot)
+}
+
+/// The same stations, and others on cells where the path turns by a large angle: acceleration changes fast there.
+fn cut_where_it_turns(
+    joints: usize,
+    path: &Spline,
+    places: Vec<(usize, f64)>,
+    of_knot: Vec<usize>,
+) -> (Vec<(usize, f64)>, Vec<usize>) {
+    let mut out = Vec::with_capacity(places.len());
+    let mut moved_to = Vec::with_capacity(places.len());
+    for pair in places.windows(2) {
+        let ((interval, from), to) = (pair[0], pair[1].1);
+        moved_to.push(out.len());
+        let [a, b] = [from, to].map(|s| path.derivatives(interval, s)[1]);
+        let dot = |a: &Row, b: &Row| (0..joints).map(|v| a[v] * b[v]).sum::<f64>();
+        let cosine = dot(&a, &b) / (dot(&a, &a) * dot(&b, &b)).sqrt();
+        // A tangent of no length turns by any angle.
+        let angle = if cosine.is_nan() { std::f64::consts::PI } else { cosine.clamp(-1.0, 1.0).acos() };
+        let parts = (angle / TURN).ceil().clamp(1.0, PARTS);
+        out.extend((0..parts as usize).map(|k| (interval, from + (to - from) * k as f64 / parts)));
+    }
+    moved_to.push(out.len());
+    out.extend(places.last());
+    (out, of_knot.into_iter().map(|k| moved_to[k]).collect())
 }
 
 /// A motion along a path that bends.
@@ -204,7 +232,7 @@ fn curved(
             return None;
         }
     }
-    let mut shares = vec![[AIM; 2]; list.len() - 1];
+    let mut shares = vec![[1.0, AIM, AIM]; list.len() - 1];
     let mut nodes = Vec::new();
     let mut factor = 1.0;
     for _ in 0..ROUNDS {
@@ -214,20 +242,13 @@ fn curved(
         factor = 1.0_f64;
         let mut kept = true;
         for cell in 0..shares.len() {
-            let [fast, hard, sharp] = peaks(limits, &nodes[cell], &nodes[cell + 1]);
+            let taken = peaks(limits, &nodes[cell], &nodes[cell + 1]);
+            let [fast, hard, sharp] = taken;
             factor = factor.max(fast).max(hard.sqrt()).max(sharp.cbrt());
-            for (share, peak) in shares[cell].iter_mut().zip([hard.max(fast * fast), sharp]) {
+            for (share, peak) in shares[cell].iter_mut().zip(taken) {
                 if peak > 1.0 + ROUNDING {
                     *share *= 0.999 / peak;
                     kept = false;
-                }
-            }
-            if fast > 1.0 + ROUNDING {
-                kept = false;
-                if limits.envelope.is_some() {
-                    let slower = 0.999 / fast;
-                    pace[cell] = if cell == 0 { pace[cell] } else { slower * pace[cell] };
-                    pace[cell + 1] *= slower;
                 }
             }
         }

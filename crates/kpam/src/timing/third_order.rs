@@ -30,8 +30,8 @@ pub(crate) struct PathProblem<'a> {
     pub stations: &'a [Station],
     /// Greatest ds/dt at each station, beside what the limits say.
     pub pace: &'a [f64],
-    /// Shares of acceleration and jerk limits to be used on each cell.
-    pub shares: &'a [[f64; 2]],
+    /// Shares of the limits on velocity, acceleration and jerk to be used on each cell.
+    pub shares: &'a [[f64; 3]],
     /// ds/dt at the start; d²s/dt² is 0 there.
     pub begin: f64,
     /// Torque limits, and the share of what gravity leaves of them that may be used.
@@ -58,7 +58,7 @@ pub(crate) fn fastest(path: &PathProblem<'_>) -> Option<Vec<Pace>> {
     let mut c = begin(&problem, path)?;
     let moving = path.begin > 0.0;
     let mut slack = if moving { 1.1 * worst(&problem, &c).max(1.0) } else { 1.0 };
-    let count = (2 * problem.bounds.len() + problem.cells) as f64;
+    let count = (2 * problem.bounds.len() + problem.ceilings.len()) as f64;
     let time = |c: &[f64]| problem.times.iter().map(|(form, step)| step / form.value(c).sqrt()).sum::<f64>();
     let mut weight = 0.1 * count / time(&c);
     let mut left = MAX_STEPS;
