@@ -55,7 +55,7 @@ DATA_SHARE = 0.4
 LEAST_STEPS, MAX_STEPS = 20, 10_000
 """Gradient steps for one task; of several tasks as many times more."""
 RESULT_JSON = "result.json"
-PROBES, PROBE_S = 3, 1.0
+WARM_UP, PROBES, PROBE_S = 3, 5, 2.0
 """Steps by which the time of one is measured, at least, and the CPU seconds that they take: the first are slow."""
 CHUNK_SPEC = ObservationSpec.of({"points": 256, "candidates": 2048, "robot": "none"})
 """Observations of a policy of action chunks: the scene without the robot."""
@@ -395,18 +395,21 @@ def _key(folder: Path, out: Path) -> str:
 
 
 def seconds_a_step(source: Source, policy: PolicyConfig, training: TrainConfig) -> float:
-    """CPU seconds of a gradient step: the median of many on a network that is thrown away."""
+    """CPU seconds of a gradient step: the median of many on a network that is thrown away.
+
+    The first ones are not counted: they touch memory for the first time, and take up to four times as long.
+    """
     torch.set_num_threads(training.threads or 1)
     ways = len(source.ways) if isinstance(source, PlannedSource) else policy.ways
     config = PolicyConfig.of({**policy.to_dict(), "ways": ways})
     table = prepare(source.sentences, config)
     network = fresh_network(config, source.action.arm, table.shape[1:], 0).train()
     generator, draw, taken = torch.Generator().manual_seed(0), rng(0, "keypose/probe"), list[float]()
-    while len(taken) < PROBES or sum(taken) < PROBE_S:
+    while len(taken) < WARM_UP + PROBES or sum(taken) < PROBE_S:
         begin = time.process_time()
         network.loss(_batch(source, config, table, draw, training.batch, training, generator), generator).backward()
         taken.append(time.process_time() - begin)
-    return 1.15 * float(np.median(taken))  # the optimizer and the averages come on top
+    return 1.15 * float(np.median(taken[WARM_UP:]))  # the optimizer and the averages come on top
 
 
 def _rows(learned: Learned, policy: str) -> list[dict[str, Any]]:
