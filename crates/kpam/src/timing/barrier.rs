@@ -1,6 +1,7 @@
 //! The barrier problem of a third-order pass: linear forms in the coefficients, their bounds, and Newton steps by five
 //! diagonals.
 
+use super::limits::Limits;
 use super::third_order::{PathProblem, Station};
 
 /// Coefficients of a linear form in three neighbouring c, the first that of cell `at`.
@@ -36,6 +37,7 @@ pub(super) struct Problem {
     pub steps: Vec<f64>,
     /// x at each station but the first and last.
     pub x: Vec<Form>,
+    /// d²s/dt² there.
     pub w: Vec<Form>,
     /// x at stations and in the middle of cells, each with the greatest that velocities admit.
     pub ceilings: Vec<(Form, f64)>,
@@ -45,6 +47,12 @@ pub(super) struct Problem {
     /// The first and last c are these shares of their neighbours, plus `fixed` at the first.
     pub ends: [f64; 2],
     pub fixed: f64,
+}
+
+/// The greatest x at a place, by the joint that is the first at its velocity limit.
+fn greatest(limits: &Limits, slope: impl Fn(usize) -> f64, pace: f64, share: f64) -> f64 {
+    let speed = (0..limits.joints()).map(|v| limits.velocity[v] / slope(v).abs()).fold(pace, f64::min);
+    share * share * speed * speed
 }
 
 impl Problem {
@@ -64,17 +72,12 @@ impl Problem {
             x[k] = Form { at: k - 1, of: [steps[k] / both, steps[k - 1] / both, 0.0] };
             w[k] = Form { at: k - 1, of: [-1.0 / both, 1.0 / both, 0.0] };
         }
-        // The greatest x at a place of a cell, by the joint that is first at its limit.
-        let most = |slope: &dyn Fn(usize) -> f64, pace: f64, share: f64| {
-            let speed = (0..n).map(|v| limits.velocity[v] / slope(v).abs()).fold(pace, f64::min);
-            share * share * speed * speed
-        };
         let at_station = |k: usize| {
             let beside = &path.shares[k.saturating_sub(1)..(k + 1).min(cells)];
             let share = beside.iter().map(|s| s[0]).fold(1.0, f64::min);
-            most(&|v| stations[k].first[v], path.pace[k], share)
+            greatest(limits, |v| stations[k].first[v], path.pace[k], share)
         };
-        let mut highest: Vec<f64> = (0..=cells).map(at_station).collect();
+        let mut at_stations: Vec<f64> = (0..=cells).map(at_station).collect();
         // From rest, s = J t^3 / 6: x = (9 J s^2 / 2)^(2/3) at the end of the cell.
         for (cell, near, at_end) in [(0, 1, false), (last, last, true)] {
             if at_end || !moving {
@@ -84,18 +87,11 @@ impl Problem {
                         path.shares[cell][2] * limits.jerk[v] / slope
                     })
                     .fold(f64::INFINITY, f64::min);
-                highest[near] = highest[near].min((4.5 * 0.97 * jerk * steps[cell] * steps[cell]).powf(2.0 / 3.0));
+                let square = (4.5 * 0.97 * jerk * steps[cell] * steps[cell]).powf(2.0 / 3.0);
+                at_stations[near] = at_stations[near].min(square);
             }
         }
-        let mut ceilings: Vec<(Form, f64)> = (1..cells).map(|k| (x[k], highest[k])).collect();
-        for cell in 1..last {
-            let (at, h) = (cell - 1, 0.5 * steps[cell]);
-            let of = [0.25 * x[cell].of[0], 0.25 * (x[cell].of[1] + x[cell + 1].of[0]) + 0.5, 0.25 * x[cell + 1].of[1]];
-            let Station { first, second, third, .. } = &stations[cell];
-            let slope = |v: usize| first[v] + h * (second[v] + 0.5 * h * third[v]);
-            ceilings.push((Form { at, of }, most(&slope, f64::INFINITY, path.shares[cell][0])));
-        }
-        ceilings.retain(|(_, most)| most.is_finite());
+        let ceilings = (1..cells).map(|k| (x[k], at_stations[k])).filter(|(_, most)| most.is_finite()).collect();
         let mut out = Self {
             cells,
             steps,
@@ -116,7 +112,7 @@ impl Problem {
         out
     }
 
-    /// Rows of acceleration at stations and of jerk at both ends of cells.
+    /// Rows of acceleration at stations and of jerk at both ends of cells; times and ceilings in the middle of cells.
     pub(super) fn collect(&mut self, path: &PathProblem<'_>, moving: bool) {
         let (limits, stations) = (path.limits, path.stations);
         let n = limits.joints();
@@ -160,8 +156,19 @@ impl Problem {
             change[own] -= 2.0 / (step * step);
             let mut middle = [0, 1, 2].map(|i| 0.25 * (start[i] + end[i]));
             middle[own] += 0.5;
-            self.times.push((Form { at, of: middle }, step));
+            let middle = Form { at, of: middle };
+            self.times.push((middle, step));
+            // Where it starts under way, x hardly changes on the first cell.
+            if cell > 0 {
+                let (h, Station { first, second, third, .. }) = (0.5 * step, &stations[cell]);
+                let slope = |v: usize| first[v] + h * (second[v] + 0.5 * h * third[v]);
+                let most = greatest(limits, slope, path.pace_inside[cell], path.shares[cell][0]);
+                if most.is_finite() {
+                    self.ceilings.push((middle, most));
+                }
+            }
             for (k, x) in [(cell, start), (cell + 1, end)] {
+                // At a start under way w is 0, and the jerk hardly differs from that at the end of the cell.
                 if k == 0 {
                     continue;
                 }

@@ -40,13 +40,7 @@ impl Grid {
     pub fn new(joints: usize, path: &Spline, slowest: &[f64]) -> Self {
         let intervals = path.intervals();
         let total = path.length();
-        // Least time of each interval between knots.
-        let mut least = vec![0.0_f64; intervals];
-        for (w, time) in slowest.iter().enumerate().take(path.waypoints().saturating_sub(1)) {
-            if path.knot_of(w + 1) > path.knot_of(w) {
-                least[path.knot_of(w)] += time;
-            }
-        }
+        let paces = path.paces(slowest);
         let mut out = Self {
             joints,
             stations: Vec::new(),
@@ -71,7 +65,7 @@ impl Grid {
             out.station_of.push(out.stations.len());
             for f in fractions {
                 out.stations.push(station(path, i, from + f * (to - from)));
-                out.pace.push(if least[i] > 0.0 { (to - from) / least[i] } else { f64::INFINITY });
+                out.pace.push(paces[i]);
             }
         }
         out.station_of.push(out.stations.len());

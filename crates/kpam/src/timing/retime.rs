@@ -24,7 +24,7 @@ pub struct RetimeOptions {
     pub start_time: f64,
     /// Position limits (rad or m) that a start under way has to stop within.
     pub position_limits: Option<(Vec<f64>, Vec<f64>)>,
-    /// Method for the speed along the path.
+    /// Method for the speed along the path; low jerk limits have one of their own.
     pub method: Method,
     /// Ends the retiming from another thread, with an error that says so.
     pub cancel: Option<Cancel>,
@@ -45,7 +45,8 @@ pub struct Retimed {
 /// limits, at rest at the stops and at the end.
 ///
 /// Velocity and acceleration are those of the time-optimal motion on the path; the jerk limits add a moving average,
-/// which takes a joint off the path, and off a waypoint that it passes, by at most 1e-4 rad (or m).
+/// which takes a joint off the path, and off a waypoint that it passes, by at most 1e-4 rad (or m). Where that would be
+/// more, jerk is bounded on the path itself, and the motion stays on it.
 ///
 /// ```
 /// use gensim2_kpam::{Limits, RetimeOptions, retime};

@@ -6,7 +6,7 @@ use super::motion::{Node, peaks};
 use super::profile::{Along, Pace, at_place};
 use super::spline::Spline;
 use super::third_order::{PathProblem, Station, fastest};
-use super::time_scaling::{IMPASSABLE, ROUNDING};
+use super::time_scaling::{HOPELESS, IMPASSABLE, ROUNDING};
 use super::torque::{Buffers, Load};
 use crate::Cancel;
 use crate::model::{MAX_JOINTS, Row};
@@ -17,11 +17,16 @@ const LEAST: f64 = 3.0;
 /// Parts of the first ramp of acceleration that the first cell is, in length, and growth of those that follow.
 const RAMP: f64 = 8.0;
 const GROWTH: f64 = 1.6;
-/// Angle (rad) by which the path may turn on a cell, and the most parts that one which turns by more is cut into.
+/// Angle (rad) by which the path may turn on a cell, the most parts that one which turns by more is cut into, and cells
+/// beyond which there are no more. Parts are as long as each other: at a cusp one may turn by more.
 const TURN: f64 = 0.35;
 const PARTS: f64 = 6.0;
-/// Share of the limits aimed at, since they are imposed at stations and kept between them.
+const MOST_CELLS: f64 = 3000.0;
+/// Share of the limits on acceleration, on jerk and on velocities by position that is aimed at, since they are imposed at
+/// stations and kept between them, too.
 const AIM: f64 = 0.998;
+/// Further share of the limits on velocity, acceleration and jerk that a cell gets which exceeded one.
+const LESS: [f64; 3] = [0.9999, 0.999, 0.999];
 /// Rounds in which cells that exceed a limit get less of it, and how much longer the whole may take instead.
 const ROUNDS: usize = 5;
 const NEGLIGIBLE: f64 = 1.004;
@@ -48,9 +53,10 @@ pub(crate) fn drive(
     let tangent = path.derivatives(0, 0.0)[1];
     let square: f64 = tangent[..n].iter().map(|t| t * t).sum();
     let begin = (velocity[..n].iter().zip(&tangent).map(|(v, t)| v * t).sum::<f64>() / square).max(0.0);
-    let paces = paces(path, slowest);
+    let paces = path.paces(slowest);
     let straight = path.bend() * path.length() * path.length() < 8.0 * STRAIGHT;
-    if straight && load.is_none() && !slowed(limits, path) && paces.windows(2).all(|pair| pair[0] == pair[1]) {
+    let one_pace = paces.windows(2).all(|pair| pair[0] == pair[1]) && begin <= paces[0];
+    if straight && load.is_none() && !slowed(limits, path) && one_pace {
         return along_line(limits, path, paces[0], begin);
     }
     curved(limits, path, &paces, begin, load, cancel)
@@ -61,19 +67,6 @@ fn slowed(limits: &Limits, path: &Spline) -> bool {
     let slope = path.derivatives(0, 0.0)[1];
     let end = path.at(path.intervals() - 1, 1.0);
     limits.envelope.is_some_and(|e| e.speed(&end, &slope) < along(limits, &slope).velocity)
-}
-
-/// Greatest ds/dt on each interval between knots, by the least time that intervals between waypoints may take.
-fn paces(path: &Spline, slowest: &[f64]) -> Vec<f64> {
-    let mut least = vec![0.0_f64; path.intervals()];
-    for (w, time) in slowest.iter().enumerate().take(path.waypoints().saturating_sub(1)) {
-        if path.knot_of(w + 1) > path.knot_of(w) {
-            least[path.knot_of(w)] += time;
-        }
-    }
-    let pace =
-        |(i, time): (usize, &f64)| if *time > 0.0 { (path.knots[i + 1] - path.knots[i]) / time } else { f64::INFINITY };
-    least.iter().enumerate().map(pace).collect()
 }
 
 /// Limits of s where all joints move at their rates of `slope` to it.
@@ -164,24 +157,27 @@ fn stations(limits: &Limits, path: &Spline, load: Load<'_>) -> (Vec<(usize, f64)
     cut_where_it_turns(limits.joints(), path, places, of_knot)
 }
 
-/// The same stations, and others on cells where the path turns by a large angle: acceleration changes fast there.
+/// The stations, with more on cells where the path turns by a large angle: acceleration changes fast there.
 fn cut_where_it_turns(
     joints: usize,
     path: &Spline,
     places: Vec<(usize, f64)>,
     of_knot: Vec<usize>,
 ) -> (Vec<(usize, f64)>, Vec<usize>) {
+    let dot = |a: &Row, b: &Row| (0..joints).map(|v| a[v] * b[v]).sum::<f64>();
+    let angle = |a: &Row, b: &Row| {
+        let cosine = dot(a, b) / (dot(a, a) * dot(b, b)).sqrt();
+        // A tangent of no length has no direction: as if it turned round.
+        if cosine.is_nan() { std::f64::consts::PI } else { cosine.clamp(-1.0, 1.0).acos() }
+    };
+    let most_parts = (MOST_CELLS / places.len() as f64).clamp(1.0, PARTS);
     let mut out = Vec::with_capacity(places.len());
     let mut moved_to = Vec::with_capacity(places.len());
     for pair in places.windows(2) {
         let ((interval, from), to) = (pair[0], pair[1].1);
         moved_to.push(out.len());
-        let [a, b] = [from, to].map(|s| path.derivatives(interval, s)[1]);
-        let dot = |a: &Row, b: &Row| (0..joints).map(|v| a[v] * b[v]).sum::<f64>();
-        let cosine = dot(&a, &b) / (dot(&a, &a) * dot(&b, &b)).sqrt();
-        // A tangent of no length turns by any angle.
-        let angle = if cosine.is_nan() { std::f64::consts::PI } else { cosine.clamp(-1.0, 1.0).acos() };
-        let parts = (angle / TURN).ceil().clamp(1.0, PARTS);
+        let [a, b, c] = [from, 0.5 * (from + to), to].map(|s| path.derivatives(interval, s)[1]);
+        let parts = ((angle(&a, &b) + angle(&b, &c)) / TURN).ceil().clamp(1.0, most_parts);
         out.extend((0..parts as usize).map(|k| (interval, from + (to - from) * k as f64 / parts)));
     }
     moved_to.push(out.len());
@@ -213,22 +209,33 @@ fn curved(
         return None;
     }
     let load = load.map(|(dynamics, room)| (&dynamics.max_torque, room));
-    // A start that is faster than the pace brakes to it.
-    let slowing = 0.5 * along(limits, &list[0].first).acceleration;
+    // A start that is faster than the pace brakes to it, with half of what the limits allow.
+    let most = along(limits, &list[0].first);
+    let half = Along { velocity: begin, acceleration: 0.5 * most.acceleration, jerk: 0.5 * most.jerk };
+    let braking = if begin > 0.0 { half.profile(0.5 * begin * half.ramp_time(begin), begin) } else { None };
+    let slowing = |s: f64| braking.as_ref().map_or(0.0, |profile| at_place(profile, s).speed);
     let mut pace: Vec<f64> = places
         .iter()
         .map(|(i, s)| {
             let before = if *s == path.knots[*i] && *i > 0 { paces[i - 1] } else { f64::INFINITY };
-            paces[*i].min(before).max((begin * begin - 2.0 * slowing * s).max(0.0).sqrt())
+            paces[*i].min(before).max(slowing(*s))
         })
         .collect();
+    let inside = |pair: &[(usize, f64)]| {
+        let ((i, from), to) = (pair[0], pair[1].1);
+        let s = 0.5 * (from + to);
+        let [position, first, _] = path.derivatives(i, s);
+        let allowed = limits.envelope.map_or(f64::INFINITY, |e| AIM * e.speed(&position, &first));
+        paces[i].max(slowing(s)).min(allowed)
+    };
+    let pace_inside: Vec<f64> = places.windows(2).map(inside).collect();
     if let Some(envelope) = &limits.envelope {
         for (k, (i, s)) in places.iter().enumerate().take(places.len() - 1) {
             pace[k] = pace[k].min(AIM * envelope.speed(&path.derivatives(*i, *s)[0], &list[k].first));
         }
         pace[0] = pace[0].max(begin);
         // There is no way past a place where a joint may not move on.
-        if pace.iter().any(|p| *p <= 0.0) {
+        if pace.iter().chain(&pace_inside[1..pace_inside.len() - 1]).any(|p| *p <= 0.0) {
             return None;
         }
     }
@@ -236,8 +243,9 @@ fn curved(
     let mut nodes = Vec::new();
     let mut factor = 1.0;
     for _ in 0..ROUNDS {
+        let (stations, pace, pace_inside) = (&list, &pace, &pace_inside);
         let found =
-            fastest(&PathProblem { limits, stations: &list, pace: &pace, shares: &shares, begin, load, cancel })?;
+            fastest(&PathProblem { limits, stations, pace, pace_inside, shares: &shares, begin, load, cancel })?;
         nodes = places.iter().zip(&found).map(|((i, _), pace)| node(n, path, *i, pace)).collect::<Vec<Node>>();
         factor = 1.0_f64;
         let mut kept = true;
@@ -245,9 +253,13 @@ fn curved(
             let taken = peaks(limits, &nodes[cell], &nodes[cell + 1]);
             let [fast, hard, sharp] = taken;
             factor = factor.max(fast).max(hard.sqrt()).max(sharp.cbrt());
-            for (share, peak) in shares[cell].iter_mut().zip(taken) {
+            // Where a joint may not move at all, being slower does not help.
+            if limits.envelope.is_some() && fast > HOPELESS {
+                return None;
+            }
+            for ((share, peak), less) in shares[cell].iter_mut().zip(taken).zip(LESS) {
                 if peak > 1.0 + ROUNDING {
-                    *share *= 0.999 / peak;
+                    *share *= less / peak;
                     kept = false;
                 }
             }
@@ -274,6 +286,57 @@ mod tests {
         let mut out = [0.0; MAX_JOINTS];
         out[..3].copy_from_slice(&values);
         out
+    }
+
+    fn bent() -> Spline {
+        Spline::through(2, &[row([0.0, 0.0, 0.0]), row([1.0, 0.6, 0.0]), row([1.5, 1.8, 0.0])], None)
+    }
+
+    /// Velocity along the path's tangent at its start, at a share of the limits there, and ds/dt.
+    fn start(limits: &Limits, path: &Spline, share: f64) -> (Row, f64) {
+        let tangent = path.derivatives(0, 0.0)[1];
+        let speed = share * along(limits, &tangent).velocity;
+        (tangent.map(|t| t * speed), speed)
+    }
+
+    #[test]
+    fn a_start_at_the_limit_goes_on_along_a_path_that_bends() {
+        for (acceleration, jerk) in [(5.0, 50.0), (10.0, 300.0), (2.0, 10.0)] {
+            let limits = Limits::new(&[1.0; 2], &[acceleration; 2], &[jerk; 2]).unwrap();
+            let path = bent();
+            for share in [0.5, 0.95, 0.98, 0.995, 0.9999] {
+                let (velocity, _) = start(&limits, &path, share);
+                let found = drive(&limits, &path, &[], &velocity, None, None);
+                assert!(found.is_some(), "at {share} of the limit, ({acceleration}, {jerk})");
+            }
+        }
+    }
+
+    #[test]
+    fn a_start_that_is_too_fast_brakes_to_the_pace() {
+        let limits = Limits::new(&[1.0; 2], &[5.0; 2], &[50.0; 2]).unwrap();
+        let line = Spline::through(2, &[row([0.0; 3]), row([1.0, 0.5, 0.0]), row([2.0, 1.0, 0.0])], None);
+        for path in [bent(), line] {
+            let (velocity, speed) = start(&limits, &path, 0.8);
+            let slow = 0.3 * speed;
+            let least: Vec<f64> = path.knots.windows(2).map(|k| (k[1] - k[0]) / slow).collect();
+            let (nodes, of_knot) = drive(&limits, &path, &least, &velocity, None, None).unwrap();
+            // It brakes within half of the first stretch, and goes on at the pace.
+            let times: Vec<f64> = of_knot.iter().map(|k| nodes[*k].time).collect();
+            assert!(times[1] > 0.5 * least[0] && times[1] < least[0], "{times:?} {least:?}");
+            assert!(times[2] - times[1] >= least[1] * (1.0 - 1e-6), "{times:?} {least:?}");
+        }
+    }
+
+    #[test]
+    fn least_times_are_kept_between_stations_too() {
+        let limits = Limits::new(&[2.0; 2], &[5.0; 2], &[50.0; 2]).unwrap();
+        let path = bent();
+        let least = [2.0, 3.0];
+        let (nodes, of_knot) = drive(&limits, &path, &least, &[0.0; MAX_JOINTS], None, None).unwrap();
+        let times: Vec<f64> = of_knot.iter().map(|k| nodes[*k].time).collect();
+        assert!(times[1] - times[0] >= 2.0 - 1e-6 && times[2] - times[1] >= 3.0 - 1e-6, "{times:?}");
+        assert!(times[2] < 5.6, "{times:?}");
     }
 
     #[test]

@@ -52,6 +52,19 @@ impl Spline {
         self.knot_of[waypoint]
     }
 
+    /// Greatest ds/dt on each interval between knots where intervals between waypoints may take `slowest` (s) at the least;
+    /// infinite where nothing is said.
+    pub fn paces(&self, slowest: &[f64]) -> Vec<f64> {
+        let mut least = vec![0.0_f64; self.intervals()];
+        for (w, time) in slowest.iter().enumerate().take(self.waypoints().saturating_sub(1)) {
+            if self.knot_of(w + 1) > self.knot_of(w) {
+                least[self.knot_of(w)] += time;
+            }
+        }
+        let lengths = self.knots.windows(2).map(|pair| pair[1] - pair[0]);
+        lengths.zip(least).map(|(s, time)| if time > 0.0 { s / time } else { f64::INFINITY }).collect()
+    }
+
     /// Number of waypoints that it was made through.
     pub fn waypoints(&self) -> usize {
         self.knot_of.len()

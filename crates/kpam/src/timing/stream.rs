@@ -107,8 +107,10 @@ impl Trajectory {
             best = Some((high, nodes));
         }
         let pieces = match best {
-            // At its very end the motion is at rest already.
-            Some((_, nodes)) if left > 0.0 => vec![Piece::smooth(begin, self.limits().joints(), &nodes, &[])],
+            // What would end no sooner is the rest of the motion.
+            Some((duration, nodes)) if duration < left => {
+                vec![Piece::smooth(begin, self.limits().joints(), &nodes, &[])]
+            }
             _ => self.from(begin),
         };
         let end = pieces.last().map_or(begin, Piece::end);
@@ -201,7 +203,7 @@ impl Trajectory {
                 }
             }
         }
-        let mut pieces: Vec<Piece> = self.pieces().iter().filter(|p| p.start < t).cloned().collect();
+        let mut pieces: Vec<Piece> = self.pieces().iter().filter(|p| p.counts < t).cloned().collect();
         pieces.extend(next.from(t));
         let mut times: Vec<f64> = self.times().iter().copied().filter(|time| *time < t).collect();
         times.push(t);
@@ -273,6 +275,20 @@ mod tests {
                 assert!(stop.end() - t <= (5.5 * own + 0.05).min(whole.end() - t + 1e-9), "{} {own}", stop.end() - t);
             }
         }
+    }
+
+    #[test]
+    fn motions_that_were_gone_over_to_before_stay_in_order() {
+        let limits = Limits::new(&[1.5; 2], &[10.0; 2], &[5000.0; 2]).unwrap();
+        let whole = motion(&limits);
+        let twice = whole.splice(&whole, 0.8).unwrap().splice(&whole, 0.5).unwrap();
+        assert!(twice.pieces().windows(2).all(|pair| pair[0].counts < pair[1].counts));
+        for k in 0..=100 {
+            let t = whole.end() * f64::from(k) / 100.0;
+            assert_eq!(twice.moving(t), whole.moving(t));
+        }
+        let stored = serde_json::to_string(&twice).unwrap();
+        assert!(serde_json::from_str::<Trajectory>(&stored).is_ok());
     }
 
     #[test]

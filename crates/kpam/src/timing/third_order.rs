@@ -2,9 +2,10 @@
 //!
 //! x(s) = (ds/dt)^2 is a quadratic spline over the stations with one coefficient c a cell, so that x and the second
 //! derivative w = d²s/dt² = x'/2 are continuous and linear in c, and so is each joint's acceleration q' w + q'' x. Its
-//! jerk is (q' w' + 3 q'' w + q''' x) sqrt(x). An interior-point method with a logarithmic barrier minimises the time; each row holds
-//! three neighbouring coefficients, so that its Newton steps are Cholesky factorisations of five diagonals. At rest, the
-//! first and last cells are driven at a constant jerk of s, which ties their coefficients to the next ones.
+//! jerk is (q' w' + 3 q'' w + q''' x) sqrt(x). An interior-point method with a logarithmic barrier minimises the time;
+//! each row holds three neighbouring coefficients, so that its Newton steps are Cholesky factorisations of five
+//! diagonals. At rest, the first and last cells are driven at a constant jerk of s, which ties their coefficients to the
+//! next ones.
 
 use super::barrier::Problem;
 use super::limits::Limits;
@@ -30,6 +31,8 @@ pub(crate) struct PathProblem<'a> {
     pub stations: &'a [Station],
     /// Greatest ds/dt at each station, beside what the limits say.
     pub pace: &'a [f64],
+    /// The same in the middle of each cell.
+    pub pace_inside: &'a [f64],
     /// Shares of the limits on velocity, acceleration and jerk to be used on each cell.
     pub shares: &'a [[f64; 3]],
     /// ds/dt at the start; d²s/dt² is 0 there.
@@ -94,12 +97,13 @@ pub(crate) fn fastest(path: &PathProblem<'_>) -> Option<Vec<Pace>> {
             }
         }
         if slack > 1.0 {
-            // A start under way: the limits are narrowed as the motion comes to keep them.
-            let next = (1.02 * worst(&problem, &c)).max(1.0);
-            if next >= slack || left == 0 {
+            // A start under way: the limits are narrowed as the motion comes to keep them, to between what it takes and
+            // what it might take, so that it stays inside.
+            let reached = worst(&problem, &c);
+            if left == 0 || slack - reached < 1e-9 {
                 return None;
             }
-            slack = next;
+            slack = if reached < 1.0 { 1.0 } else { reached + 0.2 * (slack - reached) };
             continue;
         }
         if left == 0 || count / weight < GAP * time(&c) {
@@ -119,6 +123,7 @@ fn begin(problem: &Problem, path: &PathProblem<'_>) -> Option<Vec<f64>> {
     let whole = path.stations.last()?.s;
     let limits = path.limits;
     let mut most = Along { velocity: f64::INFINITY, acceleration: f64::INFINITY, jerk: f64::INFINITY };
+    most.velocity = path.pace_inside.iter().copied().fold(most.velocity, f64::min);
     for (station, pace) in path.stations.iter().zip(path.pace) {
         most.velocity = most.velocity.min(*pace);
         for v in 0..limits.joints() {

@@ -29,6 +29,8 @@ const AIM: f64 = 0.998;
 const NEGLIGIBLE: f64 = 1.003;
 /// A motion that would have to take this many times as long passes a place where a joint may not move on.
 pub(crate) const IMPASSABLE: f64 = 1.5;
+/// Likewise a cell that exceeds a velocity limit by this factor.
+pub(crate) const HOPELESS: f64 = 1e4;
 /// Share of a limit that the arithmetic of a cell rounds away, far below [`super::limits::TOLERANCE`].
 pub(crate) const ROUNDING: f64 = 1e-9;
 /// Cells that take less time than this (s) are not told apart.
@@ -53,7 +55,7 @@ pub(crate) fn drive(
     }
     let tangent = &grid.stations[0].first;
     let square: f64 = tangent[..joints].iter().map(|t| t * t).sum();
-    let speed = velocity[..joints].iter().zip(tangent).map(|(v, t)| v * t).sum::<f64>() / square;
+    let speed = (velocity[..joints].iter().zip(tangent).map(|(v, t)| v * t).sum::<f64>() / square).max(0.0);
     let under_way = speed > 0.0;
     let mut nodes = Vec::new();
     let mut worst = [1.0_f64; 2];
@@ -74,6 +76,10 @@ pub(crate) fn drive(
         for cell in 0..grid.cells() {
             let [fast, hard] = shares(limits, &nodes[cell], &nodes[cell + 1]);
             worst = [worst[0].max(fast), worst[1].max(hard)];
+            // Where a joint may not move at all, being slower does not help.
+            if limits.envelope.is_some() && fast > HOPELESS {
+                return None;
+            }
             if fast > 1.0 + ROUNDING {
                 grid.shares[cell][0] *= 0.9999 / fast;
                 kept = false;

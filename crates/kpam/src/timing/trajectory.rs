@@ -13,8 +13,8 @@ use crate::checked::checked_when_read;
 use crate::model::{JointMap, MAX_JOINTS, Row};
 use crate::{Cancel, ProblemError};
 
-/// A timed joint motion of all joints of the robot: cubics in time, averaged over a short window, so that position,
-/// velocity, acceleration and jerk are known exactly at every time.
+/// A timed joint motion of all joints of the robot: cubics in time, averaged over a short window, or quintics under low
+/// jerk limits, so that position, velocity, acceleration and jerk are known exactly at every time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct Trajectory {
