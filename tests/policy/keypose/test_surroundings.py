@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -108,3 +110,13 @@ def test_of_the_arms_postures_one_that_keeps_out_of_the_cloud_is_taken() -> None
     assert other.is_whole
     assert other.depth <= GRAZE
     assert np.allclose(PROFILE.model.forward_kinematics(other.joints[other.at[ACTUATION]])[:3, 3], pose[:3, 3])
+
+
+def test_motions_keep_the_limits_that_a_robot_says_of_itself() -> None:
+    slow = dataclasses.replace(
+        PROFILE, solver={**PROFILE.solver, "acceleration_limits": [1.0] * 9, "jerk_limits": [500.0] * 9}
+    )
+    goal, nothing = _turned(1.0), _seen(np.zeros((0, 3)))
+    usual, found = (Executor(each).rest(HOME, goal, 1.0, nothing).actions for each in (PROFILE, slow))
+    # From rest to rest over 1 rad, at half of 1 rad/s^2: 2 sqrt(1 / 0.5) s.
+    assert len(found) > 2 * np.sqrt(2.0) * PROFILE.control_hz > len(usual)

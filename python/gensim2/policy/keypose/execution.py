@@ -25,9 +25,11 @@ Free = Literal["planned", "but for touched", "table only", "straight"]
 either end, clear of the table and the arm itself, or not at all."""
 
 SHARE = 0.5
-"""Of the joints' velocity limits that motions take, as the planner's own."""
-ACCELERATION, JERK = 3.75, 1875.0
-"""Per second squared and cubed, rad or m: half of what the slowest joint of a Panda may."""
+"""Of the joints' limits that motions take, as the planner's own."""
+ACCELERATION, JERK = 7.5, 3750.0
+"""Limits along a program's poses where a robot has none of its own, rad or m: those of a Panda's slowest joint."""
+LIMITS = ("limits", "velocity_limits", "acceleration_limits", "jerk_limits")
+"""Options of the solver by which a robot limits its joints."""
 MARGIN = 0.005
 """Metres that free motions keep off everything."""
 SAMPLES = 4000
@@ -69,7 +71,16 @@ class Executor:
         self._profile = profile
         self.around = Surroundings(profile)
         self._arm = list(profile.arm_columns)
-        self._velocity = SHARE * profile.model.velocity[self._arm]
+        self._limits = {name: profile.solver[name] for name in LIMITS if name in profile.solver}
+
+        def own(name: str, usual: Array) -> Array:
+            given = profile.solver.get(name)
+            return usual if given is None else np.asarray(given, dtype=np.float64)[self._arm]
+
+        m = profile.arm_size
+        self._velocity = SHARE * own("velocity_limits", profile.model.velocity[self._arm])
+        self._acceleration = SHARE * own("acceleration_limits", np.full(m, ACCELERATION))
+        self._jerk = SHARE * own("jerk_limits", np.full(m, JERK))
 
     def execute(
         self,
@@ -112,7 +123,6 @@ class Executor:
         self, program: KeyposeProgram, q: Array, seen: Seen, further: float
     ) -> tuple[KeyposeProgram, JointPath | None]:
         """Return the program that is followed, a push with its longer way where all of that can be, and its path."""
-
         depth = self.around.depth_in(seen)
         longer, path = None, None
         if further > 0.0 and program.is_push:
@@ -140,7 +150,13 @@ class Executor:
         goal[fingers] = q[fingers]
         for how, scene in self._scenes(q, goal, seen):
             motion = scene.plan_to(
-                q, goal, margin=MARGIN, samples=SAMPLES, velocity_scale=SHARE, acceleration_scale=SHARE
+                q,
+                goal,
+                margin=MARGIN,
+                samples=SAMPLES,
+                velocity_scale=SHARE,
+                acceleration_scale=SHARE,
+                **self._limits,
             )
             if motion.trajectory is not None:
                 rows.follow(motion.trajectory.sample_every(1.0 / self._profile.control_hz)[:, self._arm])
@@ -187,9 +203,7 @@ class Executor:
         waypoints = waypoints[apart]
         if len(waypoints) < 2:
             return waypoints
-        m = waypoints.shape[1]
-        limits = (self._velocity, np.full(m, ACCELERATION), np.full(m, JERK))
-        motion, _ = kpam.retime(waypoints, *limits, slowest=slowest)
+        motion, _ = kpam.retime(waypoints, self._velocity, self._acceleration, self._jerk, slowest=slowest)
         return motion.sample_every(1.0 / self._profile.control_hz)
 
 
