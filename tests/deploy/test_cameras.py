@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -113,3 +114,8 @@ def test_pictures_wait_until_there_is_room_and_no_longer() -> None:
 def test_cameras_that_cannot_be_opened_say_why() -> None:
     with pytest.raises(InputError, match=r"left\.db3: cameras\.left: is no recording"):
         ProcessCameras(refused)
+
+
+def test_a_library_that_fails_as_it_opens_cameras_is_told_with_its_words() -> None:
+    with pytest.raises(DeviceGoneError, match=r"cannot be opened: FileNotFoundError: .*'/no/such/device'"):
+        ProcessCameras(os.listdir, "/no/such/device")  # what a library raises is of any kind

@@ -158,6 +158,28 @@ def test_the_watch_stops_what_refuses_and_what_has_stopped(arm: tuple[StreamedAr
     assert (watch.state, watch.stops_at_once) == (State.STOPPED, True)
 
 
+def test_a_connection_that_is_lost_stops_the_watch_and_says_why(
+    arm: tuple[StreamedArm, FakeBody], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver, _ = arm
+    last = said(driver)
+
+    def lost() -> Any:
+        raise RuntimeError("the socket is closed")
+
+    monkeypatch.setattr(driver, "_read", lost)
+    until(lambda: said(driver).mode == "refusing")
+    state = said(driver)
+    assert state.reason == "RuntimeError: the socket is closed"
+    assert last.time <= state.time == said(driver).time, "the last place keeps its time"
+    watch = Watch()
+    watch.arm(0.0)
+    watch.run(0.0)
+    watch.saw_arm(state, 1.0)
+    assert watch.state is State.STOPPED
+    assert "the socket is closed" in watch.reason
+
+
 def test_a_reflex_is_told(arm: tuple[StreamedArm, FakeBody]) -> None:
     driver, body = arm
     body.stopped = True
@@ -314,6 +336,79 @@ def test_an_arm_that_is_not_there_and_a_library_that_is_not_are_told(
 # --------------------------------------------------------------------- cameras
 
 LEFT = replace(sized(simulated_cameras(PROFILE, 32, 24), 32, 24)[0], name="left")
+
+
+class FakeRealSense(types.ModuleType):
+    """As much of the library as opens a device of two sensors, each with two rates; what is opened is counted."""
+
+    def __init__(self) -> None:
+        super().__init__("pyrealsense2")
+        self.opened: list[str] = []
+        self.rates: list[int] = []
+        self.fails = ""
+        kinds = types.SimpleNamespace(depth="depth", color="color")
+        self.stream, self.format = kinds, types.SimpleNamespace(z16="depth", rgb8="color")
+        self.camera_info = types.SimpleNamespace(serial_number="serial")
+        self.option = types.SimpleNamespace(depth_units="units", global_time_enabled="global")
+        self.align, self.syncer = (lambda to: None), (lambda size: None)
+
+    def device(self, depth: tuple[int, ...] = (90, 30), colors: tuple[int, ...] = (60, 30)) -> Any:
+        def profile(kind: str, rate: int) -> Any:
+            none = types.SimpleNamespace(width=32, height=24, fx=30.0, fy=30.0, ppx=15.5, ppy=11.5, coeffs=[0.0] * 5)
+            found = types.SimpleNamespace(
+                stream_type=lambda: kind,
+                format=lambda: kind,
+                fps=lambda: rate,
+                width=lambda: 32,
+                height=lambda: 24,
+                get_intrinsics=lambda: none,
+            )
+            found.as_video_stream_profile = lambda: found
+            return found
+
+        def sensor(kind: str, rates: tuple[int, ...]) -> Any:
+            def start(_: Any) -> None:
+                if self.fails == kind:
+                    raise RuntimeError("failed to set power state")
+
+            def opening(profiles: list[Any]) -> None:
+                self.opened.append(kind)
+                self.rates += [each.fps() for each in profiles]
+
+            return types.SimpleNamespace(
+                supports=lambda option: option == "units" and kind == "depth",
+                get_option=lambda option: 1e-3,
+                get_stream_profiles=lambda: [profile(kind, rate) for rate in rates],
+                open=opening,
+                start=start,
+                stop=lambda: None,
+                close=lambda: self.opened.remove(kind),
+            )
+
+        sensors = [sensor("depth", depth), sensor("color", colors)]
+        return types.SimpleNamespace(
+            is_playback=lambda: False, get_info=lambda what: "827", query_sensors=lambda: sensors
+        )
+
+
+def test_devices_that_were_opened_are_closed_where_another_fails_and_rates_may_be_left_to_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fake = FakeRealSense()
+    monkeypatch.setitem(sys.modules, "pyrealsense2", fake)
+    right = replace(LEFT, name="right")
+    with pytest.raises(InputError, match="right: has no device"):
+        RealSenseCameras([LEFT, right], {"left": fake.device()}, 30)
+    assert fake.opened == []
+    fake.fails = "color"
+    with pytest.raises(RuntimeError, match="power state"):
+        RealSenseCameras([LEFT], {"left": fake.device()}, 30)
+    assert fake.opened == [], "the sensor that had been opened is closed"
+    fake.fails, fake.rates = "", []
+    RealSenseCameras([LEFT], {"left": fake.device()}).close()
+    assert fake.rates == [30, 30], "the highest that both have"
+    with pytest.raises(DriverError, match="at one rate"):
+        RealSenseCameras([LEFT], {"left": fake.device((90,), (60,))})
 
 
 @pytest.fixture

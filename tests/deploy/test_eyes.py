@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from gensim2.deploy.eyes import PIXELS, thinned
+from gensim2.deploy.devices import Frame
+from gensim2.deploy.eyes import PIXELS, Eyes, Sight, thinned
 from gensim2.deploy.simulated_cameras import simulated_cameras, sized
-from gensim2.observations import Camera
+from gensim2.observations import Camera, ObservationSpec
 from gensim2.robots import robot
 
 CAMERAS = simulated_cameras(robot("panda"), 320, 240)
@@ -30,3 +33,16 @@ def test_each_pixel_that_stays_looks_where_it_looked(width: int, height: int, st
     assert fewer.width * fewer.height >= min(PIXELS, width * height)
     np.testing.assert_allclose(rays(fewer), rays(camera)[::step, ::step], atol=1e-12)
     assert fewer.name == camera.name
+
+
+def test_depth_that_was_corrected_is_corrected_once() -> None:
+    profile = robot("panda")
+    camera = replace(sized(CAMERAS, 64, 48)[0], depth_scale=1.01, depth_bias=0.005)
+    eyes = Eyes(ObservationSpec(cameras=(camera.name,), modalities=("depth",)), profile, (camera,), "shut it")
+    measured = np.full((48, 64), 300, np.uint16)  # before the robot: it hides it
+    q = np.array(profile.reset_qpos)
+    frame = Frame(camera.name, 0, 0.0, measured, np.zeros((48, 64, 3), np.uint8))
+    observation = eyes.observe(Sight(0, q, 0.0 * q, 1.0, (frame,), {camera.name: q}))
+    seen = observation.cameras[camera.name]
+    depth = np.asarray(observation[f"depth_{camera.name}"])
+    np.testing.assert_allclose(seen.metres(depth), camera.metres(measured), atol=6e-4)

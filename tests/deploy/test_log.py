@@ -6,6 +6,9 @@ import errno
 import io
 import os
 import threading
+import weakref
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +17,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gensim2.deploy import replay as replaying
 from gensim2.deploy.devices import ArmState, Frame
+from gensim2.deploy.eyes import Eyes, Sight, inputs
 from gensim2.deploy.faults import FAULTS, Fault, FullDisk
 from gensim2.deploy.log import Log, prune_runs
 from gensim2.deploy.packing import pack, unpack
-from gensim2.deploy.replay import messages
+from gensim2.deploy.replay import KEPT, camera_to_dict, frame_of, messages
+from gensim2.deploy.simulated_cameras import simulated_cameras
 from gensim2.errors import InputError
+from gensim2.observations import ObservationSpec
+from gensim2.robots import robot
 
 
 def frame(number: int) -> Frame:
@@ -149,3 +157,40 @@ def test_faults_that_are_none_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="--fault"):
         Fault.parse(text)
     assert Fault.parse(f"{FAULTS[0]}@2.5") == Fault(FAULTS[0], 2.5)
+
+
+def test_a_replay_keeps_the_newest_pictures_of_a_camera_whatever_their_numbers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    profile = robot("panda")
+    camera = replace(simulated_cameras(profile, 8, 6)[0], name="left")
+    spec = ObservationSpec(cameras=("left",), modalities=())
+    about = {"cameras": [camera_to_dict(camera)], "observation": spec.to_dict(), "robot": "panda", "language": "shut"}
+    black = {"depth": np.zeros((6, 8), np.uint16), "colors": np.zeros((6, 8, 3), np.uint8)}
+    q = np.array(profile.reset_qpos)
+    sight = Sight(0, q, 0.0 * q, 1.0, (), {})
+    seen = inputs(Eyes(spec, profile, (camera,), "shut", np.inf).observe(sight))
+    living: list[weakref.ref[Frame]] = []
+    most = 0
+
+    def kept(plain: dict[str, Any], arrays: dict[str, Any]) -> Frame:
+        found = frame_of(plain, arrays)
+        living.append(weakref.ref(found))
+        return found
+
+    def told(_: Path) -> Iterator[Any]:
+        nonlocal most
+        yield "/about", about, {}
+        for number in range(0, 3 * 4 * KEPT, 3):
+            yield "/camera/left", {"camera": "left", "number": number, "captured": 0.03 * number}, dict(black)
+            most = max(most, sum(each() is not None for each in living))
+        for asked, about_frame in enumerate((number, number - 3 * (KEPT - 1), number - 3 * KEPT)):
+            plain = {"number": asked, "step": 0, "gripper": 1.0, "frames": {"left": about_frame}}
+            yield "/question", plain, {"q": q, "v": 0.0 * q, "posed/left": q}
+            yield "/answer", {"number": asked}, {f"seen/{name}": array for name, array in seen.items()}
+
+    monkeypatch.setattr(replaying, "messages", told)
+    monkeypatch.setattr(replaying, "frame_of", kept)
+    found = replaying.replay(Path("nowhere"))
+    assert (found.questions, found.missing, found.different) == (2, 1, ())
+    assert most <= KEPT + 2

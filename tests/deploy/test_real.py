@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import time
 import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import fake_makers
@@ -15,7 +18,8 @@ from fake_cameras import LEFT, Filmed
 from fake_makers import FakeBody
 
 from gensim2.deploy import real
-from gensim2.deploy.config import CameraSource, LineConfig
+from gensim2.deploy.clocks import SimulatedClock
+from gensim2.deploy.config import CameraSource, Delays, LineConfig
 from gensim2.deploy.devices import ArmState
 from gensim2.deploy.drivers.logged import LoggedCameras
 from gensim2.deploy.mind import Answer
@@ -23,9 +27,10 @@ from gensim2.deploy.opening import prepare
 from gensim2.deploy.real import open_cameras
 from gensim2.deploy.replay import about_of, messages, replay
 from gensim2.deploy.run import run
+from gensim2.deploy.session import PATIENCE
 from gensim2.deploy.simulated_cameras import simulated_cameras
-from gensim2.deploy.watch import WatchRules
-from gensim2.errors import InputError
+from gensim2.deploy.watch import State, WatchRules
+from gensim2.errors import GenSim2Error, InputError
 from gensim2.observations.columns import CLOUD
 from gensim2.robots import robot
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
@@ -130,8 +135,108 @@ def test_words_that_cannot_be_used_are_told() -> None:
     for cameras in ("software", "recording:left=a.db3"):
         with pytest.raises(InputError, match="clock"):
             LineConfig(cameras=cameras, policy=STILL, simulated_clock=True, dry=True)
+    for given, said in (
+        ({"rate": 0.0}, "rate"),
+        ({"rate": float("nan")}, "rate"),
+        ({"pixels": (0, 48)}, "pixels"),
+        ({"pixels": (64, 48, 3)}, "pixels"),
+        ({"delays": Delays(camera=(0.0, 0.1))}, r"delays.*simulated_clock"),
+    ):
+        with pytest.raises(InputError, match=said):
+            LineConfig(policy=STILL, **given)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="'top'"):
         open_cameras(CameraSource.parse("realsense:top=1"), simulated_cameras(PROFILE, 64, 48), 30)
+
+
+def test_a_run_without_episodes_or_with_several_of_a_real_arm_is_refused() -> None:
+    with pytest.raises(InputError, match=r"episodes: must be at least 1, not 0"):
+        run("CloseBox", episodes=0, assets="builtin", policy=STILL)
+    with pytest.raises(InputError, match=r"episodes: .*gensim2 robot trial"):
+        run("CloseBox", episodes=2, assets="builtin", policy=STILL, **REAL)
+    with pytest.raises(InputError, match="minutes: must be positive and less than 100000, is 200000"):
+        run("CloseBox", minutes=2e5, assets="builtin", policy=STILL)
+
+
+def test_what_was_opened_is_closed_where_a_later_step_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    from gensim2.deploy import local, opening, processes
+
+    closed: list[str] = []
+
+    def refuse(*_: Any) -> None:
+        raise GenSim2Error("the controller cannot be made")
+
+    class Opened:
+        def close(self) -> None:
+            closed.append("real")
+
+    given = read_task_input("CloseBox", assets="builtin")
+    monkeypatch.setattr(local, "LocalMind", refuse)
+    monkeypatch.setattr(local.LocalArm, "close", lambda self: closed.append("simulated"))
+    prepared = prepare(given, LineConfig(policy=STILL, simulated_clock=True, pixels=(64, 48)))
+    with pytest.raises(GenSim2Error, match="cannot be made"), opening.opened(prepared):
+        pass
+    monkeypatch.setattr(processes, "ProcessMind", refuse)
+    monkeypatch.setattr(opening, "open_arm", lambda *_: Opened())
+    real_one = prepare(given, LineConfig(policy=STILL, dry=True, **REAL))
+    with pytest.raises(GenSim2Error, match="cannot be made"):
+        opening._real(real_one, None, None, None)  # type: ignore[arg-type]
+    assert closed == ["simulated", "real"]
+
+
+class FailsLater:
+    """A line that cannot be begun, by an error that is no GenSim2Error, or runs."""
+
+    def __init__(self, fails: bool) -> None:
+        self.fails, self.begun, self.released = fails, False, 0
+        self.arm = SimpleNamespace(sent=None, release=self._release, state=lambda: "where it stands")
+        self.watch = SimpleNamespace(state=State.RUNNING, reason="", hold=lambda *_: None)
+        self.frames: dict[str, Any] = {}
+        self.stopped_ms = 0.0
+
+    def _release(self) -> None:
+        self.released += 1
+
+    def begin(self, seed: int) -> None:
+        if self.fails:
+            raise KeyError("joint 9")
+        self.begun = True
+
+    def cycle(self) -> None:
+        time.sleep(0.001)
+
+
+def test_what_fails_in_the_loops_thread_is_told_all_is_closed_and_a_second_try_connects(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from gensim2.deploy import puppet as puppets
+
+    lines = [FailsLater(True), FailsLater(False)]
+    closed: list[int] = []
+
+    @contextlib.contextmanager
+    def opened(*_: Any, **__: Any) -> Iterator[Any]:
+        number = len(closed)
+        try:
+            yield SimpleNamespace(line=lines[number], devices=SimpleNamespace(clock=SimulatedClock()))
+        finally:
+            closed.append(number)
+
+    monkeypatch.setattr(puppets, "opened", opened)
+    monkeypatch.setattr(puppets.Session, "__init__", lambda *_: None)
+    monkeypatch.setattr(puppets.Session, "prepare", lambda *_: True)
+    assert puppets.READY > PATIENCE, "the session says what is lacking"
+    puppet = puppets.Puppet(assets="builtin")
+    with pytest.raises(puppets.HaltedError, match="KeyError: 'joint 9'"):
+        puppet.connect()
+    assert closed == [0]
+    assert not puppet.is_connected
+    puppet.connect()
+    assert puppet.is_connected
+    assert lines[1].begun
+    assert puppet.state() == "where it stands"
+    puppet.close()
+    assert closed == [0, 1]
+    assert [line.released for line in lines] == [1, 1]
 
 
 def test_what_is_shown_the_truth_and_simulated_faults_need_a_simulation() -> None:

@@ -9,12 +9,13 @@ import pytest
 from drawer_task import STRATEGIES, TASK
 from table_scenes import placed, resting, table_scene
 
+import gensim2_kpam as kpam
 from gensim2.objects import open_library
 from gensim2.planning import predict
 from gensim2.planning.scene import Scene
-from gensim2.planning.step_plan import NO_GRASP
+from gensim2.planning.step_plan import INVALID, NO_GRASP
 from gensim2.planning.steps import StepPlanner
-from gensim2.planning.strategies import parse_strategy
+from gensim2.planning.strategies import PullStrategy, parse_strategy
 from gensim2.planning.world import PlanningWorld, carried_by
 from gensim2.robots import robot
 from gensim2.tasks.spec import Step
@@ -144,3 +145,22 @@ def test_what_has_a_joint_or_lies_out_of_reach_is_not_grasped(scene: Scene) -> N
     pose[0, 3] -= 3.0
     far = planner.plan(predict.with_pose(scene, "ball", pose), STEPS["grasp"], WAYS["grasp"])
     assert (far.status, far.schedule) == (NO_GRASP, None)
+
+
+@pytest.mark.parametrize("way", ["grasp", "pull"])
+def test_a_grasp_or_pull_that_poses_no_problem_is_invalid(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, way: str
+) -> None:
+    planner = StepPlanner(PANDA)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise kpam.ProblemError("names a keypoint that there is not")
+
+    for name in ("posed", "of_step"):
+        monkeypatch.setattr(planner._problems, name, refuse)
+    step, strategy = STEPS["grasp"], WAYS["grasp"]
+    if way == "pull":
+        step, strategy = STEPS["open"], PullStrategy(grasp="antipodal", follow_joint_to=0.9)
+    planned = planner.plan(scene, step, strategy)
+    assert (planned.status, planned.schedule) == (INVALID, None)
+    assert planned.reason == "names a keypoint that there is not"

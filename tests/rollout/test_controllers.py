@@ -19,9 +19,10 @@ from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.controller import PROPRIOCEPTIVE, PrivilegedObservation, spec_of
 from gensim2.rollout.controller_spec import CHAIN, ControllerError, ControllerSpec
 from gensim2.rollout.driving import drive
+from gensim2.rollout.guarded import Guarded
 from gensim2.rollout.record import Cause
-from gensim2.rollout.run import GOAL_SECONDS, run
-from gensim2.rollout.settling import MAX_SETTLE_SECONDS
+from gensim2.rollout.run import run
+from gensim2.rollout.settling import GOAL_SECONDS, MAX_SETTLE_SECONDS
 from gensim2.scenes.config import SceneOptions
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_strategies, load_task
@@ -203,6 +204,15 @@ def test_what_a_controller_does_wrong_is_one_line_that_names_it(name: str, words
     assert "controllers.py" in str(told.value)
     with pytest.raises(ControllerError, match=f"{name}: CloseBox, episode 7, seed 3: act at step"):
         worker.evaluate(config, ControllerSpec.of(f"{FILE}:{name}"), 3, "goal", None, 7)
+
+
+def test_a_turn_that_is_no_step_of_the_task_is_one_line_that_names_the_steps() -> None:
+    made = ScriptedController(5, [("open", 0), ("shut", 3)])
+    guarded = Guarded(made, ControllerSpec("mine:Doer"), OPEN_DRAWER, robot("panda"), "ScriptedOpen, seed 3")
+    with pytest.raises(ControllerError, match=r"mine:Doer: ScriptedOpen, seed 3: turn: 'shut' is no step .*: open$"):
+        run(ScriptedWorld(OPEN_DRAWER, OPENED), guarded, seed=3)
+    with pytest.raises(ControllerError, match="turn: 'shut' is no step of the task: open"):
+        run(ScriptedWorld(OPEN_DRAWER, OPENED), made, seed=3)
 
 
 def test_a_controller_that_looks_is_shown_clouds_and_its_actions_are_taken() -> None:

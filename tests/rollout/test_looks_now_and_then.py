@@ -13,6 +13,7 @@ from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.guarded import Guarded
 from gensim2.rollout.run import run
 from gensim2.sim.headless import HeadlessEnv
+from gensim2.tasks.library import load_task
 
 SPEC = ObservationSpec.of({"points": 16, "candidates": 64})
 
@@ -38,7 +39,7 @@ class NowAndThen:
 def test_a_controller_looks_when_it_wants_to() -> None:
     env = HeadlessEnv("CloseBox", assets="builtin")
     inside = NowAndThen()
-    guarded = Guarded(inside, ControllerSpec("tests:NowAndThen"), robot("panda"), "CloseBox")
+    guarded = Guarded(inside, ControllerSpec("tests:NowAndThen"), load_task("CloseBox"), robot("panda"), "CloseBox")
     for _ in range(2):  # an episode that was cut leaves the controller between two looks
         run(env, guarded, seed=1)
         assert inside.shown == [True, False, True, False]

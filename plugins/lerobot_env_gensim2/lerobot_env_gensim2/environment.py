@@ -10,12 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.evaluation.films import film_camera, shaded
-from gensim2.observations import ObservationSpec
+from gensim2.observations import EmptyCloudError, ObservationSpec
 from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.raycast.scene import RaycastScene
-from gensim2.rollout.run import GOAL_SECONDS
+from gensim2.rollout.motion import is_stable
+from gensim2.rollout.settling import GOAL_SECONDS, MAX_SETTLE_SECONDS, settle
 from gensim2.scenes.config import SceneArguments
 from gensim2.sim.headless import HeadlessEnv
+from gensim2.tasks.measurement import Measurement
 
 Seen = dict[str, npt.NDArray[np.float32]]
 
@@ -26,8 +28,11 @@ WIDEST = 10.0
 class GenSim2Gym(gym.Env[Seen, npt.NDArray[np.float32]]):
     """Random scenes of one task.
 
-    An episode ends where the goal has held for half a second, which is ``info["is_success"]``, and is cut at the
-    task's step limit. `gensim2 evaluate` asks for more: a scene at rest, and a goal that does not come by itself.
+    An episode ends as in `gensim2 evaluate --stop goal`: where the goal has held for half a second, the last action is
+    held until the scene has settled, and where the goal was lost meanwhile, the episode goes on. At the task's step
+    limit, less the time to settle, and where the cameras see nothing any more, the scene settles and the episode is
+    judged. ``info["is_success"]``: the goal holds in a scene at rest. Whether it comes by itself, only `gensim2
+    evaluate` asks.
 
     Args:
         task: name of a library task, or a folder that holds task.yaml.
@@ -45,7 +50,7 @@ class GenSim2Gym(gym.Env[Seen, npt.NDArray[np.float32]]):
         profile = self._env.profile
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": round(profile.control_hz)}
         self.task, self.task_description = self._env.task.name, self._env.task.description
-        self._max_episode_steps = self._env.max_episode_steps
+        self._max_episode_steps = self._env.max_episode_steps - profile.steps(MAX_SETTLE_SECONDS)
         self._lasting = profile.steps(GOAL_SECONDS)
         n = len(profile.reset_qpos)
         shapes = {STATE: (n,), VELOCITY: (n,), TOOL_POSE: (7,), GRIPPER: (2,), CLOUD: (spec.cloud.points, 6)}
@@ -59,20 +64,49 @@ class GenSim2Gym(gym.Env[Seen, npt.NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
-        """Build the scene of a seed; without one, of one that is drawn."""
+        """Build the scene of a seed; without one, of one that is drawn. Options are those of HeadlessEnv's reset."""
         super().reset(seed=seed)
-        self._env.reset(int(self.np_random.integers(2**32)) if seed is None else seed)
+        self._env.reset(int(self.np_random.integers(2**32)) if seed is None else seed, options)
         self._held_for = 0
         self._pictures: RaycastScene | None = None
-        return self._seen(), {"is_success": False}
+        self._last_seen = self._seen()
+        return self._last_seen, {"is_success": False}
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """Take joint targets in rad and the gripper from -1 to 1; the reward is 1 where the episode succeeds."""
+        action = np.asarray(action, dtype=np.float32)
         self._env.step(action)
         self._held_for = self._held_for + 1 if self._env.success else 0
-        success = self._held_for >= self._lasting
-        cut = self._env.elapsed_steps >= self._max_episode_steps
-        return self._seen(), float(success), success, cut and not success, {"is_success": success}
+        lasted = self._held_for >= self._lasting
+        ends = settles = lasted or self._is_cut
+        at_rest = settles and self._settle(action)
+        if lasted:
+            self._held_for = 0
+            ends = self._env.success or self._is_cut
+        try:
+            self._last_seen = self._seen()
+        except EmptyCloudError:  # what stood before the cameras has left the workspace: nothing to go on from
+            ends = True
+            at_rest = at_rest if settles else self._settle(action)
+        env = self._env
+        success = bool(ends and at_rest and env.success and env.is_finite and is_stable(env.measure()))
+        cut = self._is_cut and not success
+        return self._last_seen, float(success), ends and not cut, cut, {"is_success": success}
+
+    @property
+    def _is_cut(self) -> bool:
+        """Whether the step limit is reached, less the time to settle."""
+        return self._env.elapsed_steps >= self._max_episode_steps
+
+    def _settle(self, action: npt.NDArray[np.float32]) -> bool:
+        """Hold an action until the episode may be judged; return whether the scene is at rest."""
+        env = self._env
+
+        def hold() -> Measurement:
+            env.step(action)
+            return env.measure()
+
+        return settle(hold, env.measure(), env.profile)
 
     def render(self) -> npt.NDArray[np.uint8]:
         """Return a picture (H, W, 3), ray-cast: no renderer is needed."""

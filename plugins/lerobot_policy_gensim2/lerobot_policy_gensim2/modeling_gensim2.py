@@ -43,6 +43,7 @@ class GenSim2Policy(PreTrainedPolicy):
         self.network = self._checkpoint.network  # the weights that LeRobot may count and move
         self._controllers: list[Any] = []
         self._last: list[np.ndarray | None] = []
+        self._done: list[bool] = []
         self._step = 0
 
     @classmethod
@@ -66,25 +67,25 @@ class GenSim2Policy(PreTrainedPolicy):
 
     def reset(self) -> None:
         """Begin an episode in every environment of the next batch."""
-        self._controllers, self._last, self._step = [], [], 0
+        self._controllers, self._last, self._done, self._step = [], [], [], 0
 
     def select_action(self, batch: dict[str, Tensor], **_: Any) -> Tensor:
         """Return (B, m + 1) targets of the arm's joints in rad and the gripper from -1 to 1.
 
-        A policy that says that it is done stays where it is.
+        A policy that says that it is done is asked no more, and stays where it is until :meth:`reset`.
         """
         count = len(batch[f"{OBS_STR}.{STATE}"])
         if not self._controllers:
-            self._controllers = [self._spec.load()(**self._spec.arguments) for _ in range(count)]
-            self._last = [None] * count
+            self._controllers = [self._spec.make() for _ in range(count)]
+            self._last, self._done = [None] * count, [False] * count
         found = []
         for row in range(count):
             seen = self._observation(batch, row)
             if self._step == 0:
                 self._controllers[row].reset(seen, row)
-            action = self._controllers[row].act(seen)
+            action = None if self._done[row] else self._controllers[row].act(seen)
             if action is None:
-                action = self._last[row]
+                self._done[row], action = True, self._last[row]
             if action is None:  # done before it began
                 arm = seen.joint_positions[list(self._profile.arm_columns)]
                 action = np.append(arm, seen.gripper_command)

@@ -37,8 +37,8 @@ class ProcessCameras:
         serials: numbers of their devices, by name.
 
     Raises:
-        GenSim2Error: whatever ``make`` raises.
-        DeviceGoneError: the cameras are not open within 60 s.
+        GenSim2Error: as ``make`` raises it.
+        DeviceGoneError: ``make`` raises anything else, or the cameras are not open within 60 s.
     """
 
     def __init__(self, make: Callable[..., Any], *arguments: Any) -> None:
@@ -78,7 +78,12 @@ class ProcessCameras:
 
 
 def _serve(pipe: Connection, make: Callable[..., Any], *arguments: Any) -> None:
-    driver = make(*arguments)
+    try:
+        driver = make(*arguments)
+    except GenSim2Error:
+        raise
+    except Exception as error:  # libraries raise what they like
+        raise DeviceGoneError(f"the cameras cannot be opened: {type(error).__name__}: {error}") from error
     try:
         slots, room = PictureSlots.make(driver.cameras)
         pipe.send((room, driver.serials))

@@ -21,6 +21,10 @@ SOFTWARE = "software"
 ARMS = ("franka", "panda", "ur", "xarm")
 """Arms that there is a driver for; ``panda``: Franka's by the other library."""
 
+MAX_RATE = 1000.0
+"""Pictures a second of a camera: more than any gives."""
+MAX_PIXELS = 8192
+"""Width and height of a picture: more than any camera gives."""
 
 CameraKind = Literal["simulated", "software", "recording", "realsense"]
 
@@ -166,6 +170,12 @@ class LineConfig:
             raise InputError("recordings do not follow the arm", field="--cameras", remedy="gensim2 robot dry-run")
         if kind != SIMULATED and self.simulated_clock:
             raise InputError("devices go by the machine's clock", field="simulated_clock")
+        if not 0.0 < self.rate <= MAX_RATE:
+            raise InputError(f"must lie between 0 and {MAX_RATE:g} pictures a second, is {self.rate}", field="rate")
+        if len(self.pixels) != 2 or not all(1 <= count <= MAX_PIXELS for count in self.pixels):
+            raise InputError(f"must be width and height, 1 to {MAX_PIXELS}, not {self.pixels}", field="pixels")
+        if self.delays != Delays() and not self.simulated_clock:
+            raise InputError("are of a simulated clock", field="delays", remedy="simulated_clock=True")
         if not self.is_simulated and self.policy is None:
             raise InputError("is shown the true scene, which there is in a simulation only", field="--plan")
 

@@ -23,7 +23,8 @@ class ArmState:
 
     Attributes:
         time: at which it was measured, s.
-        q, v: (n,) all active joints, rad and m; a second.
+        q: (n,) positions of all active joints, rad (m).
+        v: (n,) their velocities, rad/s (m/s).
         force: that presses on the arm from outside, N.
         mode: ``"reflex"``: it has stopped by itself; ``"refusing"``: it takes no commands; ``"at-limit"``: a limit of
             its own keeps it from where it was sent.
@@ -47,7 +48,7 @@ class Frame:
         number: counts its pictures.
         captured: at which it was taken, s.
         depth: (H, W) uint16, mm; 0 where nothing was measured.
-        colors: (H, W, 3) uint8.
+        colors: (H, W, 3) uint8, RGB, brought onto the depth picture.
         serial: number of the device that took it, as the device itself says; empty: it says none.
     """
 
@@ -69,7 +70,13 @@ class ArmDriver(Protocol):
         ...
 
     def send(self, q: Array, gripper: float, t: float) -> None:
-        """Targets for the time t (s): (m,) of the arm's joints, and the gripper from -1 to 1."""
+        """Take targets for one instant.
+
+        Args:
+            q: (m,) of the arm's joints, rad (m).
+            gripper: -1 (closed) to 1 (open).
+            t: the instant, s.
+        """
         ...
 
     def stand(self) -> None:

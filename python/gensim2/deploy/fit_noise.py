@@ -25,7 +25,7 @@ from gensim2.record_files import read_record
 
 Array = npt.NDArray[np.float64]
 
-MIN_POSES, MAX_POSES = 8, 60
+MIN_PICTURES, MAX_PICTURES = 8, 60
 """Pictures of one camera and one scene that are enough to tell, and that are looked at."""
 TOLD = 200
 """Pixels from which on a share is told."""
@@ -99,14 +99,14 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
 
     cameras = {each["name"]: camera_of(each) for each in about_of(log)["cameras"]}
     recordings = []
-    for standing in read_standing(log, MAX_POSES):
+    for standing in read_standing(log, MAX_PICTURES):
         for name, frames in standing.frames.items():
-            if cameras[name].link is None and len(frames) >= MIN_POSES:
+            if cameras[name].link is None and len(frames) >= MIN_PICTURES:
                 depths = np.stack([cameras[name].metres(frame.depth) for frame in frames])
                 recordings.append(Recording(depths, frames[0].colors, float(cameras[name].intrinsic[1, 1])))
     if not recordings:
         raise InputError(
-            f"the arm stands nowhere for {MIN_POSES} pictures", file=log, remedy="let it stand for some seconds"
+            f"the arm stands nowhere for {MIN_PICTURES} pictures", file=log, remedy="let it stand for some seconds"
         )
     found, told = fit(recordings, base)
     write_atomic(out, NoiseFile(noise=asdict(found), told=told).model_dump_json(indent=2) + "\n")
@@ -119,8 +119,8 @@ def fit(recordings: Sequence[Recording], base: DepthNoise = D435) -> tuple[Depth
     Raises:
         InputError: there are too few pictures.
     """
-    if not recordings or min(len(each.depths) for each in recordings) < MIN_POSES:
-        raise InputError(f"needs {MIN_POSES} pictures of each scene", field="recordings")
+    if not recordings or min(len(each.depths) for each in recordings) < MIN_PICTURES:
+        raise InputError(f"needs {MIN_PICTURES} pictures of each scene", field="recordings")
     parts = [_Part(each, base) for each in recordings]
     found: dict[str, Any] = {}
     told: dict[str, int] = {}

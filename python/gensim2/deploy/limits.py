@@ -51,10 +51,14 @@ class Sent:
 
 
 def begin(q: npt.ArrayLike, limits: ArmLimits) -> Sent:
-    """Stand where the arm stands: the first command of all.
+    """Begin where the arm stands: the first command of all.
 
     Args:
-        q: (m,) measured positions of the arm's joints.
+        q: (m,) measured positions of the arm's joints, rad (m).
+        limits: of every command.
+
+    Returns:
+        A command of those positions, at rest.
 
     Raises:
         RefusedError: the arm stands where it may not be, so that nothing can be checked from there.
@@ -116,9 +120,14 @@ def limit(
 
     Args:
         sent: the last command.
-        target: (m,) that is asked for, rad or m.
+        target: (m,) positions that are asked for, rad (m).
+        limits: of every command.
         force: that presses on the arm from outside, N.
-        measured: (m,) where the arm was last seen; None: it is not known.
+        measured: (m,) positions at which the arm was measured last, rad (m); None: they are not known.
+
+    Returns:
+        The command, a cycle of 10 ms after ``sent``, the stop that was checked with it, and the names of the limits
+        that kept it from the target.
 
     Raises:
         RefusedError: the target is not finite, or the force too great.
@@ -160,7 +169,15 @@ def check_force(force: float, limits: ArmLimits) -> None:
 
 
 def halt(sent: Sent) -> Sent:
-    """The next command of the checked stop; the same place where it is over."""
+    """Follow the checked stop for one cycle.
+
+    Args:
+        sent: the last command.
+
+    Returns:
+        The next command of its stop, a cycle of 10 ms later, without clips; the same positions (rad, m) at rest where
+        the stop is over.
+    """
     if not len(sent.stop):
         standing = np.zeros_like(sent.v)
         return Sent(sent.q, standing, standing, sent.stop)

@@ -65,22 +65,24 @@ class DeviceGoneError(GenSim2Error):
 
 @dataclass
 class Figures:
-    """Measurements of the loop; times in seconds.
+    """Measurements of the loop; times in seconds, in milliseconds where the name says so.
 
     Attributes:
         periods: from one period's begin to the next.
         late: by which each began late.
         commands_late: by which each command was sent after its time.
-        cloud_ms, acting_ms: of each answer.
+        picture_age_ms: from the newest picture of a question to the cloud that was made of it, of each cloud.
+        encoding_ms: to make it of the pictures at hand, of each cloud.
+        acting_ms: of the controller, of each answer.
         refused: targets that made no sense, by reason.
         late_actions: that came when their time was over.
-        skipped: seconds that were left out because the loop was too far behind.
+        skipped: that were left out because the loop was too far behind.
     """
 
     periods: list[float] = field(default_factory=list)
     late: list[float] = field(default_factory=list)
     commands_late: list[float] = field(default_factory=list)
-    cloud_ms: list[float] = field(default_factory=list)
+    picture_age_ms: list[float] = field(default_factory=list)
     encoding_ms: list[float] = field(default_factory=list)
     acting_ms: list[float] = field(default_factory=list)
     refused: Counter[str] = field(default_factory=Counter)
@@ -174,6 +176,7 @@ class Line:
         self._grips: list[tuple[float, float]] = []
         self._grip = 1.0
         self.done = False
+        self._paused_at: float | None = None
 
     # ---------------------------------------------------------------- episodes
 
@@ -204,7 +207,19 @@ class Line:
             self._mind.send(Begin(self._seed))
         self._streamer.clear()
         self._due, self._open, self._grips = now + LEAD, None, []
+        self._grip = self.arm.gripper  # changes of actions that were dropped are dropped with them
         self.stopped_ms = self.standing_ms = None
+
+    def pause(self) -> None:
+        """Ask the controller nothing more until :meth:`go_on`: the scene settles."""
+        if self._paused_at is None:
+            self._paused_at = self._clock.now()
+
+    def go_on(self) -> None:
+        """Ask the controller again; control steps that went by meanwhile count, so that it drops stale actions."""
+        if self._paused_at is not None:
+            self._steps += round((self._clock.now() - self._paused_at) * self.pace)
+            self._paused_at = None
 
     # ------------------------------------------------------------------- cycle
 
@@ -229,7 +244,7 @@ class Line:
         self._check(now)
         if begins and self.watch.state is State.RUNNING:
             self.watch.check_frames(self._names, now)
-        if begins and self.watch.state is State.RUNNING and not self.done:
+        if begins and self.watch.state is State.RUNNING and self._paused_at is None and not self.done:
             self._ask(due, now)
         self._write_changes()
         self._drive(due, now)
@@ -322,6 +337,8 @@ class Line:
         if not is_open:
             return
         self.done = answer.done
+        if self._paused_at is not None:  # asked before the pause: the arm holds, the answer moves it no more
+            return
         step, targets = 1.0 / self.pace, []
         for action in answer.actions:
             try:
@@ -344,7 +361,7 @@ class Line:
 
     def _note(self, answer: Answer) -> None:
         if answer.cloud_ms is not None:
-            self.figures.cloud_ms.append(answer.cloud_ms)
+            self.figures.picture_age_ms.append(answer.cloud_ms)
         if answer.encoding_ms is not None:
             self.figures.encoding_ms.append(answer.encoding_ms)
         self.figures.acting_ms.append(answer.acting_ms)
@@ -357,10 +374,10 @@ class Line:
         if sent is None:
             self._note_standing(now)
             return
-        while self._grips and self._grips[0][0] <= due:
-            self._grip = self._grips.pop(0)[1]
         try:
             if self.watch.state is State.RUNNING:
+                while self._grips and self._grips[0][0] <= due:
+                    self._grip = self._grips.pop(0)[1]
                 sent = self.arm.command(self._streamer.at(due, sent), self._grip, due)
             elif self.watch.state is State.HOLDING:
                 sent = self._held(sent, due)
@@ -381,7 +398,7 @@ class Line:
         self._sent_at = due
         self.figures.commands_late.append(self._clock.now() - due)
         self.watch.sent(sent, due)
-        self._journal.sent(due, sent, self._grip)
+        self._journal.sent(due, sent, self.arm.gripper)
         if self.commands is not None:
             self.commands.append(sent.q)
         if self.watch.state is State.HOLDING and sent.is_at_rest:

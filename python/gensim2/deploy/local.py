@@ -10,25 +10,33 @@ from typing import Any
 from gensim2.deploy.arm_limits import CYCLE, Array
 from gensim2.deploy.clocks import SimulatedClock
 from gensim2.deploy.devices import ArmState, Frame
-from gensim2.deploy.mind import Answer, Begin, MindSpec, Question, Truth, think
+from gensim2.deploy.mind import SLOW, Answer, Begin, MindSpec, Question, Truth, think
 from gensim2.deploy.simulated_cameras import RATE, SimulatedCameras
-from gensim2.deploy.simulated_world import SimulatedWorld
+from gensim2.deploy.simulated_world import GOAL_EVERY, SimulatedWorld
 from gensim2.errors import GenSim2Error
 from gensim2.seeding import rng
 
 
 class LocalArm:
-    """The simulated arm by a simulated clock."""
+    """The simulated arm by a simulated clock.
+
+    Attributes:
+        goal, at_rest: whether the task's goal held, and the scene was at rest, at the last look.
+    """
 
     def __init__(self, world: SimulatedWorld, clock: SimulatedClock) -> None:
         self._world, self._clock, self.profile = world, clock, world.profile
-        self._reached = clock.now()
+        self._reached, self._cycles = clock.now(), 0
+        self.goal = self.at_rest = False
         clock.hooks.append(self._advance)
 
     def _advance(self, now: float) -> None:
         while self._reached + 0.5 * CYCLE < now:
             self._reached += CYCLE
             self._world.advance(self._reached)
+            if self._cycles % GOAL_EVERY == 0:
+                self.goal, self.at_rest = self._world.look()
+            self._cycles += 1
 
     def poll(self) -> Sequence[ArmState]:
         """States of the cycles that went by."""
@@ -45,16 +53,12 @@ class LocalArm:
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
         """A fresh scene."""
         self._world.reset(seed, options)
+        self._cycles, self.goal, self.at_rest = 0, False, False
 
     @property
     def is_ready(self) -> bool:
         """Whether the scene is there."""
         return True
-
-    @property
-    def goal(self) -> bool:
-        """Whether the task's goal holds."""
-        return self._world.goal
 
     def fail(self, fault: str) -> None:
         """Let it fail from now on."""
@@ -168,7 +172,7 @@ class LocalMind:
             answer = self._outbox.get()
             if answer is None:
                 raise GenSim2Error(f"the controller failed: {self._error}") from self._error
-            late = 0.6 if self._slow else 0.0
+            late = SLOW if self._slow else 0.0
             self._coming.append((self._clock.now() + self._latency + late, answer))
 
     def poll(self) -> Sequence[Answer]:

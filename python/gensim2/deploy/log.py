@@ -45,7 +45,7 @@ def _open(path: Path) -> BinaryIO:
 
 
 class _Whole:
-    """As much of a file as MCAP's writer needs; takes blocks whole or not at all, and a full disk costs the reserve.
+    """File object for MCAP's writer: a block is written whole or not at all; on a full disk the reserve is freed.
 
     Args:
         path: of the file.

@@ -34,11 +34,11 @@ class Truth(Protocol):
     """Truth of a simulated world, for a privileged controller."""
 
     def measure(self) -> Measurement:
-        """Of the objects and the gripper, now."""
+        """Measure the objects and the gripper, now."""
         ...
 
     def scene_state(self) -> Scene:
-        """The scene as a planner sees it."""
+        """Return the scene as a planner sees it."""
         ...
 
 
@@ -56,7 +56,7 @@ class Question:
     Attributes:
         number: counts questions.
         sight: what there is to be seen.
-        count: actions that are wanted, for as many control steps.
+        count: actions that are wanted, one a control step.
     """
 
     number: int
@@ -70,12 +70,13 @@ class Answer:
 
     Attributes:
         number: of the question.
-        actions: (k, m + 1), for the control steps from the question's on; fewer than wanted where it is done.
-        done: it has nothing more to do.
+        actions: (k, m + 1) targets of the arm's joints in rad and the gripper from -1 to 1, for the control steps from
+            the question's on; fewer than wanted where the controller is done.
+        done: the controller has nothing more to do.
         seen: all arrays that it was given, by name.
-        cloud_ms: from the newest picture to the cloud; None where none was made.
-        encoding_ms: of that the work itself.
-        acting_ms: of the controller.
+        cloud_ms: from the newest picture to the point cloud, ms; None where none was made.
+        encoding_ms: to make the cloud of the pictures at hand, ms; None where none was made.
+        acting_ms: that the controller computed, ms.
         error: why there is no action.
     """
 
@@ -112,7 +113,7 @@ def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> Observation
 
 
 class _OverError(GenSim2Error):
-    """The line goes on without this episode."""
+    """The episode has ended on the line's side."""
 
 
 class LineBody:
@@ -274,7 +275,7 @@ def think(
     made = spec.controller.make(spec.task, profile)
     controller: Controller = made
     if spec.controller.target != CHAIN:
-        controller = Guarded(made, spec.controller, profile, spec.task.name)
+        controller = Guarded(made, spec.controller, spec.task, profile, spec.task.name)
     body = LineBody(spec, receive, send, now, truth if is_privileged(made) else None)
     body.remote = made if isinstance(made, RemoteController) else None
     body.prepare(spec_of(controller))

@@ -295,11 +295,14 @@ def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None)
     from gensim2.deploy.simulated_world import SimulatedWorld
 
     config = prepared.config
-    world, clock = SimulatedWorld(prepared.given.scene), SimulatedClock()
-    arm = LocalArm(world, clock)
-    simulated = SimulatedCameras(world.profile, prepared.cameras, seed, prepared.noise)
-    seeing = LocalCameras(world, simulated, clock, config.rate, config.delays.camera, seed)
-    mind = mind or LocalMind(spec, world, clock, config.delays.controller)
+    with contextlib.ExitStack() as giving_up:
+        world, clock = SimulatedWorld(prepared.given.scene), SimulatedClock()
+        arm = LocalArm(world, clock)
+        giving_up.callback(arm.close)
+        simulated = SimulatedCameras(world.profile, prepared.cameras, seed, prepared.noise)
+        seeing = LocalCameras(world, simulated, clock, config.rate, config.delays.camera, seed)
+        mind = mind or LocalMind(spec, world, clock, config.delays.controller)
+        giving_up.pop_all()
     return Devices(arm, seeing, mind, clock, arm, {"arm": arm.fail, "camera": seeing.fail, "policy": mind.fail})
 
 
@@ -329,8 +332,11 @@ def _in_processes(
 def _real(prepared: Prepared, spec: MindSpec, cameras: ProcessCameras, mind: OpenMind | None) -> Devices:
     from gensim2.deploy.processes import ProcessMind
 
-    arm = open_arm(prepared.config.arm, prepared.profile)
-    mind = mind or ProcessMind(spec, None)
+    with contextlib.ExitStack() as giving_up:
+        arm = open_arm(prepared.config.arm, prepared.profile)
+        giving_up.callback(arm.close)
+        mind = mind or ProcessMind(spec, None)
+        giving_up.pop_all()
     return Devices(arm, cameras, mind, MachineClock(), ByHand(), {"policy": mind.fail})
 
 

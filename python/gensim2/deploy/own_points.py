@@ -54,6 +54,8 @@ class OwnPoints:
             for number in self._shown
             if (surface := surfaces[self._tree.names[number]]) is not None
         ]
+        # A picture's depth is corrected here once: whoever has its camera must not correct it again.
+        self._seen = {camera.name: replace(camera, depth_scale=1.0, depth_bias=0.0) for camera in self._cameras}
         self._casters = {camera.name: Caster(solids, [camera]) for camera in self._cameras}
         rest = self._tree.poses(np.eye(4)[None], np.array(profile.reset_qpos)[None])[0][self._shown]
         for caster in self._casters.values():
@@ -75,7 +77,7 @@ class OwnPoints:
     def picture(
         self, camera: Camera, depth: npt.NDArray[np.uint16], colors: npt.NDArray[np.uint8] | None, q: Array
     ) -> Picture:
-        """A picture with the robot marked in it.
+        """Mark the robot in a picture; its depth is in corrected metres, and its camera corrects none.
 
         Args:
             camera: that took it, as it was given.
@@ -95,7 +97,8 @@ class OwnPoints:
         hits = caster.cast(poses)
         own = caster.segmentation(hits.face[0])
         _require_robot(camera, metres, hits.depth[0], own)
-        return Picture(self.placed(camera, q), metres, _marked(metres, hits.depth[0], own, self._near), colors)
+        seen = self.placed(self._seen[camera.name], q)
+        return Picture(seen, metres, _marked(metres, hits.depth[0], own, self._near), colors)
 
 
 def _require_robot(

@@ -33,8 +33,6 @@ from gensim2.scenes.config import SceneConfig
 from gensim2.tasks.measurement import Measurement
 
 PRELOAD = ("gensim2.deploy.cameras", "gensim2.deploy.simulated_world", "gensim2.deploy.simulated_cameras")
-GOAL_EVERY = 10
-"""Cycles from one look at the goal to the next."""
 SLIP = 0.2
 """Seconds that the simulated time may be behind and still catch up."""
 
@@ -129,7 +127,7 @@ class ProcessArm:
         scene: what the scenes follow from.
 
     Attributes:
-        goal: whether the task's goal held when it was last looked at.
+        goal, at_rest: whether the task's goal held, and the scene was at rest, at the last look.
         eyes, truth: ends of pipes by which cameras and a privileged controller ask the world.
     """
 
@@ -138,7 +136,7 @@ class ProcessArm:
         self.eyes, eyes = Pipe()
         self.truth, truth = Pipe()
         self._process = DeviceProcess("arm", _serve_world, scene, eyes, truth)
-        self.goal = False
+        self.goal = self.at_rest = False
         self._wanted, self._episode = 0, -1
 
     def poll(self) -> Sequence[ArmState]:
@@ -148,9 +146,9 @@ class ProcessArm:
             if kind == "states":
                 found += value
             elif kind == "goal":
-                self.goal = value
+                self.goal, self.at_rest = value
             elif kind == "episode":
-                self._episode, self.goal = value, False
+                self._episode, self.goal, self.at_rest = value, False, False
                 found.clear()
         return found
 
@@ -182,7 +180,7 @@ class ProcessArm:
 
 
 def _serve_world(pipe: Connection, scene: SceneConfig, eyes: Connection, truth: Connection) -> None:
-    from gensim2.deploy.simulated_world import SimulatedWorld
+    from gensim2.deploy.simulated_world import GOAL_EVERY, SimulatedWorld
 
     world = SimulatedWorld(scene)
     begun, cycle, due = False, 0, time.monotonic()
@@ -201,7 +199,7 @@ def _serve_world(pipe: Connection, scene: SceneConfig, eyes: Connection, truth: 
                 world.faults.add(values[0])
             elif kind == "reset":
                 world.reset(*values)
-                begun, due = True, time.monotonic()
+                begun, cycle, due = True, 0, time.monotonic()
                 pipe.send(("episode", world.episode))
         if begun:
             world.advance(due)
@@ -209,7 +207,7 @@ def _serve_world(pipe: Connection, scene: SceneConfig, eyes: Connection, truth: 
             if said:
                 pipe.send(("states", said))
             if cycle % GOAL_EVERY == 0:
-                pipe.send(("goal", world.goal))
+                pipe.send(("goal", world.look()))
             cycle += 1
             for other in (eyes, truth):
                 _answer_world(other, world, due)

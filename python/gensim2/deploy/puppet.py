@@ -13,12 +13,11 @@ import numpy.typing as npt
 from gensim2.deploy.arm_limits import Array
 from gensim2.deploy.config import SIMULATED, CameraSource, LineArguments, LineConfig
 from gensim2.deploy.devices import ArmState, Frame
-from gensim2.deploy.limits import RefusedError
 from gensim2.deploy.line import PERIOD
 from gensim2.deploy.live import looking
 from gensim2.deploy.mind import Answer, Begin, Question
 from gensim2.deploy.opening import Opened, opened, prepare
-from gensim2.deploy.session import Layout, Session
+from gensim2.deploy.session import PATIENCE, Layout, Session
 from gensim2.deploy.watch import State
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.progress import NULL_PROGRESS
@@ -26,8 +25,8 @@ from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.inputs import read_task_input
 from gensim2.scenes.config import SceneArguments
 
-READY = 120.0
-"""Seconds within which devices must be ready."""
+READY = PATIENCE + 30.0
+"""Seconds to wait for devices: longer than a session does, which then says what is lacking."""
 
 
 class HaltedError(GenSim2Error):
@@ -117,17 +116,23 @@ class Puppet:
         return self._begun.is_set() and self._error is None and not self._over.is_set()
 
     def connect(self) -> None:
-        """Open the devices and take the arm over where it stands.
+        """Open the devices and take the arm over where it stands; what fails is closed, and may be tried again.
 
         Raises:
             HaltedError: they are not ready, or the arm stands where it may not be.
             DriverError: a device cannot be opened.
         """
-        self._there = self._stack.enter_context(opened(self._prepared, mind=self._mind, pace=1.0 / PERIOD))
-        self._thread = threading.Thread(target=self._run, args=(self._there,), name="puppet", daemon=True)
-        self._thread.start()
-        self._begun.wait(READY)
-        self._require()
+        self._over.clear()
+        self._begun.clear()
+        self._error, self._mind = None, GivenActions()
+        with contextlib.ExitStack() as failed:
+            failed.callback(self.close)
+            self._there = self._stack.enter_context(opened(self._prepared, mind=self._mind, pace=1.0 / PERIOD))
+            self._thread = threading.Thread(target=self._run, args=(self._there,), name="puppet", daemon=True)
+            self._thread.start()
+            self._begun.wait(READY)
+            self._require()
+            failed.pop_all()
 
     def state(self) -> ArmState:
         """The arm's last word.
@@ -159,11 +164,13 @@ class Puppet:
         self._over.set()
         if self._thread is not None:
             self._thread.join(timeout=10.0)
+        self._there = self._thread = None
         self._stack.close()
 
     def _require(self) -> Opened:
         if self._error is not None:
-            raise HaltedError(str(self._error)) from self._error
+            kind = "" if isinstance(self._error, GenSim2Error) else f"{type(self._error).__name__}: "
+            raise HaltedError(f"{kind}{self._error}") from self._error
         if self._there is None or not self._begun.is_set():
             raise HaltedError("the arm is not connected")
         watch = self._there.line.watch
@@ -176,7 +183,7 @@ class Puppet:
         try:
             with there.devices.clock.punctual():
                 self._follow(there, session)
-        except (GenSim2Error, RefusedError) as error:
+        except Exception as error:  # noqa: BLE001 - a thread tells nobody: raised where the arm is asked next
             self._error = error
             there.line.arm.release()
         finally:

@@ -96,10 +96,11 @@ def logged_cameras(source: CameraSource, cameras: Sequence[Camera]) -> LoggedCam
 
 
 class ByHand:
-    """A table that a person sets and judges: nothing is known of the goal."""
+    """A table that a person sets and judges: nothing is known of the goal, nor whether the scene is at rest."""
 
     is_ready = True
     goal: bool | None = None
+    at_rest: bool | None = None
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
         """A person has laid everything out."""

@@ -17,6 +17,9 @@ from gensim2.errors import InputError, MissingExtraError
 from gensim2.observations import Camera, ObservationSpec
 from gensim2.robots import robot
 
+KEPT = 50
+"""Newest pictures of a camera that are kept: more than a question can be about when its answer comes."""
+
 Message = tuple[str, dict[str, Any], dict[str, npt.NDArray[Any]]]
 
 
@@ -122,7 +125,7 @@ def replay(folder: Path) -> Replay:
         InputError: there is no log, or it is damaged.
     """
     looking: list[Eyes] = []  # at nothing but the robot's own state, then through the cameras
-    frames: dict[tuple[str, int], Frame] = {}
+    frames: dict[str, dict[int, Frame]] = {}
     asked: dict[int, tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]] = {}
     questions = compared = clouds = missing = 0
     different: list[str] = []
@@ -138,19 +141,22 @@ def replay(folder: Path) -> Replay:
                     looking.append(Eyes(each, profile, cameras, plain["language"], pixels))
         elif topic.startswith("/camera/"):
             frame = frame_of(plain, arrays)
-            frames[frame.camera, frame.number] = frame
-            frames.pop((frame.camera, frame.number - 50), None)
+            kept = frames.setdefault(frame.camera, {})
+            kept.pop(frame.number, None)  # numbers of a device have gaps, and begin anew
+            kept[frame.number] = frame
+            if len(kept) > KEPT:
+                del kept[next(iter(kept))]
         elif topic == "/question":
             asked[plain["number"]] = plain, arrays
         elif topic == "/answer" and plain["number"] in asked and any(name.startswith("seen/") for name in arrays):
             question, joints = asked.pop(plain["number"])
             names = list(question["frames"].items())
-            if any(name not in frames for name in names):
+            if any(number not in frames.get(name, {}) for name, number in names):
                 missing += 1
                 continue
             assert looking, "a log begins with what it is about"
             posed = {name: joints[f"posed/{name}"] for name, _ in names}
-            shown = tuple(frames[name] for name in names)
+            shown = tuple(frames[name][number] for name, number in names)
             sight = Sight(question["step"], joints["q"], joints["v"], question["gripper"], shown, posed)
             seen = [name.removeprefix("seen/") for name in arrays if name.startswith("seen/")]
             found: dict[str, npt.NDArray[Any]] = {}

@@ -14,11 +14,13 @@ from gensim2.deploy.opening import interruptions, opened, prepare
 from gensim2.deploy.session import Layout, Session
 from gensim2.errors import InputError
 from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.rollout.inputs import read_task_input
+from gensim2.rollout.inputs import check_counts, read_task_input
 from gensim2.seeding import scene_seeds
 
 ENDLESS = 100_000
 """Episodes of a run that is bounded by its time alone."""
+MAX_MINUTES = 1e5
+"""Of a run."""
 
 
 def run(
@@ -39,6 +41,7 @@ def run(
         task: name of a library task, or a folder that holds one.
         minutes: after which no episode goes on.
         episodes: at most; None: as many as there is time for, and one where a person would have to lay out the next.
+            A real arm that is moved makes no more than one.
         faults: of the devices.
         log: folder of the log; None: nothing is written down.
         keys: of a person, who resumes or stops.
@@ -53,12 +56,17 @@ def run(
         InputError: an argument cannot be used.
         MissingExtraError: what is needed is not installed.
     """
-    if not 0.0 < minutes < 1e5:
-        raise InputError(f"must be positive, is {minutes}", field="minutes")
+    if not 0.0 < minutes < MAX_MINUTES:
+        raise InputError(f"must be positive and less than {MAX_MINUTES:g}, is {minutes}", field="minutes")
+    if episodes is not None:
+        check_counts(episodes=episodes)
     for fault in faults:
         if fault.name == "disk-full" and log is None:
             raise InputError("disk-full needs a log that can fail", field="fault", remedy="leave out --no-log")
     config, scene = LineConfig.split(line)
+    if (episodes or 1) > 1 and not (config.is_simulated or config.dry):
+        said = f"a person lays out each scene of a real arm, {episodes} are asked for"
+        raise InputError(said, field="episodes", remedy="gensim2 robot trial")
     given = read_task_input(task, seed=config.seed, **scene)
     prepared = prepare(given, config, faults)
     count = episodes or (ENDLESS if config.is_simulated else 1)

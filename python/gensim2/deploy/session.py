@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,8 +23,8 @@ from gensim2.deploy.watch import State
 from gensim2.errors import GenSim2Error
 from gensim2.progress import Progress
 from gensim2.rollout.inputs import TaskInput
-from gensim2.rollout.run import GOAL_SECONDS, controller_seed
-from gensim2.rollout.settling import SETTLE_SECONDS
+from gensim2.rollout.run import controller_seed
+from gensim2.rollout.settling import GOAL_SECONDS, MAX_SETTLE_SECONDS, may_judge
 
 PATIENCE = 120.0
 """Seconds within which devices and controller must be ready."""
@@ -51,6 +52,11 @@ class Stage(Protocol):
     @property
     def goal(self) -> bool | None:
         """Whether the task's goal holds; None: only a person can tell."""
+        ...
+
+    @property
+    def at_rest(self) -> bool | None:
+        """Whether the scene is at rest; None: only a person can tell."""
         ...
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
@@ -109,9 +115,10 @@ class Devices:
     failing: Mapping[str, Callable[[str], None]] = field(default_factory=dict)
 
     def close(self) -> None:
-        """Give up all of it."""
-        for each in (self.mind, self.cameras, self.arm):
-            each.close()
+        """Give up all of it, whatever fails meanwhile."""
+        with contextlib.ExitStack() as last_first:
+            for each in (self.arm, self.cameras, self.mind):
+                last_first.callback(each.close)
 
 
 @dataclass(frozen=True)
@@ -132,14 +139,32 @@ class Ended:
     """End of an episode.
 
     Attributes:
-        goal: whether the goal held; None: only a person can tell.
+        goal: whether the goal held at the end; None: only a person can tell.
         over: the controller had nothing more to do; else the goal had held for long enough, or the time was over.
         seconds: that it took.
+        at_rest: whether the scene was at rest at the end; None: only a person can tell.
+        lost: the goal had held for long enough, and was lost while the scene settled.
     """
 
     goal: bool | None
     over: bool
     seconds: float
+    at_rest: bool | None = None
+    lost: bool = False
+
+    @property
+    def held(self) -> bool | None:
+        """Whether the goal held in a scene at rest; None: only a person can tell."""
+        return None if self.goal is None else self.goal and self.at_rest is not False
+
+    @property
+    def lacking(self) -> str:
+        """Why the goal did not hold in a scene at rest."""
+        if self.goal:
+            return "the scene did not come to rest"
+        if self.lost:
+            return "the goal was reached, and lost again"
+        return "it gave up" if self.over else "its time was over"
 
 
 class Session:
@@ -186,7 +211,7 @@ class Session:
         Args:
             seconds: after which no episode goes on.
             layouts: of the episodes; the next is asked for when the one before is over.
-            goal_ends: an episode is over when its goal has held for a while.
+            goal_ends: an episode is over when its goal has held for a while, and still does once the scene has settled.
             ended: is told of each that came to its end.
         """
         try:
@@ -261,11 +286,12 @@ class Session:
         return f"pictures of camera {slowest} are {old:.0f} ms old, the arm's last word is {word:.0f}"
 
     def _episode(self, end: float, goal_ends: bool, ended: Callable[[Ended], None]) -> bool:
-        """One episode, its outcome counted where it came to an end; whether the time is over."""
-        line, clock = self._line, self._devices.clock
-        begun, held_since = clock.now(), None
+        """Run one episode and count its outcome where it came to an end; return whether the time is over."""
+        line, clock, stage = self._line, self._devices.clock, self._devices.stage
+        begun, held_since, lost = clock.now(), None, False
         # Control steps are stretched by the speed, and so is the task's time.
-        stretch = self._given.spec.max_seconds * self._devices.arm.profile.control_hz / line.pace
+        most = self._given.spec.max_seconds * self._devices.arm.profile.control_hz / line.pace
+        most -= MAX_SETTLE_SECONDS if goal_ends else 0.0  # as in a rollout, the limit leaves time to settle
         while True:
             self._cycle()
             now = clock.now()
@@ -274,33 +300,45 @@ class Session:
                     return True
                 begun, held_since = begun + held, None
                 continue
-            goal = goal_ends and self._devices.stage.goal
-            held_since = (held_since or now) if goal else None
-            if line.done or now - begun > stretch or (held_since is not None and now - held_since > GOAL_SECONDS):
-                break
+            held_since = (held_since or now) if goal_ends and stage.goal else None
+            lasted = held_since is not None and now - held_since > GOAL_SECONDS
+            if line.done or lasted or now - begun > most:
+                over = line.done
+                if (held := self._settle()) is None:
+                    return True
+                begun += held
+                lost |= lasted and stage.goal is False
+                if over or not lasted or stage.goal or clock.now() - begun > most:
+                    break
+                line.go_on()
+                held_since = None
+                continue
             if now - self._held_s > end:
                 line.watch.rest(now)
                 self._stand()
                 return True
-        over, seconds = line.done, clock.now() - begun
-        settled = clock.now() + SETTLE_SECONDS
-        line.done = True
-        while clock.now() < settled:
-            self._cycle()
-            now = clock.now()
-            if line.watch.state in (State.HOLDING, State.STOPPED):
-                if (held := self._sat_out(now)) is None:
-                    return True
-                settled += held
+        result = Ended(stage.goal, over, clock.now() - begun, stage.at_rest, lost)
         self.in_episode = False
-        goal = self._devices.stage.goal
-        self._outcomes.append(goal)
-        said = {True: "held", False: "not held", None: "over"}[goal]
+        self._outcomes.append(result.held)
+        said = {True: "held", False: "not held", None: "over"}[result.held]
         self._progress.message(f"episode {len(self._outcomes)}: {said}")
         line.watch.rest(clock.now())
         self._stand()  # whoever is asked about the episode may take his time
-        ended(Ended(goal, over, seconds))
+        ended(result)
         return clock.now() - self._held_s > end
+
+    def _settle(self) -> float | None:
+        """Let the arm hold until the episode may be judged; return the seconds of holds. None: one is not resumed."""
+        line, clock, stage = self._line, self._devices.clock, self._devices.stage
+        line.pause()
+        since, sat_out = clock.now(), 0.0
+        while not may_judge(clock.now() - since - sat_out, stage.at_rest):
+            self._cycle()
+            if line.watch.state in (State.HOLDING, State.STOPPED):
+                if (held := self._sat_out(clock.now())) is None:
+                    return None
+                sat_out += held
+        return sat_out
 
     def _stand(self) -> None:
         """Bring the arm to rest by the stop that was checked, and let it stand by its own means."""
@@ -402,7 +440,7 @@ class Session:
             "skipped_ms": 1e3 * figures.skipped,
             "cloud_ms": _spread(np.array(figures.encoding_ms))["p50"],
             "clouds_ms": _spread(np.array(figures.encoding_ms)),
-            "picture_age_ms": _spread(np.array(figures.cloud_ms)),
+            "picture_age_ms": _spread(np.array(figures.picture_age_ms)),
             "acting_ms": _spread(np.array(figures.acting_ms)),
             "limits_passed": self._clips_passed,
             "clips": dict(line.arm.clips),

@@ -14,12 +14,14 @@ from gensim2.deploy.devices import ArmMode, ArmState
 from gensim2.objects import ObjectModel
 from gensim2.planning.scene import Scene
 from gensim2.robots import OPEN
-from gensim2.rollout.motion import is_stable
+from gensim2.rollout.motion import is_at_rest, is_stable
 from gensim2.scenes.config import SceneConfig
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
 
+GOAL_EVERY = 10
+"""Cycles from one look at the goal to the next."""
 FORCE_CYCLES = 5
 """Over which the force is the mean: contacts of a simulation are impulses."""
 LAG = 0.4
@@ -66,6 +68,7 @@ class SimulatedWorld:
         self._waiting: deque[tuple[float, np.ndarray]] = deque()
         self._said: deque[ArmState] = deque()
         self._pressed: deque[float] = deque(maxlen=FORCE_CYCLES)
+        self._looked: Measurement | None = None
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
         """A fresh scene; the arm takes commands again, whatever stopped it, unless its fault lasts.
@@ -76,7 +79,7 @@ class SimulatedWorld:
         """
         self._env.reset(seed, options)
         self.episode += 1
-        self._stopped = False
+        self._stopped, self._looked = False, None
         for each in (self._waiting, self._said, self._pressed):
             each.clear()
         self._hold_here(OPEN)
@@ -132,11 +135,15 @@ class SimulatedWorld:
         """The whole scene as a planner sees it."""
         return self._env.scene_state()
 
-    @property
-    def goal(self) -> bool:
-        """Whether the task's goal holds now, and physics still gives numbers."""
-        measured = self._env.measure()
-        return self._env.is_finite and is_stable(measured) and all_hold(self.task.success, measured)
+    def look(self) -> tuple[bool, bool]:
+        """Whether the task's goal holds in a stable scene, and whether the scene is at rest.
+
+        To be called every ``GOAL_EVERY`` cycles: the scene is at rest where nothing moved since the last look.
+        """
+        measured = self.measure()
+        before, self._looked = self._looked, measured
+        rests = before is not None and is_at_rest(before, measured, GOAL_EVERY * CYCLE)
+        return self._env.is_finite and is_stable(measured) and all_hold(self.task.success, measured), rests
 
     def close(self) -> None:
         """Give up what it holds."""

@@ -76,11 +76,11 @@ class StepPlanner:
         Returns:
             One without a motion and with the status ``"invalid"`` where the strategy does not fit these objects.
         """
-        if isinstance(strategy, GraspStrategy):
-            return self._grasp(scene, step, strategy, following, lost)
-        if isinstance(strategy, PullStrategy):
-            return self._pull(scene, step, strategy)
         try:
+            if isinstance(strategy, GraspStrategy):
+                return self._grasp(scene, step, strategy, following, lost)
+            if isinstance(strategy, PullStrategy):
+                return self._pull(scene, step, strategy)
             found = reach(
                 lambda options: self.problem(scene, step, strategy, options),
                 self._problems.clearances(scene, step, strategy),

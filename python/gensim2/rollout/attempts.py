@@ -19,7 +19,7 @@ finds the same cheapest pose, and another attempt would be the same motion."""
 
 @dataclass(frozen=True)
 class Attempt:
-    """Changes of an attempt to the task's options.
+    """One attempt: the solver's seed, and the strategies that are tried first.
 
     Attributes:
         seed: of the solver.

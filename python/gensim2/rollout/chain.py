@@ -12,7 +12,7 @@ import numpy.typing as npt
 import gensim2_kpam as kpam
 from gensim2.planning.actions import grip_on
 from gensim2.planning.scene import Scene
-from gensim2.planning.step_plan import INVALID, Foreseen, StepPlan, Ways
+from gensim2.planning.step_plan import Foreseen, StepPlan, Ways
 from gensim2.planning.steps import PLAN_OPTIONS, StepPlanner
 from gensim2.planning.strategies import KeypointStrategy, Strategy, parse_strategy
 from gensim2.robots import RobotProfile
@@ -53,7 +53,7 @@ class ChainController:
     velocity, where its object drifts before it is touched or the fingers close on nothing; where what is held is lost,
     the step that took it up has its turn again; where a motion has ended and the step is not done, it is tried once
     more and then by the next strategy. Plans are counted, and bounded by ``MAX_ROUNDS`` a step. A hand that is near
-    what it has acted on when the last step is done goes back to where it began (:mod:`gensim2.rollout.retreat`).
+    what it has acted on when the last step is done goes back to the rest posture (:mod:`gensim2.rollout.retreat`).
 
     Args:
         task: whose steps.
@@ -364,17 +364,14 @@ class ChainController:
     def _plan(self, scene: Scene, name: str, at_step: int, warm_start: kpam.Plan | None) -> ChainPlan:
         later = self._task.steps[self._at + 1 :]
         following: list[Ways] = [(step, [self._strategies[each] for each in step.strategies]) for step in later]
-        try:
-            planned = self._planner.plan(
-                scene,
-                self._step,
-                self._strategies[name],
-                following=following,
-                warm_start=warm_start,
-                lost=self._lost.get(self._step.object, ()),
-            )
-        except kpam.ProblemError as error:  # it does not fit this scene's objects
-            planned = StepPlan(INVALID, str(error), plan=None, schedule=None, after=None)
+        planned = self._planner.plan(
+            scene,
+            self._step,
+            self._strategies[name],
+            following=following,
+            warm_start=warm_start,
+            lost=self._lost.get(self._step.object, ()),
+        )
         room = room_for_hand(planned.after, self._step, later)
         return ChainPlan(name, planned, scene, at_step, self._trigger, self._profile, room)
 

@@ -17,7 +17,7 @@ Disturbance = Literal["push", "drop"]
 DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
 
 MAX_NOISE = 0.2
-"""Rad by which targets may be off: more are other motions."""
+"""Largest standard deviation (rad) of noise on joint targets."""
 
 
 class RolloutArguments(SceneArguments, total=False):
@@ -37,10 +37,10 @@ class RolloutOptions:
 
     Attributes:
         open_loop: everything is planned at the start, each step by the first of its strategies that is planned whole.
-        one_plan: each step is planned once, at its turn, by its first strategy; what then goes otherwise, goes so.
+        one_plan: each step is planned once, by its first strategy; deviations are recorded and not reacted to.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; None: nothing is disturbed.
         attempts: resets to the same start that an episode has at most, until one holds.
-        noise: standard deviation (rad) of what the arm's targets are off by now and then; what was meant is recorded.
+        noise: standard deviation (rad) of noise on joint targets now and then; the noise-free action is recorded.
 
     Raises:
         InputError: the noise is out of range.

@@ -73,8 +73,11 @@ class ControllerSpec:
                 raise ControllerError(f"has no method {method!r}", file=self.target, remedy="see docs/controllers.md")
         return found
 
-    def make(self, task: TaskSpec, profile: RobotProfile) -> Controller:
-        """A controller; a privileged one knows the task and the robot.
+    def make(self, task: TaskSpec | None = None, profile: RobotProfile | None = None) -> Controller:
+        """Make the controller.
+
+        Args:
+            task, profile: told to a privileged one; others are made without.
 
         Raises:
             ControllerError: it cannot be made with these arguments.

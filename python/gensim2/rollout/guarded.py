@@ -14,6 +14,7 @@ from gensim2.rollout.controller import (
 )
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
 from gensim2.rollout.wrapped import WrappedController
+from gensim2.tasks.spec import TaskSpec
 
 
 class Guarded(WrappedController):
@@ -22,12 +23,16 @@ class Guarded(WrappedController):
     Args:
         controller: decides.
         spec: how it was made.
+        task: whose steps its turns are.
         profile: of the robot.
         episode: which it is, for messages.
     """
 
-    def __init__(self, controller: Controller, spec: ControllerSpec, profile: RobotProfile, episode: str) -> None:
+    def __init__(
+        self, controller: Controller, spec: ControllerSpec, task: TaskSpec, profile: RobotProfile, episode: str
+    ) -> None:
         self._controller, self._target, self._episode = controller, spec.target, episode
+        self._steps = [step.name for step in task.steps]
         self._size = profile.action_size
         self.privileged = is_privileged(controller)
 
@@ -65,6 +70,18 @@ class Guarded(WrappedController):
         if not np.isfinite(action).all():
             raise self._error("an action must be finite, holds NaN or infinity", where)
         return action
+
+    @property
+    def turn(self) -> str | None:
+        """The controller's: the name of a step of the task.
+
+        Raises:
+            ControllerError: the task has no such step.
+        """
+        found = super().turn
+        if found is not None and found not in self._steps:
+            raise self._error(f"{found!r} is no step of the task: {', '.join(self._steps)}", "turn")
+        return found
 
     def _error(self, message: str, where: str) -> ControllerError:
         return ControllerError(message, file=self._target, field=f"{self._episode}: {where}")

@@ -12,7 +12,7 @@ from gensim2.observations import Observation
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action
 from gensim2.rollout.motion import changes, is_at_rest, is_stable
-from gensim2.rollout.settling import MAX_SETTLE_SECONDS, SETTLE_SECONDS
+from gensim2.rollout.settling import MAX_SETTLE_SECONDS, SETTLE_SECONDS, may_judge
 from gensim2.rollout.world import World
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
@@ -95,7 +95,7 @@ def no_op_baseline(
     for index in range(count + longest):
         if index == steps_in(UNMOVED_SECONDS) + settle and _lie_still(start, now):
             break
-        if index >= count + settle and is_at_rest(before, now, period):
+        if index >= count and may_judge(index - count, is_at_rest(before, now, period), steps_in):
             break
         world.wait()
         before, now = now, world.measure()

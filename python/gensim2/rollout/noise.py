@@ -1,4 +1,4 @@
-"""Noise on what is commanded while what was meant is recorded: demonstrations of how a motion is gone back to."""
+"""Add noise to the commanded joint targets and record the noise-free action, so that demonstrations show recovery."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ SHARE = 0.5
 
 
 class Noisy(WrappedController):
-    """A controller whose arm is sent a little elsewhere now and then; it is not told, and goes on as it meant to.
+    """Perturb another controller's joint targets now and then, without telling it.
 
-    In each period each joint's target is off by a drawn angle times a half wave that begins and ends at zero. What was
-    meant is recorded as ``reference/action``.
+    In each period each joint's target is off by a drawn angle times a half wave that begins and ends at zero. The
+    noise-free action is recorded as ``reference/action``.
 
     Args:
         controller: decides all actions.

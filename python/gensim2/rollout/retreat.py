@@ -1,4 +1,4 @@
-"""Way of the hand out of what it has acted on, where it still is near when the last step is done."""
+"""Motion to the rest posture after the last step, where the hand is still near what it has acted on."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ class Retreat:
     """Motion of the arm back to its rest posture.
 
     Args:
-        positions, velocities: (N, m) of the arm joints that are meant at the end of each control step, rad and rad/s.
-        targets: (N, m) of the simulated drives that bring it there.
+        positions, velocities: (N, m) planned for the arm joints at the end of each control step, rad and rad/s.
+        targets: (N, m) of the simulated drives that bring the arm there, rad.
     """
 
     def __init__(self, positions: Rows, velocities: Rows, targets: Rows) -> None:
@@ -61,17 +61,17 @@ class Retreat:
 def planned_retreat(
     world: PlanningWorld, scene: Scene, names: Collection[str], near: bool, profile: RobotProfile
 ) -> Retreat | None:
-    """Plan the way to the rest posture, clear of everything; what is touched at the start is left first.
+    """Plan a motion to the rest posture that touches nothing; a hand in contact leaves it first, straight.
 
     Args:
         world: of the episode.
         scene: as it stands.
         names: of the objects that the hand has acted on.
-        near: whether a keypoint of it is near them; if not, it is looked at whether the hand touches them.
+        near: whether a keypoint of the hand is near them; if not, contact with them counts.
         profile: the robot.
 
     Returns:
-        None where the hand is away from them, or there is no way.
+        The motion; None where the hand is away from the objects, or none is found.
     """
     solver, q = world.of(scene), world.joints(scene)
     if not near and not _touches(solver, q, names):

@@ -1,4 +1,4 @@
-"""Room for the hand about what the next step takes, once a step has opened something."""
+"""Clearance for the open hand around the next step's object."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gensim2.tasks.spec import HAND, Step
 Array = npt.NDArray[np.float64]
 
 ROOM = 0.06
-"""m about a thing that a hand with open fingers needs on each side, seen from above."""
+"""Clearance (m) that an open hand needs on each side of an object, seen from above."""
 
 
 def room_for_hand(after: Scene | None, step: Step, following: Sequence[Step]) -> float:
-    """Room (m) between what a step moves and what the next step takes, seen from above; ``ROOM`` is all that counts.
+    """Return the clearance (m) from the link that a step moves to the next step's object, from above; ``ROOM`` at most.
 
     Args:
         after: the scene that a plan of ``step`` foresees; None where there is none.

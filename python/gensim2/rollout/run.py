@@ -31,7 +31,7 @@ from gensim2.rollout.motion import is_at_rest, is_stable
 from gensim2.rollout.no_op import NoOpResult, no_op_baseline
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, StrictMiss
 from gensim2.rollout.recording import Recorder, Recording
-from gensim2.rollout.settling import LASTING_SECONDS, MAX_SETTLE_SECONDS, SETTLE_SECONDS
+from gensim2.rollout.settling import GOAL_SECONDS, LASTING_SECONDS, MAX_SETTLE_SECONDS, settle
 from gensim2.rollout.strict import StrictMisses, strict_misses
 from gensim2.rollout.turns import judged_steps, paper_verdict, told_turns, turns_by_criteria
 from gensim2.rollout.world import World
@@ -47,9 +47,6 @@ Stop = Literal["controller", "goal"]
 ``GOAL_SECONDS`` and still does once the scene has settled, and the step limit, so that one that never says that it is
 done can be judged."""
 STOPS: tuple[Stop, ...] = get_args(Stop)
-
-GOAL_SECONDS = 0.5
-"""For which the goal holds without a break before it ends an episode."""
 
 
 @dataclass(frozen=True)
@@ -228,22 +225,20 @@ class _Motion:
             return seen
         return PrivilegedObservation.of(seen, self.trace[-1], self._world.scene_state)
 
-    def step(self, action: Action, reference: Reference | None = None) -> None:
-        """One control step."""
+    def step(self, action: Action, reference: Reference | None = None) -> Measurement:
+        """Make one control step, and measure."""
         self._action = np.asarray(action, dtype=np.float32)
         self._world.step(self._action)
         self.trace.append(self._world.measure())
         if self._recorder is not None:
             self._recorder.add(self._action, self.trace[-1], reference)
+        return self.trace[-1]
 
     def settle(self) -> None:
         """Hold the last command until the scene has settled."""
-        assert self._action is not None
-        steps_in = self._world.profile.steps
-        for index in range(steps_in(MAX_SETTLE_SECONDS)):
-            if index >= steps_in(SETTLE_SECONDS) and self.is_at_rest:
-                break
-            self.step(self._action)
+        action = self._action
+        assert action is not None
+        settle(lambda: self.step(action), self.trace[-1], self._world.profile)
 
     def recording(self) -> Recording | None:
         """Recording, if one was asked for."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from gensim2.rollout.controller_spec import ControllerError
 from gensim2.rollout.record import StepRecord
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
@@ -39,8 +40,14 @@ def told_turns(
         trace: measurements, before the first control step and after each.
         begun: name of each step that was begun, and the number of the measurement at which it was.
         every: control steps from one look at the criteria to the next.
+
+    Raises:
+        ControllerError: the task has no step of that name.
     """
     steps = {step.name: step for step in task.steps}
+    for name, _ in begun:
+        if name not in steps:
+            raise ControllerError(f"{name!r} is no step of the task: {', '.join(steps)}", field="turn")
     ends = [first for _, first in begun[1:]] + [len(trace) - 1]
     return tuple(_turn(steps[name], trace, first, last, every) for (name, first), last in zip(begun, ends, strict=True))
 

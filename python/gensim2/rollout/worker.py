@@ -251,7 +251,7 @@ def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> 
             _kept.clear()
             _kept[key] = spec.make(task, profile)
         controller = _kept[key]
-    return Guarded(controller, spec, profile, which)
+    return Guarded(controller, spec, task, profile, which)
 
 
 _kept: dict[tuple[str, str, str], Controller] = {}

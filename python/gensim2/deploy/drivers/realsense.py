@@ -6,6 +6,7 @@ library's software devices (:mod:`gensim2.deploy.drivers.software_realsense`), b
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -91,7 +92,7 @@ class RealSenseCameras:
     Args:
         cameras: that there are: names, pixels and poses; intrinsics are asked of the devices.
         devices: of each, by name (:func:`connected`, :func:`recorded`).
-        rate: pictures a second; None: whatever a device gives.
+        rate: pictures a second; None: the most that a device gives of depth and colours alike.
 
     Attributes:
         cameras: with the intrinsics of the devices; our pixel centres lie at .5, the library's at 0.
@@ -108,13 +109,16 @@ class RealSenseCameras:
         self.serials: dict[str, str] = {}
         self._films: list[_Film] = []
         found = []
-        for camera in cameras:
-            if camera.name not in devices:
-                raise InputError("has no device", field=camera.name)
-            film = _Film(rs, camera, devices[camera.name], rate)
-            self._films.append(film)
-            self.serials[camera.name] = film.serial
-            found.append(film.camera)
+        with contextlib.ExitStack() as failed:
+            for camera in cameras:
+                if camera.name not in devices:
+                    raise InputError("has no device", field=camera.name)
+                film = _Film(rs, camera, devices[camera.name], rate)
+                failed.callback(film.close)
+                self._films.append(film)
+                self.serials[camera.name] = film.serial
+                found.append(film.camera)
+            failed.pop_all()
         self.cameras = tuple(found)
 
     def poll(self) -> Sequence[Frame]:
@@ -177,6 +181,7 @@ class _Film:
         self._sensors: list[tuple[Any, list[Any]]] = []
         found: dict[Any, Any] = {}
         sizes = set()
+        wanted = self._wanted if self._wanted[2] is not None else (*self._wanted[:2], self._highest_rate(kinds))
         for sensor in self._device.query_sensors():
             opened = []
             for profile in sensor.get_stream_profiles():
@@ -186,7 +191,7 @@ class _Film:
                 video = profile.as_video_stream_profile()
                 has = (video.width(), video.height(), profile.fps())
                 sizes.add(has)
-                if self._playback or has == self._wanted:
+                if self._playback or has == wanted:
                     found[kind] = video
                     opened.append(profile)
             if opened:
@@ -196,18 +201,35 @@ class _Film:
         if len(found) < len(kinds):
             width, height, rate = self._wanted
             known = ", ".join(f"{one}x{other} at {each} Hz" for one, other, each in sorted(sizes)) or "none"
-            said = f"no depth and colours of {width}x{height} at {rate} Hz; it has: {known}"
+            at = "one rate" if rate is None else f"{rate} Hz"
+            said = f"no depth and colours of {width}x{height} at {at}; it has: {known}"
             raise DriverError(f"camera {name}, {self.serial}: {said}")
         return found
+
+    def _highest_rate(self, kinds: Mapping[Any, Any]) -> int | None:
+        """The highest rate (Hz) at which the device gives every kind in the asked size; None: there is none."""
+        rates: dict[Any, set[int]] = {kind: set() for kind in kinds}
+        for sensor in self._device.query_sensors():
+            for profile in sensor.get_stream_profiles():
+                kind = profile.stream_type()
+                if profile.format() == kinds.get(kind):
+                    video = profile.as_video_stream_profile()
+                    if (video.width(), video.height()) == self._wanted[:2]:
+                        rates[kind].add(profile.fps())
+        return max(set.intersection(*rates.values()), default=None)
 
     def _start(self) -> None:
         self._syncer = self._rs.syncer(QUEUE)
         # The library's clock is the system's, where its devices' global time is on; ours is the monotonic one. Of a
         # recording the offset is that of the picture that came soonest: a busy machine gives the first ones late.
         self._offset: float | None = None if self._playback else time.monotonic() - time.time()
-        for sensor, profiles in self._sensors:
-            sensor.open(profiles)
-            sensor.start(self._syncer)
+        with contextlib.ExitStack() as failed:
+            for sensor, profiles in self._sensors:
+                sensor.open(profiles)
+                failed.callback(sensor.close)
+                sensor.start(self._syncer)
+                failed.callback(sensor.stop)
+            failed.pop_all()
 
     def _stop(self) -> None:
         for sensor, _ in self._sensors:

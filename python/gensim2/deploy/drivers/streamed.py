@@ -8,6 +8,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,7 @@ class StreamedArm(ABC):
         self._grips: queue.SimpleQueue[float | None] = queue.SimpleQueue()
         self._standing, self._over = True, False
         self._trouble: str | None = None
+        self._last: ArmState | None = None
         self._threads: list[threading.Thread] = []
 
     def start(self) -> None:
@@ -158,7 +160,10 @@ class StreamedArm(ABC):
             q[columns], v[columns] = arm, speed
             q[list(self.profile.gripper_columns)] = self.profile.gripper.at_command(self._gripper)
             refuses = self._trouble is not None
-            self._states.append(ArmState(now, q, v, force, "refusing" if refuses else mode, self._trouble or ""))
+            self._last = ArmState(now, q, v, force, "refusing" if refuses else mode, self._trouble or "")
+            self._states.append(self._last)
+        elif self._last is not None:  # the connection is lost: the last place, at its time, and why there is no other
+            self._states.append(replace(self._last, mode="refusing", reason=self._trouble or ""))
         with self._lock:
             if self._standing or self._passed is None:
                 return

@@ -44,6 +44,7 @@ class PolicyServer:
 
     Raises:
         InputError: the controller is shown the truth of a simulation, or the token is too short.
+        ControllerError: the controller cannot be made with its arguments.
         MissingExtraError: websockets or msgpack is not installed.
     """
 
@@ -69,7 +70,7 @@ class PolicyServer:
         encode({})  # msgpack is there
         self._spec, self._token, self._said = controller, token, said
         self._profile = robot(robot_name)
-        self._controller: Controller = kind(**controller.arguments)
+        self._controller: Controller = controller.make()
         self._busy = threading.Lock()
         self._connections: set[Any] = set()
         try:

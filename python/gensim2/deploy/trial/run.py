@@ -166,12 +166,11 @@ class _Course:
         """Take the verdict of an episode that came to its end."""
         cause = None
         if self._verdict == "simulator":
-            success = end.goal is True
-            if not success:
-                cause = "it gave up" if end.over else "its time was over"
+            success = end.held is True
+            cause = None if success else end.lacking
         else:
             assert self._person is not None, "a person judges"
-            success = self._person.judge(self._protocol.verdict, end.goal)
+            success = self._person.judge(self._protocol.verdict, end.held)
             cause = None if success else self._person.cause(self._protocol.causes)
         self._keep(success, cause, self._verdict, end.goal, "idle", "episode over", end.seconds)
 

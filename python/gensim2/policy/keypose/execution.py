@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -71,10 +71,11 @@ class Executor:
         self._profile = profile
         self.around = Surroundings(profile)
         self._arm = list(profile.arm_columns)
-        self._limits = {name: profile.solver[name] for name in LIMITS if name in profile.solver}
+        solver: dict[str, Any] = {**profile.solver}
+        self._limits = {name: solver[name] for name in LIMITS if name in solver}
 
         def own(name: str, usual: Array) -> Array:
-            given = profile.solver.get(name)
+            given = solver.get(name)
             return usual if given is None else np.asarray(given, dtype=np.float64)[self._arm]
 
         m = profile.arm_size
