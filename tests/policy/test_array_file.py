@@ -32,5 +32,5 @@ def test_nothing_is_unpickled(tmp_path: Path) -> None:
 
 
 def test_what_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.npz"):
+    with pytest.raises(InputError, match=r"none\.npz: is not there"):
         read_arrays(tmp_path / "none.npz")

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
+import click
 import pytest
 
+from gensim2.cli.train import train
 from gensim2.errors import InputError
-from gensim2.policy.config import PolicyConfig, TrainConfig, configs, read_config
+from gensim2.policy.config import HEADS, OF_KEYPOSES, PolicyConfig, TrainConfig, configs, read_config
 
 
 def test_yaml_and_flags_are_one(tmp_path: Path) -> None:
@@ -32,6 +34,7 @@ def test_yaml_and_flags_are_one(tmp_path: Path) -> None:
         ({"ema": float("nan")}, "ema"),
         ({"steps": True}, "steps"),
         ({"layer": 3}, "layer"),
+        ({"blocks": 1}, "blocks"),
     ],
 )
 def test_what_cannot_be_is_refused_by_name(given: dict[str, object], field: str) -> None:
@@ -45,3 +48,11 @@ def test_every_setting_is_documented() -> None:
     for kind in (PolicyConfig, TrainConfig):
         for each in fields(kind):
             assert each.metadata["help"].endswith((".", "]")), each.name
+
+
+def test_settings_of_keyposes_are_no_options_of_training_on_demonstrations() -> None:
+    by_name = {option.name: option for option in train.params}
+    assert not set(OF_KEYPOSES) & set(by_name)
+    head = by_name["head"].type
+    assert isinstance(head, click.Choice)
+    assert list(head.choices) == [each for each in HEADS if each != "keypose"]

@@ -26,6 +26,7 @@ from gensim2.policy.config import PolicyConfig
 from gensim2.policy.controller import PolicyController
 from gensim2.policy.decoded import ACTIONS, decode
 from gensim2.policy.demonstrations import Demonstrations
+from gensim2.policy.evaluating import evaluate_policy
 from gensim2.policy.frames import SEEN
 from gensim2.policy.heads.actions import ACTION
 from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, next_keyframes, taught_span
@@ -129,7 +130,7 @@ def test_a_policy_sees_live_what_it_saw_in_training(folder: Path, checkpoint: Pa
     config = controller._policy.config
     source = Demonstrations.open([folder], config)
     from gensim2.policy.network import CLOUD as CLOUD_INPUT
-    from gensim2.policy.train import _batch
+    from gensim2.policy.train import training_batch
 
     class Fixed:
         """Draws the first frames in order."""
@@ -140,7 +141,8 @@ def test_a_policy_sees_live_what_it_saw_in_training(folder: Path, checkpoint: Pa
         def draw(rng: Any, size: int) -> dict[str, torch.Tensor]:
             return source.batch(np.arange(size))
 
-    trained = _batch(Fixed(), config, controller._policy.table, np.random.default_rng(0), 3)  # type: ignore[arg-type]
+    draw = np.random.default_rng(0)
+    trained = training_batch(Fixed(), config, controller._policy.table, draw, 3)  # type: ignore[arg-type]
     for step in range(3):
         observation = env.observe(controller.observation_spec)
         if step == 0:
@@ -210,6 +212,35 @@ def test_a_hand_that_stands_still_goes_back_the_way_it_came(folder: Path, checkp
     assert set(went[back + 11 : back + 15]) == {1}
     assert went[-80:] == [12] * 80  # it begins again, and once only
     assert went.count(6) == 3
+
+
+def test_the_threads_are_set_in_the_process_that_acts(
+    folder: Path, checkpoint: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    env, _ = _live(folder)
+    counts: list[int] = []
+    monkeypatch.setattr(torch, "set_num_threads", counts.append)
+    controller = PolicyController(str(checkpoint), threads=3)
+    assert counts == []
+    controller.reset(env.observe(controller.observation_spec), 0)
+    assert counts == [3]
+    with pytest.raises(InputError, match="threads"):
+        PolicyController(str(checkpoint), threads=0)
+
+
+def test_clouds_that_are_damaged_are_not_said_to_be_missing(checkpoint: Path, tmp_path: Path) -> None:
+    shutil.copytree(checkpoint, tmp_path / "policy")
+    (tmp_path / "policy/clouds.npz").write_bytes(b"PK nothing")
+    with pytest.raises(InputError, match=r"clouds\.npz: is damaged"):
+        PolicyController(str(tmp_path / "policy"), sees="other")
+    (tmp_path / "policy/clouds.npz").unlink()
+    with pytest.raises(InputError, match="holds no clouds"):
+        PolicyController(str(tmp_path / "policy"), sees="other")
+    with pytest.raises(InputError, match="holds no clouds"):  # before the policy is measured, by one task's name
+        evaluate_policy(tmp_path / "policy", "CloseBox", episodes=1, out=tmp_path / "out", assets="builtin")
+    with pytest.raises(InputError, match="no control 'deaf'"):
+        evaluate_policy(tmp_path / "policy", "CloseBox", controls=("deaf",))  # type: ignore[arg-type]
+    assert not (tmp_path / "out").exists()
 
 
 def test_along_a_demonstration_labels_are_what_the_demonstration_did(
@@ -383,11 +414,13 @@ def test_the_command_line(folder: Path, tmp_path: Path, capfd: pytest.CaptureFix
     assert run([*tuned, "--out", str(tmp_path / "tuned")]) == 0
     assert run(["policy", "show", str(tmp_path / "tuned")]) == 0
     assert "CloseBox" in capfd.readouterr().out
+    keypose = tmp_path / "keypose.yaml"
+    keypose.write_text("head: keypose\n")
     refused = {
         ("--out", str(out)): "holds a policy already",
         ("--out", str(tmp_path / "a"), "--points", "9"): "the data have 48 points, the policy 9",
         ("--out", str(tmp_path / "a"), "--task", "OpenBox"): "no data set has a task 'OpenBox'",
-        ("--out", str(tmp_path / "a"), "--head", "keypose"): "gensim2 learn --policy keypose",
+        ("--out", str(tmp_path / "a"), "--config", str(keypose)): "gensim2 learn --policy keypose",
         ("--out", str(tmp_path / "a"), "--from", str(folder)): "config.json",
         ("--out", str(tmp_path / "a"), "--config", str(folder / "dataset.json")): "have no such field",
     }

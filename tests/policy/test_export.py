@@ -39,6 +39,11 @@ def test_exports_are_the_same_function(
         assert list(about["sentences"]) == list(made_up.SENTENCES)
 
 
+def test_formats_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="to: must be one of torch, onnx, is 'ONNX'"):
+        export_policy(tmp_path, tmp_path / "policy", "ONNX")  # type: ignore[arg-type]
+
+
 def test_an_export_that_is_another_function_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = made_up.policy(text="none", history=1)
     train_policy(made_up.MadeUpSource(config), config, made_up.training(steps=1), tmp_path / "policy")

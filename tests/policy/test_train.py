@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import itertools
 import json
 import math
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,7 @@ from gensim2.data.lock import FolderLock
 from gensim2.errors import InputError
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import ENCODERS, TEXTS
+from gensim2.policy.dagger import train_rounds
 from gensim2.policy.heads.actions import ACTION
 from gensim2.policy.train import learning_rate, train_policy
 from gensim2.progress import NullProgress
@@ -155,3 +159,72 @@ def test_a_loss_that_is_no_number_ends_the_training(tmp_path: Path) -> None:
     source.draw = poisoned  # type: ignore[method-assign]
     with pytest.raises(InputError, match="the loss is"):
         train_policy(source, config, made_up.training(), tmp_path)
+
+
+def test_a_signal_between_two_questions_leaves_no_step_unsaved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    answers = iter([False, True])
+
+    @contextlib.contextmanager
+    def signals() -> Iterator[Any]:
+        yield lambda: next(answers)
+
+    monkeypatch.setitem(train_policy.__globals__, "deferred_signals", signals)
+    config = made_up.policy()
+    told = made_up.training(steps=5, save_every=100)
+    result = train_policy(made_up.MadeUpSource(config), config, told, tmp_path)
+    assert result.steps == json.loads((tmp_path / "training/state.json").read_text())["step"] == 2
+
+
+def test_the_loss_is_that_of_a_training_without_interruption(tmp_path: Path) -> None:
+    config, told = made_up.policy(), made_up.training(steps=4, log_every=3, save_every=100)
+    source = made_up.MadeUpSource(config)
+    whole = train_policy(source, config, told, tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt):
+        train_policy(source, config, told, tmp_path / "parts", progress=Interrupting())
+    parts = train_policy(source, config, told, tmp_path / "parts", resume=True)
+    assert parts.loss == whole.loss
+    mean, again = (
+        json.loads((tmp_path / name / "training/curves.jsonl").read_text().splitlines()[0])["loss"]
+        for name in ("whole", "parts")
+    )
+    assert mean == again
+    (tmp_path / "whole/training/curves.jsonl").unlink()
+    assert train_policy(source, config, told, tmp_path / "whole", resume=True).loss == whole.loss
+
+
+def test_a_state_without_losses_goes_on_by_its_curves(tmp_path: Path) -> None:
+    config = made_up.policy()
+    source, state = made_up.MadeUpSource(config), tmp_path / "training/state.json"
+    done = train_policy(source, config, made_up.training(), tmp_path)
+    older = {name: value for name, value in json.loads(state.read_text()).items() if not name.startswith("loss")}
+    state.write_text(json.dumps(older))
+    assert train_policy(source, config, made_up.training(), tmp_path, resume=True).loss == done.loss
+    (tmp_path / "training/curves.jsonl").unlink()
+    with pytest.raises(InputError, match=r"curves\.jsonl: has no loss"):
+        train_policy(source, config, made_up.training(), tmp_path, resume=True)
+
+
+@pytest.mark.parametrize("tensors", [{"network.more": torch.zeros(3)}, {"other.weight": torch.zeros(3)}, None])
+def test_a_state_of_another_version_is_one_line(tensors: dict[str, torch.Tensor] | None, tmp_path: Path) -> None:
+    from safetensors.torch import save
+
+    config = made_up.policy()
+    source = made_up.MadeUpSource(config)
+    train_policy(source, config, made_up.training(), tmp_path)
+    content = b"no tensors" if tensors is None else save(tensors)
+    record, digest = tmp_path / "training/state.json", hashlib.sha256(content).hexdigest()
+    file = f"state-{digest[:16]}.safetensors"
+    (tmp_path / "training" / file).write_bytes(content)
+    record.write_text(json.dumps({**json.loads(record.read_text()), "file": file, "sha256": digest}))
+    with pytest.raises(InputError, match="is of another version of gensim2"):
+        train_policy(source, config, made_up.training(), tmp_path, resume=True)
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_rounds_of_relabels_need_a_free_folder_before_the_first(resume: bool, tmp_path: Path) -> None:
+    config = made_up.policy()
+    source: Any = made_up.MadeUpSource(config)
+    train_policy(source, config, made_up.training(), tmp_path)
+    with pytest.raises(InputError, match="holds a policy already"):
+        train_rounds(source, (), config, made_up.training(), tmp_path, rounds=1, resume=resume)
+    assert not (tmp_path / "rounds").exists()

@@ -67,7 +67,8 @@ def _show(result: dict[str, Any]) -> None:
 def export(folder: Path, to: Literal["onnx", "torch"], out: Path, json_file: str | None) -> None:
     """Write the network of the checkpoint DIR, one decision at a time, and check that it is the same function.
 
-    FILE.json beside it holds names and shapes of the inputs, the sentences and the observation spec.
+    FILE.json beside it holds names and shapes of the inputs, the sentences and the observation spec; of keypose
+    policies also the order of the points and the meaning of the classes.
     """
     with report(json_file, _show_export) as (_, give):
         from gensim2.policy.export import export_policy

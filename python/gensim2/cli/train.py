@@ -11,17 +11,20 @@ import click
 
 from gensim2.cli import options
 from gensim2.cli.output import line, report
-from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.config import OF_KEYPOSES, PolicyConfig, TrainConfig
 
 _F = TypeVar("_F", bound=Callable[..., object])
 
 
 def settings(*kinds: type[PolicyConfig] | type[TrainConfig]) -> Callable[[_F], _F]:
-    """Return a decorator that adds an option for every field of the configurations; None where it is not given."""
+    """Return a decorator that adds an option for every field of the configurations; None where it is not given.
+
+    Fields and the head of keypose policies have none: demonstrations do not teach them.
+    """
 
     def decorate(command: _F) -> _F:
         for kind in reversed(kinds):
-            for each in reversed(fields(kind)):
+            for each in reversed([each for each in fields(kind) if each.name not in OF_KEYPOSES]):
                 command = click.option(_flag(each.name, each.default), each.name, **_option(each))(command)
         return command
 
@@ -48,7 +51,8 @@ def _option(each: Any) -> dict[str, Any]:
     if isinstance(default, bool):
         return {"default": None, "help": text}
     if each.metadata["choices"]:
-        return {"type": click.Choice(each.metadata["choices"]), "default": None, "help": text}
+        choices = [choice for choice in each.metadata["choices"] if choice != "keypose"]
+        return {"type": click.Choice(choices), "default": None, "help": text}
     kind = str if isinstance(default, str) else float if isinstance(default, float) else int
     return {"type": kind, "default": None, "help": text}
 

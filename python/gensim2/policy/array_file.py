@@ -37,5 +37,7 @@ def read_arrays(path: Path) -> Arrays:
     try:
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
+    except FileNotFoundError as error:
+        raise InputError("is not there", file=path) from error
     except DAMAGED as error:
         raise InputError(f"is damaged: {error}", file=path, remedy="remove it and make it again") from error

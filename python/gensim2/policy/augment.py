@@ -1,4 +1,4 @@
-"""Augmentation of batches: jitter and dropout of points, colours, yaw, and arms that are off their way."""
+"""Augmentation of batches: jitter and dropout of points, shifted colours, yaw, and perturbed arm joints."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from gensim2.robots import RobotProfile
 
 OFF = 0.5
-"""Share of samples whose arm is shown off its way."""
+"""Share of samples whose arm joints are perturbed."""
 HOLDS_COMMAND, HOLDS_WIDTH = 0.9, 0.004
-"""Command below which fingers may press, and distance of the pads (m) above which they then hold something: what is
-wide is held by a command that is hardly less than open."""
+"""Gripper command below which the fingers may press, and distance of the pads (m) above which they then hold an object;
+a wide object is held with a command slightly below open."""
 
 
 def augmented(
     seen: Mapping[str, torch.Tensor], training: TrainConfig, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
-    """Return a batch as it might have been seen as well.
+    """Augment a batch by point dropout, jitter, colour shift and yaw.
 
     Dropped points are replaced by others of the same cloud: the number of points stays. Every sample drops a share of
     its own, up to ``dropout``.
@@ -61,7 +61,7 @@ def augmented(
 
 
 def holds(width: Any, command: Any) -> Any:
-    """Whether fingers hold something, or may: of one hand, or of many as arrays.
+    """Whether the fingers may hold an object; of one hand, or of several as arrays.
 
     Args:
         width: distance of the pads, m.
@@ -73,11 +73,12 @@ def holds(width: Any, command: Any) -> Any:
 def off_its_way(
     batch: Mapping[str, torch.Tensor], profile: RobotProfile, training: TrainConfig, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
-    """Return a batch in which the arm of some samples is elsewhere than it was, and the actions lead it back.
+    """Perturb the arm's joints in half of the samples and correct the relative targets so that they lead back (noise
+    injection, Ke et al. 2021).
 
-    A policy that was taught on ways alone cannot come back to them (Ke et al. 2021, noise-injected labels). Joints get
-    normal noise of up to ``arm_noise``, the same in all frames, the tool's pose follows by forward kinematics, targets
-    stay where they are. Hands that hold something are left where they were: what they hold would have come along.
+    Joints get normal noise with a standard deviation of up to ``arm_noise``, the same in all frames; the tool's pose
+    follows by forward kinematics, and targets stay the same in the base frame. Samples in which the hand may hold an
+    object are left alone, as the object would have moved along.
 
     Args:
         batch: columns (B, T, ...) in the base frame of clouds without the robot, and targets relative to the joints.

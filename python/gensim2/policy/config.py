@@ -15,6 +15,8 @@ CLIP = "openai/clip-vit-base-patch32"
 """Name on Hugging Face's hub."""
 HEADS = ("chunk", "transformer", "diffusion", "flow", "keypose")
 FRAMES = ("turned", "base")
+OF_KEYPOSES = ("ways", "hears", "spread_points")
+"""Settings that only the keypose head has."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class PolicyConfig(Settings):
     hears: bool = setting(
         False, "The keypose head has a term of the sentence alone, which says what is meant whatever the cloud is like."
     )
-    seen_points: int = setting(128, "Points that the keypose head makes a heatmap over: any.", low=1, high=49152)
+    seen_points: int = setting(128, "Points that a keypose or keyframe heatmap is made over: any.", low=1, high=49152)
     spread_points: int = setting(
         0, "Points beside them that lie far from each other, so that small things have some.", low=0, high=49152
     )
@@ -76,6 +78,8 @@ class PolicyConfig(Settings):
             raise InputError(f"must be at most noise_levels, {self.noise_levels}", field="denoise_steps")
         if self.keyframes and self.head == "keypose":
             raise InputError("is of heads of action chunks", field="keyframes")
+        if self.blocks and self.encoder != "pointnext":
+            raise InputError(f"is of the encoder pointnext, is given to {self.encoder}", field="blocks")
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,9 @@ class TrainConfig(Settings):
     steps: int = setting(3000, "Gradient steps.", low=1, high=10**9)
     batch: int = setting(64, "Samples a step.", low=1, high=65536)
     learning_rate: float = setting(1e-3, "Peak of the learning rate.", low=0.0, high=1.0)
-    warmup: int = setting(100, "Steps until the peak; then a cosine to zero at the last step.", low=0, high=10**9)
+    warmup: int = setting(
+        100, "Steps until the peak; then a cosine to zero one step after the last.", low=0, high=10**9
+    )
     weight_decay: float = setting(1e-4, "AdamW's, of weight matrices alone.", low=0.0, high=1.0)
     clip: float = setting(1.0, "Largest norm of the gradient.", low=1e-6, high=1e6)
     ema: float = setting(0.999, "Decay of the averaged weights, which are those that are used.", low=0.0, high=0.999999)

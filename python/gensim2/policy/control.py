@@ -1,4 +1,4 @@
-"""Controls of what a policy sees: nothing of the scene, or another scene."""
+"""Ablations of the observed point cloud: blank, or from another scene."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CLOUDS = "clouds.npz"
 MAX_CLOUDS = 64
 
 Sees = Literal["all", "nothing", "other"]
-"""Ablation of the clouds: none, points at the origin, or the cloud of another scene."""
+"""Ablation of the cloud: none, all points at the base's origin, or the cloud of another scene."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,15 @@ class Shuffled:
         """Those beside a checkpoint.
 
         Raises:
-            InputError: there are none.
+            InputError: there are none, or their file is damaged.
         """
-        try:
-            arrays = read_arrays(folder / CLOUDS)
-            return Shuffled(arrays["points"], arrays["colours"])
-        except (InputError, KeyError) as error:
-            raise InputError("holds no clouds of other scenes", file=folder, remedy="train the policy again") from error
+        path, remedy = folder / CLOUDS, "train the policy again"
+        if not path.exists():
+            raise InputError("holds no clouds of other scenes", file=folder, remedy=remedy)
+        arrays = read_arrays(path)
+        if not {"points", "colours"} <= arrays.keys():
+            raise InputError("is damaged: points or colours are not in it", file=path, remedy=remedy)
+        return Shuffled(arrays["points"], arrays["colours"])
 
     def save(self, folder: Path) -> None:
         """Write them beside a checkpoint.
@@ -58,11 +60,11 @@ class Shuffled:
 
 @dataclass(frozen=True)
 class Sight:
-    """Part of its observations that a policy sees.
+    """Ablation of a policy's observations.
 
     Attributes:
-        sees: all, or which control.
-        others: clouds of other scenes, where it sees these.
+        sees: ``"all"``, or the ablation.
+        others: clouds of other scenes, for ``"other"``.
     """
 
     sees: Sees
@@ -70,18 +72,18 @@ class Sight:
 
     @staticmethod
     def of(sees: Sees, folder: Path) -> Sight:
-        """That of a policy, with the clouds beside its checkpoint.
+        """Ablation of a policy, with the clouds beside its checkpoint.
 
         Raises:
-            InputError: there is no such control, or no clouds.
+            InputError: there is no such ablation, or there are no clouds.
         """
         if sees not in get_args(Sees):
             raise InputError(f"must be one of {', '.join(get_args(Sees))}, is {sees!r}", field="sees")
         return Sight(sees, Shuffled.of(folder) if sees == "other" else None)
 
     def altered(self, observation: Observation, seed: int) -> Observation:
-        """The observation with what may be seen: the cloud with all points at the base's origin, or that of a scene
-        that the episode's seed draws.
+        """Return the observation with its cloud replaced: all points at the base's origin, or the cloud of a scene
+        drawn by the episode's seed.
         """
         if self.sees == "all":
             return observation

@@ -72,8 +72,9 @@ class PolicyController:
         says: Mapping[str, str] | None = None,
         threads: int = 1,
     ) -> None:
-        torch.set_num_threads(threads)
-        self._folder = Path(checkpoint)
+        if threads < 1:
+            raise InputError(f"must be at least 1, is {threads}", field="threads")
+        self._threads, self._folder = threads, Path(checkpoint)
         self._policy = PolicyCheckpoint.load(self._folder)
         if self._policy.action.kind != "joint-relative":
             message = f"has actions of kind {self._policy.action.kind}, not joint-relative"
@@ -108,6 +109,7 @@ class PolicyController:
         Raises:
             CheckpointError: the robot is another one, or the sentence was not trained on.
         """
+        torch.set_num_threads(self._threads)
         check_robot(self._policy.robot, observation, self._folder)
         self._attempts = Attempts(robot(self._policy.robot), self._max_attempts)
         sentence = self._says.get(observation.language, observation.language)

@@ -8,11 +8,12 @@ from typing import Any
 
 from gensim2.data.dataset import DataSet
 from gensim2.errors import InputError
-from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.demonstrations import Demonstrations
 from gensim2.policy.relabels import RelabelledSource, Relabels, relabel_episode
-from gensim2.policy.train import TrainResult, train_policy
+from gensim2.policy.train import TRAINING, TrainResult, train_policy
+from gensim2.policy.train_state import STATE_JSON
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.rollout.counted_objects import with_objects
 from gensim2.rollout.inputs import TaskInput, read_task_inputs
@@ -55,9 +56,10 @@ def train_rounds(
         progress: listener.
 
     Raises:
-        InputError: a task has several steps or no joint, or as there.
+        InputError: a task has several steps or no joint, ``out`` holds a policy of no such rounds, or as there.
         NotRunError: some episodes could not be run.
     """
+    _check_free(out, resume)
     given = [one for folder in folders for one in _inputs(DataSet.open(folder), source.record.tasks)]
     for one in given:
         step = one.spec.steps[0]
@@ -78,6 +80,15 @@ def train_rounds(
         mixed = RelabelledSource(source, found)
         progress.message(f"round {number}: {mixed.record.relabels} relabels in all")
     return train_policy(mixed, policy, training, out, start=start, resume=resume, device=device, progress=progress)
+
+
+def _check_free(out: Path, resume: bool) -> None:
+    """Refuse a folder whose policy the last round could not replace, before the first one."""
+    begun = (out / ROUNDS / "0" / TRAINING / STATE_JSON).exists()
+    holds = (out / CONFIG_JSON).exists() or (out / TRAINING / STATE_JSON).exists()
+    if holds and not (resume and begun):
+        remedy = "choose another --out, or go on with --resume" if begun else "choose another --out"
+        raise InputError("holds a policy already", file=out, remedy=remedy)
 
 
 def _relabel(

@@ -10,12 +10,13 @@ from typing import Any, Literal, Unpack, get_args
 from gensim2.errors import InputError
 from gensim2.evaluation.evaluating import EvaluationResult, evaluate
 from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.control import Shuffled
 from gensim2.policy.sentences import embeds, sentence_row, substitutes
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.rollout.controller_spec import ControllerSpec
-from gensim2.rollout.inputs import read_all_task_inputs, scene_options
+from gensim2.rollout.inputs import check_counts, read_all_task_inputs, scene_options
 from gensim2.rollout.run import Stop
 from gensim2.rollout.worker import chain
 from gensim2.scenes.config import SceneArguments
@@ -32,18 +33,20 @@ KEYPOSE, CHUNKS = "gensim2.policy.keypose.controller:KeyposeController", "gensim
 NO_OP = "gensim2.policy.no_op:NoOpPolicy"
 
 
-def read_controls(text: str) -> tuple[Control, ...]:
-    """Controls by ``all``, ``none``, or names with commas between them.
+def read_controls(given: str | Sequence[str]) -> tuple[Control, ...]:
+    """Controls by their names, or by ``all``, ``none``, or names with commas between them.
 
     Raises:
         InputError: there is no such control.
     """
-    if text in ("all", "none"):
-        return CONTROLS if text == "all" else ()
-    for name in text.split(","):
+    if isinstance(given, str):
+        if given in ("all", "none"):
+            return CONTROLS if given == "all" else ()
+        given = given.split(",")
+    for name in given:
         if name not in CONTROLS:
-            raise InputError(f"no control {name!r}", field="--controls", remedy=f"some of {', '.join(CONTROLS)}")
-    return tuple(name for name in CONTROLS if name in text.split(","))
+            raise InputError(f"no control {name!r}", field="controls", remedy=f"some of {', '.join(CONTROLS)}")
+    return tuple(name for name in CONTROLS if name in given)
 
 
 @dataclass(frozen=True)
@@ -108,9 +111,9 @@ def policy_controller(checkpoint: Path, **arguments: Any) -> ControllerSpec:
 
 def evaluate_policy(
     checkpoint: Path,
-    tasks: Sequence[str],
+    tasks: str | Sequence[str],
     *,
-    controls: Sequence[Control] = CONTROLS,
+    controls: str | Sequence[Control] = CONTROLS,
     control_episodes: int = CONTROL_EPISODES,
     episodes: int = 50,
     stop: Stop = "goal",
@@ -132,7 +135,7 @@ def evaluate_policy(
 
     Args:
         checkpoint: its folder.
-        controls: which.
+        controls: which, as :func:`read_controls` takes them.
         control_episodes: of each task; at most ``episodes``.
         arguments: of the policy's controller, beside its checkpoint.
         out: folder; each control has one in it.
@@ -141,11 +144,16 @@ def evaluate_policy(
 
     Raises:
         CheckpointError: the checkpoint cannot be used with this robot or these tasks.
-        InputError, NotRunError: as :func:`~gensim2.evaluation.evaluate`.
+        InputError, NotRunError: there is no such control, the checkpoint has no clouds for ``"shuffled"``, or as
+            :func:`~gensim2.evaluation.evaluate`.
     """
+    controls, names = read_controls(controls), [tasks] if isinstance(tasks, str) else list(tasks)
+    check_counts(control_episodes=control_episodes)
     policy = PolicyCheckpoint.load(checkpoint)
     policy.require_robot(scene_options(**scene).robot, checkpoint)
-    given = read_all_task_inputs(tuple(tasks), seed=seed, **scene)
+    given = read_all_task_inputs(names, seed=seed, **scene)
+    if "shuffled" in controls:
+        Shuffled.of(Path(checkpoint))  # what would be missed only after the policy was measured
     told = dict(arguments or {})
     for name in ("checkpoint", "sees"):
         if name in told:
@@ -166,7 +174,6 @@ def evaluate_policy(
         "jobs_per_worker": jobs_per_worker,
         **scene,
     }
-    names = list(tasks)
     found = evaluate(
         policy_controller(checkpoint, **told),
         names,

@@ -14,6 +14,8 @@ from gensim2.errors import InputError, MissingExtraError
 from gensim2.files import write_atomic, write_json
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.frames import cloud_size, proprio_size
+from gensim2.policy.keypose.answers import order_of_points
+from gensim2.policy.keypose.training import read_ways
 from gensim2.policy.network import CLOUD, PROPRIO, TEXT
 
 if TYPE_CHECKING:
@@ -73,7 +75,9 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
 
     Beside the file stands ``<name>.json``: names and shapes of the inputs, sentences, observation spec, action. Inputs
     are those of :class:`~gensim2.policy.frames.Inputs`: turning clouds and poses into the policy's frame is left to
-    whoever runs it.
+    whoever runs it. For a keypose policy the file also has ``points_order``: the rows of the observed cloud in the
+    order in which the network takes them, and ``classes``: the meaning of the classes in its output, the last ``null``
+    for "done".
 
     Args:
         folder: of the checkpoint.
@@ -84,9 +88,12 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
         ``file``, ``format``, ``inputs``, ``difference``.
 
     Raises:
-        InputError: the checkpoint cannot be used, or the file is not the same function within 1e-5.
+        InputError: there is no such format, the checkpoint cannot be used, or the file is not the same function within
+            1e-5.
         MissingExtraError: a package is not installed.
     """
+    if to not in FORMATS:
+        raise InputError(f"must be one of {', '.join(FORMATS)}, is {to!r}", field="to")
     checkpoint = PolicyCheckpoint.load(folder)
     module = Exported(checkpoint.network).eval()
     inputs = example_inputs(checkpoint)
@@ -109,7 +116,7 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
     if not difference <= TOLERANCE:
         out.unlink()
         raise InputError(f"differs from the policy by {difference:.1e}, and was removed", file=out)
-    about = {
+    about: dict[str, Any] = {
         "schema_version": 1,
         "inputs": {name: list(inputs[name].shape) for name in module.names},
         "robot": checkpoint.robot,
@@ -118,6 +125,9 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
         "policy": checkpoint.config.to_dict(),
         "sentences": {text: row.tolist() for text, row in zip(checkpoint.sentences, checkpoint.table, strict=True)},
     }
+    if checkpoint.action.kind == "keypose":
+        about["points_order"] = order_of_points(checkpoint.observation.cloud.points).tolist()
+        about["classes"] = [*(way.model_dump() for way in read_ways(Path(folder), checkpoint)), None]
     write_json(out.with_name(out.name + ".json"), about)
     return {"schema_version": 1, "file": str(out), "format": to, "inputs": about["inputs"], "difference": difference}
 

@@ -15,25 +15,25 @@ from gensim2.record_files import read_record
 
 LEARN_JSON = "learn.json"
 DECIDED = ("steps", "data_cpu_s", "episodes", "demonstrations_of")
-"""Fields of what was decided or taken along, which a run that is gone on with need not be asked for again."""
+"""Fields that a run decides or takes along; a resumed run need not repeat them."""
 DATA_FIELDS = ("tasks", "multi_task", "seed", "objects", "scene", "noise", "verify")
-"""Fields on which the demonstrations of a policy depend."""
+"""Fields that determine the demonstrations of a policy."""
 
 
 class LearnRecord(BaseModel):
-    """``learn.json``: what was asked for, and what a run that is gone on with must keep to.
+    """``learn.json``: the arguments of a run, which a resumed run must repeat.
 
     Attributes:
         minutes: of CPU for data and training.
-        objects: of each class to learn from; None: those that ``scene`` says.
-        verify: scenes whose plans physics refutes are left out.
+        objects: number of generated ones of each class to learn from; None: the ``instances`` of ``scene``.
+        verify: leave scenes out whose plans fail in physics.
         noise: of the cameras; None: their depth is exact.
         text, text_model: encoder of the sentences of a policy of several tasks, and its weights, that were asked for.
-        start: folder of the policy that goes on, with the digest of its weights; None: from nothing.
-        demonstrations_of: folder of another run whose demonstrations were there to begin with.
-        steps: of each policy that were decided on when its training began, by its folder.
-        data_cpu_s: CPU seconds that went into the data of each, in that other run, too.
-        episodes: demonstrations of each task that are to teach each, of policies of chunks.
+        start: folder of the policy that goes on, with the digest of its ``config.json``; None: from nothing.
+        demonstrations_of: folder of another run whose demonstrations were taken along.
+        steps: gradient steps by policy folder, decided when its training began.
+        data_cpu_s: CPU seconds of the data by policy folder, those of the other run included.
+        episodes: demonstrations of each task by policy folder, of policies of action chunks.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -59,15 +59,15 @@ class LearnRecord(BaseModel):
 
     @property
     def is_of_plans(self) -> bool:
-        """Whether plans teach its policies, which are of keyposes, and not episodes."""
+        """Whether its policies are keypose policies, taught by plans; others are taught by episodes."""
         return self.policy == "keypose"
 
 
 def begin_record(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
-    """Write the record of a run, or read that of the run that is gone on with.
+    """Write the record of a run, or read that of the resumed run.
 
     Raises:
-        InputError: the folder holds a run that is not to be gone on with, or another one.
+        InputError: the folder holds a run and ``resume`` is false, or it holds one with other arguments.
     """
     path = out / LEARN_JSON
     if not path.exists():
@@ -83,14 +83,18 @@ def begin_record(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
         if name not in DECIDED and was != now:
             message = f"the run has {was!r}, not {now!r}"
             raise InputError(message, file=path, field=name, remedy="give the same, or another --out")
+    was, now = there.demonstrations_of, record.demonstrations_of
+    if now not in (None, was):
+        message = f"the run has demonstrations of {was!r}, not of {now!r}"
+        raise InputError(message, file=path, field="demonstrations", remedy="leave them out, or give another --out")
     return there.model_copy(update={"start": record.start})
 
 
 def check_demonstrations(other: Path, record: LearnRecord) -> None:
-    """Refuse another run whose demonstrations are not those that this one would have.
+    """Refuse another run whose demonstrations differ from those that this one would make.
 
     Raises:
-        InputError: it is none, or was asked for other ones; names the field.
+        InputError: the folder holds no run, or one with other arguments; names the field.
     """
     there = read_record(other / LEARN_JSON, LearnRecord, "give a folder that gensim2 learn has made")
     if there.is_of_plans is not record.is_of_plans:

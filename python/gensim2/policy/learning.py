@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import torch
@@ -16,7 +16,14 @@ from gensim2.files import check_writable, write_json
 from gensim2.observations import DepthNoise, ObservationSpec
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import HEADS, PolicyConfig, TrainConfig
-from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, Control, PolicyResult, evaluate_policy
+from gensim2.policy.evaluating import (
+    CONTROL_EPISODES,
+    CONTROLS,
+    Control,
+    PolicyResult,
+    evaluate_policy,
+    read_controls,
+)
 from gensim2.policy.frames import check_turns
 from gensim2.policy.keypose.adding import DATA, take_along, taught_before
 from gensim2.policy.keypose.data import plan_scenes
@@ -37,14 +44,18 @@ from gensim2.policy.starting import (
     with_noise,
 )
 from gensim2.policy.text import prepare
-from gensim2.policy.train import TrainResult, _batch
-from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.policy.train import TrainResult, training_batch
+from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.progress import NULL_PROGRESS, NullProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.robots import robot
 from gensim2.rollout.counted_objects import can_be_counted, with_objects
-from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs
+from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_all_task_inputs
 from gensim2.scenes.config import SceneArguments
 from gensim2.seeding import rng
+
+if TYPE_CHECKING:
+    from gensim2.data.status import Status
 
 SCENES = 2000
 """Of each task at most; more make hands no more exact in a training of minutes."""
@@ -132,7 +143,7 @@ def learn(
     scenes: int = SCENES,
     episodes: int = 50,
     control_episodes: int = CONTROL_EPISODES,
-    controls: Sequence[Control] | None = None,
+    controls: str | Sequence[Control] | None = None,
     videos: int = VIDEOS,
     objects: int | None = None,
     verify: bool = False,
@@ -158,7 +169,7 @@ def learn(
         multi_task: one policy for all tasks; its ``--minutes`` are those of all of them together.
         scenes: most of each task that are planned.
         episodes, control_episodes: of each task that the policy and each control are measured by.
-        controls: which; None: all that the policy has.
+        controls: which, as :func:`~gensim2.policy.evaluating.read_controls` takes them; None: all.
         videos: episodes of each task that are filmed.
         objects: generated ones of each class to learn from, beyond those that the library lists, drawn by the seed;
             None: ``instances``, and where that is not given ``OBJECTS``, of real objects those of ``train``.
@@ -185,6 +196,10 @@ def learn(
         NotRunError: some scenes or episodes could not be run.
     """
     check_counts(scenes=scenes, episodes=episodes, control_episodes=control_episodes)
+    if objects is not None:
+        check_counts(objects=objects)
+    check_workers(TIME_LIMIT, JOBS_PER_WORKER, workers)
+    controls = CONTROLS if controls is None else read_controls(controls)
     if policy not in HEADS:
         raise InputError(f"must be one of {', '.join(HEADS)}, is {policy!r}", field="policy")
     if not 0 < minutes <= 1e5:
@@ -250,7 +265,7 @@ def learn(
         measured = evaluate_policy(
             folder,
             [*known, *asked],
-            controls=CONTROLS if controls is None else controls,
+            controls=controls,
             control_episodes=control_episodes,
             episodes=episodes,
             videos=videos,
@@ -290,19 +305,21 @@ def _teach_by_plans(
     limit = DATA_SHARE * 60.0 * record.minutes / len(group)
     with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
         for one in group:
-            planned.append(
-                plan_scenes(
-                    pulls_last(one),
-                    with_noise(SPEC, _noise(record)),
-                    folder / DATA / one.spec.name,
-                    evaluator.executor,
-                    seed=record.seed,
-                    scenes=record.scenes,
-                    cpu_limit=limit,
-                    verify=record.verify,
-                    progress=progress,
-                )
+            made = plan_scenes(
+                pulls_last(one),
+                with_noise(SPEC, _noise(record)),
+                folder / DATA / one.spec.name,
+                evaluator.executor,
+                seed=record.seed,
+                scenes=record.scenes,
+                cpu_limit=limit,
+                verify=record.verify,
+                progress=progress,
             )
+            if made.demonstrations == 0:  # examples of "done" alone teach nothing
+                message = f"none of its {made.scenes} scenes could be planned; physics refuted {made.refuted}"
+                raise InputError(message, field=f"tasks.{one.spec.name}", remedy="leave it out")
+            planned.append(made)
     source, key = PlannedSource(planned, known), _key(folder, out)
     record.data_cpu_s[key] = sum(each.cpu_s for each in planned[known:])
     for each in planned[known:]:
@@ -341,6 +358,8 @@ def _teach_by_episodes(
         # The record holds the CPU time and the episodes of earlier calls.
         spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
         record.episodes[key] = min(count + PORTION, most) if spent < limit else count
+        tried = record.episodes[key] * len(named)
+        progress.start(f"{', '.join(one.spec.name for one in group)}: demonstrations", tried)
         collected = collect(
             named,
             episodes=record.episodes[key],
@@ -349,6 +368,7 @@ def _teach_by_episodes(
             seed=record.seed,
             workers=workers,
             resume=True,
+            listener=_CollectionProgress(progress),
             **scene,
         )
         rendered = render(data, spec=spec, workers=workers, resume=True, progress=progress)
@@ -367,6 +387,26 @@ def _teach_by_episodes(
     return {task.name: task.held for task in collected.status.tasks}, trained
 
 
+class _CollectionProgress(NullProgress):
+    """Counts the episodes of a collection as steps of a stage that has begun.
+
+    Args:
+        progress: listener.
+    """
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress, self._counted = progress, 0
+
+    def message(self, text: str) -> None:
+        """Say one line."""
+        self._progress.message(text)
+
+    def update(self, status: Status) -> None:
+        """Count the episodes that were tried since the last time."""
+        self._progress.advance(status.tried - self._counted)
+        self._counted = status.tried
+
+
 def _decide_steps(
     record: LearnRecord, key: str, tasks: int, seconds: Callable[[], float], out: Path, progress: Progress
 ) -> None:
@@ -375,6 +415,8 @@ def _decide_steps(
         left = 60.0 * record.minutes - record.data_cpu_s[key]
         each = seconds()
         record.steps[key] = max(LEAST_STEPS, min(int(left / each), MAX_STEPS * tasks))
+        if left <= 0:
+            progress.message(f"the data took all of the {record.minutes:g} minutes: the fewest steps are trained")
         progress.message(f"training: {record.steps[key]} steps of {1000 * each:.0f} ms of CPU")
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))
 
@@ -407,7 +449,8 @@ def seconds_a_step(source: Source, policy: PolicyConfig, training: TrainConfig) 
     generator, draw, taken = torch.Generator().manual_seed(0), rng(0, "keypose/probe"), list[float]()
     while len(taken) < WARM_UP + PROBES or sum(taken) < PROBE_S:
         begin = time.process_time()
-        network.loss(_batch(source, config, table, draw, training.batch, training, generator), generator).backward()
+        batch = training_batch(source, config, table, draw, training.batch, training, generator)
+        network.loss(batch, generator).backward()
         taken.append(time.process_time() - begin)
     return 1.15 * float(np.median(taken[WARM_UP:]))  # the optimizer and the averages come on top
 

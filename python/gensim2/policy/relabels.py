@@ -1,9 +1,9 @@
-"""Relabels: states that a policy comes to, each with what the planner would do there, along the episode's own way.
+"""DAgger labels: states that the policy visits, each with the planner's actions from there.
 
-At an episode's start the planner says by which strategy and with which pose of the hand the step is done. As long as
-the object stands as it did, every so many control steps that plan is made again from where the policy has brought the
-arm; what keeps to strategy and pose is a label. On the last way to the contact, and behind it, a new plan would back
-off and come again, against what demonstrations do: there are no labels there.
+At an episode's start the planner chooses a strategy and a hand pose at the contact. Until the object moves, the step is
+planned again every ``EVERY`` control steps from the arm's present state; plans with the same strategy and pose are
+labels. On the last part of the approach, and after it, a new plan would back off and approach again, unlike the
+demonstrations: there are no labels there.
 """
 
 from __future__ import annotations
@@ -42,19 +42,20 @@ if TYPE_CHECKING:
 Arrays = dict[str, npt.NDArray[Any]]
 
 EVERY = 8
-"""Control steps from one label to the next."""
+"""Control steps between labels."""
 MOVED = 0.02
-"""Openness by which the object stands elsewhere than at the start: it was touched."""
+"""Change of openness since the start above which the object was touched."""
 NEAR, TURNED = 0.03, 0.3
-"""m and rad by which the hand's pose at the contact may differ from the one that the episode began with."""
+"""Largest differences (m, rad) of the hand's pose at the contact from that of the episode's first plan."""
 LAST = 0.5
-"""Share of the way from the approach to the contact within which the hand is on that way, wherever it came from."""
+"""Share of the distance from the approach pose to the contact pose; nearer to the contact the hand counts as on its
+last way."""
 SLOW = 0.02
-"""m/s of a finger below which it has come to where it was sent."""
+"""Velocity of a finger (m/s) below which it has reached its target."""
 STILL = 1e-3
-"""rad, and of a gripper's command: what stands within it stands still."""
+"""Largest change of a joint target (rad) or of the gripper command that counts as no motion."""
 SHARE = 0.3
-"""Of a batch's samples that are relabels, where there are some."""
+"""Share of relabels in a batch, where there are any."""
 
 
 def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str, seed: int) -> Arrays:
@@ -220,7 +221,7 @@ class RelabelledSource:
 
     Args:
         demonstrations: what there was before.
-        relabels: by task; their sentences are the demonstrations'.
+        relabels: one for each task and round; their sentences are the demonstrations'.
     """
 
     def __init__(self, demonstrations: Demonstrations, relabels: Sequence[Relabels]) -> None:
@@ -232,7 +233,7 @@ class RelabelledSource:
         self.record = demonstrations.record.model_copy(update={"relabels": count, "digest": self._digest()})
 
     def draw(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
-        """Return a batch: ``SHARE`` of it relabels, evenly by task, the rest demonstrations."""
+        """Return a batch: ``SHARE`` of it relabels, each file of them equally likely, the others demonstrations."""
         few = round(SHARE * size) if self._relabels else 0
         found = self._demonstrations.draw(rng, size - few)
         if not few:

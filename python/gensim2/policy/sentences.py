@@ -1,4 +1,4 @@
-"""What a policy is told in an episode: the task's sentence or another in its place, as a row for its text encoder."""
+"""Sentences of an episode: the task's own or a replacement, as a row for the policy's text encoder."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gensim2.policy.checkpoint import PolicyCheckpoint, unknown_sentence
 from gensim2.policy.text import prepare
 
 Unknown = Literal["refuse", "embed"]
-"""What becomes of a sentence that was not trained on."""
+"""Handling of a sentence that was not trained on."""
 
 
 def embeds(word: str) -> bool:

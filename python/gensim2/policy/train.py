@@ -19,7 +19,7 @@ from gensim2.policy.augment import augmented, off_its_way
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.control import MAX_CLOUDS
-from gensim2.policy.curves import Curves, read_curves
+from gensim2.policy.curves import CURVES, Curves, read_curves
 from gensim2.policy.frames import SEEN, check_turns, inputs_of
 from gensim2.policy.heads.keypose import KeyposeHead
 from gensim2.policy.network import CLOUD, PROPRIO, TEXT, PolicyNetwork, fresh_network
@@ -154,7 +154,7 @@ def _train(
         drawn, moved = rng(training.seed, "policy/fit"), None
         if training.arm_noise > 0:  # what leads back is longer than what demonstrations do
             moved = torch.Generator(table.device).manual_seed(training.seed)
-        network.fit(_batch(source, config, table, drawn, FITTED, training, moved))
+        network.fit(training_batch(source, config, table, drawn, FITTED, training, moved))
     else:
         _start_from(network, start, source)
     network.to(where)
@@ -205,7 +205,6 @@ def _run(
     mixed = torch.autocast(where.type, torch.bfloat16, enabled=training.amp and where.type == "cuda")
     parameters = [parameter for parameter in state.network.parameters() if parameter.requires_grad]
     curves = Curves(folder, state.step)
-    losses: list[float] = []
     state.network.train()
     progress.start("training", training.steps)
     progress.advance(state.step)
@@ -214,7 +213,7 @@ def _run(
         while state.step < training.steps:
             draw = rng(training.seed, "policy/step", state.step)
             generator = torch.Generator(where).manual_seed(int(draw.integers(2**62)))
-            batch = _batch(source, config, table, draw, training.batch, training, generator)
+            batch = training_batch(source, config, table, draw, training.batch, training, generator)
             with mixed:
                 loss = loss_of(batch, generator)
             state.optimizer.zero_grad(set_to_none=True)
@@ -227,23 +226,31 @@ def _run(
             _average(state.average, state.network, training.ema, state.step)
             state.step += 1
             state.cpu_s = spent + time.process_time() - began
-            losses.append(float(loss.detach()))
-            if not math.isfinite(losses[-1]):
-                message = f"the loss is {losses[-1]} at step {state.step}"
+            state.losses.append(float(loss.detach()))
+            if not math.isfinite(state.losses[-1]):
+                message = f"the loss is {state.losses[-1]} at step {state.step}"
                 raise InputError(message, field="training", remedy="lower the learning rate")
             progress.advance()
             if state.step % training.log_every == 0 or state.step == training.steps:
-                mean = sum(losses) / len(losses)
-                losses = []
-                curves.add(step=state.step, loss=mean, gradient=float(norm), learning_rate=rate, cpu_s=state.cpu_s)
-            if stop() or state.step % training.save_every == 0 or state.step == training.steps:
+                state.loss = sum(state.losses) / len(state.losses)
+                state.losses = []
+                curves.add(
+                    step=state.step, loss=state.loss, gradient=float(norm), learning_rate=rate, cpu_s=state.cpu_s
+                )
+            stopping = stop()  # once: a signal that comes while the state is saved ends the next step
+            if stopping or state.step % training.save_every == 0 or state.step == training.steps:
                 state.save(folder, identity)
-            if stop():
+            if stopping:
                 break
-    return float(read_curves(folder)[-1]["loss"])
+    if state.loss is not None:
+        return state.loss
+    points = read_curves(folder)  # of a state that was written before losses were a part of it
+    if not points:
+        raise InputError("has no loss", file=folder / CURVES, remedy="delete the folder and train again")
+    return float(points[-1]["loss"])
 
 
-def _batch(
+def training_batch(
     source: Source,
     config: PolicyConfig,
     table: torch.Tensor,

@@ -1,4 +1,4 @@
-"""Signals that ask a training to stop, kept until a step is whole."""
+"""Deferred handling of the signals that end a training, until the state is consistent."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHU
 
 @contextlib.contextmanager
 def deferred_signals() -> Iterator[Callable[[], bool]]:
-    """Give a function that tells whether to stop; what was asked for happens when the block ends.
+    """Defer SIGINT, SIGTERM and SIGHUP to the end of the block; yield a function that tells whether one has come.
 
-    A signal in the middle of an optimizer's step would leave a state that no training ever has. Ignored signals stay
-    ignored; beside the main thread nothing is kept.
+    A signal inside an optimizer step would interrupt it half done. The first deferred signal is raised again at the
+    end; ignored signals stay ignored. Outside the main thread nothing is deferred.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -30,6 +30,8 @@ class _Record(BaseModel):
     cpu_s: float
     file: str = Field(pattern=r"^state-[0-9a-f]{16}\.safetensors$")
     sha256: str
+    losses: list[float] = []
+    loss: float | None = None
 
 
 @dataclass
@@ -44,6 +46,8 @@ class TrainState:
         optimizer: AdamW over the network's parameters.
         step: steps that were taken.
         cpu_s: CPU seconds that they took.
+        losses: of the steps since the last point of the curves.
+        loss: mean of the last point of the curves; None: there is none, or an earlier version wrote the state.
     """
 
     network: nn.Module
@@ -51,6 +55,8 @@ class TrainState:
     optimizer: torch.optim.AdamW
     step: int = 0
     cpu_s: float = 0.0
+    losses: list[float] = field(default_factory=list)
+    loss: float | None = None
 
     def save(self, folder: Path, identity: str) -> None:
         """Write the state, whole or not at all.
@@ -73,7 +79,14 @@ class TrainState:
         file = f"state-{digest[:16]}.safetensors"
         write_atomic(folder / file, content)
         record = _Record(
-            schema_version=1, identity=identity, step=self.step, cpu_s=self.cpu_s, file=file, sha256=digest
+            schema_version=1,
+            identity=identity,
+            step=self.step,
+            cpu_s=self.cpu_s,
+            file=file,
+            sha256=digest,
+            losses=self.losses,
+            loss=self.loss,
         )
         write_json(folder / STATE_JSON, record.model_dump())
         for old in folder.glob("state-*.safetensors"):
@@ -84,8 +97,9 @@ class TrainState:
         """Go on where a state was written.
 
         Raises:
-            InputError: it is damaged, or of another training.
+            InputError: it is damaged, or of another training or version of gensim2.
         """
+        from safetensors import SafetensorError
         from safetensors.torch import load
 
         record = read_record(folder / STATE_JSON, _Record, _REMEDY)
@@ -101,13 +115,15 @@ class TrainState:
             raise InputError(why(error), file=path, remedy=_REMEDY) from error
         if hashlib.sha256(content).hexdigest() != record.sha256:
             raise InputError("is damaged: its digest is another", file=path, remedy=_REMEDY)
-        tensors = load(content)
         parts: dict[str, dict[str, torch.Tensor]] = {"network": {}, "average": {}, "optimizer": {}}
-        for name, value in tensors.items():
-            part, _, rest = name.partition(".")
-            parts[part][rest] = value
-        self.network.load_state_dict(parts["network"])
-        self.average.load_state_dict(parts["average"])
+        try:
+            for name, value in load(content).items():
+                part, _, rest = name.partition(".")
+                parts[part][rest] = value
+            self.network.load_state_dict(parts["network"])
+            self.average.load_state_dict(parts["average"])
+        except (SafetensorError, KeyError, RuntimeError) as error:
+            raise InputError("is of another version of gensim2", file=path, remedy=_REMEDY) from error
         for name, parameter in self.network.named_parameters():
             moments = {
                 key: parts["optimizer"][f"{key}.{name}"]
@@ -118,3 +134,4 @@ class TrainState:
                 # The fused optimizer wants the number of the step where the parameter is, too.
                 self.optimizer.state[parameter] = {key: value.to(parameter.device) for key, value in moments.items()}
         self.step, self.cpu_s = record.step, record.cpu_s
+        self.losses, self.loss = record.losses, record.loss

@@ -12,7 +12,7 @@ from gensim2.objects.library.catalogue import BUILTIN
 from gensim2.policy import learning
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.experiments.config import ExperimentConfig
-from gensim2.policy.experiments.running import ExperimentRecord, runnable
+from gensim2.policy.experiments.running import ExperimentRecord, _measurements, runnable
 from gensim2.policy.keypose import data
 from gensim2.policy.learn_record import LearnRecord
 from gensim2.record_files import read_record
@@ -108,6 +108,33 @@ def test_what_cannot_be_measured_is_said_before_anything_is_taught(
     assert run(words) == 2
     assert said in capfd.readouterr().err
     assert not out.exists()
+
+
+def test_an_arm_that_starts_from_one_that_cannot_be_run_is_left_out() -> None:
+    base = {"title": "a", "about": "a", "minutes_a_task": 1, "scenes": 1, "episodes": 1, "control_episodes": 1}
+    doors = {"name": "doors", "objects": "generated", "tasks": ["SwingDoorOpen", "CloseBox"]}
+    more = {**doors, "name": "more", "start": "doors", "tasks": ["SwingDoorOpen", "CloseBox", "OpenBox"]}
+    config = ExperimentConfig.model_validate({**base, "arms": [doors, more]})
+    found, skipped = runnable(ExperimentRecord(config=config, seed=0, assets=BUILTIN))
+    assert [each.name for each in found] == ["doors"]
+    assert "a test split takes 10" in skipped["doors/SwingDoorOpen"]
+    assert skipped["more"] == f"starts from doors, which cannot be run: {skipped['doors/SwingDoorOpen']}"
+
+
+def test_objects_without_a_class_leave_out_their_measurement_alone(tmp_path: Path) -> None:
+    base = {"title": "a", "about": "a", "minutes_a_task": 1, "scenes": 1, "episodes": 1, "control_episodes": 1}
+    arm = {"name": "split", "objects": "generated", "tasks": ["CloseBox", "OpenBox"]}
+    config = ExperimentConfig.model_validate({**base, "unseen": "new", "transfer": True, "arms": [arm]})
+    faucet = tmp_path / "articulated_objs" / "faucet" / "1"
+    faucet.mkdir(parents=True)
+    for name, text in (("info.json", "{}"), ("mobility.urdf", "<robot/>")):
+        (faucet / name).write_text(text)
+    record = ExperimentRecord(config=config, seed=0, assets=str(tmp_path))
+    found, skipped = runnable(record)
+    assert [each.tasks for each in found] == [("CloseBox", "OpenBox")]
+    assert [one.kind for one in _measurements(found[0], record)] == ["seen"]
+    assert list(skipped) == ["split/CloseBox on real objects", "split/OpenBox on real objects"]
+    assert all("no class 'box_rotate'" in reason for reason in skipped.values())
 
 
 def test_tasks_without_unseen_objects_are_left_out_of_an_arm_and_named() -> None:

@@ -218,6 +218,10 @@ def test_the_controller_is_not_privileged_and_misfits_are_one_line(
     KeyposeController(str(folder), says={"shove it": "push the bar"}).reset(replace(seen, language="shove it"), 0)
     with pytest.raises(InputError, match="must be one of refuse, embed"):
         KeyposeController(str(folder), unknown_sentences="guess")
+    ways = json.loads((folder / "keypose.json").read_text())
+    (folder / "keypose.json").write_text(json.dumps({**ways, "ways": ways["ways"][:1]}))
+    with pytest.raises(CheckpointError, match="has 1 ways and done, the network 3 classes"):
+        KeyposeController(str(folder))
     (folder / "keypose.json").write_text("{}")
     with pytest.raises(Exception, match=r"keypose\.json"):
         KeyposeController(str(folder))

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import gensim2_kpam as kpam
 from gensim2.errors import InputError
 from gensim2.observations import ObservationSpec
 from gensim2.planning import StepPlanner
 from gensim2.policy.keypose import data
 from gensim2.policy.keypose.data import plan_scenes, read_planned
-from gensim2.policy.keypose.examples import _left_anywhere, draw, other_openness
+from gensim2.policy.keypose.examples import _left_anywhere, draw, other_openness, planned_way
 from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, RETREAT, program_of
 from gensim2.policy.keypose.teaching import pulls_last
 from gensim2.processes import WorkerPool
@@ -136,6 +139,26 @@ def test_a_folder_goes_on_and_refuses_what_is_not_its_own(
     (tmp_path / "shard_00001.npz").write_bytes(b"PK nothing")
     with pytest.raises(InputError, match="shard_00001"):
         read_planned(tmp_path)
+
+
+def test_a_strategy_that_does_not_fit_the_objects_is_left_out(given: TaskInput) -> None:
+    env, step = simulator(given.scene), given.spec.steps[0]
+    env.reset(3)
+    ways = parsed(given.strategies)
+    good = step.strategies[0]
+
+    class Planner(StepPlanner):
+        def plan(self, scene: Any, step: Any, strategy: Any, **more: Any) -> Any:
+            if strategy is not ways[good]:
+                raise kpam.ProblemError("unknown keypoint")
+            return super().plan(scene, step, strategy, **more)
+
+    planner = Planner(robot("panda"))
+    other = replace(ways[good])
+    found = planned_way(planner, env.scene_state(), step, {"other": other, good: ways[good]}, ())
+    assert found is not None
+    assert found[0] == good
+    assert planned_way(planner, env.scene_state(), step, {"other": other}, ()) is None
 
 
 def test_a_grasp_that_is_searched_for_on_a_part_teaches_last() -> None:

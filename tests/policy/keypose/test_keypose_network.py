@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,13 +11,16 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from gensim2.errors import InputError
 from gensim2.observations import Observation, PointCloud
+from gensim2.observations.columns import CLOUD as OBSERVED
 from gensim2.observations.proprioception import Proprioception
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
-from gensim2.policy.frames import proprio_size, turn_matrix
+from gensim2.policy.export import export_policy, exported
+from gensim2.policy.frames import SEEN, inputs_of, proprio_size, turn_matrix
 from gensim2.policy.heads.keypose import KeyposeHead, _turned
-from gensim2.policy.keypose.answers import answers
+from gensim2.policy.keypose.answers import answers, order_of_points
 from gensim2.policy.keypose.data import read_planned
 from gensim2.policy.keypose.program import ACTUATION
 from gensim2.policy.keypose.source import PlannedSource, _either_way_round
@@ -148,14 +152,36 @@ def test_a_hand_turned_by_half_a_turn_is_the_same_hand() -> None:
 
 
 def test_a_checkpoint_says_what_its_classes_mean(trained: Path) -> None:
-    assert [(way.language, way.step, way.name) for way in read_ways(trained)] == [
+    policy = PolicyCheckpoint.load(trained)
+    assert [(way.language, way.step, way.name) for way in read_ways(trained, policy)] == [
         ("push the bar", 0, "one"),
         ("push the bar", 0, "other"),
     ]
-    policy = PolicyCheckpoint.load(trained)
     assert policy.action.kind == "keypose"
     assert policy.config.ways == 3
     assert policy.data.episodes == 16
+
+
+def test_an_export_says_the_order_of_the_points_and_what_its_classes_mean(trained: Path, tmp_path: Path) -> None:
+    export_policy(trained, tmp_path / "policy.pt2", "torch")
+    about = json.loads((tmp_path / "policy.pt2.json").read_text())
+    policy = PolicyCheckpoint.load(trained)
+    assert about["points_order"] == order_of_points(96).tolist() != list(range(96))
+    assert [each and each["name"] for each in about["classes"]] == ["one", "other", None]
+    # In this order the graph gives the answers of the controller.
+    shown = seen(0)
+    tensors = {name: torch.from_numpy(np.asarray(shown[name], dtype=np.float32))[None, None] for name in SEEN}
+    tensors[OBSERVED] = tensors[OBSERVED][:, :, about["points_order"]]
+    inputs = inputs_of(tensors, policy.config, policy.action.arm)
+    found = exported(tmp_path / "policy.pt2", "torch")({CLOUD: inputs.cloud, PROPRIO: inputs.proprio})
+    best = answers(policy, shown, policy.row_of("push the bar", trained))[0]
+    assert found[0, 0, :2].tolist() == pytest.approx([best.chance, best.way], abs=1e-4)
+
+
+def test_poses_are_taught_in_the_turned_frame_alone(tmp_path: Path) -> None:
+    other = PolicyConfig.of({**SMALL.to_dict(), "frame": "base"})
+    with pytest.raises(InputError, match="frame: must be turned"):
+        train_keypose(PlannedSource([made_up(4)]), tmp_path, policy=other, training=SHORT)
 
 
 def test_a_head_with_more_ways_keeps_those_that_it_knows() -> None:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from gensim2.cli.main import run
 from gensim2.errors import InputError
+from gensim2.pages import template
 from gensim2.policy import learning
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig
@@ -17,11 +21,14 @@ from gensim2.policy.evaluating import CONTROLS, read_controls
 from gensim2.policy.keypose import data
 from gensim2.policy.keypose.adding import taught_before
 from gensim2.policy.keypose.training import read_ways
+from gensim2.policy.learn_record import LearnRecord, begin_record
 from gensim2.policy.objects import shared_objects, unseen_instances
 from gensim2.policy.starting import SPEC
 from gensim2.rollout.counted_objects import with_objects
 from gensim2.rollout.inputs import read_task_input
 from gensim2.tasks.library import task_folder
+
+from .made_up import made_up
 
 
 def test_learning_goes_from_nothing_to_a_measured_policy(
@@ -73,6 +80,9 @@ def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
     words += ["--episodes", "1", "--control-episodes", "1", "--controls", "blind", "--videos", "0"]
     words += ["--out", str(out), "--json", str(told)]
     assert run(words) == 0
+    said = capfd.readouterr().err
+    assert "CloseBox: demonstrations: 1/1 in" in said
+    assert "the data took all of the 0.001 minutes" in said
     (row,) = json.loads(told.read_text())["tasks"]
     assert (row["policy"], row["demonstrations"], row["steps"], row["episodes"]) == ("chunk", 1, 2, 1)
     assert row["expert_mean"] is None
@@ -106,7 +116,8 @@ def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
 
 def test_controls_are_named() -> None:
     assert read_controls("all") == CONTROLS
-    assert read_controls("none") == ()
+    assert read_controls("none") == read_controls(()) == ()
+    assert read_controls(["expert", "blind"]) == ("blind", "expert")
     assert read_controls("expert,blind") == ("blind", "expert")
     with pytest.raises(InputError, match="no control 'deaf'"):
         read_controls("blind,deaf")
@@ -142,7 +153,7 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     assert (policy.config.text, policy.table.shape[0]) == ("sentence" if hears else "small", 3)
     assert policy.sentences[:2] == PolicyCheckpoint.load(first).sentences
     assert {path.name: path.read_bytes() for path in (second / "data" / "TurnOnFaucet").iterdir()} == plans
-    assert [way.language for way in read_ways(second)[-2:]] == ["close the box"] * 2
+    assert [way.language for way in read_ways(second, policy)[-2:]] == ["close the box"] * 2
     assert run([*words, "--resume"]) == 0
     capfd.readouterr()
     other = tmp_path / "CloseBoxToo"
@@ -193,3 +204,56 @@ def test_what_cannot_be_done_is_said_before_anything_is_planned(
         assert run(["learn", "CloseBox", "--assets", "builtin", *words, "--out", str(tmp_path / "out")]) == 2
         assert said in capfd.readouterr().err
         assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"workers": -1}, "workers: must be at least 0"),
+        ({"objects": 0}, "objects: must be at least 1"),
+        ({"controls": ("deaf",)}, "no control 'deaf'"),
+    ],
+)
+def test_arguments_from_python_are_checked_at_the_start(given: dict[str, Any], said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=said):
+        learning.learn("CloseBox", out=tmp_path / "out", assets="builtin", minutes=0.001, **given)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_task_without_a_plan_is_refused_also_where_some_scenes_are_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planned = made_up(2)
+    done = {**planned.arrays, "way": np.full_like(planned.arrays["way"], -1)}
+    monkeypatch.setattr(learning, "plan_scenes", lambda *_, **__: replace(planned, arrays=done))
+    with pytest.raises(InputError, match=r"tasks\.CloseBox: none of its 4 scenes could be planned"):
+        learning.learn("CloseBox", out=tmp_path, assets="builtin", minutes=0.001, workers=0)
+
+
+def test_a_run_keeps_its_demonstrations(tmp_path: Path) -> None:
+    record = LearnRecord(
+        tasks=("CloseBox",), policy="keypose", minutes=1.0, multi_task=False, seed=0, scenes=1, scene={}
+    )
+    first = record.model_copy(update={"demonstrations_of": "/one"})
+    begin_record(tmp_path, first, resume=False)
+    for again in (first, record):
+        assert begin_record(tmp_path, again, resume=True).demonstrations_of == "/one"
+    with pytest.raises(InputError, match="demonstrations: the run has demonstrations of '/one', not of '/other'"):
+        begin_record(tmp_path, record.model_copy(update={"demonstrations_of": "/other"}), resume=True)
+
+
+def test_the_page_of_added_tasks_is_of_one_policy() -> None:
+    row = {"name": "CloseBox", "held_mean": 1.0, "interval": (0.5, 1.0), "cpu_s": 1.0, "causes": {}, "episodes": 1}
+    for begun, words in (({"start": ("folder", "digest")}, "One policy for 4 tasks"), ({"start": None}, " 4 tasks")):
+        page = template("gensim2.policy", "learned.html.j2").render(
+            rows=[{**row, "demonstrations": 1, "steps": 1}] * 4,
+            named=3,
+            record={"policy": "keypose", "seed": 0, "multi_task": False, **begun},
+            controls=0,
+            measured=[],
+            seen_objects=[],
+            curves={},
+            films=[],
+            failures=[],
+        )
+        assert f"<h1>{words}</h1>" in page

@@ -76,7 +76,7 @@ class TaskFigures:
     rates: Mapping[Kind, Rate]
 
     def rate(self, kind: Kind) -> Rate:
-        """What was measured of one kind; no episodes where nothing was."""
+        """Rate of one kind; without episodes where nothing was measured."""
         return self.rates.get(kind, Rate(0, 0))
 
     def to_dict(self, arm: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a policy is told in place of a task's sentence: the opposite, or the same in other words."""
+"""Replacements of a task's sentence: the opposite, or the same in other words."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from gensim2.policy.experiments.language import opposites, rephrased
 from gensim2.policy.learning import Learned, learn
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION, read_record
-from gensim2.rollout.inputs import of_these_objects, read_task_input, read_task_inputs
+from gensim2.rollout.inputs import read_task_input, read_task_inputs
 from gensim2.scenes.config import SceneArguments
 from gensim2.tasks.library import load_task
 
@@ -85,7 +85,7 @@ class ExperimentResult:
         out: folder.
         record: what was run.
         arms: in the order of the configuration, those that could be run.
-        skipped: arms, and tasks of arms (``arm/task``), that could not be, with the reason.
+        skipped: arms, and tasks of arms (``arm/task``), that could not be run, or not on real objects, with the reason.
     """
 
     out: str
@@ -186,8 +186,15 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
     Raises:
         InputError: there is no such task, or no other words for one.
     """
-    found, skipped = [], dict[str, str]()
+    found: list[Arm] = []
+    skipped: dict[str, str] = {}
     for arm in record.config.arms:
+        if arm.start is not None:
+            start = next((each for each in found if each.name == arm.start), None)
+            if start is None or len(start.tasks) < 2:  # learning goes on from policies of several tasks alone
+                reasons = (reason for name, reason in skipped.items() if name.partition("/")[0] == arm.start)
+                skipped[arm.name] = f"starts from {arm.start}, which cannot be run: {next(reasons, 'no task is left')}"
+                continue
         if arm.objects == "real" and record.assets == BUILTIN:
             skipped[arm.name] = "needs a folder of real objects: --assets"
             continue
@@ -204,6 +211,8 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
         if arm.added_to(record.config.start_of(arm)):
             found.append(arm)
     for arm in found:
+        _, lacking = _transferred(arm, record)
+        skipped |= {f"{arm.name}/{name} on real objects": reason for name, reason in lacking.items()}
         for one in _measurements(arm, record):
             _, lacking = read_task_inputs(tuple(one.tasks), seed=0, assets=one.assets, instances=one.instances)
             for name, reason in lacking.items():
@@ -283,7 +292,7 @@ def _run_arm(
 
 @dataclass(frozen=True)
 class _Measurement:
-    """What a policy is measured by beside unseen objects: in ``folder`` of it, on tasks and objects, told sentences."""
+    """Measurement beside that on unseen objects: its folder in the policy's, tasks, objects and sentences."""
 
     kind: Kind
     folder: str
@@ -299,9 +308,8 @@ def _measurements(arm: Arm, record: ExperimentRecord) -> Iterator[_Measurement]:
     config, assets = record.config, _assets(arm, record)
     if arm.count is None:  # an evaluation draws from a split, and counted objects are none
         yield _Measurement("seen", "seen", "seen objects", arm.tasks, config.episodes, assets, "train")
-    if config.transfer and arm.objects == "generated" and record.assets != BUILTIN:
-        _, lacking = of_these_objects(record.assets, arm.tasks)
-        there = [name for name in arm.tasks if name not in lacking]
+    there, _ = _transferred(arm, record)
+    if there:
         yield _Measurement("real", "real", "real objects", there, config.episodes, record.assets, "all")
     embedded = {"unknown_sentences": "embed"}
     if config.untaught:
@@ -319,6 +327,19 @@ def _measurements(arm: Arm, record: ExperimentRecord) -> Iterator[_Measurement]:
         told = {"says": says, **embedded}
         folder, title = f"rephrased-{number}", f"other words ({number})"
         yield _Measurement("rephrased", folder, title, arm.tasks, few, assets, unseen, told)
+
+
+def _transferred(arm: Arm, record: ExperimentRecord) -> tuple[list[str], dict[str, str]]:
+    """Tasks of an arm of generated objects that are measured on real ones, and why others are not."""
+    if not record.config.transfer or arm.objects != "generated" or record.assets == BUILTIN:
+        return [], {}
+    lacking: dict[str, str] = {}
+    for name in arm.tasks:
+        try:
+            read_task_input(name, assets=record.assets)
+        except InputError as error:
+            lacking[name] = error.message
+    return [name for name in arm.tasks if name not in lacking], lacking
 
 
 def _rate(tables: Sequence[EvaluationResult], task: str) -> Rate:

@@ -29,19 +29,20 @@ if TYPE_CHECKING:
 
 WAY, POSITIONS, ROTATIONS = "keypose_way", "keypose_positions", "keypose_rotations"
 GRIPPER, SECONDS, FORCE = "keypose_gripper", "keypose_seconds", "keypose_force"
-"""Names of targets: (B,) class, (B, K, 3) m, (B, K, 3, 3), (B, K + 1), (B, K) s, (B,) N; all but the class mean nothing
-where it is that of "done", the last."""
+"""Names of targets: (B,) class, (B, K, 3) m, (B, K, 3, 3), (B, K + 1), (B, K) s, (B,) N. For the class "done", the
+last, the others are not used."""
 
 ANSWERS = 8
-"""Classes, most probable first, of which ``act`` gives the programs."""
+"""Number of the most probable classes whose programs ``act`` returns."""
 BANDS = (2.0, 8.0)
-"""Fourier features, 1/m."""
+"""Frequencies of the Fourier features, 1/m."""
 NEAR, FAR = 128, 64
-"""Points about the place and points from anywhere of the second look."""
+"""Points of the second look: those nearest to the place, and those from the whole cloud."""
 NOISE = (0.01, 0.03)
-"""Standard deviations (m) of the second look's origin in training: one look done, and none."""
+"""Standard deviations (m) of the noise on the second look's origin in training, half of the samples each: that of a
+place refined once, and of the first look's place."""
 ROUNDS = 2
-"""Times that the second look is taken, each about where the one before found the hand."""
+"""Number of second looks, each about the place that the look before predicted."""
 METRE, CENTIMETRES = 0.05, 0.1
 """Scales of positions (m)."""
 FORCE_SCALE = 2.0  # N
@@ -97,7 +98,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         self.center: torch.Tensor
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Set the middle of the places at which hands act."""
+        """Set the mean of the actuation positions."""
         live = batch[WAY] < self.ways - 1
         if live.any():
             self.center.copy_(batch[POSITIONS][live, ACTUATION].mean(0))
@@ -146,7 +147,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         return chosen + (each * share).sum()
 
     def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
-        """Return the programs of the most probable ways, (B, ``ANSWERS``, 2 + numbers of a program):
+        """Return the programs of the most probable classes, (B, ``ANSWERS``, 2 + numbers of a program):
         probability and number of the way, then the program (:mod:`gensim2.policy.keypose.answers`).
         """
         summary = context.tokens[:, 0]
@@ -190,7 +191,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         summary: torch.Tensor,
         generator: torch.Generator | None,
     ) -> Programs:
-        """The program as it is seen about ``origin`` (B, 3)."""
+        """Predict the program from the points about ``origin`` (B, 3)."""
         about = cloud - origin[:, None]
         count = about.shape[1]
         near = about.square().sum(-1).topk(min(NEAR, count), largest=False).indices

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
 from gensim2.observations import Observation
@@ -17,6 +18,14 @@ from gensim2.policy.network import CLOUD, PROPRIO, TEXT
 from gensim2.seeding import rng
 
 _SHAPES = ((KEYPOSES, 3), (KEYPOSES, 3, 3), (KEYPOSES + 1,), (KEYPOSES,), ())
+
+
+def order_of_points(count: int) -> npt.NDArray[np.int64]:
+    """Return the order, (N,), in which a network is shown the points of a cloud.
+
+    It looks for the place at the first of them: a sample of all, the same for every cloud.
+    """
+    return rng(0, "keypose/points").permutation(count)
 
 
 @dataclass(frozen=True)
@@ -45,9 +54,7 @@ def answers(checkpoint: PolicyCheckpoint, observation: Observation, row: torch.T
     network, config = checkpoint.network, checkpoint.config
     assert isinstance(network.head, KeyposeHead)
     seen = {name: torch.from_numpy(np.asarray(observation[name], dtype=np.float32))[None, None] for name in SEEN}
-    # The first of the points are looked at for the place: a sample of all, the same for every cloud.
-    order = rng(0, "keypose/points").permutation(seen[SEEN_CLOUD].shape[2])
-    seen[SEEN_CLOUD] = seen[SEEN_CLOUD][:, :, order]
+    seen[SEEN_CLOUD] = seen[SEEN_CLOUD][:, :, order_of_points(seen[SEEN_CLOUD].shape[2])]
     inputs = inputs_of(seen, config, checkpoint.action.arm)
     with torch.inference_mode():
         found = network({CLOUD: inputs.cloud, PROPRIO: inputs.proprio, TEXT: row}, torch.zeros(1, 0))[0]

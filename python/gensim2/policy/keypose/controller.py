@@ -28,27 +28,27 @@ from gensim2.rollout.controller import PROPRIOCEPTIVE
 Array = npt.NDArray[np.float64]
 
 MAX_LOOKS = 8
-"""Times that the policy looks in one episode, for every step of its task."""
+"""Number of looks in an episode for every step of its task."""
 MAX_TRIES = 2
-"""Times that one way is taken before it is the others' turn."""
+"""Number of times that a way is tried before the others."""
 SURE = 0.8
-"""Probability from which on the policy believes that nothing is left to do: an effort too many does less harm than one
-too few."""
+"""Least probability of "done" at which the episode ends; it is high, as one motion too many does less harm than one too
+few."""
 SURER = 10.0
-"""Times the odds of the first look from which on it is believed, too: nothing was done then, so what that look made of
-"done" is what the picture does not tell."""
+"""Least ratio of the odds of "done" to those at the first look at which the episode ends; nothing was done at the first
+look, so its odds are the bias of the network on this scene."""
 UNEXPECTED = 0.15
-"""Factor of a way's probability where its step is neither the one that was executed last nor the one behind it: a look
-tells steps apart less surely than the order in which they are done."""
+"""Factor on a way's probability where its step is neither the one executed last nor the next; the order of steps is
+more certain than their classification."""
 OVERTRAVEL = 0.03
-"""Metres by which a push goes on beyond its program where the joint is to come to an end of its range: how long that
-is no picture tells, and a push that ends early does nothing."""
+"""Distance (m) by which a push is continued beyond its program where the step asks for a joint at an end of its range,
+which the cloud does not show exactly."""
 RELEASES = 0.5
-"""Gripper command from which on fingers hold nothing."""
+"""Gripper command above which the fingers hold nothing."""
 HOLDS = 0.1
-"""N of each finger from which on a program is one that takes something up."""
+"""Force of each finger (N) above which a program grasps an object."""
 EMPTY = 0.003
-"""Distance of the pads (m) below which fingers that have closed hold nothing."""
+"""Distance of the pads (m) below which closed fingers hold nothing."""
 
 
 class KeyposeController:
@@ -92,7 +92,7 @@ class KeyposeController:
         self._policy = PolicyCheckpoint.load(folder)
         if self._policy.action.kind != "keypose":
             raise InputError(f"has a {self._policy.config.head} head", file=folder, remedy="give one with keyposes")
-        self._ways = read_ways(folder)
+        self._ways = read_ways(folder, self._policy)
         self._profile = robot(self._policy.robot)
         self._executor = Executor(self._profile)
         self._arm = list(self._profile.arm_columns)

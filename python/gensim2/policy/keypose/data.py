@@ -234,7 +234,8 @@ def read_planned(folder: Path) -> Planned:
         if arrays:
             found.append(arrays)
     if not found:
-        raise InputError("holds no scene that was planned", file=folder)
+        message = f"none of the {scenes} scenes of {record.task} could be planned"
+        raise InputError(message, file=folder, remedy="leave the task out")
     joined = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
     return Planned(record, joined, scenes, dict(failed), cpu_s)
 

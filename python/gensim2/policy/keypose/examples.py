@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+import gensim2_kpam as kpam
 from gensim2.observations import Observation, ObservationSpec
+from gensim2.observations.cloud import to_steps
 from gensim2.planning import Scene, StepPlan, StepPlanner, Strategy
 from gensim2.planning.predict import with_joint
 from gensim2.policy.keypose.program import KEYPOSES, program_of
@@ -26,8 +28,6 @@ from gensim2.tasks.strategies import Strategies
 
 Example = dict[str, npt.NDArray[Any]]
 
-RESOLUTION = 1e-4
-"""Metres in a unit of the stored clouds."""
 OTHER_OPENNESS = 0.3
 """Share of scenes in which a step's joint stands anywhere: as a hand may leave it that has failed or is done."""
 MAX_TOUCHING = 1
@@ -129,15 +129,15 @@ def example(
 ) -> Example:
     """Arrays of an example.
 
-    ``points`` (N, 3) int16 of ``RESOLUTION`` in the base frame, ``joints`` (n,), ``fingers`` (2,) distance of the pads
-    and last command, the program (``positions``, ``rotations``, ``gripper``, ``seconds``, ``force``; zeros where
-    nothing is left to do), ``step``: number of the task's step, or how many there are where all is done, ``way``: of
-    its strategy, or -1, and the scene's ``seed``.
+    ``points`` (N, 3) int16 in the base frame, by :func:`~gensim2.observations.cloud.to_steps`, ``joints`` (n,),
+    ``fingers`` (2,) distance of the pads and last command, the program (``positions``, ``rotations``, ``gripper``,
+    ``seconds``, ``force``; zeros where nothing is left to do), ``step``: number of the task's step, or how many there
+    are where all is done, ``way``: of its strategy, or -1, and the scene's ``seed``.
     """
     assert seen.cloud is not None
     program = None if planned is None else program_of(planned, profile)
-    return {
-        "points": np.rint(seen.cloud.xyz / RESOLUTION).astype(np.int16),
+    arrays: dict[str, Any] = {
+        "points": to_steps(seen.cloud.xyz),
         "joints": seen.joint_positions.astype(np.float32),
         "fingers": np.array([seen.gripper_width, seen.gripper_command], dtype=np.float32),
         "positions": np.zeros((KEYPOSES, 3), np.float32) if program is None else program.positions,
@@ -149,6 +149,7 @@ def example(
         "way": np.int16(way),
         "seed": np.int64(seed),
     }
+    return arrays
 
 
 def other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
@@ -182,7 +183,10 @@ def planned_way(
     """The strategy that the chain of steps would take, and its plan; None where none is whole."""
     found: dict[str, StepPlan] = {}
     for name, strategy in ways.items():
-        found[name] = planner.plan(scene, step, strategy, following=following)
+        try:
+            found[name] = planner.plan(scene, step, strategy, following=following)
+        except kpam.ProblemError:  # it does not fit this scene's objects
+            continue
         if found[name].rank == 0:
             break
     best = min(found, key=lambda name: found[name].rank, default=None)

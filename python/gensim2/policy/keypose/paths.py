@@ -15,13 +15,13 @@ from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, Keypos
 Array = npt.NDArray[np.float64]
 
 STEP, TURN = 0.015, 0.08
-"""Metres and radians between the hand poses that are followed."""
+"""Distance (m) and angle (rad) between the hand poses along a path."""
 JUMP = 0.35
-"""Joint difference (rad or m) between two of them from which on they are on different branches."""
+"""Joint difference (rad or m) between consecutive poses above which they are on different branches."""
 GRAZE = 0.01
-"""Metres of overlap with what was seen that no other posture is looked for, as points are taken for balls."""
+"""Penetration (m) into the cloud that is tolerated, since points are modelled as balls."""
 BRANCHES = 8
-"""Distinct arm postures at the actuation pose that are tried, with the fingers either way round."""
+"""Number of arm postures tried at the actuation pose, for either orientation of the fingers."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class JointPath:
     Attributes:
         joints: (W, n) waypoints, from the approach on.
         at: (KEYPOSES,) numbers of the waypoints at the program's poses; -1 of poses that are not reached.
-        touches: waypoints at which the arm overlaps the table or itself.
-        depth: metres by which it overlaps what was seen.
+        touches: number of waypoints at which the arm collides with the table or itself.
+        depth: deepest penetration (m) into the cloud.
     """
 
     joints: Array
@@ -59,14 +59,16 @@ class JointPath:
 def joint_path(
     program: KeyposeProgram, q: Array, scene: kpam.Scene, depth: Callable[[Array], float]
 ) -> JointPath | None:
-    """The waypoints of the first arm posture in which the whole program can be followed clear of what was seen; else of
-    the one that goes furthest, of those the least deep in it. None where the actuation pose is out of reach.
+    """Return the path of the first arm posture that follows the whole program clear of the cloud.
+
+    Without one, the path that follows it furthest, of these the least deep in the cloud; None where the actuation pose
+    is out of reach.
 
     Args:
         program: hand poses in the base frame.
         q: (n,) present joints; postures near to them are tried first.
         scene: the robot, and what stands about it for certain.
-        depth: metres by which the arm overlaps what was seen at the worst of joints (W, n).
+        depth: joints (W, n) -> deepest penetration (m) of the arm into the cloud.
     """
     best: JointPath | None = None
     for path in _paths(program, q, scene):
@@ -81,7 +83,7 @@ def joint_path(
 
 
 def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[JointPath]:
-    """Those of all postures at the actuation pose; how deep they are in what was seen is left open."""
+    """Yield the paths of all postures at the actuation pose, without their depth."""
     poses = program.poses
     turned = poses.copy()
     turned[:, :3, :2] *= -1.0  # the fingers the other way round

@@ -12,6 +12,7 @@ import torch
 
 from gensim2.errors import InputError
 from gensim2.observations import ObservationSpec
+from gensim2.observations.cloud import from_steps
 from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.observations.proprioception import tool_pose
 from gensim2.policy.checkpoint import ActionSpec, DataRecord
@@ -20,7 +21,6 @@ from gensim2.policy.frames import turn_matrix
 from gensim2.policy.heads.keypose import FORCE, POSITIONS, ROTATIONS, SECONDS, WAY
 from gensim2.policy.heads.keypose import GRIPPER as FINGERS
 from gensim2.policy.keypose.data import Planned, PlannedRecord
-from gensim2.policy.keypose.examples import RESOLUTION
 from gensim2.policy.source import SENTENCE
 from gensim2.policy.starting import check_sentences
 from gensim2.robots import OPEN, robot
@@ -115,7 +115,7 @@ class PlannedSource:
         rows = rng.integers(self._starts[task], self._starts[task + 1])
         found = {name: values[rows] for name, values in self._arrays.items()}
         count = found["points"].shape[1]
-        points = found["points"][:, rng.permutation(count)].astype(np.float32) * np.float32(RESOLUTION)
+        points = from_steps(found["points"][:, rng.permutation(count)])
         joints = torch.from_numpy(found["joints"])
         yaw = torch.from_numpy(rng.uniform(-YAW, YAW, size).astype(np.float32))
         turn, into = turn_matrix(yaw), turn_matrix(yaw - joints[:, 0])
@@ -147,7 +147,7 @@ class PlannedSource:
         """Clouds of scenes evenly through the data; they have no colours."""
         points = self._arrays["points"]
         rows = np.unique(np.linspace(0, len(points) - 1, max_clouds).astype(np.int64))
-        found = points[rows].astype(np.float32) * np.float32(RESOLUTION)
+        found = from_steps(points[rows])
         return Shuffled(found, np.zeros(found.shape, np.uint8))
 
     def _sentence(self, task: int) -> int:

@@ -15,11 +15,12 @@ from gensim2.robots import RobotProfile
 Array = npt.NDArray[np.float64]
 
 POINT_RADIUS = 0.006
-"""Metres about each point of the cloud that are taken for solid."""
+"""Radius (m) of the ball that models each point of the cloud."""
 EVERY = 3
-"""Of the waypoints of a path, 1.5 cm apart, those at which it is asked how deep the arm is in the cloud."""
+"""Stride over a path's waypoints (1.5 cm apart) at which penetration into the cloud is computed."""
 NEAR_FINGERS, NEXT, CARRIED = 0.02, 0.03, 0.3
-"""Metres: points of what is held are so near to the fingers or to another one, and not further from the hand."""
+"""Distances (m) that segment a held object: points so near to the fingers start it, points so near to one of its points
+join it, and points further from the hand do not belong to it."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Seen:
 
     @property
     def without_held(self) -> Seen:
-        """The same without what was held: where that lies once it is released was not seen."""
+        """Cloud without the held object, whose pose after its release was not seen."""
         return replace(self, held=np.zeros((0, 3)), holds=False)
 
 
@@ -83,8 +84,9 @@ class Surroundings:
         return scene.attached("held", seen.q) if len(seen.held) else scene
 
     def untouched(self, seen: Seen, *joints: Array) -> Seen:
-        """Leave out those points of what stands about that the arm overlaps at some (n,) joints, or what it holds does:
-        where it stands, or is to stand, they cannot be solid.
+        """Remove the standing points that the arm, or an object that it holds, overlaps at some (n,) joints.
+
+        At the start and the goal of a motion such points cannot be obstacles.
         """
         scene, touched = self.scene(seen), np.zeros(len(seen.standing), dtype=bool)
         for q in joints:
@@ -92,8 +94,8 @@ class Surroundings:
         return replace(seen, standing=seen.standing[~touched])
 
     def depth_in(self, seen: Seen) -> Callable[[Array], float]:
-        """Return what gives the metres by which the arm overlaps what stands about at the worst of (W, n) joints; the
-        hand may touch it. Every ``EVERY``-th of them is looked at.
+        """Return a function: joints (W, n) -> deepest penetration (m) of the arm, hand excluded, into the standing
+        points, at every ``EVERY``-th row.
         """
         if not len(seen.standing):
             return lambda joints: 0.0
@@ -111,7 +113,7 @@ class Surroundings:
         return depth
 
     def _held(self, points: Array, q: Array) -> npt.NDArray[np.bool_]:
-        """(N,) points of what the hand holds: those between the fingers, and what hangs together with them."""
+        """Mask (N,) of the held object: the points between the fingers, and those connected to them."""
         hand = self._model.forward_kinematics(q)[:3, 3]
         near = np.flatnonzero(np.linalg.norm(points - hand, axis=1) < CARRIED)
         found = np.zeros(len(points), dtype=bool)

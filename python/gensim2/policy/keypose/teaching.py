@@ -1,4 +1,4 @@
-"""What a keypose policy is taught of a task: the plans that say the same of scenes that look alike."""
+"""Order of a task's strategies for teaching: similar scenes should get similar plans."""
 
 from __future__ import annotations
 

@@ -7,8 +7,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from gensim2.errors import InputError
 from gensim2.files import write_json
-from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.train import TrainResult, train_policy
@@ -77,14 +78,18 @@ def train_keypose(
     Args:
         source: planned scenes.
         out: folder of the checkpoint.
-        policy: the network; its ``ways`` follow from the source, and several sentences need a text encoder.
+        policy: the network; its ``ways`` follow from the source, several sentences need a text encoder, and poses are
+            taught in the turned frame.
         training: how.
         start: policy to go on from, whose ways are the first of the source.
         resume: go on where an interrupted training was.
 
     Raises:
-        InputError: as :func:`gensim2.policy.train.train_policy`.
+        InputError: the frame is another one, or as :func:`gensim2.policy.train.train_policy`.
     """
+    if policy.frame != "turned":
+        message = f"must be turned, is {policy.frame}: poses are taught in the base's frame turned by the first joint"
+        raise InputError(message, field="frame")
     text = "small" if len(source.sentences) > 1 and policy.text == "none" else policy.text
     config = PolicyConfig.of({**policy.to_dict(), "ways": len(source.ways), "text": text})
     ways = [
@@ -96,10 +101,16 @@ def train_keypose(
     return trained
 
 
-def read_ways(folder: Path) -> list[Way]:
+def read_ways(folder: Path, policy: PolicyCheckpoint) -> list[Way]:
     """Return the ways that the classes of a checkpoint stand for.
 
     Raises:
+        CheckpointError: the network has another number of classes.
         InputError: its file is missing or damaged.
     """
-    return read_record(folder / WAYS_JSON, WaysRecord, "train the policy again").ways
+    remedy = "train the policy again"
+    ways = read_record(folder / WAYS_JSON, WaysRecord, remedy).ways
+    if len(ways) + 1 != policy.config.ways:
+        message = f"has {len(ways)} ways and done, the network {policy.config.ways} classes"
+        raise CheckpointError(message, file=folder / WAYS_JSON, field="ways", remedy=remedy)
+    return ways
