@@ -29,7 +29,7 @@ from gensim2.policy.demonstrations import Demonstrations
 from gensim2.policy.evaluating import evaluate_policy
 from gensim2.policy.frames import SEEN
 from gensim2.policy.heads.actions import ACTION
-from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, next_keyframes, taught_span
+from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, next_keyframes, taught_frames
 from gensim2.policy.sentences import sentence_row
 from gensim2.policy.source import SENTENCE
 from gensim2.policy.training import train
@@ -78,8 +78,10 @@ def test_batches_are_the_frames_and_the_chunks_behind_them(folder: Path) -> None
     frames = DataSet.open(folder).frames()
     first = decode([folder]).episodes[0]
     targets = np.array([frames[row]["action"][:7] for row in range(first.steps)])
-    taught, end = taught_span(np.concatenate([targets, targets[-1:]]), 20.0)
-    assert 0 < taught < end < first.steps  # it waits at either end
+    widths = np.array([frames[row]["gripper"][0] for row in range(first.steps + 1)])
+    taught = np.flatnonzero(taught_frames(np.concatenate([targets, targets[-1:]]), widths, 20.0))
+    end = int(taught[-1])
+    assert len(taught) <= end < first.steps  # it waits at either end
     rows = np.array([0, 3, end - 2, end])
     batch = found.batch(rows)
     for number, row in enumerate(rows[:-1].tolist()):
@@ -96,10 +98,12 @@ def test_batches_are_the_frames_and_the_chunks_behind_them(folder: Path) -> None
     assert (batch[ACTION][-1, :, 8] == 1.0).all()
     assert found.sentences == (gensim2.load_task("CloseBox").description,)
     assert batch[SENTENCE].tolist() == [0] * 4
-    drawn = found.draw(np.random.default_rng(0), 500)[STATE][:, -1, :7]
-    waiting = torch.from_numpy(np.array(frames[0][STATE]))[:7]
-    assert len(torch.unique(drawn, dim=0)) > 50
-    assert (drawn - waiting).abs().amax(1).lt(1e-4).float().mean() < 0.06  # of some 7 frames that wait, 2 are taught
+    drawn = found.draw(np.random.default_rng(0), 500)[STATE][:, -1]
+    assert len(torch.unique(drawn[:, :7], dim=0)) > 50
+    at_start = (drawn[:, :7] - torch.from_numpy(np.array(frames[0][STATE]))[:7]).abs().amax(1) < 1e-4
+    closed = drawn[:, 7:].amax(1) < 1e-3
+    assert (at_start & closed).float().mean() < 0.06  # of some 7 frames that wait, 2 are taught
+    assert (at_start & ~closed).float().mean() > 0.01  # the fingers close before the arm sets off
 
 
 def test_keyframes_are_told_in_the_frame_of_the_tool(folder: Path) -> None:

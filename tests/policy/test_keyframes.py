@@ -12,7 +12,7 @@ from gensim2.observations.columns import GRIPPER, STATE, TOOL_POSE
 from gensim2.observations.proprioception import tool_pose
 from gensim2.policy.augment import off_its_way
 from gensim2.policy.heads.actions import ACTION
-from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, next_keyframes, taught_span
+from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, next_keyframes, taught_frames
 from gensim2.policy.network import CLOUD as CLOUD_INPUT
 from gensim2.policy.network import PROPRIO
 from gensim2.policy.pointer import KeyframePointer
@@ -53,11 +53,22 @@ def test_the_next_keyframes_end_with_the_last() -> None:
 
 def test_waiting_at_either_end_is_not_taught() -> None:
     actions = _stops(12, 24, waits=10)
-    first, last = taught_span(actions, HZ)
+    still = np.full(len(actions), 0.08, np.float32)
+    rows = np.flatnonzero(taught_frames(actions, still, HZ))
     moves = np.flatnonzero(np.abs(np.diff(actions, axis=0)).max(1) * HZ > 0.1)
-    assert 0 < first < moves[0] <= first + 1
-    assert moves[-1] < last < len(actions) - 1
-    assert taught_span(np.zeros((7, 2), np.float32), HZ) == (0, 6)
+    assert 0 < rows[0] < moves[0] <= rows[0] + 1
+    assert moves[-1] < rows[-1] < len(actions) - 1
+    assert len(rows) == rows[-1] - rows[0] + 1
+    assert taught_frames(np.zeros((7, 2), np.float32), still[:7], HZ).all()
+
+
+def test_fingers_that_close_before_the_arm_sets_off_are_taught() -> None:
+    actions = _stops(12, 24, waits=10)
+    widths = np.zeros(len(actions), np.float32)
+    widths[:3] = (0.08, 0.05, 0.02)
+    rows = np.flatnonzero(taught_frames(actions, widths, HZ))
+    assert rows[:3].tolist() == [0, 1, 2]  # and no frame in which all wait
+    assert rows[3] > 7
 
 
 def test_an_arm_off_its_way_is_led_back() -> None:

@@ -16,7 +16,7 @@ from gensim2.policy.checkpoint import ActionSpec
 from gensim2.policy.control import Shuffled
 from gensim2.policy.decoded import ACTIONS, RGB, XYZ, DecodedData, decode
 from gensim2.policy.heads.actions import ACTION, EXTRA
-from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, next_keyframes, taught_span
+from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, next_keyframes, taught_frames
 from gensim2.policy.rotations import matrix_of_quaternion
 from gensim2.policy.source import SENTENCE
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 class Demonstrations:
     """Frames of episodes that held, drawn evenly by task, with the chunk of actions from each on.
 
-    Frames in which the arm waits at either end of an episode are not drawn.
+    Frames in which arm and fingers wait at either end of an episode are not drawn.
 
     Args:
         data: decoded episodes.
@@ -46,10 +46,10 @@ class Demonstrations:
         lengths = np.array([each.steps + 1 for each in data.episodes])
         episode = np.repeat(np.arange(len(firsts)), lengths)
         self._first = firsts[episode]
-        spans = np.array([self._span(first, length) for first, length in zip(firsts, lengths, strict=True)])
-        self._last = spans[episode, 1]
-        rows = np.arange(len(episode))
-        taught = (rows >= spans[episode, 0]) & (rows <= self._last)
+        masks = [self._taught(first, length) for first, length in zip(firsts, lengths, strict=True)]
+        taught = np.concatenate(masks)
+        lasts = np.array([first + int(np.flatnonzero(mask)[-1]) for first, mask in zip(firsts, masks, strict=True)])
+        self._last = lasts[episode]
         numbers = np.array([self.sentences.index(each.language) for each in data.episodes])
         self._sentence = numbers[episode]
         tasks = np.array([data.record.tasks.index(each.task) for each in data.episodes])[episode]
@@ -105,11 +105,11 @@ class Demonstrations:
         rows = firsts[np.unique(np.linspace(0, len(firsts) - 1, max_clouds).astype(np.int64))]
         return Shuffled(from_steps(self._arrays[XYZ][rows]), np.array(self._arrays[RGB][rows]))
 
-    def _span(self, first: int, length: int) -> tuple[int, int]:
-        """Rows of the first and of the last frame that an episode teaches."""
-        actions = self._arrays[ACTIONS][first : first + length, : self.action.arm]
-        begin, end = taught_span(actions, self.action.control_hz)
-        return first + begin, first + end
+    def _taught(self, first: int, length: int) -> npt.NDArray[np.bool_]:
+        """(T,) frames that an episode teaches."""
+        own = slice(first, first + length)
+        widths = self._arrays[GRIPPER][own, 0]
+        return taught_frames(self._arrays[ACTIONS][own, : self.action.arm], widths, self.action.control_hz)
 
     def _find_keyframes(self, firsts: npt.NDArray[np.int64], lengths: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """(F, K) rows of the next keyframes behind each frame."""

@@ -17,6 +17,8 @@ MOVES = 0.1
 """Rad/s of the fastest joint's target above which the arm moves."""
 BEFORE, BEHIND = 1, 3
 """Control steps before an arm sets off and behind its coming to its end that still teach something."""
+FINGERS = 1e-3
+"""Metres in a control step by which the distance of the pads changes where the fingers move."""
 
 
 def keyframes(actions: npt.NDArray[np.float32], control_hz: float) -> npt.NDArray[np.int64]:
@@ -36,22 +38,29 @@ def keyframes(actions: npt.NDArray[np.float32], control_hz: float) -> npt.NDArra
     return np.append(between, end).astype(np.int64)
 
 
-def taught_span(actions: npt.NDArray[np.float32], control_hz: float) -> tuple[int, int]:
-    """Return the numbers of the first and of the last frame that are worth learning from.
+def taught_frames(
+    actions: npt.NDArray[np.float32], widths: npt.NDArray[np.float32], control_hz: float
+) -> npt.NDArray[np.bool_]:
+    """Return which frames are worth learning from, (T,).
 
-    Where nothing but the fingers acts before the arm sets off, and where it rests until a judge has seen enough, all
-    frames look the same and a policy would learn to wait.
+    Where nothing moves before the arm sets off, and where it rests until a judge has seen enough, all frames look the
+    same and a policy would learn to wait. Frames in which the fingers close before that are kept: an episode begins in
+    them.
 
     Args:
         actions: (T, m) targets of the arm's joints, rad.
+        widths: (T,) distance of the pads, m.
         control_hz: actions a second.
     """
     speed = _speed(actions, control_hz)
     moving = np.flatnonzero(speed > MOVES)
-    last = len(actions) - 1
     if not len(moving):
-        return 0, last
-    return max(int(moving[0]) - BEFORE, 0), min(int(moving[-1]) + BEHIND, last)
+        return np.ones(len(actions), dtype=bool)
+    taught = np.zeros(len(actions), dtype=bool)
+    begin = max(int(moving[0]) - BEFORE, 0)
+    taught[:begin] = np.abs(np.diff(widths))[:begin] > FINGERS
+    taught[begin : int(moving[-1]) + BEHIND + 1] = True
+    return taught
 
 
 def next_keyframes(keys: npt.NDArray[np.int64], frames: int, count: int) -> npt.NDArray[np.int64]:
