@@ -78,16 +78,17 @@ class GenSim2Gym(gym.Env[Seen, npt.NDArray[np.float32]]):
         self._env.step(action)
         self._held_for = self._held_for + 1 if self._env.success else 0
         lasted = self._held_for >= self._lasting
-        ends = settles = lasted or self._is_cut
+        settles = lasted or self._is_cut
         at_rest = settles and self._settle(action)
         if lasted:
             self._held_for = 0
-            ends = self._env.success or self._is_cut
+        ends = self._is_cut or (lasted and self._env.success)
         try:
             self._last_seen = self._seen()
         except EmptyCloudError:  # what stood before the cameras has left the workspace: nothing to go on from
             ends = True
-            at_rest = at_rest if settles else self._settle(action)
+            if not settles:
+                at_rest = self._settle(action)
         env = self._env
         success = bool(ends and at_rest and env.success and env.is_finite and is_stable(env.measure()))
         cut = self._is_cut and not success

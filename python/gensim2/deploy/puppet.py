@@ -183,7 +183,7 @@ class Puppet:
         try:
             with there.devices.clock.punctual():
                 self._follow(there, session)
-        except Exception as error:  # noqa: BLE001 - a thread tells nobody: raised where the arm is asked next
+        except Exception as error:  # noqa: BLE001 - raised in the caller's thread, by its next call
             self._error = error
             there.line.arm.release()
         finally:

@@ -8,11 +8,11 @@ from typing import Any
 
 from gensim2.data.dataset import DataSet
 from gensim2.errors import InputError
-from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
+from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.demonstrations import Demonstrations
 from gensim2.policy.relabels import RelabelledSource, Relabels, relabel_episode
-from gensim2.policy.train import TRAINING, TrainResult, train_policy
+from gensim2.policy.train import TRAINING, TrainResult, holds_training, train_policy
 from gensim2.policy.train_state import STATE_JSON
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.rollout.counted_objects import with_objects
@@ -85,8 +85,7 @@ def train_rounds(
 def _check_free(out: Path, resume: bool) -> None:
     """Refuse a folder whose policy the last round could not replace, before the first one."""
     begun = (out / ROUNDS / "0" / TRAINING / STATE_JSON).exists()
-    holds = (out / CONFIG_JSON).exists() or (out / TRAINING / STATE_JSON).exists()
-    if holds and not (resume and begun):
+    if holds_training(out) and not (resume and begun):
         remedy = "choose another --out, or go on with --resume" if begun else "choose another --out"
         raise InputError("holds a policy already", file=out, remedy=remedy)
 

@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-import gensim2_kpam as kpam
 from gensim2.errors import InputError
 from gensim2.observations import EmptyCloudError, Observation
 from gensim2.planning import StepPlan, StepPlanner
@@ -115,10 +114,7 @@ def _label(
 ) -> npt.NDArray[np.float32] | None:
     """(H, m + 2): what the planner does from here by the same strategy and pose; None where it would not."""
     scene = env.scene_state()
-    try:
-        planned = planner.plan(scene, env.task.steps[0], ways[way], warm_start=began.plan)
-    except kpam.ProblemError:
-        return None
+    planned = planner.plan(scene, env.task.steps[0], ways[way], warm_start=began.plan)
     if planned.rank > 0 or not same_pose(began, planned):
         return None
     arm = profile.arm_size

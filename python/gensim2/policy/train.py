@@ -16,7 +16,7 @@ import torch
 from gensim2.data.lock import FolderLock
 from gensim2.errors import InputError
 from gensim2.policy.augment import augmented, off_its_way
-from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.control import MAX_CLOUDS
 from gensim2.policy.curves import CURVES, Curves, read_curves
@@ -163,11 +163,11 @@ def _train(
     folder = out / TRAINING
     if resume and (folder / STATE_JSON).exists():
         state.load(folder, identity)
-    elif resume and (out / "config.json").exists():
+    elif resume and (out / CONFIG_JSON).exists():
         raise InputError(
             "is not there: there is nothing to go on from", file=folder / STATE_JSON, remedy="choose another --out"
         )
-    elif (out / "config.json").exists() or (folder / STATE_JSON).exists():
+    elif holds_training(out):
         raise InputError("holds a policy already", file=out, remedy="choose another --out, or go on with --resume")
     out.mkdir(parents=True, exist_ok=True)
     source.some_clouds(MAX_CLOUDS).save(out)
@@ -248,6 +248,11 @@ def _run(
     if not points:
         raise InputError("has no loss", file=folder / CURVES, remedy="delete the folder and train again")
     return float(points[-1]["loss"])
+
+
+def holds_training(folder: Path) -> bool:
+    """Whether a folder holds a policy, or the state of a training."""
+    return (folder / CONFIG_JSON).exists() or (folder / TRAINING / STATE_JSON).exists()
 
 
 def training_batch(

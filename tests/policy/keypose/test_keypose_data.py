@@ -148,10 +148,10 @@ def test_a_strategy_that_does_not_fit_the_objects_is_left_out(given: TaskInput) 
     good = step.strategies[0]
 
     class Planner(StepPlanner):
-        def plan(self, scene: Any, step: Any, strategy: Any, **more: Any) -> Any:
+        def problem(self, scene: Any, step: Any, strategy: Any, *more: Any) -> Any:
             if strategy is not ways[good]:
                 raise kpam.ProblemError("unknown keypoint")
-            return super().plan(scene, step, strategy, **more)
+            return super().problem(scene, step, strategy, *more)
 
     planner = Planner(robot("panda"))
     other = replace(ways[good])

@@ -50,9 +50,7 @@ pub(crate) fn drive(
         let node = Node { time: 0.0, position: path.at(0, 0.0), velocity: *velocity, acceleration: None };
         return still.then(|| (vec![node], vec![0; knots.len()]));
     }
-    let tangent = path.derivatives(0, 0.0)[1];
-    let square: f64 = tangent[..n].iter().map(|t| t * t).sum();
-    let begin = (velocity[..n].iter().zip(&tangent).map(|(v, t)| v * t).sum::<f64>() / square).max(0.0);
+    let begin = path.start_speed(velocity);
     let paces = path.paces(slowest);
     let straight = path.bend() * path.length() * path.length() < 8.0 * STRAIGHT;
     let one_pace = paces.windows(2).all(|pair| pair[0] == pair[1]) && begin <= paces[0];
@@ -170,7 +168,7 @@ fn cut_where_it_turns(
         // A tangent of no length has no direction: as if it turned round.
         if cosine.is_nan() { std::f64::consts::PI } else { cosine.clamp(-1.0, 1.0).acos() }
     };
-    let most_parts = (MOST_CELLS / places.len() as f64).clamp(1.0, PARTS);
+    let most_parts = (MOST_CELLS / places.len() as f64).floor().clamp(1.0, PARTS);
     let mut out = Vec::with_capacity(places.len());
     let mut moved_to = Vec::with_capacity(places.len());
     for pair in places.windows(2) {

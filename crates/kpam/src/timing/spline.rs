@@ -52,6 +52,13 @@ impl Spline {
         self.knot_of[waypoint]
     }
 
+    /// ds/dt at the start of a motion that begins with `velocity`: its part along the tangent; 0 where it points back.
+    pub fn start_speed(&self, velocity: &Row) -> f64 {
+        let tangent = &self.derivatives(0, 0.0)[1][..self.joints];
+        let square: f64 = tangent.iter().map(|t| t * t).sum();
+        (velocity.iter().zip(tangent).map(|(v, t)| v * t).sum::<f64>() / square).max(0.0)
+    }
+
     /// Greatest ds/dt on each interval between knots where intervals between waypoints may take `slowest` (s) at the least;
     /// infinite where nothing is said.
     pub fn paces(&self, slowest: &[f64]) -> Vec<f64> {

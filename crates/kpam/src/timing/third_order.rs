@@ -122,10 +122,9 @@ fn worst(problem: &Problem, c: &[f64]) -> f64 {
 fn begin(problem: &Problem, path: &PathProblem<'_>) -> Option<Vec<f64>> {
     let whole = path.stations.last()?.s;
     let limits = path.limits;
-    let mut most = Along { velocity: f64::INFINITY, acceleration: f64::INFINITY, jerk: f64::INFINITY };
-    most.velocity = path.pace_inside.iter().copied().fold(most.velocity, f64::min);
-    for (station, pace) in path.stations.iter().zip(path.pace) {
-        most.velocity = most.velocity.min(*pace);
+    let velocity = path.pace.iter().chain(path.pace_inside).copied().fold(f64::INFINITY, f64::min);
+    let mut most = Along { velocity, acceleration: f64::INFINITY, jerk: f64::INFINITY };
+    for station in path.stations {
         for v in 0..limits.joints() {
             let [first, second, third] = [station.first[v], station.second[v], station.third[v]].map(f64::abs);
             let (velocity, acceleration, jerk) = (limits.velocity[v], limits.acceleration[v], limits.jerk[v]);

@@ -53,9 +53,7 @@ pub(crate) fn drive(
     if grid.cells() == 0 || path.length() == 0.0 {
         return (velocity[..joints].iter().all(|v| *v == 0.0)).then(|| (vec![resting(&grid)], grid));
     }
-    let tangent = &grid.stations[0].first;
-    let square: f64 = tangent[..joints].iter().map(|t| t * t).sum();
-    let speed = (velocity[..joints].iter().zip(tangent).map(|(v, t)| v * t).sum::<f64>() / square).max(0.0);
+    let speed = path.start_speed(velocity);
     let under_way = speed > 0.0;
     let mut nodes = Vec::new();
     let mut worst = [1.0_f64; 2];

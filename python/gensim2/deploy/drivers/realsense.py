@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -184,11 +184,9 @@ class _Film:
         wanted = self._wanted if self._wanted[2] is not None else (*self._wanted[:2], self._highest_rate(kinds))
         for sensor in self._device.query_sensors():
             opened = []
-            for profile in sensor.get_stream_profiles():
-                kind = profile.stream_type()
-                if profile.format() != kinds.get(kind) or kind in found:
+            for profile, kind, video in _streams(sensor, kinds):
+                if kind in found:
                     continue
-                video = profile.as_video_stream_profile()
                 has = (video.width(), video.height(), profile.fps())
                 sizes.add(has)
                 if self._playback or has == wanted:
@@ -210,12 +208,9 @@ class _Film:
         """The highest rate (Hz) at which the device gives every kind in the asked size; None: there is none."""
         rates: dict[Any, set[int]] = {kind: set() for kind in kinds}
         for sensor in self._device.query_sensors():
-            for profile in sensor.get_stream_profiles():
-                kind = profile.stream_type()
-                if profile.format() == kinds.get(kind):
-                    video = profile.as_video_stream_profile()
-                    if (video.width(), video.height()) == self._wanted[:2]:
-                        rates[kind].add(profile.fps())
+            for profile, kind, video in _streams(sensor, kinds):
+                if (video.width(), video.height()) == self._wanted[:2]:
+                    rates[kind].add(profile.fps())
         return max(set.intersection(*rates.values()), default=None)
 
     def _start(self) -> None:
@@ -257,3 +252,11 @@ class _Film:
             np.array(aligned.get_color_frame().get_data(), dtype=np.uint8),
             self.serial,
         )
+
+
+def _streams(sensor: Any, kinds: Mapping[Any, Any]) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield the profiles of a sensor's streams of these kinds and formats, with kind and video profile."""
+    for profile in sensor.get_stream_profiles():
+        kind = profile.stream_type()
+        if profile.format() == kinds.get(kind):
+            yield profile, kind, profile.as_video_stream_profile()

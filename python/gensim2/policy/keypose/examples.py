@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-import gensim2_kpam as kpam
 from gensim2.observations import Observation, ObservationSpec
 from gensim2.observations.cloud import to_steps
 from gensim2.planning import Scene, StepPlan, StepPlanner, Strategy
@@ -183,10 +182,7 @@ def planned_way(
     """The strategy that the chain of steps would take, and its plan; None where none is whole."""
     found: dict[str, StepPlan] = {}
     for name, strategy in ways.items():
-        try:
-            found[name] = planner.plan(scene, step, strategy, following=following)
-        except kpam.ProblemError:  # it does not fit this scene's objects
-            continue
+        found[name] = planner.plan(scene, step, strategy, following=following)
         if found[name].rank == 0:
             break
     best = min(found, key=lambda name: found[name].rank, default=None)
