@@ -34,8 +34,11 @@ def test_no_limit_is_passed_by_hostile_targets() -> None:
 
 def test_limits_of_one_arm_are_not_those_of_another() -> None:
     plain = ArmLimits.of(robot("panda"))
-    slow = replace(robot("panda"), solver={**robot("panda").solver, "acceleration_limits": [1.0] * 9})
-    assert (ArmLimits.of(slow).acceleration == 1.0).all()
+    own = {"velocity_limits": [0.5] * 9, "acceleration_limits": [1.0] * 9}
+    slow = ArmLimits.of(replace(robot("panda"), solver={**robot("panda").solver, **own}), speed=0.5)
+    assert (slow.velocity == 0.25).all()
+    assert (slow.acceleration == 1.0).all()
+    np.testing.assert_array_equal(slow.jerk, plain.jerk)
     np.testing.assert_array_equal(ArmLimits.of(robot("panda")).acceleration, plain.acceleration)
 
 

@@ -20,9 +20,6 @@ from gensim2.cli.signals import Stopped
 from gensim2.cores import usable_cores
 from gensim2.deploy.faults import FAULTS
 
-ENDLESS = 100_000
-"""Episodes of a page that is looked at until Ctrl-C."""
-
 
 @click.group("robot")
 def robot() -> None:
@@ -82,6 +79,7 @@ def view(ctx: click.Context, /, policy: str | None, plan: bool, no_clouds: bool,
     """
     from gensim2.deploy.config import CameraSource
     from gensim2.deploy.live import PATIENT, looking
+    from gensim2.deploy.run import ENDLESS
 
     if no_clouds and (plan or policy is not None):
         raise click.UsageError("--no-clouds is without --policy and --plan.")

@@ -120,26 +120,18 @@ class ArmLimits:
             lower, upper = np.maximum(lower, lowest), np.minimum(upper, highest)
         if (lower >= upper).any():
             raise InputError("leaves a joint no range", field="margin")
-        velocity = model.velocity[columns]
-        if not np.isfinite(velocity).all():
+        own = profile.arm_limits(*(_PANDA if profile.solver.get("limits") == "panda" else _UNKNOWN))
+        if not np.isfinite(own.velocity).all():
             raise InputError("a joint of the arm has no velocity limit", file=profile.urdf, field="limit")
-        known = profile.solver.get("limits") == "panda"
-        acceleration, jerk = (
-            each.copy() for each in (_PANDA if known else [np.full(len(columns), each) for each in _UNKNOWN])
-        )
-        for name, own in (("acceleration_limits", acceleration), ("jerk_limits", jerk)):
-            given = profile.solver.get(name)
-            if given is not None:
-                own[:] = np.asarray(given, dtype=np.float64)[columns]
         return ArmLimits(
             profile,
             lower,
             upper,
             range_lower,
             range_upper,
-            speed * velocity,
-            acceleration,
-            jerk,
+            speed * own.velocity,
+            own.acceleration,
+            own.jerk,
             speed * TOOL_SPEED,
             np.array(low),
             np.array(high),

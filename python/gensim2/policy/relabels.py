@@ -73,7 +73,7 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
     found = planned_way(planner, env.scene_state(), step, {name: ways[name] for name in step.strategies}, ())
     if found is None:
         return {}
-    way, began = found
+    way, _, began = found
     stood = env.measure().openness[step.object]
     past: deque[Arrays] = deque(maxlen=1 + config.stride * (config.history - 1))
     samples: list[Arrays] = []

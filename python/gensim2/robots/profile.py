@@ -81,6 +81,15 @@ class Simulation:
 
 
 @dataclass(frozen=True, eq=False)
+class JointLimits:
+    """(m,) velocities, accelerations and jerks of an arm's joints: rad or m, per second, second squared and cubed."""
+
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+
+@dataclass(frozen=True, eq=False)
 class MountedCamera:
     """A camera that a link of the robot carries.
 
@@ -241,6 +250,23 @@ class RobotProfile:
         """Indices of the g gripper joints among all active joints."""
         names = self.model.joint_names
         return tuple(names.index(name) for name in self.gripper.joints)
+
+    def arm_limits(self, acceleration: npt.ArrayLike, jerk: npt.ArrayLike) -> JointLimits:
+        """Limits of the arm's joints, those of the solver's options where the robot has such.
+
+        Args:
+            acceleration, jerk: (m,) or one for all, where it has none. Velocities are the URDF's then.
+        """
+
+        def own(given: npt.ArrayLike | None, usual: npt.ArrayLike) -> Array:
+            arm = usual if given is None else np.asarray(given, dtype=np.float64)[list(self.arm_columns)]
+            return np.array(np.broadcast_to(arm, self.arm_size), dtype=np.float64)
+
+        return JointLimits(
+            own(self.solver.get("velocity_limits"), self.model.velocity[list(self.arm_columns)]),
+            own(self.solver.get("acceleration_limits"), acceleration),
+            own(self.solver.get("jerk_limits"), jerk),
+        )
 
     def gripper_at(self, T_world_hand: Array) -> dict[str, Array]:
         """Tool keypoints in the world, (3,) m each, where the hand stands at ``T_world_hand`` (4, 4)."""

@@ -13,17 +13,18 @@ import pytest
 import gensim2_kpam as kpam
 from gensim2.errors import InputError
 from gensim2.observations import ObservationSpec
-from gensim2.planning import StepPlanner
-from gensim2.policy.keypose import data
+from gensim2.planning import Scene, StepPlanner
+from gensim2.policy.keypose import data, examples
 from gensim2.policy.keypose.data import plan_scenes, read_planned
 from gensim2.policy.keypose.examples import _left_anywhere, draw, other_openness, planned_way
 from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, RETREAT, program_of
-from gensim2.policy.keypose.teaching import pulls_last
+from gensim2.policy.keypose.teaching import CENTERED, pulls_last
 from gensim2.processes import WorkerPool
 from gensim2.robots import robot
 from gensim2.rollout.inputs import TaskInput, read_task_input
 from gensim2.rollout.worker import parsed, simulator
 from gensim2.tasks.criteria import CLOSED
+from gensim2.tasks.spec import Step
 
 SPEC = ObservationSpec.of({"points": 64, "candidates": 256, "robot": "none"})
 
@@ -87,6 +88,34 @@ def test_joints_of_later_steps_stand_anywhere_but_where_the_step_is_done(given: 
     assert 0.15 < len(others) / 200 < 0.3  # of 0.3 a fifth would be closed
     assert min(others) >= CLOSED
     assert max(others) > 0.9
+
+
+def test_what_is_held_is_put_down_near_the_middle_of_the_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:
+    golf = read_task_input("PlaceGolfBallIntoDrawer", assets="builtin", instances="train")
+    profile = robot("panda")
+    off: list[float] = []
+
+    def watched(planner: StepPlanner, scene: Scene, step: Step, *args: Any) -> Any:
+        found = planned_way(planner, scene, step, *args)
+        if step.name == "place" and found is not None and found[0] == "drop_into_drawer_from_above":
+            hand = program_of(found[2], profile).poses[ACTUATION]
+            T_hand_ball = np.linalg.inv(profile.model.forward_kinematics(scene.q)) @ scene.objects["ball"].T_base_object
+            target = scene.objects["drawer"].points["articulated_object_inside"]
+            off.append(float(np.abs((hand @ T_hand_ball)[:2, 3] - target[:2]).max()))
+        return found
+
+    monkeypatch.setattr(examples, "planned_way", watched)
+    seeds = (0, 3, 4)
+    for seed in seeds:
+        draw(golf.scene, golf.strategies, SPEC, seed)
+    tolerance = golf.strategies["drop_into_drawer_from_above"]["constraint_list"][0]["tolerance"]
+    assert len(off) == len(seeds)
+    assert max(off) < CENTERED * tolerance + 1e-3
+    off.clear()
+    monkeypatch.setattr(examples, "centered", lambda strategy: strategy)
+    for seed in seeds:
+        draw(golf.scene, golf.strategies, SPEC, seed)
+    assert max(off) > 0.9 * tolerance, "the plans of least motion lie in the middle: this tests nothing"
 
 
 def test_a_scene_is_left_out_where_physics_refutes_its_plans(given: TaskInput) -> None:

@@ -18,6 +18,7 @@ from gensim2.errors import InputError
 from gensim2.files import write_json
 from gensim2.observations import ObservationSpec
 from gensim2.policy.array_file import read_arrays, write_arrays
+from gensim2.policy.keypose.teaching import CENTERED
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import read_record
 from gensim2.rollout.inputs import TaskInput
@@ -198,7 +199,9 @@ def record_of(given: TaskInput, spec: ObservationSpec, seed: int, verify: bool =
     from gensim2.rollout.identity import digest, listing
 
     classes = sorted({thing.asset_class for thing in given.spec.objects.values()})
-    parts = [given.spec.model_dump(mode="json"), given.strategies, listing(given.library, classes)]
+    parts: list[Any] = [given.spec.model_dump(mode="json"), given.strategies, listing(given.library, classes)]
+    if any(step.tool in given.spec.objects for step in given.spec.steps):
+        parts.append(CENTERED)
     return PlannedRecord(
         task=given.spec.name,
         language=given.spec.description,

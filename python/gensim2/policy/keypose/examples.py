@@ -14,6 +14,7 @@ from gensim2.observations.cloud import to_steps
 from gensim2.planning import Scene, StepPlan, StepPlanner, Strategy
 from gensim2.planning.predict import with_joint
 from gensim2.policy.keypose.program import KEYPOSES, program_of
+from gensim2.policy.keypose.teaching import centered
 from gensim2.raycast.observer import Observer
 from gensim2.robots import OPEN, RobotProfile, robot
 from gensim2.rollout.worker import parsed, simulator
@@ -78,7 +79,7 @@ def draw(
     planner, ways = StepPlanner(profile), parsed(strategies)
     following = [(step, [ways[name] for name in step.strategies]) for step in task.steps]
     examples: list[Example] = []
-    taken: dict[str, str] = {}
+    taken: dict[str, tuple[str, Strategy]] = {}
     for number in range(begin, len(task.steps)):
         step = task.steps[number]
         if number > 0:
@@ -87,8 +88,8 @@ def draw(
         found = planned_way(planner, now, step, {name: ways[name] for name in names}, following[number + 1 :])
         if found is None:
             return Drawn(tuple(examples), f"{step.name}: no plan")
-        name, planned = found
-        taken[step.name] = name
+        name, strategy, planned = found
+        taken[step.name] = name, strategy
         seen = _seen(env, observer, profile, now)
         way = step.strategies.index(name)
         examples.append(example(seen, planned, profile, number, way, seed))
@@ -96,15 +97,17 @@ def draw(
         now = _rested(planned.after, profile)
     seen = _seen(env, observer, profile, now)
     examples.append(example(seen, None, profile, len(task.steps), -1, seed))
-    cause = refuted(scene, strategies, taken, seed) if verify and taken else None
+    cause = refuted(scene, taken, seed) if verify and taken else None
     return Drawn(tuple(examples)) if cause is None else Drawn((), f"refuted: {cause}")
 
 
-def refuted(scene: SceneConfig, strategies: Strategies, taken: Mapping[str, str], seed: int) -> str | None:
+def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed: int) -> str | None:
     """Why the plans of a scene do not do its task in physics, each executed once; None where they do.
 
     Args:
-        taken: the strategy of each step that is left to do; those before them are done where the episode begins.
+        scene, seed: as for :func:`draw`.
+        taken: by step that is left to do, the strategy's name and itself; the steps before them are done where the
+            episode begins.
     """
     from gensim2.rollout.chain import ChainController
     from gensim2.rollout.no_op import NoOpResult
@@ -113,7 +116,8 @@ def refuted(scene: SceneConfig, strategies: Strategies, taken: Mapping[str, str]
 
     env = simulator(scene)
     task = scene.task.model_copy(update={"steps": tuple(step for step in scene.task.steps if step.name in taken)})
-    ways = {step.name: {taken[step.name]: strategies[taken[step.name]]} for step in task.steps}
+    # By step, since two may put down by one strategy, and one of them but at the edge of its tolerance.
+    ways = {step: {f"{step}/{name}": strategy.to_dict()} for step, (name, strategy) in taken.items()}
     chosen = {name: data for own in ways.values() for name, data in own.items()}
     controller = ChainController(with_strategies(task, ways), chosen, robot(scene.robot), one_plan=True)
     # Whether the goal comes by itself says nothing of a plan.
@@ -178,15 +182,23 @@ def criterion_is_of_joint(criterion: Any) -> bool:
 
 def planned_way(
     planner: StepPlanner, scene: Scene, step: Step, ways: Mapping[str, Strategy], following: Sequence[Any]
-) -> tuple[str, StepPlan] | None:
-    """The strategy that the chain of steps would take, and its plan; None where none is whole."""
-    found: dict[str, StepPlan] = {}
-    for name, strategy in ways.items():
-        found[name] = planner.plan(scene, step, strategy, following=following)
-        if found[name].rank == 0:
+) -> tuple[str, Strategy, StepPlan] | None:
+    """The first strategy with a whole plan, and that; None where there is none.
+
+    They are tried in the order of the chain of steps. What the hand holds is put down near the middle of a strategy's
+    tolerance, and anywhere within it where no strategy has a plan so.
+    """
+    tried = list(ways.items())
+    if scene.held is not None:
+        tried = [(name, centered(strategy)) for name, strategy in tried] + tried
+    best: tuple[str, Strategy, StepPlan] | None = None
+    for name, strategy in tried:
+        planned = planner.plan(scene, step, strategy, following=following)
+        if best is None or planned.rank < best[2].rank:
+            best = name, strategy, planned
+        if planned.rank == 0:
             break
-    best = min(found, key=lambda name: found[name].rank, default=None)
-    return None if best is None or found[best].rank > MAX_TOUCHING else (best, found[best])
+    return None if best is None or best[2].rank > MAX_TOUCHING else best
 
 
 def _rested(scene: Scene, profile: RobotProfile) -> Scene:

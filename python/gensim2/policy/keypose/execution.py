@@ -73,15 +73,10 @@ class Executor:
         self._arm = list(profile.arm_columns)
         solver: dict[str, Any] = {**profile.solver}
         self._limits = {name: solver[name] for name in LIMITS if name in solver}
-
-        def own(name: str, usual: Array) -> Array:
-            given = solver.get(name)
-            return usual if given is None else np.asarray(given, dtype=np.float64)[self._arm]
-
-        m = profile.arm_size
-        self._velocity = SHARE * own("velocity_limits", profile.model.velocity[self._arm])
-        self._acceleration = SHARE * own("acceleration_limits", np.full(m, ACCELERATION))
-        self._jerk = SHARE * own("jerk_limits", np.full(m, JERK))
+        limits = profile.arm_limits(ACCELERATION, JERK)
+        self._velocity = SHARE * limits.velocity
+        self._acceleration = SHARE * limits.acceleration
+        self._jerk = SHARE * limits.jerk
 
     def execute(
         self,

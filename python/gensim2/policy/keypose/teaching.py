@@ -1,14 +1,19 @@
-"""Order of a task's strategies for teaching: similar scenes should get similar plans."""
+"""What is taught of a task's strategies: similar scenes should get similar plans."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from gensim2.planning.strategies import PullStrategy
+from gensim2.planning.strategies import KeypointStrategy, PullStrategy, Strategy
 from gensim2.rollout.inputs import TaskInput
 from gensim2.rollout.worker import parsed
 from gensim2.tasks.spec import Step
 from gensim2.tasks.strategies import with_strategies
+
+CENTERED = 0.25
+"""Share of the tolerance of a strategy's points within which what the hand holds is put down first. The solver's poses
+are those of least motion, mostly at the edge of the tolerance; an edge leaves a policy's own errors no room, and which
+one it is jumps between scenes that hardly differ."""
 
 
 def pulls_last(given: TaskInput) -> TaskInput:
@@ -24,3 +29,14 @@ def pulls_last(given: TaskInput) -> TaskInput:
 
     ways = {step.name: {name: given.strategies[name] for name in order(step)} for step in given.spec.steps}
     return replace(given, scene=replace(given.scene, task=with_strategies(given.spec, ways)))
+
+
+def centered(strategy: Strategy) -> Strategy:
+    """A strategy whose points keep to ``CENTERED`` of their tolerances; one without points as it is."""
+    if not isinstance(strategy, KeypointStrategy):
+        return strategy
+    constraints = [
+        {**each, "tolerance": CENTERED * each["tolerance"]} if each["type"] == "point2point_constraint" else each
+        for each in strategy.config["constraint_list"]
+    ]
+    return KeypointStrategy({**strategy.config, "constraint_list": constraints})
