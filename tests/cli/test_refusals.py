@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -68,6 +69,10 @@ def _refusals(folder: Path) -> list[tuple[list[str], str]]:
     file.write_text("")
     loop = folder / "loop"
     loop.symlink_to("loop")
+    archive, mixture = folder / "tasks.zip", folder / "mixture.yaml"
+    with zipfile.ZipFile(archive, "w"):
+        pass
+    mixture.write_text("base: [original]\n")
     found: list[tuple[list[str], str]] = []
     for name, (broken, words) in _broken_tasks(folder).items():
         for command in ("demo", "solve"):
@@ -109,6 +114,11 @@ def _refusals(folder: Path) -> list[tuple[list[str], str]]:
         (["run-pipeline", "--target-task", ""], "unknown task"),
         (["run-pipeline", "--stored-task", "Nope"], "unknown task 'Nope'"),
         (["run-pipeline", "--physics", "newton"], "--physics"),
+        (["run-pipeline", "--target-object", "drawr", "--assets", "builtin"], "did you mean drawer"),
+        (["run-pipeline", "--target-task", "OpenDrawer", "--target-object", "drawer"], "--target-object: is of no use"),
+        (["run-pipeline", "--library", str(archive)], "an archive is only read"),
+        (["tasks", "add", str(folder), "--episodes", "30"], "--episodes: is of no use with the folder of a run"),
+        (["demo", "OpenDrawer", "--physics", str(mixture)], "base: no physics ['original']"),
         (["run-pipeline", "--randomization", "narrow"], "--randomization"),
         (["run-pipeline", "--instances", "-1"], "instances: no class of builtin has the instances '-1'"),
         (["run-pipeline", "--target-task", "OpenDrawer", "--instances", "-1"], "no instance '-1'"),

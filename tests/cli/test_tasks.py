@@ -107,6 +107,18 @@ def test_figures_are_those_of_the_librarys_strategies(
         assert len(json.loads(capsys.readouterr().out)["figures"]["measured"]) == rows
 
 
+def test_a_task_of_ones_own_under_a_known_name_has_not_the_papers_figures(
+    measured: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, seconds, has_figures in (("same", 0, True), ("other", 1, False)):
+        task, files = load_task("OpenBox"), TaskFolder(tmp_path / name)
+        files.write_task(task.model_copy(update={"max_episode_steps": task.max_episode_steps + 20 * seconds}))
+        files.write_strategies(load_strategies("OpenBox"))
+        assert run(["tasks", "show", str(files.path), "--json"]) == 0
+        figures = json.loads(capsys.readouterr().out)["figures"]
+        assert [figures[each] is not None for each in ("paper", "original")] == [has_figures] * 2
+
+
 def test_an_unknown_task_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["tasks", "show", "OpenDrawr"]) == 2
     assert "did you mean OpenDrawer" in capsys.readouterr().err

@@ -16,6 +16,7 @@ from tests.common.pushing_config import CONFIG
 from gensim2.bench.problems import read_problems
 from gensim2.cli.main import run
 from gensim2.errors import InputError
+from gensim2.evaluation import benchmark_configs
 from gensim2.evaluation.comparison import Rate, differ
 from gensim2.evaluation.original_configs import ROBOT, _groups, _recorded, _release_of
 from gensim2.objects import open_library
@@ -113,6 +114,28 @@ def test_what_is_not_run_is_named(tmp_path: Path) -> None:
         _groups(read_problems(other), open_library("builtin"), (), other)
 
 
+def test_a_file_of_which_nothing_can_be_run_says_what_is_missing(tmp_path: Path) -> None:
+    record = a_record()
+    articulated = record["objects"]["articulated"]
+    library = open_library("builtin")
+    for lacks in ({"id": "none"}, {"cls": "apple", "id": "0"}):
+        file = written(tmp_path, {**record, "objects": {"articulated": {**articulated, **lacks}}})
+        with pytest.raises(InputError, match=r"assets: .* has no object of .*: there is no .*original's objects"):
+            _groups(read_problems(file), library, (), file)
+    file = written(tmp_path, record)
+    with pytest.raises(InputError, match=r"tasks: holds no config of these tasks \(it holds PushDrawerClose\)"):
+        _groups(read_problems(file), library, ("OpenDrawer",), file)
+    with pytest.raises(InputError, match="did you mean OpenDrawer"):
+        _groups(read_problems(file), library, ("OpenDrwer",), file)
+    still = {**articulated, "close_qpos": articulated["open_qpos"]}
+    file = written(tmp_path, {**record, "objects": {"articulated": still}})
+    with pytest.raises(InputError, match="the joint has no range"):
+        read_problems(file)
+    file = written(tmp_path, {**record, "task": "PlaceLemonIntoDrawer"})
+    with pytest.raises(InputError, match="scenes: holds no task whose release figure is known"):
+        benchmark_configs((), configs=file, scenes="drawn", assets="builtin", workers=0)
+
+
 def test_the_command_runs_the_file_and_sets_rates_beside_the_release_s(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -136,6 +159,7 @@ def test_the_command_runs_the_file_and_sets_rates_beside_the_release_s(
         (["--method", "original-configs", "--configs", "x", "--open-loop"], "--open-loop is of our own method"),
         (["--configs", "x"], "--configs is of no use"),
         (["--method", "one-plan", "--scenes", "drawn"], "--scenes is of no use"),
+        (["--method", "original-configs", "--configs", "x", "--episodes", "3"], "--episodes is of --scenes drawn"),
     ],
 )
 def test_options_of_another_method_are_refused(

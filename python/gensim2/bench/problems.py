@@ -9,11 +9,11 @@ from __future__ import annotations
 import json
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn
+from typing import Annotated, Any, Literal, NoReturn, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from gensim2.errors import InputError
 
@@ -77,6 +77,12 @@ class ArticulatedRecord(_Record):
     close_qpos: FiniteFloat
     open_qpos: FiniteFloat
     scale: Annotated[FiniteFloat, Field(gt=0.0)]
+
+    @model_validator(mode="after")
+    def _has_a_range(self) -> Self:
+        if self.open_qpos == self.close_qpos:
+            raise ValueError("open_qpos and close_qpos are the same: the joint has no range")
+        return self
 
 
 class RigidRecord(_Record):

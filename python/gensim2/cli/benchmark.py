@@ -101,6 +101,8 @@ def _configs(tasks: tuple[str, ...], json_file: str | None, given: dict[str, Any
     if not _was_given("physics"):
         redraw = click.get_current_context().meta.get(options.REDRAW)
         chosen["physics"] = "original" if redraw is None else f"original+redraw={redraw}"
+    if chosen["scenes"] == "recorded" and _was_given("episodes"):
+        raise click.UsageError("--episodes is of --scenes drawn: recorded ones are run once each")
     if not _was_given("episodes"):
         del chosen["episodes"]
     with report(json_file, _show_configs) as (progress, give):

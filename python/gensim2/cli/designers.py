@@ -88,7 +88,11 @@ def designer_of_command(
     from gensim2.errors import InputError
     from gensim2.tasks.library import task_names
 
+    if target_object is not None:
+        _check_object(target_object, target_task, scene)
     review = _confirmed if asked.pop("review") else None
+    if review is not None:
+        _check_terminal()
     if designer in (None, OFFLINE) and asked["replay"] is None and asked["config"] is None:
         for name, value in asked.items():
             if value and name not in _FOR_ALL:
@@ -112,8 +116,26 @@ def designer_of_command(
     return found, None if new else target_task
 
 
-def _confirmed(task: TaskSpec) -> bool:
-    """Ask the person at the terminal; without a terminal it is an error, not a no.
+def _check_object(target_object: str, target_task: str | None, scene: SceneOptions) -> None:
+    """Refuse a class that there is not, before anything is looked at or a model is asked.
+
+    Raises:
+        InputError: there is no such class, or the task is given, too.
+    """
+    from gensim2.errors import InputError, near
+    from gensim2.objects import open_library
+    from gensim2.tasks.library import task_names
+
+    if target_task in task_names():
+        raise InputError("is of no use beside a task that is there", field="--target-object", remedy="leave it out")
+    library = open_library(scene.assets)
+    if target_object not in library.classes():
+        message = f"{library.location} has no class {target_object!r}"
+        raise InputError(message, field="--target-object", remedy=near(target_object, library.classes()))
+
+
+def _check_terminal() -> None:
+    """Refuse to ask a person whom no terminal reaches: that is an error, not a no.
 
     Raises:
         InputError: standard input is no terminal.
@@ -121,10 +143,15 @@ def _confirmed(task: TaskSpec) -> bool:
     import sys
 
     from gensim2.errors import InputError
-    from gensim2.tasks.wording import criteria_in_words
 
     if not sys.stdin.isatty():
         raise InputError("standard input is no terminal, so no one can be asked", field="--review")
+
+
+def _confirmed(task: TaskSpec) -> bool:
+    """Ask the person at the terminal."""
+    from gensim2.tasks.wording import criteria_in_words
+
     steps = "; ".join(step.name for step in task.steps)
     click.echo(
         f"\n{task.name}: {task.description}\n  steps: {steps}\n  goal: {criteria_in_words(task.success)}", err=True

@@ -74,9 +74,14 @@ def run_pipeline(
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.design import run_pipeline as function
-        from gensim2.design.remembering import remember
+        from gensim2.design.remembering import Remembered, remember
+        from gensim2.errors import InputError
         from gensim2.scenes.config import SceneOptions, split_arguments
+        from gensim2.tasks.memory import Memory
 
+        memory = Memory()
+        if memory.is_there:
+            _ = memory.folder  # an archive is only read, which is said before anything starts
         asked = {name: given.pop(name) for name in NAMES}
         _check_kinds(designer, asked, given)
         scene = SceneOptions.of(**split_arguments(given)[0])
@@ -87,7 +92,12 @@ def run_pipeline(
             progress=progress,
             **given,
         ).to_dict()
-        give({**result, "remembered": asdict(remember(Path(result["run_dir"])))})
+        try:
+            remembered = remember(Path(result["run_dir"]))
+        except InputError as error:  # of the library: what the run made is told all the same
+            give({**result, "remembered": asdict(Remembered(None, (), {"the kept tasks": error.message}))})
+            raise
+        give({**result, "remembered": asdict(remembered)})
 
 
 def _check_kinds(designer: str | None, asked: dict[str, Any], given: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@ import click
 
 from gensim2.cli import options
 from gensim2.cli.output import line, report
+from gensim2.errors import InputError
 
 
 @click.command("add", cls=options.Command, short_help="Add what a run kept, or a task of your own, to your library.")
@@ -38,6 +39,12 @@ def add(folder: Path, json_file: str | None, **given: Any) -> None:
 
             remembered = add_task(folder, progress=progress, **given)
         else:
+            context = click.get_current_context()
+            for name in given:
+                if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+                    option = f"--{name.replace('_', '-')}"
+                    remedy = f"gensim2 tasks add {folder / 'tasks' / 'NAME'} verifies one of its tasks anew"
+                    raise InputError("is of no use with the folder of a run", field=option, remedy=remedy)
             from gensim2.design.remembering import remember
             from gensim2.tasks.memory import Memory
 
@@ -78,7 +85,6 @@ def export(names: tuple[str, ...], origin: str | None, out: Path, json_file: str
     Either can be given to every command as --library; OUT/<Task> of a folder also as a task.
     """
     with report(json_file, _show_exported) as (_, give):
-        from gensim2.errors import InputError
         from gensim2.tasks.exporting import export as function
         from gensim2.tasks.library import task_names
 

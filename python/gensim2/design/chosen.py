@@ -16,10 +16,15 @@ class Chosen:
         designer: proposes and designs.
         accepts: says of a proposal whether it is to be designed.
         left_out: what is said of those that are not: ``"are not wanted"``.
+        wish: what is wished for, in a word that a resumed run must repeat; None: whoever is asked says it anew.
     """
 
-    def __init__(self, designer: Designer, accepts: Callable[[TaskSpec], bool], left_out: str) -> None:
+    def __init__(
+        self, designer: Designer, accepts: Callable[[TaskSpec], bool], left_out: str, wish: str | None = None
+    ) -> None:
         self.designer, self.accepts, self.left_out = designer, accepts, left_out
+        inner = designer.wish if isinstance(designer, Chosen) else None
+        self.wish: str | None = ", ".join(each for each in (inner, wish) if each) or None
         self._left: list[str] = []
 
     @property

@@ -43,7 +43,7 @@ def description_of(task: TaskSpec, strategies: Strategies, library: Library) -> 
         "steps": [_step(task, step, strategies) for step in task.steps],
         "goal": criteria_in_words(task.success),
         "goal_criteria": _as_data(task.success),
-        "figures": _figures(task.name, measured=_is_stored(task, strategies)),
+        "figures": _figures(task, measured=_is_stored(task, strategies)),
     }
 
 
@@ -57,6 +57,12 @@ def _is_stored(task: TaskSpec, strategies: Strategies) -> bool:
     if task.name not in packaged_names():
         return False
     return task == load_task(task.name) and dict(strategies) == load_strategies(task.name)
+
+
+def _bare(task: TaskSpec) -> TaskSpec:
+    """The task without its provenance and the names of its strategies."""
+    steps = tuple(step.model_copy(update={"strategies": ()}) for step in task.steps)
+    return task.model_copy(update={"provenance": None, "steps": steps})
 
 
 def _has_joint(library: Library, asset_class: str) -> bool:
@@ -88,8 +94,11 @@ def _as_data(criteria: tuple[Criterion, ...]) -> list[dict[str, Any]]:
     return [criterion.model_dump(mode="json") for criterion in criteria]
 
 
-def _figures(name: str, *, measured: bool) -> dict[str, Any]:
-    published, released = PAPER.get(name), MEASURED.get(name)
+def _figures(task: TaskSpec, *, measured: bool) -> dict[str, Any]:
+    """Figures under a task's name: the paper's and its release's where it is that task, whatever its strategies."""
+    name = task.name
+    is_papers = name in packaged_names() and _bare(task) == _bare(load_task(name))
+    published, released = (PAPER.get(name), MEASURED.get(name)) if is_papers else (None, None)
     return {
         "paper": None if published is None else {"mean": published[0], "deviation": published[1]},
         "original": None if released is None else {"successes": released[0], "episodes": released[1]},

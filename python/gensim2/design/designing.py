@@ -30,13 +30,15 @@ def offline_designer(
     """
     designer: Designer = OfflineDesigner()
     if mode is not None:
-        designer = Chosen(designer, lambda task: task.is_single_step == (mode == "explore"), f"are not for {mode}")
+        designer = Chosen(
+            designer, lambda task: task.is_single_step == (mode == "explore"), f"are not for {mode}", mode
+        )
     if target_object is not None:
 
         def is_about_it(task: TaskSpec) -> bool:
             return target_object in {thing.asset_class for thing in task.objects.values()}
 
-        designer = Chosen(designer, is_about_it, f"are not about {target_object}")
+        designer = Chosen(designer, is_about_it, f"are not about {target_object}", target_object)
     return _reviewed(designer, review)
 
 

@@ -102,6 +102,8 @@ def remember(run: Path, memory: Memory | None = None) -> Remembered:
         try:
             memory.add(task, load_strategies_beside(folder, task), told, run=str(run.resolve()))
             added.append(task.name)
-        except (KnownTaskError, UnverifiedTaskError) as error:
+        except KnownTaskError as error:
             left_out[task.name] = str(error)
+        except UnverifiedTaskError as error:
+            left_out[task.name] = f"{error}; `gensim2 tasks add {folder}` verifies it anew"
     return Remembered(str(memory.folder), tuple(added), left_out)

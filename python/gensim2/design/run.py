@@ -12,6 +12,7 @@ from gensim2.data.records import PipelineResult
 from gensim2.data.runfolder import RunFolder, default_run_dir
 from gensim2.design import Designer, OfflineDesigner
 from gensim2.design.base import Known
+from gensim2.design.chosen import Chosen
 from gensim2.design.execution import Execution, Extent, Wanted
 from gensim2.design.proposals import redesigned
 from gensim2.design.remembering import known_before
@@ -138,6 +139,7 @@ def run_pipeline(
                 **rollout.to_record(),
                 "instances": instances,
                 "designer": by.name,
+                "wish": by.wish if isinstance(by, Chosen) else None,
                 "verify": verify,
                 "from_empty": from_empty,
                 "single": single,

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from gensim2.bench.problems import PlanProblem, read_problems
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.evaluation.benchmark_table import by_instance
 from gensim2.evaluation.comparison import Rate, differ
 from gensim2.evaluation.running import finish_table, run_episodes
@@ -202,6 +202,9 @@ def benchmark_configs(
         unknown = [name for name, group in groups.items() if group.release is None]
         left_out |= dict.fromkeys(unknown, "the release's figure is not known: nothing to draw scenes for")
         groups = {name: group for name, group in groups.items() if name not in unknown}
+        if not groups:
+            message = "holds no task whose release figure is known: there are no scenes to draw"
+            raise InputError(message, file=configs, field="scenes", remedy="use recorded scenes")
     options = SceneOptions.of(assets=assets, physics=physics, robot=ROBOT)
     # Only now what takes long to import.
     from gensim2.data.runfolder import RunFolder, default_run_dir
@@ -298,9 +301,11 @@ def _groups(
     known = {name for name in task_names(PAPER_SUITE) if load_task(name).is_single_step}
     for name in tasks:
         if name not in known:
-            raise InputError(f"{name!r} is no task of one step of the paper", field="tasks")
+            message = f"{name!r} is no task of one step of the paper"
+            raise InputError(message, field="tasks", remedy=near(name, sorted(known)))
     found: dict[str, _Group] = {}
     left_out: dict[str, str] = {}
+    lacking: list[str] = []
     for problem in problems:
         name, own = problem.sub_task, problem.task == problem.sub_task
         if tasks and name not in tasks:
@@ -311,13 +316,18 @@ def _groups(
             left_out[problem.id] = f"begins amidst an episode of {problem.task}"
         elif (reason := _lacking(problem, library)) is not None:
             left_out[problem.id] = reason
+            lacking.append(reason)
         else:
             _check_tool(problem, file)
             release = Rate(*MEASURED[name]) if own and name in MEASURED else None
             row = name if own else f"{problem.task}-{name}"
             found.setdefault(row, _Group(_with_time(load_task(name)), [], release)).problems.append(problem)
     if not found:
-        raise InputError("holds no config of these tasks", file=file, field="tasks")
+        if lacking:
+            message = f"{library.location} has no object of {file}: {lacking[0]}"
+            raise InputError(message, field="assets", remedy="give the folder of the original's objects")
+        there = ", ".join(sorted({problem.sub_task for problem in problems} & known)) or "no task of one step"
+        raise InputError("holds no config of these tasks", file=file, field="tasks", remedy=f"it holds {there}")
     return found, left_out
 
 
@@ -330,7 +340,7 @@ def _begins(problem: PlanProblem) -> bool:
 def _lacking(problem: PlanProblem, library: Library) -> str | None:
     """Return the part of the record's object that is missing; None where it is whole."""
     record = problem.objects.articulated
-    if record.cls not in library.classes() or record.id not in library.instances(record.cls):
+    if record.cls not in library.classes("articulated") or record.id not in library.instances(record.cls):
         return f"there is no {record.cls}/{record.id}"
     return None
 

@@ -174,8 +174,7 @@ def sample_initial_state(
     again = physics.redraw == "placement"
     room = _Room(task, models, options, robot, start) if again and len(models) > 1 else None
     starts = rng(seed, f"{task.name}/{randomization.name}/start") if again and randomization.varies else None
-    most = MAX_DRAWS if again else 1
-    for count in range(1, most + 1):
+    for count in range(1, MAX_DRAWS + 1):  # the first that can stand counts where there is no room to keep
         objects = _stand_all(task, models, draws, options, physics.poses, factors)
         if objects is not None and (room is None or room.holds(objects)):
             hulls = [thing.hulls_in_world() for thing in objects.values()]
@@ -186,7 +185,7 @@ def sample_initial_state(
             draws[name] = redraw_placement(generator, spec.randomization, randomization, draws[name])
     names = ", ".join(f"{name} ({model_id(model)})" for name, model in models.items())
     raise PlacementError(
-        f"{most} draws of seed {seed} found no room for {names}",
+        f"{MAX_DRAWS} draws of seed {seed} found no room for {names}",
         field="objects",
         remedy="give place.at farther apart, or other instances",
     )

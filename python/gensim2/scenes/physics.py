@@ -116,7 +116,7 @@ def physics_name(word: object) -> str:
 def _read(path: Path) -> PhysicsSwitches:
     given = dict(read_yaml(path))
     base = given.pop("base", DEFAULT_PHYSICS)
-    if base not in PRESETS:
+    if not isinstance(base, str) or base not in PRESETS:
         raise InputError(f"no physics {base!r}", file=path, field="base", remedy=f"one of {', '.join(PHYSICS_NAMES)}")
     return _changed(PRESETS[base], given, path)
 
