@@ -289,8 +289,14 @@ def test_rounds_of_relabels_are_counted_and_resumed(
     told = json.loads(capfd.readouterr().out)
     made = relabels.Relabels.load(tmp_path / "out" / "rounds" / "0" / "relabels" / "0-CloseBox-1.npz")
     assert (told["demonstrations"], told["noisy_episodes"], told["relabels"]) == (2, 0, len(made))
+    steps = told["training"]["steps"]
+    assert told["steps"] == 2 * steps  # of both rounds
     assert run([*words, "--resume"]) == 0
     assert json.loads(capfd.readouterr().out)["data"] == told["data"]
+    words[words.index("--dagger") + 1] = "2"
+    assert run([*words, "--resume"]) == 2
+    assert "dagger: its policy was trained in 1 rounds, not 2" in capfd.readouterr().err
+    assert not (tmp_path / "out" / "rounds" / "1").exists()
 
 
 def test_batches_have_their_share_of_relabels(folder: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from gensim2.errors import InputError
 from gensim2.policy.objects import shared_objects, unseen_instances, words
-from gensim2.rollout.counted_objects import with_objects
+from gensim2.rollout.counted_objects import all_with_objects, with_objects
 from gensim2.rollout.inputs import only_strategies, read_task_input, read_task_inputs
 from gensim2.scenes.sampler import SceneSampler
 from gensim2.tasks.library import task_folder
@@ -61,6 +61,15 @@ def test_counted_objects_are_those_with_a_joint() -> None:
     assert drawn["ball"] == ("0",)
     with pytest.raises(InputError, match="generated articulated objects"):
         with_objects(read_task_input("LayTableWithAppleAndPear", assets="builtin"), 4, seed=0)
+
+
+def test_tasks_of_rigid_objects_alone_take_no_number_from_others() -> None:
+    given = [read_task_input(name, assets="builtin") for name in ("CloseBox", "LayTableWithAppleAndPear")]
+    boxes, table = all_with_objects(given, 4, seed=0)
+    assert boxes.scene.instances == with_objects(given[0], 4, seed=0).scene.instances
+    assert table is given[1]
+    with pytest.raises(InputError, match=r"generated articulated objects.*\(leave it out\)"):
+        all_with_objects(given[1:], 4, seed=0)
 
 
 def test_only_named_strategies_are_left_to_a_step_that_has_them() -> None:

@@ -74,6 +74,7 @@ def render(
         from gensim2.data.rendering import render as function
         from gensim2.deploy.fit_noise import read_noise
         from gensim2.observations import CloudSettings, ObservationSpec
+        from gensim2.observations.cloud import candidates_for
 
         if depth_noise and noise is not None:
             raise InputError("says it already", field="--noise", remedy="leave out --depth-noise")
@@ -81,7 +82,7 @@ def render(
 
         settings = CloudSettings(
             points=points,
-            candidates=max(4 * points, 4096) if points <= 12288 else 0,
+            candidates=candidates_for(points),
             robot=keep_robot,  # type: ignore[arg-type]  # a choice of the option
             outliers=drop_outliers,
             noise=None if named is None else read_noise(named),

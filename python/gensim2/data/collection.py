@@ -11,7 +11,7 @@ from gensim2.data.record import DatasetRecord, TaskRecord
 from gensim2.data.status import Listener, NullListener, Status
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.rollout.config import RolloutArguments
-from gensim2.rollout.counted_objects import with_objects
+from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
 from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, only_strategies, read_task_inputs
 
 SCHEMA_VERSION = 1
@@ -113,7 +113,8 @@ def collect(
     given, skipped = read_task_inputs(tasks, seed=seed, **scene)
     if objects is not None:
         check_counts(objects=objects)
-        given = [replace(with_objects(one, objects, seed), instances=one.instances) for one in given]
+        counted = all_with_objects(given, objects, seed)
+        given = [replace(one, instances=word.instances) for one, word in zip(counted, given, strict=True)]
     given = [replace(one, rollout=replace(one.rollout, noise=noise)) for one in only_strategies(given, strategy)]
     # Only now what takes long to import.
     from gensim2.data.folder import ERRORS_LOG, CollectionFolder
@@ -154,7 +155,7 @@ def _description(
             one.spec.name: TaskRecord(
                 digest=digest([one.spec.model_dump(mode="json"), one.strategies]),
                 instances=one.instances,
-                objects=objects,
+                objects=objects if can_be_counted(one) else None,
             )
             for one in given
         },

@@ -34,6 +34,14 @@ class RobotSegments:
     arm: frozenset[int]
 
 
+def candidates_for(points: int) -> int:
+    """Candidates of a cloud where no number is given: four a point and 4,096 at least; 0, all, where these are more
+    than a cloud may have.
+    """
+    wanted = max(4 * points, 4096)
+    return wanted if wanted <= MAX_POINTS else 0
+
+
 @dataclass(frozen=True)
 class CloudSettings:
     """Settings of a point cloud; metres in the robot's base frame.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,11 +56,14 @@ def train_rounds(
         workers: simulator processes.
         progress: listener.
 
+    Returns:
+        The last training, with the steps and the CPU time of all of them; roll-outs come on top.
+
     Raises:
-        InputError: a task has several steps or no joint, ``out`` holds a policy of no such rounds, or as there.
+        InputError: a task has several steps or no joint, ``out`` holds a policy of no or other rounds, or as there.
         NotRunError: some episodes could not be run.
     """
-    _check_free(out, resume)
+    _check_free(out, resume, rounds)
     given = [one for folder in folders for one in _inputs(DataSet.open(folder), source.record.tasks)]
     for one in given:
         step = one.spec.steps[0]
@@ -67,11 +71,14 @@ def train_rounds(
             message = f"{one.spec.name} is not one step on one joint, and has no relabels"
             raise InputError(message, field="dagger", remedy="leave the task out, or train without --dagger")
     found: list[Relabels] = []
+    before: list[TrainResult] = []
     mixed: Demonstrations | RelabelledSource = source
     for number in range(rounds):
         folder = out / ROUNDS / str(number)
         told = NamedProgress(f"round {number}", progress)
-        train_policy(mixed, policy, training, folder, start=start, resume=resume, device=device, progress=told)
+        before.append(
+            train_policy(mixed, policy, training, folder, start=start, resume=resume, device=device, progress=told)
+        )
         start = PolicyCheckpoint.load(folder)
         for place, one in enumerate(given):
             path = folder / "relabels" / f"{place}-{one.spec.name}-{episodes}.npz"
@@ -79,15 +86,21 @@ def train_rounds(
             found.append(_relabel(one, path, folder, purpose, training.seed, episodes, workers, told))
         mixed = RelabelledSource(source, found)
         progress.message(f"round {number}: {mixed.record.relabels} relabels in all")
-    return train_policy(mixed, policy, training, out, start=start, resume=resume, device=device, progress=progress)
+    last = train_policy(mixed, policy, training, out, start=start, resume=resume, device=device, progress=progress)
+    every = [*before, last]
+    return replace(last, steps=sum(each.steps for each in every), cpu_s=sum(each.cpu_s for each in every))
 
 
-def _check_free(out: Path, resume: bool) -> None:
+def _check_free(out: Path, resume: bool, rounds: int) -> None:
     """Refuse a folder whose policy the last round could not replace, before the first one."""
     begun = (out / ROUNDS / "0" / TRAINING / STATE_JSON).exists()
     if holds_training(out) and not (resume and begun):
         remedy = "choose another --out, or go on with --resume" if begun else "choose another --out"
         raise InputError("holds a policy already", file=out, remedy=remedy)
+    had = sum(path.is_dir() for path in (out / ROUNDS).glob("*")) if holds_training(out) else rounds
+    if had != rounds:
+        message = f"its policy was trained in {had} rounds, not {rounds}"
+        raise InputError(message, file=out, field="dagger", remedy="give the same, or choose another --out")
 
 
 def _relabel(

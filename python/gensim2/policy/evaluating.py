@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Unpack, get_args
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.evaluation.evaluating import EvaluationResult, evaluate
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.control import Shuffled
@@ -159,6 +159,13 @@ def evaluate_policy(
         if name in told:
             raise InputError("is said by the checkpoint and the controls", field=f"arguments.{name}")
     embed, says = embeds(told.get("unknown_sentences", "refuse")), substitutes(told.get("says"))
+    sentences = {one.spec.description for one in given}
+    for sentence in says:
+        if sentence not in sentences:
+            message = f"no task has the sentence {sentence!r}"
+            raise InputError(message, field="arguments.says", remedy=near(sentence, sorted(sentences)))
+    if says and policy.config.text == "none":
+        raise InputError("this policy hears no sentence", field="arguments.says", remedy="leave it out")
     for one in given:
         sentence = says.get(one.spec.description, one.spec.description)
         sentence_row(policy, sentence, checkpoint, embed=embed)

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from gensim2.observations import ObservationSpec
+from gensim2.observations.cloud import candidates_for
 from gensim2.policy.config import HEADS, PolicyConfig
 from gensim2.policy.frames import SEEN, inputs_of
 from gensim2.policy.network import CLOUD, PROPRIO, TEXT, fresh_network
@@ -77,7 +78,7 @@ def measure_latencies(
         ``rows`` of :class:`Latency`, ``threads``, ``decisions``, ``load`` (of the machine, when it began).
     """
     torch.set_num_threads(threads)
-    spec = ObservationSpec.of({"points": points, "candidates": max(4 * points, 4096)})
+    spec = ObservationSpec.of({"points": points, "candidates": candidates_for(points)})
     load = os.getloadavg()[0]
     env = HeadlessEnv(TASK, assets=assets)
     env.reset(0)

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict
 from gensim2.errors import InputError
 from gensim2.files import new_folder, write_json
 from gensim2.policy.keypose.adding import DATA
+from gensim2.policy.train import holds_training
 from gensim2.record_files import read_record
 
 LEARN_JSON = "learn.json"
@@ -71,6 +72,8 @@ def begin_record(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
     """
     path = out / LEARN_JSON
     if not path.exists():
+        if any(map(holds_training, (out, *(out / name for name in record.tasks)))):
+            raise InputError("holds a policy of another training", file=out, remedy="choose another --out")
         write_json(path, record.model_dump(mode="json"))
         return record
     if not resume:

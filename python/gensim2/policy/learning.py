@@ -49,7 +49,7 @@ from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, NullProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.robots import robot
-from gensim2.rollout.counted_objects import can_be_counted, with_objects
+from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
 from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_all_task_inputs
 from gensim2.scenes.config import SceneArguments
 from gensim2.seeding import rng
@@ -213,10 +213,10 @@ def learn(
         raise InputError("names no task", field="tasks")
     given = read_all_task_inputs((tasks,) if isinstance(tasks, str) else tuple(tasks), seed=seed, **train_on)
     named = words(given, tasks)
-    if objects is None and "instances" not in scene and all(map(can_be_counted, given)):
+    if objects is None and "instances" not in scene and any(map(can_be_counted, given)):
         objects = OBJECTS
     if objects is not None:
-        given = [with_objects(one, objects, seed) for one in given]
+        given = all_with_objects(given, objects, seed)
     begun = None if start is None else read_start(start, policy, given, noise)
     known = [] if begun is None else known_tasks(begun, progress)
     together = multi_task or begun is not None
@@ -357,7 +357,8 @@ def _teach_by_episodes(
     while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
         # The record holds the CPU time and the episodes of earlier calls.
         spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
-        record.episodes[key] = min(count + PORTION, most) if spent < limit else count
+        # What is there already may be more than this run would make: of --demonstrations, or of an interrupted call.
+        record.episodes[key] = max(_begun_with(data), min(count + PORTION, most) if spent < limit else count)
         tried = record.episodes[key] * len(named)
         progress.start(f"{', '.join(one.spec.name for one in group)}: demonstrations", tried)
         collected = collect(
@@ -385,6 +386,13 @@ def _teach_by_episodes(
     training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key]})
     trained = train_policy(source, policy, training, folder, resume=True, device="cpu", progress=progress)
     return {task.name: task.held for task in collected.status.tasks}, trained
+
+
+def _begun_with(data: Path) -> int:
+    """Episodes of each task that a collection was begun with; 0 where there is none."""
+    from gensim2.data.dataset import DATASET_JSON, DataSet
+
+    return DataSet.open(data).record.episodes if (data / DATASET_JSON).exists() else 0
 
 
 class _CollectionProgress(NullProgress):

@@ -98,7 +98,9 @@ def check_text(text: str | None, model: str | None, sentences: Sequence[str], be
         prepare([*begun.sentences, *sentences], begun.config)
         return
     if not sentences and (text is not None or model is not None):
-        raise InputError("is of policies of several tasks", field="text", remedy="add --multi-task")
+        raise InputError(
+            "is of policies of several tasks", field="text", remedy="name several TASKS, with --multi-task"
+        )
     if model is not None and text in (None, "small", "none"):
         raise InputError("is of pretrained encoders", field="text_model", remedy="give --text clip or sentence")
     if text == "none":

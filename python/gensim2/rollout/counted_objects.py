@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from gensim2.errors import InputError
@@ -28,6 +29,18 @@ def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
     chosen = frozenset((name, _drawn(given, kind, count, seed)) for name, kind in _articulated(given).items())
     scene = given.scene.options.with_task(given.spec, chosen)
     return replace(given, scene=scene, instances=f"{count}{_COUNTED}{seed}")
+
+
+def all_with_objects(given: Sequence[TaskInput], count: int, seed: int) -> list[TaskInput]:
+    """As :func:`with_objects` for every task that has such objects; others, of rigid ones alone, as they are.
+
+    Raises:
+        InputError: none has.
+    """
+    if not any(map(can_be_counted, given)):
+        message = "none of these tasks has generated articulated objects, which alone can be counted"
+        raise InputError(message, field="objects", remedy="leave it out")
+    return [with_objects(one, count, seed) if can_be_counted(one) else one for one in given]
 
 
 def is_counted(instances: str) -> bool:

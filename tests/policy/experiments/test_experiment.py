@@ -64,7 +64,7 @@ def test_every_arm_is_learned_and_measured(
     measured = {kind: rate["episodes"] for kind, rate in split["counts"].items()}
     assert measured == {"seen": 1, "unseen": 1, "opposite": 1, "rephrased": 2, "blind": 1}
     assert set(untaught["counts"]) == {"untaught"}
-    assert "opposite" not in counted["counts"]  # what it was taught has none
+    assert not {"opposite", "rephrased"} & counted["counts"].keys()  # of one task nothing is heard
     for name in ("seen", "unseen"):
         low, high = found[f"{name}_interval"]
         assert 0.0 <= low <= found[f"{name}_mean"] <= high <= 1.0
@@ -97,6 +97,9 @@ def test_every_arm_is_learned_and_measured(
         (("[CloseTrashCan]", "[CloseTrashcan]"), "CloseTrashcan"),
         (("[CloseBox, OpenBox]", "[CloseBox, OpenBok]"), "OpenBok"),
         (("[CloseBox, OpenBox]", "[CloseBox, OpenDishwasher]"), "has no other words for"),
+        (("[CloseBox, OpenBox]", "[CloseBox, OpenBok]"), "arms.split.tasks"),
+        (("[CloseBox, OpenBox]", "[CloseBox, CloseBox]"), "split has a task twice"),
+        (("[CloseTrashCan]", "[CloseBox]"), "CloseBox is untaught, and an arm has it"),
     ],
 )
 def test_what_cannot_be_measured_is_said_before_anything_is_taught(
@@ -119,6 +122,15 @@ def test_an_arm_that_starts_from_one_that_cannot_be_run_is_left_out() -> None:
     assert [each.name for each in found] == ["doors"]
     assert "a test split takes 10" in skipped["doors/SwingDoorOpen"]
     assert skipped["more"] == f"starts from doors, which cannot be run: {skipped['doors/SwingDoorOpen']}"
+
+
+def test_a_task_whose_objects_cannot_be_counted_is_left_out_of_an_arm_of_counted_ones() -> None:
+    base = {"title": "a", "about": "a", "minutes_a_task": 1, "scenes": 1, "episodes": 1, "control_episodes": 1}
+    arm = {"name": "ten", "objects": "generated", "count": 10, "tasks": ["CloseBox", "LayTableWithAppleAndPear"]}
+    config = ExperimentConfig.model_validate({**base, "unseen": "new", "arms": [arm]})
+    (found,), skipped = runnable(ExperimentRecord(config=config, seed=0, assets=BUILTIN))
+    assert found.tasks == ("CloseBox",)
+    assert "can be counted for generated articulated objects" in skipped["ten/LayTableWithAppleAndPear"]
 
 
 def test_objects_without_a_class_leave_out_their_measurement_alone(tmp_path: Path) -> None:

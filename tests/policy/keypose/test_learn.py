@@ -68,6 +68,14 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     assert json.loads(told.read_text())["tasks"][0]["held_mean"] == row["held_mean"]
     assert run([*words, "--resume", "--seed", "1"]) == 2
     assert "seed" in capfd.readouterr().err
+    told_otherwise = ["evaluate", "CloseBox", "--assets", "builtin", "--checkpoint", str(out), "--controller-args"]
+    for sentence, said in (("Close the box.", "did you mean close the box"), ("close the box", "hears no sentence")):
+        assert run([*told_otherwise, json.dumps({"says": {sentence: "close the box"}})]) == 2
+        assert said in capfd.readouterr().err
+    # A policy that another command has trained is not written over.
+    (out / "learn.json").unlink()
+    assert run(words) == 2
+    assert "holds a policy of another training" in capfd.readouterr().err
 
 
 def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(

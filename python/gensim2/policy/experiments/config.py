@@ -44,6 +44,8 @@ class Arm(BaseModel):
     def _counted_are_generated(self) -> Arm:
         if self.count is not None and self.objects == "real":
             raise ValueError("count is of generated objects")
+        if len(set(self.tasks)) < len(self.tasks):
+            raise ValueError(f"{self.name} has a task twice")
         return self
 
     def added_to(self, start: Arm | None) -> tuple[str, ...]:
@@ -136,4 +138,4 @@ def read_experiment(path: Path) -> ExperimentConfig:
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"]) or None
-        raise InputError(str(first["msg"]).lower(), file=path, field=field) from error
+        raise InputError(str(first["msg"]).removeprefix("Value error, "), file=path, field=field) from error

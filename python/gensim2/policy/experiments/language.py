@@ -40,6 +40,8 @@ def rephrased(tasks: Sequence[TaskSpec]) -> list[dict[str, str]]:
     known = read_yaml(SENTENCES)
     for task in tasks:
         if task.description not in known:
-            raise InputError(f"has no other words for {task.description!r}", file=SENTENCES, field=task.name)
+            message = f"the package has no other words for {task.description!r}"
+            remedy = "sentences: false, or arms of the package's tasks"
+            raise InputError(message, field=f"sentences.{task.name}", remedy=remedy)
     count = min(len(known[task.description]) for task in tasks)
     return [{task.description: known[task.description][number] for task in tasks} for number in range(count)]

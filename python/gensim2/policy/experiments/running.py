@@ -22,6 +22,7 @@ from gensim2.policy.experiments.language import opposites, rephrased
 from gensim2.policy.learning import Learned, learn
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION, read_record
+from gensim2.rollout.counted_objects import with_objects
 from gensim2.rollout.inputs import read_task_input, read_task_inputs
 from gensim2.scenes.config import SceneArguments
 from gensim2.tasks.library import load_task
@@ -201,9 +202,11 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
         left = list(arm.tasks)
         for word in ("train" if arm.count is None else "all", record.config.unseen):
             for name in list(left):
-                load_task(name)
+                _check_name(arm, name)
                 try:
-                    read_task_input(name, assets=_assets(arm, record), instances=word)
+                    given = read_task_input(name, assets=_assets(arm, record), instances=word)
+                    if arm.count is not None and word == "all":
+                        with_objects(given, arm.count, record.seed)
                 except InputError as error:
                     skipped[f"{arm.name}/{name}"] = error.message
                     left.remove(name)
@@ -220,6 +223,18 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
     return found, skipped
 
 
+def _check_name(arm: Arm, name: str) -> None:
+    """Refuse a name that is no task's.
+
+    Raises:
+        InputError: there is no such task; names the arm.
+    """
+    try:
+        load_task(name)
+    except InputError as error:
+        raise InputError(error.message, field=f"arms.{arm.name}.tasks", remedy=error.remedy) from error
+
+
 def _assets(arm: Arm, record: ExperimentRecord) -> str:
     return BUILTIN if arm.objects == "generated" else record.assets
 
@@ -229,6 +244,7 @@ def _run_arm(
 ) -> ArmResult:
     config, assets = record.config, _assets(arm, record)
     taught = arm.added_to(None if start is None else start.arm)
+    hears = len(arm.tasks) > 1  # of one task the sentence tells nothing
     policies: list[Learned] = []
     tables: dict[Kind, list[EvaluationResult]] = defaultdict(list)
     for number in range(config.seeds):
@@ -247,8 +263,8 @@ def _run_arm(
             controls=("blind",),
             videos=0,
             start=None if start is None else Path(start.checkpoints[number]),
-            text=config.text,
-            text_model=config.text_model if start is None else None,
+            text=config.text if hears else None,
+            text_model=config.text_model if hears and start is None else None,
             test_instances=config.unseen,
             seed=seed,
             out=folder,
@@ -315,7 +331,7 @@ def _measurements(arm: Arm, record: ExperimentRecord) -> Iterator[_Measurement]:
     if config.untaught:
         tasks, few = config.untaught, config.control_episodes
         yield _Measurement("untaught", "untaught", "untaught classes", tasks, few, BUILTIN, "all", embedded)
-    if not config.sentences:
+    if not config.sentences or len(arm.tasks) < 2:
         return
     specs = [load_task(name) for name in arm.tasks]
     other = opposites(specs)
