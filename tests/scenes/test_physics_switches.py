@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from gensim2.errors import InputError
 from gensim2.objects import ArticulatedObject, Library, RigidObject, open_library
 from gensim2.objects.types import Hulls
+from gensim2.scenes import initial_state
 from gensim2.scenes.physics import PRESETS, SWITCHES, physics_name, physics_switches
 from gensim2.scenes.sampler import SceneSampler
 from gensim2.tasks.library import load_task
@@ -96,6 +98,20 @@ def test_the_first_draw_counts_where_nothing_is_drawn_again() -> None:
         same = all((kept.objects[name].position == thing.position).all() for name, thing in first.objects.items())
         assert same == (kept.draws == 1)
     assert max(counts) > 1
+
+
+def test_what_has_no_room_on_its_support_is_drawn_again_even_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing can be simulated of such a draw, and a benchmark with one of them would never end."""
+    stand_all, left = initial_state._stand_all, [2]
+
+    def without_room(*arguments: Any) -> Any:
+        left[0] -= 1
+        return None if left[0] >= 0 else stand_all(*arguments)
+
+    monkeypatch.setattr(initial_state, "_stand_all", without_room)
+    sampler = SceneSampler("SecureGoldInSafe", assets="builtin", physics="original")
+    assert sampler.sample(0).draws == 3
+    assert sampler.sample(0).draws == 1
 
 
 def test_hulls_are_taken_as_the_physics_says() -> None:
