@@ -40,12 +40,11 @@ class World:
         found: dict[str, Affordance] = {}
         for name in brief.classes:
             try:
-                affordance = brief.classes[name]
+                found[name] = brief.classes[name]
             except InputError:
                 continue  # the run's notes name it
-            if articulated_only and affordance.kind == "rigid":
+            if articulated_only and found[name].kind == "rigid":
                 break
-            found[name] = affordance
         return World(
             brief.settings,
             {name: each for name, each in found.items() if each.kind == "articulated"},
