@@ -22,6 +22,8 @@ from gensim2.data.lock import FolderLock
 from gensim2.data.records import RunRecord, Verification
 from gensim2.data.runfolder import RunFolder, TaskFolder, default_run_dir
 from gensim2.data.store import TaskStore
+from gensim2.design.chosen import Chosen
+from gensim2.design.designing import offline_designer
 from gensim2.design.designs import Design, read_design, write_design
 from gensim2.errors import InputError
 from gensim2.record_files import read_record
@@ -326,3 +328,21 @@ def test_two_folders_are_two_runs(tmp_path: Path) -> None:
         assert first.path != second.path
     with RunFolder(tmp_path / "a", {}, {}, True) as again:
         assert again.record.resumed == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "was", "now"), [("runs", 2, 1), ("scenes", "recorded", "drawn"), ("wish", "drawer", None)]
+)
+def test_what_the_episodes_follow_from_is_the_same_on_resume(tmp_path: Path, name: str, was: Any, now: Any) -> None:
+    with RunFolder(tmp_path / "run", {"command": "benchmark", name: was}, {}, False):
+        pass
+    record = (tmp_path / "run" / "run.json").read_bytes()
+    with pytest.raises(InputError, match=rf"arguments\.{name}: the run was started with"):
+        RunFolder(tmp_path / "run", {"command": "benchmark", name: now}, {}, True)
+    assert (tmp_path / "run" / "run.json").read_bytes() == record
+
+
+def test_wishes_add_up() -> None:
+    both = offline_designer("explore", "drawer", lambda task: True)
+    assert isinstance(both, Chosen)
+    assert both.wish == "explore, drawer"
