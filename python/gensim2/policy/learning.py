@@ -357,7 +357,7 @@ def _teach_by_episodes(
     while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
         # The record holds the CPU time and the episodes of earlier calls.
         spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
-        # What is there already may be more than this run would make: of --demonstrations, or of an interrupted call.
+        # A data set may get no fewer episodes than it was begun with, by --demonstrations or by an interrupted call.
         record.episodes[key] = max(_begun_with(data), min(count + PORTION, most) if spent < limit else count)
         tried = record.episodes[key] * len(named)
         progress.start(f"{', '.join(one.spec.name for one in group)}: demonstrations", tried)

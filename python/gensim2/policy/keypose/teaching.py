@@ -1,4 +1,4 @@
-"""What is taught of a task's strategies: similar scenes should get similar plans."""
+"""Order and tolerances of the strategies that plans are taught by, so that similar scenes get similar plans."""
 
 from __future__ import annotations
 
