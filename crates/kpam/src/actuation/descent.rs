@@ -148,7 +148,7 @@ impl ActuationSearch<'_> {
     }
 
     /// Constraints linearized at `x` (frames are placed there), as bounds on the step.
-    fn linearize(&mut self, x: &Row, out: &mut Vec<Bound>) {
+    pub(super) fn linearize(&mut self, x: &Row, out: &mut Vec<Bound>) {
         self.place(x);
         out.clear();
         let placed = &self.placed;

@@ -5,6 +5,7 @@
 
 mod bands;
 mod batch;
+mod clearing;
 mod descent;
 mod look;
 mod multistart;
@@ -15,6 +16,7 @@ mod step;
 use gensim2_geometry::Pose;
 
 use self::batch::BatchProjection;
+pub(crate) use self::clearing::HEEDED;
 use self::multistart::Aside;
 use self::projection::{Aim, Residuals};
 use crate::KeypointProblem;

@@ -10,13 +10,16 @@ use super::TriedPose;
 use super::attempt::{Attempt, Stage};
 use super::failure::Failure;
 use super::planner::Planner;
-use crate::actuation::{Actuation, ActuationSearch, Candidate};
+use crate::actuation::{Actuation, ActuationSearch, Candidate, HEEDED};
 use crate::model::Row;
+use crate::world::State;
 
 /// Samples of the first round over all candidates; only where all fail is the full number spent.
 const FIRST_SAMPLES: usize = 150;
 /// Candidates that get the full number.
 const SECOND_CHANCES: usize = 4;
+/// Poses that overlap something and are moved out of it, where no other allows the motion: those that overlap least.
+const CLEARED: usize = 64;
 
 /// Trials so far, and the best of them.
 #[derive(Default)]
@@ -29,6 +32,8 @@ pub(super) struct Trials {
     parts: Vec<Attempt>,
     /// Motions that lack nothing but the free approach.
     again: Vec<Attempt>,
+    /// Poses that overlap something, and how deep (m) as far as that is known.
+    overlapping: Vec<(f64, Row)>,
 }
 
 impl Trials {
@@ -133,6 +138,7 @@ impl Planner<'_> {
             extra += usize::from(!attempt.overlaps);
             self.try_followed(attempt, samples, &mut trials);
         }
+        self.try_cleared(search, samples, &mut trials);
         self.try_parts(samples, &mut trials);
         for attempt in std::mem::take(&mut trials.again) {
             if self.is_done(&trials) {
@@ -197,6 +203,11 @@ impl Planner<'_> {
     fn try_followed(&mut self, mut attempt: Attempt, samples: usize, trials: &mut Trials) {
         attempt.rank = trials.tried;
         trials.tried += 1;
+        if attempt.overlaps
+            && let Some((_, hit)) = attempt.hits.first()
+        {
+            trials.overlapping.push((-hit.distance, attempt.origin));
+        }
         if attempt.failure.is_none() && !self.start_is_blocked() {
             let bar = trials.bar(attempt.rank);
             self.sweep_all(&mut attempt, bar);
@@ -208,6 +219,26 @@ impl Planner<'_> {
             trials.parts.push(attempt);
         } else {
             self.keep(attempt, trials);
+        }
+    }
+
+    /// Tries poses that are moved out of what they overlap.
+    fn try_cleared(&mut self, search: &mut ActuationSearch<'_>, samples: usize, trials: &mut Trials) {
+        let segment = self.world.schedule.last_before_actuation();
+        let margins = self.overlaps_only();
+        let mut overlapping = std::mem::take(&mut trials.overlapping);
+        overlapping.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (_, x) in overlapping.iter().take(CLEARED) {
+            if self.is_done(trials) {
+                break;
+            }
+            let pose = search.cleared(x, |x, out| {
+                self.world.clearances(State::still(x), segment, &margins, HEEDED, out);
+            });
+            if let Some(pose) = pose {
+                let attempt = self.followed_and_seen(&pose.x);
+                self.try_followed(attempt, samples, trials);
+            }
         }
     }
 

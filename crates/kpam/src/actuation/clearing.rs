@@ -1,0 +1,89 @@
+//! Poses that meet the constraints but overlap something, moved along the constraints until they are clear of it.
+
+use super::{ActuationSearch, Candidate};
+use crate::model::{MAX_JOINTS, Row};
+use crate::qp::{Bound, Qp, QpOutcome, QpSolver};
+use crate::world::Clearance;
+
+/// Most steps of one pose.
+const STEPS: usize = 10;
+/// Largest change of a joint in one step (rad or m).
+const STEP: f64 = 0.15;
+/// Most of what lacks that one step is to gain (m): out of what is deeper, the way changes as it is gone.
+const GAIN: f64 = 0.03;
+/// Every so many steps what lacks most has to come down to this share.
+const PATIENCE: usize = 3;
+const SLOWEST: f64 = 0.9;
+/// Times that a step asks for half as much, where the constraints leave no room for the whole.
+const HALVINGS: usize = 4;
+/// Distance beyond what is asked to which a pose is moved, and that will do (m).
+const SPARE: f64 = 2e-3;
+const ENOUGH: f64 = 1e-3;
+/// Distance beyond what is asked up to which things count, so that a step away from one does not run into another (m).
+pub(crate) const HEEDED: f64 = 0.03;
+
+impl ActuationSearch<'_> {
+    /// The pose nearby that meets the constraints and keeps clear of everything; none where the steps do not lead to one.
+    ///
+    /// Each step is the least one that meets the constraints, the joint limits and the clearances, all linearized.
+    /// `clearances` appends those at a pose that have less than [`HEEDED`] left.
+    pub fn cleared(&mut self, from: &Row, mut clearances: impl FnMut(&Row, &mut Vec<Clearance>)) -> Option<Candidate> {
+        let mut x = *from;
+        let mut found = Vec::new();
+        let mut milestone = f64::INFINITY;
+        for step in 0..STEPS {
+            found.clear();
+            clearances(&x, &mut found);
+            let worst = found.iter().fold(0.0, |worst: f64, clearance| worst.max(SPARE - clearance.gap));
+            if worst <= SPARE - ENOUGH && self.violation(&x) <= 0.0 {
+                return Some(self.candidate(&x));
+            }
+            if step % PATIENCE == 0 {
+                if worst > SLOWEST * milestone {
+                    return None;
+                }
+                milestone = worst;
+            }
+            let step = self.step_away(&x, &found)?;
+            for v in 0..self.model.n() {
+                x[v] = (x[v] + step[v]).clamp(self.lower[v], self.upper[v]);
+            }
+        }
+        None
+    }
+
+    fn step_away(&mut self, x: &Row, clearances: &[Clearance]) -> Option<Row> {
+        let n = self.model.n();
+        let mut bounds = std::mem::take(&mut self.bounds);
+        self.linearize(x, &mut bounds);
+        let mut hessian = [[0.0; MAX_JOINTS]; MAX_JOINTS];
+        for v in 0..n {
+            hessian[v][v] = 1.0;
+            let mut row = [0.0; MAX_JOINTS];
+            row[v] = 1.0;
+            let (low, high) = ((self.lower[v] - x[v]).max(-STEP), (self.upper[v] - x[v]).min(STEP));
+            bounds.push(Bound { row, low, high });
+        }
+        let others = bounds.len();
+        let mut outcome = QpOutcome::Infeasible;
+        let mut share = 1.0;
+        for _ in 0..=HALVINGS {
+            bounds.truncate(others);
+            bounds.extend(clearances.iter().map(|clearance| {
+                let lacks = SPARE - clearance.gap;
+                let low = if lacks > 0.0 { share * lacks.min(GAIN) } else { lacks };
+                Bound { row: clearance.gradient, low, high: f64::INFINITY }
+            }));
+            outcome = self.qp.solve(&Qp { n, hessian: &hessian[..n], gradient: &[0.0; MAX_JOINTS], bounds: &bounds });
+            if matches!(outcome, QpOutcome::Solved { .. }) {
+                break;
+            }
+            share *= 0.5;
+        }
+        self.bounds = bounds;
+        match outcome {
+            QpOutcome::Solved { step, .. } => Some(step),
+            QpOutcome::Infeasible | QpOutcome::Failed => None,
+        }
+    }
+}
