@@ -106,6 +106,19 @@ def test_batches_are_the_frames_and_the_chunks_behind_them(folder: Path) -> None
     assert (at_start & ~closed).float().mean() > 0.01  # the fingers close before the arm sets off
 
 
+def test_an_episode_of_two_data_sets_counts_once(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "copy")
+    told: list[str] = []
+
+    class Listener(NullProgress):
+        def message(self, text: str) -> None:
+            told.append(text)
+
+    twice = decode([folder, tmp_path / "copy"], progress=Listener())
+    assert twice.episodes == decode([folder]).episodes
+    assert any("are in several data sets and count once" in text for text in told)
+
+
 def test_keyframes_are_told_in_the_frame_of_the_tool(folder: Path) -> None:
     found = Demonstrations.open([folder], made_up.policy(history=1, keyframes=2))
     frames = DataSet.open(folder).frames()

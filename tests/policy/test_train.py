@@ -131,7 +131,7 @@ def test_another_training_is_not_gone_on_with(tmp_path: Path) -> None:
     config = made_up.policy()
     source = made_up.MadeUpSource(config)
     train_policy(source, config, made_up.training(), tmp_path)
-    with pytest.raises(InputError, match="other settings or data"):
+    with pytest.raises(InputError, match="other settings or data: seed"):
         train_policy(source, config, made_up.training(seed=9), tmp_path, resume=True)
     state = next((tmp_path / "training").glob("state-*.safetensors"))
     state.write_bytes(state.read_bytes()[:-1])

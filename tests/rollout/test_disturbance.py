@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import gensim2
+from gensim2.errors import InputError
 from gensim2.robots import robot
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.config import Disturbance
@@ -56,3 +60,23 @@ def test_the_moment_follows_from_the_seed(kind: Disturbance) -> None:
         moments.append(controller.happened_at)
     assert moments[0] is not None
     assert moments[0] == moments[1]
+
+
+def test_a_benchmark_says_how_often_it_disturbed_and_leaves_out_what_it_cannot(tmp_path: Path) -> None:
+    result = gensim2.benchmark(
+        ["CloseBox", "DropAppleIntoBox"],
+        runs=1,
+        episodes=1,
+        disturbance="push",
+        assets="builtin",
+        out=tmp_path / "run",
+        workers=0,
+    )
+    assert [row.task.name for row in result.rows] == ["DropAppleIntoBox"]
+    assert "nothing to push or to drop" in result.skipped["CloseBox"]
+    found = result.to_dict()["tasks"][0]
+    assert found["disturbed"] == 1
+    assert found["records"][0]["disturbed_at"] > 0
+    with pytest.raises(InputError, match="nothing to push or to drop"):
+        gensim2.benchmark(["CloseBox"], runs=1, episodes=1, disturbance="drop", out=tmp_path / "none", workers=0)
+    assert not (tmp_path / "none").exists()

@@ -39,7 +39,7 @@ from gensim2.cli.output import line, report, table
     type=click.Choice(("push", "drop")),
     default=None,
     help="At a seeded moment of each episode push the object that is to be taken 3 cm aside, or open the fingers that "
-    "hold it.",
+    "hold it; tasks without such an object are left out.",
 )
 @click.option(
     "--method",
@@ -194,6 +194,9 @@ def _show(result: dict[str, Any]) -> None:
     )
     for name, reason in result["skipped"].items():
         line(f"skipped {name}: {reason}")
+    if result["arguments"]["disturbance"] is not None:
+        for row in result["tasks"]:
+            line(f"{row['name']}: disturbed in {row['disturbed']} of {row['episodes']} episodes")
     line(f"{result['cpu_s']:.1f} s of CPU; episodes: {Path(result['run_dir']) / 'tasks'}")
 
 

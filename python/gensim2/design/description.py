@@ -9,7 +9,7 @@ from gensim2.rollout.tally import interval
 from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.figures import Figure, figures_of
 from gensim2.tasks.library import load_strategies, load_task, packaged_names
-from gensim2.tasks.published import MEASURED, PAPER
+from gensim2.tasks.published import paper_of, released_of
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 from gensim2.tasks.wording import criteria_in_words, name_in_words, place_in_words, randomization_in_words
@@ -36,7 +36,7 @@ def description_of(task: TaskSpec, strategies: Strategies, library: Library) -> 
                 "name": name,
                 "class": thing.asset_class,
                 "place": place_in_words(thing),
-                "randomization": randomization_in_words(thing, with_joint=_has_joint(library, thing.asset_class)),
+                "randomization": randomization_in_words(thing, with_joint=_has_joint(task, name, library)),
             }
             for name, thing in task.objects.items()
         ],
@@ -59,14 +59,15 @@ def _is_stored(task: TaskSpec, strategies: Strategies) -> bool:
     return task == load_task(task.name) and dict(strategies) == load_strategies(task.name)
 
 
-def _bare(task: TaskSpec) -> TaskSpec:
-    """The task without its provenance and the names of its strategies."""
-    steps = tuple(step.model_copy(update={"strategies": ()}) for step in task.steps)
-    return task.model_copy(update={"provenance": None, "steps": steps})
-
-
-def _has_joint(library: Library, asset_class: str) -> bool:
-    return asset_class not in library.classes() or library.kind(asset_class) == "articulated"
+def _has_joint(task: TaskSpec, name: str, library: Library) -> bool:
+    """Whether an object of a task has a joint; of a class that is not there its criteria say so."""
+    asset_class = task.objects[name].asset_class
+    if asset_class in library.classes():
+        return library.kind(asset_class) == "articulated"
+    criteria = [criterion for step in task.steps for criterion in step.done] + list(task.goal)
+    return any(each.type.startswith("articulated_") and name in each.objects for each in criteria) or any(
+        getattr(each, "articulated", None) == name for each in criteria
+    )
 
 
 def _step(task: TaskSpec, step: Step, strategies: Strategies) -> dict[str, Any]:
@@ -96,13 +97,11 @@ def _as_data(criteria: tuple[Criterion, ...]) -> list[dict[str, Any]]:
 
 def _figures(task: TaskSpec, *, measured: bool) -> dict[str, Any]:
     """Figures under a task's name: the paper's and its release's where it is that task, whatever its strategies."""
-    name = task.name
-    is_papers = name in packaged_names() and _bare(task) == _bare(load_task(name))
-    published, released = (PAPER.get(name), MEASURED.get(name)) if is_papers else (None, None)
+    published, released = paper_of(task), released_of(task)
     return {
         "paper": None if published is None else {"mean": published[0], "deviation": published[1]},
         "original": None if released is None else {"successes": released[0], "episodes": released[1]},
-        "measured": [_measured(row) for row in figures_of(name)] if measured else [],
+        "measured": [_measured(row) for row in figures_of(task.name)] if measured else [],
     }
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import Tally, interval
-from gensim2.tasks.published import MEASURED, PAPER
+from gensim2.tasks.published import paper_of, released_of
 from gensim2.tasks.spec import TaskSpec
 
 TaskType = Literal["single-step", "long-horizon"]
@@ -53,7 +53,7 @@ class TaskRow:
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
         tally = Tally.of(self.episodes)
-        paper, measured = PAPER.get(self.task.name), MEASURED.get(self.task.name)
+        paper, measured = paper_of(self.task), released_of(self.task)
         return {
             "name": self.task.name,
             "type": self.type,
@@ -66,6 +66,7 @@ class TaskRow:
             "partial_share": tally.partial / tally.episodes,
             "replanned": tally.replanned,
             "still": tally.still,
+            "disturbed": tally.disturbed,
             "attempts": sum(max(1, len(episode.attempts)) for episode in self.episodes),
             "causes": tally.causes,
             "strict_misses": tally.strict_misses,
@@ -98,8 +99,8 @@ def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
     for kind in ("single-step", "long-horizon"):
         if not (members := [row for row in rows if row.type == kind]):
             continue
-        published = [PAPER[row.task.name][0] for row in members if row.task.name in PAPER]
-        measured = [MEASURED[row.task.name] for row in members if row.task.name in MEASURED]
+        published = [figure[0] for row in members if (figure := paper_of(row.task)) is not None]
+        measured = [figure for row in members if (figure := released_of(row.task)) is not None]
         found.append(
             {
                 "type": kind,

@@ -15,8 +15,11 @@ from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.rollout.config import DISTURBANCES, Disturbance, EpisodeConfig, RolloutArguments
-from gensim2.rollout.inputs import check_counts, check_workers, read_task_inputs
+from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
+from gensim2.tasks.spec import Step
 from gensim2.tasks.strategies import Strategies
+
+NOTHING_TO_DISTURB = "takes no rigid object, so that there is nothing to push or to drop"
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,8 @@ def benchmark(
         seed: seed of the scenes; no search draws from the same ones.
         attempts: largest number of attempts of an episode from its start, until one holds.
         one_plan: each step is planned once, at its turn, by its first strategy: the paper's method with our solver.
-        disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment.
+        disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; tasks in which no rigid object is
+            taken are left out.
         out: run folder; default ``runs/<date>-<time>``.
         workers: simulator processes, 0 for this one; the table does not depend on their number. On Ray the most at a
             time; None: one a CPU of the cluster.
@@ -123,6 +127,9 @@ def benchmark(
     if one_plan and scene.get("open_loop", False):
         raise InputError("plans all steps at the start", field="open_loop", remedy="leave it or one_plan out")
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
+    if disturbance is not None:
+        given, without = _disturbable(given)
+        skipped |= dict.fromkeys(without, NOTHING_TO_DISTURB)
     names = [one.spec.name for one in given]
     # Only now what takes long to import.
     from gensim2.data.runfolder import RunFolder, default_run_dir
@@ -190,6 +197,22 @@ def benchmark(
         )
         finish_table(folder, result.to_dict())
     return result
+
+
+def _disturbable(given: Sequence[TaskInput]) -> tuple[list[TaskInput], list[str]]:
+    """Return the tasks in which a rigid object is taken, and the names of the others.
+
+    Raises:
+        InputError: there is none of the former.
+    """
+    found = [one for one in given if any(_is_rigid(one, step) for step in one.spec.steps)]
+    if not found:
+        raise InputError(NOTHING_TO_DISTURB, field="disturb", remedy="name tasks with a rigid object")
+    return found, [one.spec.name for one in given if one not in found]
+
+
+def _is_rigid(given: TaskInput, step: Step) -> bool:
+    return given.library.kind(given.spec.objects[step.object].asset_class) == "rigid"
 
 
 def _arguments(config: EpisodeConfig, strategies: Strategies, _: int, seed: int) -> tuple[Any, ...]:

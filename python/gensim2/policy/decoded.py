@@ -92,7 +92,8 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
     """Return the episodes that held and were rendered, from the cache folder if they were decoded before.
 
     Args:
-        folders: of rendered data sets; of one that was rendered in part the listener is told how much is left out.
+        folders: of rendered data sets; of one that was rendered in part the listener is told how much is left out. An
+            episode that several of them hold counts once.
         tasks: names; none: all.
 
     Raises:
@@ -110,9 +111,12 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         spec.require(each.observation_spec(), str(each.path), of=str(sets[0].path))
     if "pointcloud" not in spec.modalities:
         raise InputError("holds no point clouds", file=sets[0].path, remedy="run `gensim2 render` on it")
-    held = list(_rows(sets, tasks))
-    if not held:
+    found = list(_rows(sets, tasks))
+    if not found:
         raise InputError("hold no episode that held", field="--data")
+    held = _once(found)
+    if len(held) < len(found):
+        progress.message(f"{len(found) - len(held)} of {len(found)} episodes are in several data sets and count once")
     rows = [each for each in held if each.rendered]
     if not rows:
         raise InputError("hold no rendered episode", field="--data", remedy="run `gensim2 render` on them")
@@ -154,6 +158,16 @@ def _rows(sets: Sequence[DataSet], tasks: Sequence[str]) -> Iterator[_Row]:
             store = each.task(name)
             language, noisy = store.spec().description, each.record.rollout.noise > 0
             yield from (_Row(store, row, language, noisy) for row in store.rows() if row.held)
+
+
+def _once(rows: Sequence[_Row]) -> list[_Row]:
+    """Return each episode once; where one of its copies was rendered, that one."""
+    found: dict[tuple[str, str, str | None], _Row] = {}
+    for each in rows:
+        key = (each.store.name, each.language, each.row.episode_digest)
+        if key not in found or (each.rendered and not found[key].rendered):
+            found[key] = each
+    return list(found.values())
 
 
 def _digest(rows: Sequence[_Row], robot: str, spec: ObservationSpec) -> str:

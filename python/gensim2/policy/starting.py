@@ -34,9 +34,13 @@ def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: Dept
             other observations, or cannot be read.
     """
     found = PolicyCheckpoint.load(start)
-    if policy != "keypose" or found.action.kind != "keypose" or found.config.text == "none":
+    if policy != "keypose" or found.action.kind != "keypose":
         message = "goes on from a keypose policy of several tasks"
         raise InputError(message, file=start, field="from", remedy="chunks: gensim2 train --from")
+    if found.config.text == "none":
+        message = "is a policy of one task, which hears no sentence"
+        remedy = "teach several tasks to one policy first: gensim2 learn --multi-task"
+        raise InputError(message, file=start, field="from", remedy=remedy)
     for one in given:
         if one.spec.name in found.data.tasks:
             raise InputError("the policy knows it already", file=start, field=f"tasks.{one.spec.name}")

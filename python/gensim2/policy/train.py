@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import hashlib
-import json
 import math
 import time
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ from gensim2.policy.network import CLOUD, PROPRIO, TEXT, PolicyNetwork, fresh_ne
 from gensim2.policy.source import SENTENCE, Source
 from gensim2.policy.text import prepare
 from gensim2.policy.train_signals import deferred_signals
-from gensim2.policy.train_state import STATE_JSON, TrainState
+from gensim2.policy.train_state import STATE_JSON, Identity, TrainState
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 from gensim2.seeding import rng
@@ -196,7 +195,7 @@ def _run(
     config: PolicyConfig,
     training: TrainConfig,
     folder: Path,
-    identity: str,
+    identity: Identity,
     progress: Progress,
 ) -> float:
     """Take all steps that are left; return the mean loss of the last stretch."""
@@ -332,8 +331,8 @@ def _start_from(network: PolicyNetwork, start: PolicyCheckpoint, source: Source)
     network.load_state_dict(weights)
 
 
-def _identity(source: Source, config: PolicyConfig, training: TrainConfig, start: PolicyCheckpoint | None) -> str:
-    """Digest of everything that the bytes of a training follow from."""
+def _identity(source: Source, config: PolicyConfig, training: TrainConfig, start: PolicyCheckpoint | None) -> Identity:
+    """Return everything that the bytes of a training follow from."""
     told = training.to_dict()
     for name in ("save_every", "log_every", "threads"):
         del told[name]
@@ -349,7 +348,7 @@ def _identity(source: Source, config: PolicyConfig, training: TrainConfig, start
         for name, value in start.network.state_dict().items():
             found.update(name.encode() + value.detach().cpu().contiguous().numpy().tobytes())
         what["start"] = found.hexdigest()
-    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
+    return Identity(what)
 
 
 def _device(name: str) -> torch.device:

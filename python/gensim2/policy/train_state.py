@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from pydantic import BaseModel, ConfigDict, Field
@@ -32,6 +35,33 @@ class _Record(BaseModel):
     sha256: str
     losses: list[float] = []
     loss: float | None = None
+    settings: dict[str, Any] = {}
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What the bytes of a training follow from.
+
+    Attributes:
+        parts: plain data by name; of ``"policy"`` and ``"training"`` by setting.
+    """
+
+    parts: Mapping[str, Any]
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the parts, in hexadecimal digits."""
+        return hashlib.sha256(json.dumps(self.parts, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings of policy and training, and the digest of the data."""
+        return {**self.parts["policy"], **self.parts["training"], "data": self.parts["data"]["digest"]}
+
+    def differs_in(self, settings: Mapping[str, Any]) -> list[str]:
+        """Names of the settings that are others here; none where ``settings`` is empty."""
+        mine = json.loads(json.dumps(self.settings))
+        return sorted(name for name in settings if mine.get(name) != settings[name])
 
 
 @dataclass
@@ -58,11 +88,12 @@ class TrainState:
     losses: list[float] = field(default_factory=list)
     loss: float | None = None
 
-    def save(self, folder: Path, identity: str) -> None:
+    def save(self, folder: Path, identity: Identity) -> None:
         """Write the state, whole or not at all.
 
         Args:
-            identity: digest of everything that the training follows from.
+            folder: that of the state.
+            identity: everything that the training follows from.
 
         Raises:
             WriteError: the folder cannot be written to.
@@ -80,20 +111,21 @@ class TrainState:
         write_atomic(folder / file, content)
         record = _Record(
             schema_version=1,
-            identity=identity,
+            identity=identity.digest,
             step=self.step,
             cpu_s=self.cpu_s,
             file=file,
             sha256=digest,
             losses=self.losses,
             loss=self.loss,
+            settings=identity.settings,
         )
         write_json(folder / STATE_JSON, record.model_dump())
         for old in folder.glob("state-*.safetensors"):
             if old.name != file:
                 old.unlink()
 
-    def load(self, folder: Path, identity: str) -> None:
+    def load(self, folder: Path, identity: Identity) -> None:
         """Go on where a state was written.
 
         Raises:
@@ -103,8 +135,10 @@ class TrainState:
         from safetensors.torch import load
 
         record = read_record(folder / STATE_JSON, _Record, _REMEDY)
-        if record.identity != identity:
+        if record.identity != identity.digest:
+            others = identity.differs_in(record.settings)
             message = "is of a training with other settings or data"
+            message += f": {', '.join(others)}" if others else ""
             raise InputError(
                 message, file=folder / STATE_JSON, remedy="choose another --out, or give the same settings"
             )

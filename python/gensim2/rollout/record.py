@@ -192,6 +192,7 @@ class Episode:
         start: (n,) all active joints of the robot at the start.
         attempts: where several were allowed, all that were made from this start, in order; everything else is of one of
             them (:mod:`gensim2.rollout.attempts`).
+        disturbed_at: control step at which it was disturbed; None where it was not.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -213,6 +214,7 @@ class Episode:
     randomization: str = DEFAULT_PRESET
     start: list[FiniteFloat] = field(default_factory=list)
     attempts: list[AttemptRecord] = field(default_factory=list)
+    disturbed_at: Annotated[int, Field(ge=0)] | None = None
 
     @property
     def partial(self) -> bool:

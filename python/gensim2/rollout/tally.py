@@ -23,6 +23,7 @@ class Tally:
         causes: why they do not count as held, most frequent first.
         strict_misses: what those that do not count as strict lack, most frequent first.
         objects: number of different objects by class.
+        disturbed: how many were disturbed.
     """
 
     episodes: int
@@ -35,6 +36,7 @@ class Tally:
     causes: dict[str, int]
     strict_misses: dict[str, int]
     objects: dict[str, int]
+    disturbed: int = 0
 
     @staticmethod
     def of(episodes: Sequence[Episode]) -> Tally:
@@ -51,6 +53,7 @@ class Tally:
             causes=_counted(str(episode.cause) for episode in episodes if episode.cause is not None),
             strict_misses=_counted(str(miss) for episode in episodes for miss in episode.strict_misses),
             objects=dict(sorted(Counter(asset_class for asset_class, _ in seen).items())),
+            disturbed=sum(episode.disturbed_at is not None for episode in episodes),
         )
 
     def verdicts(self) -> dict[str, int]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -221,14 +222,18 @@ def _rollout(
 
     def once(attempt: Attempt) -> EpisodeResult:
         controller = _made(attempt.controller(spec), attempt.task(task), config.scene.robot, which)
+        disturbed: Disturbed | None = None
         if given.disturbance is not None:
-            controller = Disturbed(controller, env, config.task, given.disturbance, seed)
+            controller = disturbed = Disturbed(controller, env, config.task, given.disturbance, seed)
         if given.noise:
             profile = env.profile
             controller = Noisy(controller, profile.control_hz, profile.arm_size, given.noise, seed)
         still = partial(no_op_episode, config.scene, seed)
         every = env.physics.criteria_steps(env.profile)
-        return run(env, controller, seed=seed, record=record, stop=stop, still=still, every=every)
+        found = run(env, controller, seed=seed, record=record, stop=stop, still=still, every=every)
+        if disturbed is None:
+            return found
+        return replace(found, episode=replace(found.episode, disturbed_at=disturbed.happened_at))
 
     result = attempted(task, once, given.attempts)
     return result.episode, result.recording

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from gensim2.tasks.library import load_task, packaged_names
+from gensim2.tasks.spec import TaskSpec
+
 PAPER: dict[str, tuple[float, float]] = {
     "OpenBox": (0.84, 0.07),
     "CloseBox": (0.94, 0.03),
@@ -78,3 +81,23 @@ of each.
 
 MEASURED_IN_ALL: dict[str, tuple[int, int]] = {"single-step": (556, 720), "long-horizon": (8, 50)}
 """The same of its 24 tasks of one step, thirty episodes each, and of five long ones, ten each."""
+
+
+def paper_of(task: TaskSpec) -> tuple[float, float] | None:
+    """The paper's mean and deviation of a task, whatever its strategies; None of a task that only has the name."""
+    return PAPER.get(task.name) if _is_published(task) else None
+
+
+def released_of(task: TaskSpec) -> tuple[int, int] | None:
+    """Successes of the original's release in so many episodes of a task, as :func:`paper_of`."""
+    return MEASURED.get(task.name) if _is_published(task) else None
+
+
+def _is_published(task: TaskSpec) -> bool:
+    return task.name in packaged_names() and _bare(task) == _bare(load_task(task.name))
+
+
+def _bare(task: TaskSpec) -> TaskSpec:
+    """The task without its provenance and the names of its strategies."""
+    steps = tuple(step.model_copy(update={"strategies": ()}) for step in task.steps)
+    return task.model_copy(update={"provenance": None, "steps": steps})

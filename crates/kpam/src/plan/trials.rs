@@ -34,6 +34,8 @@ pub(super) struct Trials {
     again: Vec<Attempt>,
     /// Poses that overlap something, and how deep (m) as far as that is known.
     overlapping: Vec<(f64, Row)>,
+    /// Whether the hand gets past one of the other poses.
+    is_passed: bool,
 }
 
 impl Trials {
@@ -55,6 +57,7 @@ impl Trials {
     }
 
     fn keep(&mut self, attempt: Attempt) {
+        self.is_passed |= attempt.extent() > 0.0;
         let beats = |bar: f64| attempt.is_whole() || attempt.score() > bar;
         if self.bar(attempt.rank).is_none_or(beats) {
             self.best = Some(attempt);
@@ -216,14 +219,18 @@ impl Planner<'_> {
             }
         }
         if self.partial && attempt.extent() > 0.0 {
+            trials.is_passed = true;
             trials.parts.push(attempt);
         } else {
             self.keep(attempt, trials);
         }
     }
 
-    /// Tries poses that are moved out of what they overlap.
+    /// Tries poses that are moved out of what they overlap, where that is what stops all others, too.
     fn try_cleared(&mut self, search: &mut ActuationSearch<'_>, samples: usize, trials: &mut Trials) {
+        if trials.is_passed {
+            return;
+        }
         let segment = self.world.schedule.last_before_actuation();
         let margins = self.overlaps_only();
         let mut overlapping = std::mem::take(&mut trials.overlapping);
