@@ -87,6 +87,8 @@ class Options(TypedDict, total=False):
     """Most poses that are tried for the whole motion, 1 to 1,000 (40)."""
     extra_seeds: int
     """Further start values where none of those allows the motion, at most 100,000 (200)."""
+    clearings: int
+    """Most poses that are moved out of what they overlap, where that is what stops all others, at most 1,000 (64)."""
     samples: int
     """Most samples of the free-space planner a pose, at most 1,000,000 (2,000)."""
     seed: int

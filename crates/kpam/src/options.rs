@@ -147,6 +147,8 @@ pub struct Options {
     pub candidates: usize,
     /// Further start values that are spent where no pose from `num_seeds` allows the whole motion: at most 100,000.
     pub extra_seeds: usize,
+    /// Most poses that are moved out of what they overlap, where that is what stops all others: at most 1,000.
+    pub clearings: usize,
     /// Most samples of the free-space planner a candidate: at most 1,000,000.
     pub samples: usize,
     /// Which start values and samples are drawn, 0 to 1,000,000: other ones lead to other motions where there are several.
@@ -195,6 +197,7 @@ impl Default for Options {
             finger_width: None,
             candidates: 40,
             extra_seeds: 200,
+            clearings: 64,
             samples: 2000,
             seed: 0,
             avoid_collisions: true,
@@ -226,6 +229,7 @@ impl Options {
             ("num_refinements", self.num_refinements, 1..=1000),
             ("candidates", self.candidates, 1..=1000),
             ("extra_seeds", self.extra_seeds, 0..=100_000),
+            ("clearings", self.clearings, 0..=1000),
             ("samples", self.samples, 0..=1_000_000),
             ("seed", self.seed, 0..=1_000_000),
         ];

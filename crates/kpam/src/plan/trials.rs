@@ -18,8 +18,6 @@ use crate::world::State;
 const FIRST_SAMPLES: usize = 150;
 /// Candidates that get the full number.
 const SECOND_CHANCES: usize = 4;
-/// Poses that overlap something and are moved out of it, where no other allows the motion: those that overlap least.
-const CLEARED: usize = 64;
 
 /// Trials so far, and the best of them.
 #[derive(Default)]
@@ -226,7 +224,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Tries poses that are moved out of what they overlap, where that is what stops all others, too.
+    /// Tries poses that are moved out of what they overlap, those first that overlap least, where that is what stops all
+    /// others.
     fn try_cleared(&mut self, search: &mut ActuationSearch<'_>, samples: usize, trials: &mut Trials) {
         if trials.is_passed {
             return;
@@ -235,7 +234,7 @@ impl Planner<'_> {
         let margins = self.overlaps_only();
         let mut overlapping = std::mem::take(&mut trials.overlapping);
         overlapping.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for (_, x) in overlapping.iter().take(CLEARED) {
+        for (_, x) in overlapping.iter().take(self.problem.options.clearings) {
             if self.is_done(trials) {
                 break;
             }
