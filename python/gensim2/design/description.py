@@ -64,7 +64,7 @@ def _has_joint(task: TaskSpec, name: str, library: Library) -> bool:
     asset_class = task.objects[name].asset_class
     if asset_class in library.classes():
         return library.kind(asset_class) == "articulated"
-    criteria = [criterion for step in task.steps for criterion in step.done] + list(task.goal)
+    criteria = [criterion for step in task.steps for criterion in step.done] + list(task.goal or ())
     return any(each.type.startswith("articulated_") and name in each.objects for each in criteria) or any(
         getattr(each, "articulated", None) == name for each in criteria
     )

@@ -61,7 +61,6 @@ class StepPlanner:
         warm_start: kpam.Plan | None = None,
         lost: Sequence[Array] = (),
         explain: bool = False,
-        clearing: bool = True,
     ) -> StepPlan:
         """Plan a step.
 
@@ -73,25 +72,22 @@ class StepPlanner:
             warm_start: an earlier plan of the same step, or one that was foreseen; its pose and its way come first.
             lost: (4, 4) hand poses in the frame of the step's object from which it slipped; they are tried last.
             explain: whether the plan says what became of every pose that was tried.
-            clearing: whether poses may be moved out of what they overlap. They fit hardly: a strategy or a grasp that
-                needs none is the better one.
 
         Returns:
             One without a motion and with the status ``"invalid"`` where the strategy does not fit these objects.
         """
-        budget: kpam.Options = {} if clearing else {"clearings": 0}
         try:
             if isinstance(strategy, GraspStrategy):
-                return self._grasp(scene, step, strategy, following, lost, budget)
+                return self._grasp(scene, step, strategy, following, lost)
             if isinstance(strategy, PullStrategy):
-                return self._pull(scene, step, strategy, budget)
+                return self._pull(scene, step, strategy)
             found = reach(
-                lambda options: self.problem(scene, step, strategy, {**budget, **options}),
+                lambda options: self.problem(scene, step, strategy, options),
                 self._problems.clearances(scene, step, strategy),
                 warm_start,
                 explain,
             )
-            part = self._letting_go(scene, step, strategy, found, budget)
+            part = self._letting_go(scene, step, strategy, found)
         except kpam.ProblemError as error:
             return StepPlan(INVALID, str(error), None, None, None)
         if part is not None:
@@ -100,18 +96,14 @@ class StepPlanner:
             return replace(planned, status=whole.status, reason=whole.reason, touches=found.touches, whole=whole)
         return replace(self._planned(scene, step, strategy, found.problem, found.plan), touches=found.touches)
 
-    def _letting_go(
-        self, scene: Scene, step: Step, strategy: KeypointStrategy, found: Reach, budget: kpam.Options
-    ) -> Reach | None:
+    def _letting_go(self, scene: Scene, step: Step, strategy: KeypointStrategy, found: Reach) -> Reach | None:
         """The longest part of a motion, after which the hand lets go as after the whole; None where there is none."""
         joint = scene.objects[step.object].joint
         config = shortened(strategy.config, found.plan, None if joint is None else joint.openness)
         if config is None:
             return None
         shorter = KeypointStrategy(config)
-        part = reach(
-            lambda options: self.problem(scene, step, shorter, {**budget, **options}), (found.clearance,), found.plan
-        )
+        part = reach(lambda options: self.problem(scene, step, shorter, options), (found.clearance,), found.plan)
         return part if part.plan.status == "solved" else None
 
     def problem(
@@ -170,7 +162,6 @@ class StepPlanner:
         strategy: GraspStrategy,
         following: Sequence[Ways],
         lost: Sequence[Array],
-        budget: kpam.Options,
     ) -> StepPlan:
         thing = scene.objects[step.object]
         if not thing.is_rigid or scene.held is not None:
@@ -183,14 +174,14 @@ class StepPlanner:
         ways: Sequence[Strategy] = () if use is None else use[1]  # in which it is yet to serve
         compared = 0
         for grasp, swapped in product(found, (False, True)):
-            taken = self._take(scene, step, strategy, grasp, swapped, budget)
+            taken = self._take(scene, step, strategy, grasp, swapped)
             if not taken.is_solved:
                 best = best if best is not None else taken
                 continue
             assert taken.after is not None
             if use is None:
                 return taken
-            way = self._way(taken.after, use[0], ways, budget)
+            way = self._way(taken.after, use[0], ways)
             if way is not None:
                 serving, ways = replace(taken, foreseen=way), ways[: way.strategy]
             elif best is None or not best.is_solved:
@@ -208,7 +199,7 @@ class StepPlanner:
             return replace(best, status="partial", reason=reason)
         return replace(best, status=NO_GRASP, reason=f"none of {len(found)} grasps is reached: {best.reason}")
 
-    def _pull(self, scene: Scene, step: Step, strategy: PullStrategy, budget: kpam.Options) -> StepPlan:
+    def _pull(self, scene: Scene, step: Step, strategy: PullStrategy) -> StepPlan:
         """Take the first grasp of the moving link that nothing is touched before and the whole motion follows from."""
         thing = scene.objects[step.object]
         if thing.joint is None or scene.held is not None:
@@ -220,8 +211,8 @@ class StepPlanner:
         first: kpam.Plan | None = None
         for grasp, swapped in product(found if clearances else (), (False, True)):
             points, way = pull_config(scene, grasp, self.profile, strategy, swapped)
-            of_step = partial(self._problems.of_step, scene, step, way, more_keypoints=points)
-            tried = reach(lambda options, of_step=of_step: of_step({**budget, **options}), clearances)
+            problem_with = partial(self._problems.of_step, scene, step, way, more_keypoints=points)
+            tried = reach(problem_with, clearances)
             if tried.plan.status == "solved":
                 return self._planned(scene, step, way, tried.problem, tried.plan)
             first = first or tried.plan
@@ -229,18 +220,9 @@ class StepPlanner:
             return StepPlan(NO_GRASP, f"what {thing.name} moves cannot be held where it stands", None, None, None)
         return StepPlan(NO_GRASP, f"none of {len(found)} grasps pulls it: {first.reason}", first, None, None)
 
-    def _take(
-        self,
-        scene: Scene,
-        step: Step,
-        strategy: GraspStrategy,
-        grasp: kpam.Grasp,
-        swapped: bool,
-        budget: kpam.Options,
-    ) -> StepPlan:
+    def _take(self, scene: Scene, step: Step, strategy: GraspStrategy, grasp: kpam.Grasp, swapped: bool) -> StepPlan:
         points, config = grasp_config(scene, grasp, self.profile, strategy, swapped)
-        options: kpam.Options = {
-            **budget,
+        options = {
             "pick": [step.object],
             "finger_width": self.profile.gripper.planned(float(min(grasp.opening, self.profile.gripper.widest))),
             "allow_partial": False,
@@ -262,13 +244,13 @@ class StepPlanner:
         at = np.array(grasp.T_object_hand)
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width, force, at)
 
-    def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy], budget: kpam.Options) -> Foreseen | None:
+    def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
         """By which of the strategies, the first, a step can be planned on a scene that is foreseen, and how."""
         for number, strategy in enumerate(strategies):
             if not isinstance(strategy, KeypointStrategy):
                 continue
             try:
-                problem = self.problem(scene, step, strategy, {**budget, "allow_partial": False})
+                problem = self.problem(scene, step, strategy, {"allow_partial": False})
             except kpam.ProblemError:  # it is for other objects than these
                 continue
             if (plan := kpam.plan(problem)).status == "solved":

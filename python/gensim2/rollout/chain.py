@@ -324,16 +324,18 @@ class ChainController:
         scene = observation.scene()
         if held is not None:
             scene = replace(scene, held=held.name, held_width=held.width, held_force=held.force)
-        warm_starts = {name: self._warm_start(turn, name) for name in self._untried(turn)}
-        plans = self._plans(scene, warm_starts, observation.step)
-        turn.plans.extend(plans)
-        self._running = best_of(plans)
+        found: list[ChainPlan] = []
+        for name in self._untried(turn):
+            warm_start = next((plan.planned.plan for plan in reversed(turn.plans) if plan.strategy == name), None)
+            if warm_start is None or warm_start.trajectory is None:
+                warm_start = self._foreseen(name)
+            plan = self._plan(scene, name, observation.step, warm_start)
+            turn.plans.append(plan)
+            found.append(plan)
+            if plan.is_best:
+                break
+        self._running = best_of(found)
         return self._running is not None
-
-    def _warm_start(self, turn: ChainTurn, name: str) -> kpam.Plan | None:
-        """The last plan by a strategy in this turn, or else the one that a grasp foresaw."""
-        last = next((plan.planned.plan for plan in reversed(turn.plans) if plan.strategy == name), None)
-        return self._foreseen(name) if last is None or last.trajectory is None else last
 
     @property
     def _holds(self) -> str | None:
@@ -359,22 +361,7 @@ class ChainController:
             return None
         return grasp.plan if self._step.strategies[grasp.strategy] == name else None
 
-    def _plans(self, scene: Scene, warm_starts: Mapping[str, kpam.Plan | None], at_step: int) -> list[ChainPlan]:
-        """Plans by the strategies in turn, up to one that none can be better than.
-
-        Where none is whole they have another turn, with poses that are moved out of what they overlap.
-        """
-        found: list[ChainPlan] = []
-        for clearing in (False, True):
-            for name, warm_start in warm_starts.items():
-                found.append(self._plan(scene, name, at_step, warm_start, clearing))
-                if found[-1].is_best:
-                    break
-            if any(plan.planned.is_solved for plan in found):
-                break
-        return found
-
-    def _plan(self, scene: Scene, name: str, at_step: int, warm_start: kpam.Plan | None, clearing: bool) -> ChainPlan:
+    def _plan(self, scene: Scene, name: str, at_step: int, warm_start: kpam.Plan | None) -> ChainPlan:
         later = self._task.steps[self._at + 1 :]
         following: list[Ways] = [(step, [self._strategies[each] for each in step.strategies]) for step in later]
         planned = self._planner.plan(
@@ -384,7 +371,6 @@ class ChainController:
             following=following,
             warm_start=warm_start,
             lost=self._lost.get(self._step.object, ()),
-            clearing=clearing,
         )
         room = room_for_hand(planned.after, self._step, later)
         return ChainPlan(name, planned, scene, at_step, self._trigger, self._profile, room)
@@ -394,7 +380,11 @@ class ChainController:
         ahead: list[list[ChainPlan]] = []
         for number, step in enumerate(self._task.steps):
             self._at = number
-            plans = self._plans(scene, dict.fromkeys(step.strategies), 0)
+            plans: list[ChainPlan] = []
+            for name in step.strategies:
+                plans.append(self._plan(scene, name, 0, None))
+                if plans[-1].is_best:
+                    break
             ahead.append(plans)
             best = best_of(plans)
             if best is None or best.planned.after is None or not best.planned.is_solved:

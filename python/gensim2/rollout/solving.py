@@ -150,13 +150,10 @@ def _plan(given: TaskInput, scene: Scene) -> list[SolvedStep]:
     steps: list[SolvedStep] = []
     for index, (step, _) in enumerate(ways):
         tried: list[SolvedStep] = []
-        for clearing in (False, True):
-            for name in step.strategies:
-                found = planner.plan(scene, step, strategies[name], following=ways[index + 1 :], clearing=clearing)
-                tried.append(SolvedStep(step.name, name, scene, found))
-                if found.rank == 0:
-                    break
-            if any(each.found.is_solved for each in tried):
+        for name in step.strategies:
+            found = planner.plan(scene, step, strategies[name], following=ways[index + 1 :])
+            tried.append(SolvedStep(step.name, name, scene, found))
+            if found.rank == 0:
                 break
         best = min(tried, key=lambda solved: solved.found.rank)
         steps.append(best)

@@ -186,21 +186,17 @@ def planned_way(
     """The first strategy with a whole plan, and that; None where there is none.
 
     They are tried in the order of the chain of steps. What the hand holds is put down near the middle of a strategy's
-    tolerance, and anywhere within it where no strategy has a plan so; poses are moved out of what they overlap where
-    there is none either.
+    tolerance, and anywhere within it where no strategy has a plan so.
     """
     tried = list(ways.items())
     if scene.held is not None:
         tried = [(name, centered(strategy)) for name, strategy in tried] + tried
     best: tuple[str, Strategy, StepPlan] | None = None
-    for clearing in (False, True):
-        for name, strategy in tried:
-            planned = planner.plan(scene, step, strategy, following=following, clearing=clearing)
-            if best is None or planned.rank < best[2].rank:
-                best = name, strategy, planned
-            if planned.rank == 0:
-                break
-        if best is not None and best[2].is_solved:
+    for name, strategy in tried:
+        planned = planner.plan(scene, step, strategy, following=following)
+        if best is None or planned.rank < best[2].rank:
+            best = name, strategy, planned
+        if planned.rank == 0:
             break
     return None if best is None or best[2].rank > MAX_TOUCHING else best
 
