@@ -260,6 +260,7 @@ fn options(whole: &Whole, n: usize) -> Options {
     options.num_seeds = 1 + whole.budgets[0] as usize % 8;
     options.candidates = 1 + whole.budgets[1] as usize % 4;
     options.extra_seeds = whole.budgets[2] as usize % 4;
+    options.clearings = whole.budgets[2] as usize / 4 % 8;
     options.samples = whole.budgets[3] as usize % 32;
     options.contacts = whole.window.map(|w| vec![window(w)]);
     options.pick = if flag(7) { vec!["thing0".to_owned()] } else { Vec::new() };

@@ -87,3 +87,50 @@ impl ActuationSearch<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::problem;
+    use super::*;
+    use crate::model::Model;
+
+    /// The tip stays at its goal while the hand leans out of a plane that it is behind; by more than the hand is long
+    /// there is no such pose.
+    #[test]
+    fn a_hand_leans_out_of_a_plane() {
+        let mut found = 0;
+        for number in 0..48 {
+            let (turn, towards) = (f64::from(number % 6) * 0.4 - 1.0, f64::from(number) * 0.9);
+            let goal = [0.45 * turn.cos(), 0.45 * turn.sin(), 0.3];
+            let problem = problem(-1.0, 0.5, goal);
+            let model = Model::new(&problem.robot, &problem.q_start).unwrap();
+            let resolved = problem.resolve().unwrap();
+            let mut search = ActuationSearch::new(&problem, &model, &resolved);
+            let from = search.all(24).candidates[0].x;
+            let normal = nalgebra::Vector3::new(towards.cos(), towards.sin(), 0.0);
+            let mut sight = ActuationSearch::new(&problem, &model, &resolved);
+            let mut height = |x: &Row| sight.hand(x).translation.vector.dot(&normal);
+            let begin = height(&from);
+            let mut beyond = |by: f64| {
+                search.cleared(&from, |x, clearances| {
+                    let mut gradient = [0.0; MAX_JOINTS];
+                    for v in 0..model.n() {
+                        let (mut high, mut low) = (*x, *x);
+                        high[v] += 1e-6;
+                        low[v] -= 1e-6;
+                        gradient[v] = (height(&high) - height(&low)) / 2e-6;
+                    }
+                    clearances.push(Clearance { gap: height(x) - begin - by, gradient });
+                })
+            };
+            let (near, far) = (beyond(0.01), beyond(0.25));
+            assert!(far.is_none(), "{number}");
+            if let Some(pose) = near {
+                found += 1;
+                assert!(height(&pose.x) >= begin + 0.01 + ENOUGH - 1e-9, "{number}");
+                assert!(search.violation(&pose.x) <= 0.0, "{number}");
+            }
+        }
+        assert!(found >= 30, "{found} of 48");
+    }
+}
