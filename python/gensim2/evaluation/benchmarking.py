@@ -128,7 +128,7 @@ def benchmark(
         raise InputError("plans all steps at the start", field="open_loop", remedy="leave it or one_plan out")
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     if disturbance is not None:
-        given, without = _disturbable(given)
+        given, without = _disturbable(given, resume)
         skipped |= dict.fromkeys(without, NOTHING_TO_DISTURB)
     names = [one.spec.name for one in given]
     # Only now what takes long to import.
@@ -199,13 +199,17 @@ def benchmark(
     return result
 
 
-def _disturbable(given: Sequence[TaskInput]) -> tuple[list[TaskInput], list[str]]:
+def _disturbable(given: Sequence[TaskInput], resume: bool) -> tuple[list[TaskInput], list[str]]:
     """Return the tasks in which a rigid object is taken, and the names of the others.
+
+    Where a run is to be gone on with that has none of the former, it was begun undisturbed: its folder says so.
 
     Raises:
         InputError: there is none of the former.
     """
     found = [one for one in given if any(_is_rigid(one, step) for step in one.spec.steps)]
+    if not found and resume:
+        return list(given), []
     if not found:
         raise InputError(NOTHING_TO_DISTURB, field="disturb", remedy="name tasks with a rigid object")
     return found, [one.spec.name for one in given if one not in found]

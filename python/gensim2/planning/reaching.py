@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import gensim2_kpam as kpam
 
 #: Clearances (m) that are asked for one after the other: more than the drives stray from their way, a hair, none.
 REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
+
+#: Options of the first round over all clearances, and of the second, which moves poses out of what they overlap.
+BUDGETS: tuple[kpam.Options, kpam.Options] = ({"clearings": 0}, {})
 
 #: A motion is longer than another where it goes this much further, of what comes after the actuation pose.
 LONGER = 0.01
@@ -39,7 +43,8 @@ def reach(
 ) -> Reach:
     """Plan a motion that keeps clear of what the hand reaches for until it is at the actuation pose.
 
-    The clearances are asked for in turn; the first whole motion is taken. Where none of them allows one, the last
+    The clearances are asked for in turn; the first whole motion is taken. Poses are moved out of what they overlap only
+    once there is none of the others: such poses fit hardly. Where none of them allows one, the last
     (None) lets hand and fingers touch what they reach for in the last segment before the actuation pose: a motion that
     gets it done comes before one that is gentle. Where that is no whole motion either, the gentlest of the longest
     parts is taken.
@@ -52,8 +57,8 @@ def reach(
     """
     lacks: str | None = None
     best: Reach | None = None
-    for clearance in clearances:
-        problem = problem_with({"reach_clearance": clearance})
+    for budget, clearance in product(BUDGETS, clearances):
+        problem = problem_with({**budget, "reach_clearance": clearance})
         plan = kpam.plan(problem, warm_start=warm_start, explain=explain)
         found = Reach(problem, plan, clearance, None if clearance else lacks)
         if found.plan.status == "solved":

@@ -200,12 +200,15 @@ def taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, .
         InputError: a class has no such instance or split.
     """
     asked = words_of_objects(library.instances, _classes(spec), (word,))
-    return {
-        name: taken_instances(
-            library.choose, thing.asset_class, asked[name], thing.words(library.source(thing.asset_class))
-        )
-        for name, thing in spec.objects.items()
-    }
+    try:
+        return {
+            name: taken_instances(
+                library.choose, thing.asset_class, asked[name], thing.words(library.source(thing.asset_class))
+            )
+            for name, thing in spec.objects.items()
+        }
+    except InputError as error:  # a library knows of splits and instances, not of what was asked for by both
+        raise InputError(error.message, file=error.file, field="instances", remedy=error.remedy) from error
 
 
 def has_instances(library: Library, asset_class: str, instances: str) -> bool:
