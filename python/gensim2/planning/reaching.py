@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import gensim2_kpam as kpam
 
 #: Clearances (m) that are asked for one after the other: more than the drives stray from their way, a hair, none.
 REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
-
-#: Options of the first round over all clearances, and of the second, which moves poses out of what they overlap.
-BUDGETS: tuple[kpam.Options, kpam.Options] = ({"clearings": 0}, {})
 
 #: A motion is longer than another where it goes this much further, of what comes after the actuation pose.
 LONGER = 0.01
@@ -55,19 +51,26 @@ def reach(
         warm_start: an earlier plan of the same step; its pose and its way are tried first.
         explain: whether the plan says what became of every pose that was tried.
     """
-    lacks: str | None = None
-    best: Reach | None = None
-    for budget, clearance in product(BUDGETS, clearances):
+    tried: list[Reach] = []
+
+    def is_reached(clearance: float | None, budget: kpam.Options) -> bool:
         problem = problem_with({**budget, "reach_clearance": clearance})
         plan = kpam.plan(problem, warm_start=warm_start, explain=explain)
-        found = Reach(problem, plan, clearance, None if clearance else lacks)
-        if found.plan.status == "solved":
-            return found
-        if lacks is None:
-            lacks = found.plan.reason
-        if best is None or _extent(found.plan) > _extent(best.plan) + LONGER:
-            best = found
-    assert best is not None
+        lacks = tried[0].plan.reason if tried and not clearance else None
+        tried.append(Reach(problem, plan, clearance, lacks))
+        return plan.status == "solved"
+
+    for clearance in clearances:
+        if is_reached(clearance, {"clearings": 0}):
+            return tried[-1]
+    # A part of a motion gets past an actuation pose, and where there is none nothing can be moved.
+    for clearance in [each.clearance for each in tried if each.plan.status not in ("partial", "actuation_infeasible")]:
+        if is_reached(clearance, {}):
+            return tried[-1]
+    best = tried[0]
+    for each in tried[1:]:
+        if _extent(each.plan) > _extent(best.plan) + LONGER:
+            best = each
     return best
 
 
