@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import re
 from collections.abc import Sequence
@@ -170,6 +171,10 @@ BETTER = {
 }
 
 
+TOO_DEEP = 0.1
+"""Metres below where it may lie that the first answer puts what is held: no pose of the hand is clear of the drawer."""
+
+
 class Learner(GoodModel):
     """Writes one way a step at first, of those that the library shares, and others where it is told of failures."""
 
@@ -178,7 +183,11 @@ class Learner(GoodModel):
         self._told: dict[str, int] = {}
 
     def constraints(self, asked: Asked) -> str:
-        return yaml.safe_dump({"constraint_list": shared_strategy(FIRST[_step(asked)])["constraint_list"]})
+        step = _step(asked)
+        constraints = copy.deepcopy(shared_strategy(FIRST[step])["constraint_list"])
+        if step == "place":
+            constraints[0]["target_offset"][2] -= TOO_DEEP
+        return yaml.safe_dump({"constraint_list": constraints})
 
     def motions(self, asked: Asked) -> str:
         config = shared_strategy(FIRST[_step(asked)])

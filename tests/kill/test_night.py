@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="fi
 
 
 def night(out: Path, *more: str) -> subprocess.CompletedProcess[str]:
-    words = ["--world", "fake", "--tasks", "1", "--episodes", "30", "--kills", "1", "--out", str(out), *more]
+    words = ["--world", "fake", "--tasks", "1", "--episodes", "120", "--kills", "1", "--out", str(out), *more]
     return subprocess.run([sys.executable, str(SCRIPT), *words], capture_output=True, text=True, check=False)
 
 
