@@ -65,8 +65,9 @@ def _has_joint(task: TaskSpec, name: str, library: Library) -> bool:
     if asset_class in library.classes():
         return library.kind(asset_class) == "articulated"
     criteria = [criterion for step in task.steps for criterion in step.done] + list(task.goal or ())
-    return any(each.type.startswith("articulated_") and name in each.objects for each in criteria) or any(
-        getattr(each, "articulated", None) == name for each in criteria
+    return any(
+        name in each.objects if each.type.startswith("articulated_") else getattr(each, "articulated", None) == name
+        for each in criteria
     )
 
 

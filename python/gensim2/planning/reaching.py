@@ -40,7 +40,7 @@ def reach(
     """Plan a motion that keeps clear of what the hand reaches for until it is at the actuation pose.
 
     The clearances are asked for in turn; the first whole motion is taken. Poses are moved out of what they overlap only
-    once there is none of the others: such poses fit hardly. Where none of them allows one, the last
+    once there is none of the others: such poses barely fit. Where none of them allows one, the last
     (None) lets hand and fingers touch what they reach for in the last segment before the actuation pose: a motion that
     gets it done comes before one that is gentle. Where that is no whole motion either, the gentlest of the longest
     parts is taken.
@@ -53,7 +53,7 @@ def reach(
     """
     tried: list[Reach] = []
 
-    def is_reached(clearance: float | None, budget: kpam.Options) -> bool:
+    def solves(clearance: float | None, budget: kpam.Options) -> bool:
         problem = problem_with({**budget, "reach_clearance": clearance})
         plan = kpam.plan(problem, warm_start=warm_start, explain=explain)
         lacks = tried[0].plan.reason if tried and not clearance else None
@@ -61,11 +61,11 @@ def reach(
         return plan.status == "solved"
 
     for clearance in clearances:
-        if is_reached(clearance, {"clearings": 0}):
+        if solves(clearance, {"clearings": 0}):
             return tried[-1]
     # A part of a motion gets past an actuation pose, and where there is none nothing can be moved.
     for clearance in [each.clearance for each in tried if each.plan.status not in ("partial", "actuation_infeasible")]:
-        if is_reached(clearance, {}):
+        if solves(clearance, {}):
             return tried[-1]
     best = tried[0]
     for each in tried[1:]:

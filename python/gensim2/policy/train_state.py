@@ -40,7 +40,7 @@ class _Record(BaseModel):
 
 @dataclass(frozen=True)
 class Identity:
-    """What the bytes of a training follow from.
+    """Settings and data that determine the result of a training.
 
     Attributes:
         parts: plain data by name; of ``"policy"`` and ``"training"`` by setting.

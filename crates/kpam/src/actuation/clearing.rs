@@ -9,9 +9,9 @@ use crate::world::Clearance;
 const STEPS: usize = 10;
 /// Largest change of a joint in one step (rad or m).
 const STEP: f64 = 0.15;
-/// Most of what lacks that one step is to gain (m): out of what is deeper, the way changes as it is gone.
+/// Largest part of a missing distance that one step tries to gain (m): the way out of a deep overlap changes on it.
 const GAIN: f64 = 0.03;
-/// Every so many steps what lacks most has to come down to this share.
+/// Every so many steps the largest missing distance has to come down to this share.
 const PATIENCE: usize = 3;
 const SLOWEST: f64 = 0.9;
 /// Times that a step asks for half as much, where the constraints leave no room for the whole.
