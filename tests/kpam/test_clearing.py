@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import gensim2_kpam as kpam
+from gensim2.planning.reaching import reach
 
 from .kpam_scenes import config, problem, table
 
@@ -24,13 +25,17 @@ def slot(yaw: float, half_width: float) -> list[kpam.Body]:
     return walls
 
 
-def planned(panda: kpam.Robot, yaw: float, half_width: float) -> kpam.Plan:
+def into_slot(panda: kpam.Robot, yaw: float, half_width: float, **options: object) -> kpam.KeypointProblem:
     loose = config(gripper="closed", post_actuation_motions=[])
     loose["constraint_list"][0]["tolerance"] = 0.03
     for axis in loose["constraint_list"][1:]:
         axis["tolerance"] = 0.5
     bodies = [table(), *slot(yaw, half_width)]
-    return kpam.plan(problem(panda, config=loose, bodies=bodies, joint=None, options={"finger_width": 0.0}))
+    return problem(panda, config=loose, bodies=bodies, joint=None, options={"finger_width": 0.0, **options})
+
+
+def planned(panda: kpam.Robot, yaw: float, half_width: float, explain: bool = False) -> kpam.Plan:
+    return kpam.plan(into_slot(panda, yaw, half_width), explain=explain)
 
 
 @pytest.mark.parametrize("yaw", [0.3, 0.6])
@@ -44,6 +49,16 @@ def test_a_hand_gets_into_a_slot_that_is_hardly_wider(panda: kpam.Robot, yaw: fl
     walls = kpam.Scene(panda, slot(yaw, half_width))
     assert np.asarray(walls.distance(q, 0.05)).min() > 0.0
     assert planned(panda, yaw, half_width).q_plan == pytest.approx(plan.q_plan, abs=0.0)
+    assert planned(panda, yaw, half_width, explain=True).q_plan == pytest.approx(plan.q_plan, abs=0.0)
+
+
+def test_what_reaches_for_nothing_touches_nothing_early_however_it_got_in(panda: kpam.Robot) -> None:
+    assert kpam.plan(into_slot(panda, 0.3, 0.036, clearings=0)).status == "collision"
+    found = reach(lambda options: into_slot(panda, 0.3, 0.036, **options), (None,))
+    assert (found.plan.status, found.touches) == ("solved", None)
+    gentle = reach(lambda options: into_slot(panda, 0.3, 0.036, **options), (0.003, None))
+    assert gentle.plan.status == "solved"
+    assert (gentle.touches is None) == (gentle.clearance == 0.003)
 
 
 def test_a_slot_that_is_narrower_than_the_hand_is_none(panda: kpam.Robot) -> None:

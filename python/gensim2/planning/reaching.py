@@ -10,6 +10,9 @@ import gensim2_kpam as kpam
 #: Clearances (m) that are asked for one after the other: more than the drives stray from their way, a hair, none.
 REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
 
+#: Outcomes of a plan that gets to no actuation pose though there are some: others may serve that are moved.
+SHORT = ("collision", "not_found", "unreachable")
+
 #: A motion is longer than another where it goes this much further, of what comes after the actuation pose.
 LONGER = 0.01
 
@@ -39,11 +42,11 @@ def reach(
 ) -> Reach:
     """Plan a motion that keeps clear of what the hand reaches for until it is at the actuation pose.
 
-    The clearances are asked for in turn; the first whole motion is taken. Poses are moved out of what they overlap only
-    once there is none of the others: such poses barely fit. Where none of them allows one, the last
-    (None) lets hand and fingers touch what they reach for in the last segment before the actuation pose: a motion that
-    gets it done comes before one that is gentle. Where that is no whole motion either, the gentlest of the longest
-    parts is taken.
+    The clearances are asked for in turn; the first whole motion is taken. The last (None) lets hand and fingers touch
+    what they reach for in the last segment before the actuation pose: a motion that gets it done comes before one that
+    is gentle. Where none of them allows one, those that got to no pose are asked for again with poses that are moved
+    out of what they overlap: such poses barely fit. Where that is no whole motion either, the gentlest of
+    the longest parts is taken.
 
     Args:
         problem_with: the problem with options that take the place of its own.
@@ -56,19 +59,19 @@ def reach(
     def solves(clearance: float | None, budget: kpam.Options) -> bool:
         problem = problem_with({**budget, "reach_clearance": clearance})
         plan = kpam.plan(problem, warm_start=warm_start, explain=explain)
-        lacks = tried[0].plan.reason if tried and not clearance else None
-        tried.append(Reach(problem, plan, clearance, lacks))
+        gentle = next((each.plan.reason for each in tried if each.clearance), None)
+        tried.append(Reach(problem, plan, clearance, None if clearance else gentle))
         return plan.status == "solved"
 
     for clearance in clearances:
         if solves(clearance, {"clearings": 0}):
             return tried[-1]
-    # A part of a motion gets past an actuation pose, and where there is none nothing can be moved.
-    for clearance in [each.clearance for each in tried if each.plan.status not in ("partial", "actuation_infeasible")]:
+    for clearance in [each.clearance for each in tried if each.plan.status in SHORT]:
         if solves(clearance, {}):
             return tried[-1]
-    best = tried[0]
-    for each in tried[1:]:
+    gentlest, *others = sorted(tried, key=lambda each: clearances.index(each.clearance))
+    best = gentlest
+    for each in others:
         if _extent(each.plan) > _extent(best.plan) + LONGER:
             best = each
     return best

@@ -30,8 +30,8 @@ pub(super) struct Trials {
     parts: Vec<Attempt>,
     /// Motions that lack nothing but the free approach.
     again: Vec<Attempt>,
-    /// Poses that overlap something, and how deep (m) as far as that is known.
-    overlapping: Vec<(f64, Row)>,
+    /// Poses that overlap something.
+    overlapping: Vec<Row>,
     /// Whether the hand gets past one of the other poses.
     is_passed: bool,
 }
@@ -139,16 +139,9 @@ impl Planner<'_> {
             extra += usize::from(!attempt.overlaps);
             self.try_followed(attempt, samples, &mut trials);
         }
+        self.try_rest(samples, &mut trials);
         self.try_cleared(search, samples, &mut trials);
-        self.try_parts(samples, &mut trials);
-        for attempt in std::mem::take(&mut trials.again) {
-            if self.is_done(&trials) {
-                break;
-            }
-            if trials.bar(attempt.rank).is_none_or(|bar| attempt.extent() > bar) {
-                self.finish(attempt, options.samples, &mut trials);
-            }
-        }
+        self.try_rest(samples, &mut trials);
         self.drop_parts(&mut trials);
         let has_part = trials.best.as_ref().is_some_and(|best| best.timed.is_some());
         if let Some((margin, part)) = kept.filter(|_| self.world.is_over() && !has_part) {
@@ -184,7 +177,9 @@ impl Planner<'_> {
         let mut attempt = self.followed(x, false);
         attempt.rank = trials.tried;
         trials.tried += 1;
-        if !attempt.overlaps {
+        if attempt.overlaps {
+            trials.overlapping.push(attempt.origin);
+        } else {
             self.sweep_all(&mut attempt, bar);
         }
         let worth = attempt.failure.is_none() || self.partial && attempt.extent() > bar.unwrap_or(0.0);
@@ -204,10 +199,8 @@ impl Planner<'_> {
     fn try_followed(&mut self, mut attempt: Attempt, samples: usize, trials: &mut Trials) {
         attempt.rank = trials.tried;
         trials.tried += 1;
-        if attempt.overlaps
-            && let Some((_, hit)) = attempt.hits.first()
-        {
-            trials.overlapping.push((-hit.distance, attempt.origin));
+        if attempt.overlaps {
+            trials.overlapping.push(attempt.origin);
         }
         if attempt.failure.is_none() && !self.start_is_blocked() {
             let bar = trials.bar(attempt.rank);
@@ -217,24 +210,26 @@ impl Planner<'_> {
             }
         }
         if self.partial && attempt.extent() > 0.0 {
-            trials.is_passed = true;
             trials.parts.push(attempt);
         } else {
             self.keep(attempt, trials);
         }
     }
 
-    /// Tries poses that are moved out of what they overlap, those first that overlap least, where that is what stops all
+    /// Tries poses that are moved out of what they overlap, those first that lack least, where that is what stops all
     /// others.
     fn try_cleared(&mut self, search: &mut ActuationSearch<'_>, samples: usize, trials: &mut Trials) {
-        if trials.is_passed {
+        let most = self.problem.options.clearings;
+        if trials.is_passed || most == 0 {
             return;
         }
         let segment = self.world.schedule.last_before_actuation();
         let margins = self.overlaps_only();
-        let mut overlapping = std::mem::take(&mut trials.overlapping);
+        let overlapping = std::mem::take(&mut trials.overlapping).into_iter();
+        let lacking = |x: Row| (self.world.lacking(State::still(&x), segment, &margins), x);
+        let mut overlapping: Vec<_> = overlapping.map(lacking).collect();
         overlapping.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for (_, x) in overlapping.iter().take(self.problem.options.clearings) {
+        for (_, x) in overlapping.iter().take(most) {
             if self.is_done(trials) {
                 break;
             }
@@ -244,6 +239,20 @@ impl Planner<'_> {
             if let Some(pose) = pose {
                 let attempt = self.followed_and_seen(&pose.x);
                 self.try_followed(attempt, samples, trials);
+            }
+        }
+    }
+
+    /// Finds the longest of the motions that were put aside, and looks more closely for approaches to those that lack
+    /// nothing else.
+    fn try_rest(&mut self, samples: usize, trials: &mut Trials) {
+        self.try_parts(samples, trials);
+        for attempt in std::mem::take(&mut trials.again) {
+            if self.is_done(trials) {
+                break;
+            }
+            if trials.bar(attempt.rank).is_none_or(|bar| attempt.extent() > bar) {
+                self.finish(attempt, self.problem.options.samples, trials);
             }
         }
     }

@@ -45,6 +45,22 @@ impl World<'_> {
         }
     }
 
+    /// The most that a checked pair lacks of what `margins` ask for (m), zero where none lacks anything.
+    pub fn lacking(&mut self, state: State<'_>, segment: MotionSegment, margins: &Margins) -> f64 {
+        self.place(state, segment);
+        let mut most = 0.0f64;
+        self.look(
+            segment,
+            EXACT,
+            |world, group, seen| world.asked(segment, margins, group, seen),
+            |world, seen, p| {
+                most = most.max(world.asked(segment, margins, p.group, seen) - p.contact.distance);
+                true
+            },
+        );
+        most
+    }
+
     /// Adds how a point of a group moves along `direction` with each variable.
     fn add_motion(
         &self,
