@@ -133,6 +133,12 @@ def test_another_training_is_not_gone_on_with(tmp_path: Path) -> None:
     train_policy(source, config, made_up.training(), tmp_path)
     with pytest.raises(InputError, match="other settings or data: seed"):
         train_policy(source, config, made_up.training(seed=9), tmp_path, resume=True)
+    renamed = made_up.MadeUpSource(config, sentences=("turn on the faucet",))
+    with pytest.raises(InputError, match="other settings or data: sentences"):
+        train_policy(renamed, config, made_up.training(), tmp_path, resume=True)
+    start = train_policy(source, config, made_up.training(seed=3), tmp_path / "start").checkpoint
+    with pytest.raises(InputError, match="other settings or data: start"):
+        train_policy(source, config, made_up.training(), tmp_path, start=start, resume=True)
     state = next((tmp_path / "training").glob("state-*.safetensors"))
     state.write_bytes(state.read_bytes()[:-1])
     with pytest.raises(InputError, match="is damaged"):

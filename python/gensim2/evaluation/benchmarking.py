@@ -127,16 +127,16 @@ def benchmark(
     if one_plan and scene.get("open_loop", False):
         raise InputError("plans all steps at the start", field="open_loop", remedy="leave it or one_plan out")
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
-    if disturbance is not None:
-        given, without = _disturbable(given, resume)
-        skipped |= dict.fromkeys(without, NOTHING_TO_DISTURB)
-    names = [one.spec.name for one in given]
     # Only now what takes long to import.
-    from gensim2.data.runfolder import RunFolder, default_run_dir
+    from gensim2.data.runfolder import RUN_JSON, RunFolder, default_run_dir
     from gensim2.rollout import worker
     from gensim2.rollout.evaluator import PoolEvaluator
     from gensim2.rollout.identity import identity, provenance, versions
 
+    if disturbance is not None:
+        given, without = _disturbable(given, resume and out is not None and (Path(out) / RUN_JSON).exists())
+        skipped |= dict.fromkeys(without, NOTHING_TO_DISTURB)
+    names = [one.spec.name for one in given]
     library = given[0].library
     options, rollout = (
         given[0].scene.options,
@@ -199,19 +199,19 @@ def benchmark(
     return result
 
 
-def _disturbable(given: Sequence[TaskInput], resume: bool) -> tuple[list[TaskInput], list[str]]:
+def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskInput], list[str]]:
     """Return the tasks in which a rigid object is taken, and the names of the others.
 
-    Where a run is to be gone on with that has none of the former, it was begun undisturbed: its folder says so.
+    A run that is begun and has none of the former was begun undisturbed: its folder says so.
 
     Raises:
         InputError: there is none of the former.
     """
     found = [one for one in given if any(_is_rigid(one, step) for step in one.spec.steps)]
-    if not found and resume:
+    if not found and is_begun:
         return list(given), []
     if not found:
-        raise InputError(NOTHING_TO_DISTURB, field="disturb", remedy="name tasks with a rigid object")
+        raise InputError(NOTHING_TO_DISTURB, field="disturbance", remedy="name tasks with a rigid object")
     return found, [one.spec.name for one in given if one not in found]
 
 

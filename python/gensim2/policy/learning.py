@@ -32,7 +32,7 @@ from gensim2.policy.keypose.teaching import pulls_last
 from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
 from gensim2.policy.learn_record import LEARN_JSON, LearnRecord, begin_record, check_demonstrations, take_demonstrations
 from gensim2.policy.network import fresh_network
-from gensim2.policy.objects import shared_objects, unseen_instances, words
+from gensim2.policy.objects import check_test_instances, shared_objects, unseen_instances, words
 from gensim2.policy.source import Source
 from gensim2.policy.starting import (
     SPEC,
@@ -228,8 +228,8 @@ def learn(
     if test_instances is None:
         test_instances = unseen_instances(listed) if listed else "new"
     tested_on: dict[str, Any] = {**scene, "instances": test_instances}
+    check_test_instances([*known, *named.values()], seed, **tested_on)
     seen = shared_objects(listed, test_instances)
-    read_all_task_inputs([*known, *named.values()], seed=seed, **tested_on)
     if multi_task or begun is not None:
         check_sentences([*(begun.sentences if begun is not None else ()), *(one.spec.description for one in given)])
     check_turns(robot(given[0].scene.robot), POLICY)

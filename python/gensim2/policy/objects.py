@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Unpack
 
 from gensim2.errors import InputError
-from gensim2.rollout.inputs import TaskInput, has_instances, taken
+from gensim2.rollout.config import RolloutArguments
+from gensim2.rollout.inputs import TaskInput, has_instances, read_all_task_inputs, taken
 
 
 def unseen_instances(given: Sequence[TaskInput]) -> str:
@@ -25,6 +27,24 @@ def unseen_instances(given: Sequence[TaskInput]) -> str:
         field="test_instances",
         remedy="say which: --test-instances all|ID",
     )
+
+
+def check_test_instances(tasks: Sequence[str], seed: int, **given: Unpack[RolloutArguments]) -> None:
+    """Check tasks with the objects that a policy is to be measured on.
+
+    Args:
+        tasks: names or folders.
+        seed: of the run.
+        given: scene and rollout, with ``instances`` the word for those objects.
+
+    Raises:
+        InputError: a task cannot be run on them; of the word it names ``test_instances``.
+    """
+    try:
+        read_all_task_inputs(tasks, seed=seed, **given)
+    except InputError as error:
+        field = "test_instances" if error.field == "instances" else error.field
+        raise InputError(error.message, file=error.file, field=field, remedy=error.remedy) from error
 
 
 def shared_objects(given: Sequence[TaskInput], word: str) -> list[str]:

@@ -43,7 +43,7 @@ class Identity:
     """Settings and data that determine the result of a training.
 
     Attributes:
-        parts: plain data by name; of ``"policy"`` and ``"training"`` by setting.
+        parts: plain data by name: ``"policy"`` and ``"training"`` by setting, the others as they are.
     """
 
     parts: Mapping[str, Any]
@@ -51,17 +51,24 @@ class Identity:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the parts, in hexadecimal digits."""
-        return hashlib.sha256(json.dumps(self.parts, sort_keys=True).encode()).hexdigest()
+        return _digest(self.parts)
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings of policy and training, and the digest of the data."""
-        return {**self.parts["policy"], **self.parts["training"], "data": self.parts["data"]["digest"]}
+        """The settings of policy and training, and of each other part its digest."""
+        others = {name: _digest(part) for name, part in self.parts.items() if name not in ("policy", "training")}
+        return {**self.parts["policy"], **self.parts["training"], **others}
 
     def differs_in(self, settings: Mapping[str, Any]) -> list[str]:
-        """Names of the settings that are others here; none where ``settings`` is empty."""
+        """Names of the settings that are others here, or on one side only; none where ``settings`` is empty."""
         mine = json.loads(json.dumps(self.settings))
-        return sorted(name for name in settings if mine.get(name) != settings[name])
+        names = {*mine, *settings} if settings else ()
+        nowhere = object()
+        return sorted(name for name in names if mine.get(name, nowhere) != settings.get(name, nowhere))
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
 @dataclass

@@ -122,6 +122,10 @@ def test_a_table_is_gone_on_with_as_it_was_begun(tmp_path: Path, capfd: pytest.C
     ):
         assert run([*QUICK, "--out", str(tmp_path / "run"), "--resume", *words]) == BAD_INPUT
         assert f"arguments.{field}" in capfd.readouterr().err
+    # Where nothing was begun there is nothing to be gone on with.
+    assert run([*QUICK, "--out", str(tmp_path / "other"), "--resume", "--disturb", "push"]) == BAD_INPUT
+    assert "takes no rigid object" in capfd.readouterr().err
+    assert not (tmp_path / "other").exists()
 
 
 def test_tasks_that_objects_do_not_do_for_are_named_and_left_out(tmp_path: Path) -> None:

@@ -202,7 +202,7 @@ def test_what_cannot_be_done_is_said_before_anything_is_planned(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     for words, said in (
-        (["--test-instances", "tset"], "tset"),
+        (["--test-instances", "tset"], "test_instances: no"),
         (["--objects", "5", "--instances", "train"], "says other objects than instances"),
         (["--policy", "chunk", "--verify"], "is of plans"),
         (["OpenBox", "--text", "clip"], "is of policies of several tasks"),
