@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.store import TaskStore
+from gensim2.data.used_objects import check_objects
 from gensim2.errors import InputError, MissingExtraError
 from gensim2.observations import EmptyCloudError, ObservationSpec
 from gensim2.robots import RobotProfile
@@ -79,7 +80,8 @@ def view(
         spec: of the cloud; None takes what a policy sees by default.
         host: address to listen on.
         port: of the page; the next free one is taken where it is in use.
-        scene: of a task, see :class:`~gensim2.rollout.config.RolloutArguments`.
+        scene: of a task, see :class:`~gensim2.rollout.config.RolloutArguments`; ``assets`` also says where the objects
+            of a data set are now.
 
     Returns:
         The ``viser.ViserServer``; ``stop()`` ends it.
@@ -91,14 +93,19 @@ def view(
     viser_module()
     place = Path(what)
     if place.suffix == ".h5":
-        found = of_file(place)
+        found = of_file(place, _location(scene.get("assets")))
     elif (place / DATASET_JSON).exists():
-        found = of_data_set(place, task, episode)
+        found = of_data_set(place, task, episode, _location(scene.get("assets")))
     else:
         if task is not None or episode is not None:
             raise InputError("is for a data set", field="task" if task is not None else "episode")
         found = of_task(str(what), seed, **scene)
     return serve(found, spec or ObservationSpec(), host=host, port=port)
+
+
+def _location(assets: object) -> Path | str | None:
+    """Return where objects are; a library that is open says so itself."""
+    return cast(Path | str | None, getattr(assets, "location", assets))
 
 
 def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
@@ -123,13 +130,14 @@ def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
     return Shown(f"**{given.spec.name}**, seed {seed}: {ended}", given.scene, recording, plans)
 
 
-def of_data_set(folder: Path, task: str | None, index: int | None) -> Shown:
-    """Read an episode of a data set.
+def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path | str | None = None) -> Shown:
+    """Read an episode of a data set, whose objects are in ``assets`` now; None: where they were.
 
     Raises:
-        InputError: there is no such task or episode, or its states were not kept.
+        InputError: there is no such task or episode, its states were not kept, or an object is not there or another
+            one.
     """
-    dataset = DataSet.open(folder)
+    dataset = DataSet.open(folder, assets)
     store = dataset.task(task or dataset.tasks[0])
     row = next((row for row in store.rows() if (row.held if index is None else row.index == index)), None)
     if row is None:
@@ -138,13 +146,13 @@ def of_data_set(folder: Path, task: str | None, index: int | None) -> Shown:
     recording = store.read(row).recording
     if recording is None:
         raise InputError("its states were not kept", file=store.path(row.index, row.held), remedy="--keep-failures")
-    record = dataset.record
-    scene = record.scene.with_task(store.spec(), record.tasks[store.name].instances)
+    scene = dataset.scene.with_task(store.spec(), dataset.record.tasks[store.name].instances)
+    check_objects(row, scene.assets, store.path(row.index, row.held))
     return Shown(f"**{store.name}**, episode {row.index}: {'held' if row.held else row.cause}", scene, recording)
 
 
-def of_file(path: Path) -> Shown:
-    """Read an episode of a data set by its file.
+def of_file(path: Path, assets: Path | str | None = None) -> Shown:
+    """Read an episode of a data set by its file, as :func:`of_data_set` does.
 
     Raises:
         InputError: it is none, or cannot be read.
@@ -154,7 +162,7 @@ def of_file(path: Path) -> Shown:
         raise InputError("is not the file of an episode of a data set", file=path, remedy="give the data set's folder")
     if not path.exists():
         raise InputError("is not there", file=path)
-    return of_data_set(folder.parent, TaskStore(folder).name, int(path.stem))
+    return of_data_set(folder.parent, TaskStore(folder).name, int(path.stem), assets)
 
 
 def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port: int = 8080) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -13,18 +14,30 @@ import numpy as np
 import pytest
 
 from gensim2.data import TaskStore, observation_file
+from gensim2.data.dataset import DATASET_JSON
+from gensim2.data.formats.export import export
 from gensim2.data.observation_file import DamagedObservationError, read_observation
 from gensim2.data.rendering import render
-from gensim2.errors import InputError, WriteError
+from gensim2.data.report import report
+from gensim2.data.selection import Selection
+from gensim2.errors import InputError, NotRunError, WriteError
+from gensim2.objects import open_library
 from gensim2.observations import CloudSettings, ObservationSpec
 from gensim2.progress import NullProgress
+from gensim2.rollout.record import ObjectRecord
 from gensim2.rollout.recording import Recorder
 from gensim2.sealed_file import HEADER_SIZE
 from gensim2.sim.headless import HeadlessEnv
+from gensim2.viewing import of_data_set
 
 SMALL = ObservationSpec(
     ("pointcloud", "depth", "segmentation"), ("left", "front"), CloudSettings(points=64, candidates=256)
 )
+
+
+def used(thing: ObjectRecord, instance: str) -> ObjectRecord:
+    content = open_library("builtin").load(thing.asset_class, instance).content_hash
+    return replace(thing, id=instance, content_hash=content)
 
 
 @pytest.fixture
@@ -40,7 +53,7 @@ def store(gather: Callable[..., Any], tmp_path: Path) -> TaskStore:
             lane.step(lane.profile.rest_action)
             recorder.add(lane.profile.rest_action, lane.measure())
         episode, recording = store.read(row).row.episode, recorder.finish()
-        seen = {name: replace(thing, id=recording.instances[name]) for name, thing in episode.objects.items()}
+        seen = {name: used(thing, recording.instances[name]) for name, thing in episode.objects.items()}
         store.path(row.index, row.held).unlink()
         store.add(index, replace(episode, seed=index, objects=seen, control_steps=2), recording)
     list(store.write_rows(2))
@@ -107,6 +120,55 @@ def test_other_observations_are_neither_mixed_nor_lost(store: TaskStore) -> None
     path = store.folder / "observations" / next(iter(first))
     with pytest.raises(InputError, match="another episode"):
         read_observation(path, "0" * 64)
+
+
+def moved(store: TaskStore, assets: str) -> None:
+    """Let the data set say that its objects lie elsewhere."""
+    file = store.folder.parent / DATASET_JSON
+    record = json.loads(file.read_bytes())
+    record["arguments"]["assets"] = assets
+    file.write_text(json.dumps(record))
+
+
+def test_objects_that_moved_are_looked_for_where_they_are_now(store: TaskStore, tmp_path: Path) -> None:
+    before = rendered(store)
+    shutil.rmtree(store.folder / "observations")
+    moved(store, str(tmp_path / "gone"))
+    folder = store.folder.parent
+    near = Selection(clearance=-0.2)
+    for look in (
+        lambda: render(folder, spec=SMALL, workers=0),
+        lambda: report(folder, video=False),
+        lambda: export(folder, tmp_path / "out", "zarr", near),
+        lambda: of_data_set(folder, None, None),
+    ):
+        with pytest.raises(InputError, match=r"gone, which is not there .say with --assets where they are now"):
+            look()
+    assert export(folder, tmp_path / "all", "zarr", observations=False) > 0
+    assert rendered(store, assets="builtin") == before
+    assert report(folder, video=False, assets="builtin")["tasks"][0]["held"] > 0
+    assert export(folder, tmp_path / "near", "zarr", near, assets="builtin") > 0
+    assert of_data_set(folder, None, None, "builtin").scene.assets == "builtin"
+
+
+def test_other_objects_than_those_of_the_episodes_are_refused(store: TaskStore) -> None:
+    for row in list(store.rows()):
+        stored = store.read(row)
+        [(name, thing)] = row.objects.items()
+        store.path(row.index, row.held).unlink()
+        store.add(
+            row.index, replace(stored.row.episode, objects={name: replace(thing, content_hash="0")}), stored.recording
+        )
+    list(store.write_rows(2))
+    [thing] = next(row for row in store.rows() if row.held).objects.values()
+    folder = store.folder.parent
+    for look in (
+        lambda: render(folder, spec=SMALL, workers=0),
+        lambda: report(folder, video=False),
+        lambda: of_data_set(folder, None, None),
+    ):
+        with pytest.raises((InputError, NotRunError), match=f"was run with another drawer/{thing.id} than builtin has"):
+            look()
 
 
 def test_what_cannot_be_read_or_written_is_one_error_and_loses_nothing(

@@ -36,6 +36,7 @@ def data() -> None:
     help="Metres that the robot keeps at least from the table, itself and objects that no step acts on; at most 0.2.",
 )
 @click.option("--observations/--no-observations", default=True, show_default=True, help="What `gensim2 render` made.")
+@options.moved_assets
 @options.json_file
 def export(folder: Path, to: str, out: Path, json_file: str | None, **given: Any) -> None:
     """Write the episodes of the data set in FOLDER that held in another format.
@@ -56,7 +57,8 @@ def export(folder: Path, to: str, out: Path, json_file: str | None, **given: Any
             longest=given["max_steps"],
             clearance=given["min_clearance"],
         )
-        count = function(folder, out, to, selection, observations=given["observations"], progress=progress)  # type: ignore[arg-type]
+        told = {"observations": given["observations"], "assets": given["assets"]}
+        count = function(folder, out, to, selection, **told, progress=progress)  # type: ignore[arg-type]
         give({"schema_version": 1, "folder": str(out), "episodes": count})
 
 
@@ -77,8 +79,9 @@ def import_(folder: Path, of: str, out: Path, json_file: str | None) -> None:
 @data.command("report", cls=options.Command, short_help="What a data set covers, as a page.")
 @click.argument("folder", type=_FOLDER)
 @options.video
+@options.moved_assets
 @options.json_file
-def quality(folder: Path, video: bool, json_file: str | None) -> None:
+def quality(folder: Path, video: bool, assets: str | None, json_file: str | None) -> None:
     """Look at every episode of the data set in FOLDER and write FOLDER/quality.html.
 
     Where objects stood and how far open, which ones, how long and how smooth the motions are, how near the robot
@@ -88,7 +91,7 @@ def quality(folder: Path, video: bool, json_file: str | None) -> None:
         from gensim2.data.report import HTML
         from gensim2.data.report import report as function
 
-        give({**function(folder, video=video, progress=progress), "report": str(folder / HTML)})
+        give({**function(folder, video=video, assets=assets, progress=progress), "report": str(folder / HTML)})
 
 
 @data.command("card", cls=options.Command, short_help="Write a data set's README.md.")

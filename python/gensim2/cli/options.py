@@ -106,6 +106,13 @@ assets = click.option(
     "a folder lacks is the generated one.  [default: $GENSIM2_ASSETS, else builtin]",
 )
 
+moved_assets = click.option(
+    "--assets",
+    metavar="DIR|builtin",
+    default=None,
+    help="Where the data set's objects are now; they have to be the same.  [default: where they were]",
+)
+
 
 def _workers(ctx: click.Context, _: click.Parameter, count: int) -> int | None:
     """Return None, one for each CPU of the cluster, where ``--ray`` is given and ``--workers`` is not."""

@@ -49,6 +49,7 @@ from gensim2.errors import InputError
     metavar="N",
     help="Number of episodes of each task, the first that held.  [default: all]",
 )
+@options.moved_assets
 @options.workers
 @click.option("--resume", is_flag=True, help="Go on with the observations that DIR holds.")
 @options.time_limit

@@ -95,6 +95,7 @@ def _option(each: Any) -> dict[str, Any]:
     help="Number of episodes of each task and round of --dagger.",
 )
 @options.workers
+@options.moved_assets
 @click.option("--device", default="auto", show_default=True, help="Device by PyTorch's name.")
 @settings(PolicyConfig, TrainConfig)
 @options.json_file
@@ -109,6 +110,7 @@ def train(
     dagger: int,
     dagger_episodes: int,
     workers: int,
+    assets: str | None,
     json_file: str | None,
     **given: Any,
 ) -> None:
@@ -131,6 +133,7 @@ def train(
             dagger=dagger,
             dagger_episodes=dagger_episodes,
             workers=workers,
+            assets=assets,
             progress=progress,
         )
         give(result.to_dict())

@@ -9,6 +9,8 @@ for row in dataset.task("OpenBox").rows():          # every episode that was tri
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 
 from gensim2.data.frame_access import FrameAccess
@@ -18,8 +20,11 @@ from gensim2.data.store import OBSERVATIONS, TaskStore
 from gensim2.errors import InputError, near
 from gensim2.files import write_json
 from gensim2.foreign.tree import ForeignTree
+from gensim2.objects import open_library
+from gensim2.objects.library.catalogue import BUILTIN
 from gensim2.observations import ObservationSpec
 from gensim2.record_files import read_record
+from gensim2.scenes.config import SceneOptions
 
 DATASET_JSON = "dataset.json"
 
@@ -36,21 +41,47 @@ class DataSet:
     Args:
         path: folder of the data set.
         record: its ``dataset.json``.
+        assets: where its objects are now; None: where they were.
     """
 
-    def __init__(self, path: Path, record: DatasetRecord) -> None:
-        self.path, self.record = path, record
+    def __init__(self, path: Path, record: DatasetRecord, assets: Path | str | None = None) -> None:
+        self.path, self.record, self._assets = path, record, assets
 
     @staticmethod
-    def open(path: Path | str) -> DataSet:
+    def open(path: Path | str, assets: Path | str | None = None) -> DataSet:
         """Read what a collection left, finished or not.
+
+        Args:
+            path: folder of the data set.
+            assets: where its objects are now, a folder or ``"builtin"``; None: where they were. Whoever looks at an
+                episode's objects checks that they are the same.
 
         Raises:
             InputError: ``dataset.json`` is not there, is damaged, or another version of gensim2 wrote it.
         """
         path = Path(path)
         file = path / DATASET_JSON
-        return DataSet(path, read_record(file, DatasetRecord, "restore the file, or choose the folder of a data set"))
+        record = read_record(file, DatasetRecord, "restore the file, or choose the folder of a data set")
+        return DataSet(path, record, assets)
+
+    @cached_property
+    def scene(self) -> SceneOptions:
+        """Options that the scenes of all tasks share, with the objects where they are now.
+
+        Raises:
+            InputError: the folder of objects is not there.
+        """
+        scene = self.record.scene
+        if self._assets is not None:
+            return replace(scene, assets=str(open_library(self._assets).location))
+        if scene.assets != BUILTIN and not Path(scene.assets).is_dir():
+            raise InputError(
+                f"its objects were in {scene.assets}, which is not there",
+                file=self.path / DATASET_JSON,
+                field="arguments.assets",
+                remedy="say with --assets where they are now",
+            )
+        return scene
 
     def save(self) -> None:
         """Write ``dataset.json``."""

@@ -15,6 +15,7 @@ from gensim2.data.clearance import ClearanceMeter
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.frames import FIRST_JOINT
 from gensim2.data.store import TaskStore
+from gensim2.data.used_objects import check_objects
 from gensim2.objects import open_library
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import RobotProfile, robot
@@ -77,20 +78,21 @@ def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[
     """Yield what is to be said of each task; one episode is in memory at a time.
 
     Raises:
-        InputError: the collection is not complete, or a file is damaged, of an episode or of an object.
+        InputError: the collection is not complete, or a file is damaged, of an episode or of an object, or an
+            object is not there or another one.
     """
-    scene = dataset.record.scene
+    scene = dataset.scene
     profile, library = robot(scene.robot), open_library(scene.assets)
     for name in dataset.tasks:
         store = dataset.task(name)
         progress.start(f"{name}: look at episodes", dataset.record.tasks[name].tried)
         spec = store.spec()
         meter = ClearanceMeter(profile, spec, library, physics_switches(scene.physics).hulls)
-        yield _quality(store, spec, profile, meter, progress)
+        yield _quality(store, spec, profile, scene.assets, meter, progress)
 
 
 def _quality(
-    store: TaskStore, spec: TaskSpec, profile: RobotProfile, meter: ClearanceMeter, progress: Progress
+    store: TaskStore, spec: TaskSpec, profile: RobotProfile, assets: str, meter: ClearanceMeter, progress: Progress
 ) -> TaskQuality:
     found = TaskQuality(store.name, spec.description)
     role = spec.steps[0].object
@@ -112,6 +114,7 @@ def _quality(
             if thing.openness_start is not None:
                 found.openness.append(thing.openness_start)
             found.same_scene += _again(scenes, _scene(row))
+            check_objects(row, assets, store.path(row.index))
             recording = store.read(row).recording
             assert recording is not None
             found.jerks.append(jerk(recording, profile))

@@ -14,6 +14,7 @@ from gensim2.data.dataset import DataSet
 from gensim2.data.lock import FolderLock
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
 from gensim2.data.store import OBSERVATIONS, TaskStore
+from gensim2.data.used_objects import check_objects
 from gensim2.errors import InputError
 from gensim2.files import append, remove_temporaries
 from gensim2.observations import ObservationSpec
@@ -79,6 +80,7 @@ def render(
     episodes: int | None = None,
     workers: int = 2,
     resume: bool = False,
+    assets: Path | str | None = None,
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
@@ -99,6 +101,7 @@ def render(
         episodes: number of episodes of each task, the first that held; None: all.
         workers: number of processes; the files do not depend on it.
         resume: go on with observations that are there, all of the same spec.
+        assets: where the data set's objects are now; None: where they were.
         time_limit, jobs_per_worker: as for ``collect``.
         progress: listener for stages and steps.
 
@@ -113,7 +116,7 @@ def render(
     folder, spec = Path(folder), spec or ObservationSpec()
     if spec.is_proprioceptive:
         raise InputError("must name something that cameras give", field="modalities")
-    dataset = DataSet.open(folder)
+    dataset = DataSet.open(folder, assets)
     require_cameras(spec.cameras, robot(dataset.record.scene.robot))
     wanted = {name: dataset.task(name) for name in tasks or dataset.tasks}
     lock = FolderLock(folder)
@@ -190,7 +193,7 @@ class _Rendering:
 
     def _scene(self, store: TaskStore) -> SceneConfig:
         # An episode says itself which objects it has.
-        return self._dataset.record.scene.with_task(store.spec())
+        return self._dataset.scene.with_task(store.spec())
 
     def _failed(self, failure: Failure) -> None:
         self._progress.message(f"try {failure.number} of job {failure.index} came to nothing: {failure.reason}")
@@ -203,10 +206,11 @@ def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, spec: O
     """Observe one episode and write its file; called in a worker.
 
     Raises:
-        InputError: its file is gone or damaged, or an object's files cannot be used.
+        InputError: its file is gone or damaged, or an object's files cannot be used or are others.
         WriteError: it cannot be written.
     """
     store = TaskStore(folder)
+    check_objects(row, scene.assets, store.path(row.index, row.held))
     recording = store.read(row).recording
     if recording is None:
         raise InputError("holds no states", file=store.path(row.index, row.held), remedy="collect it again")

@@ -42,21 +42,25 @@ class _Section:
     shots: tuple[Shot, ...]
 
 
-def report(path: Path, *, video: bool = True, progress: Progress = NULL_PROGRESS) -> dict[str, Any]:
+def report(
+    path: Path, *, video: bool = True, assets: Path | str | None = None, progress: Progress = NULL_PROGRESS
+) -> dict[str, Any]:
     """Look at every episode of a data set; write the page and the numbers into its folder.
 
     Args:
         path: of the data set.
         video: film the first demonstration of each task, where this machine can draw pictures.
+        assets: where its objects are now; None: where they were.
         progress: listener.
 
     Returns:
         The numbers.
 
     Raises:
-        InputError: the data set cannot be read, or its collection is not complete.
+        InputError: the data set cannot be read, or its collection is not complete, or an object is not there or another
+            one.
     """
-    dataset = DataSet.open(path)
+    dataset = DataSet.open(path, assets)
     sections = [_section(dataset, quality, video, progress) for quality in qualities(dataset, progress)]
     numbers = {"schema_version": SCHEMA_VERSION, "tasks": [section.quality.to_dict() for section in sections]}
     write_json(path / JSON, numbers)
@@ -88,7 +92,7 @@ def _film(dataset: DataSet, store: TaskStore, row: LoggedEpisode, progress: Prog
     else:
         recording = store.read(row).recording
         assert recording is not None
-        scene = dataset.record.scene
+        scene = dataset.scene
         replay = Replay.of(recording, store.spec(), scene.assets, scene.environment)
         film(replay, dataset.path / video, still=dataset.path / still)
     progress.advance()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DataSet
 from gensim2.data.store import TaskStore
+from gensim2.data.used_objects import check_objects
 from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -61,7 +62,7 @@ class Selection:
 
         Raises:
             InputError: the data set has no such task, or its collection is not complete, or an episode's file that has
-                to be looked at is damaged.
+                to be looked at is damaged, or an object of it is not there or another one.
         """
         for name in dict.fromkeys(self.tasks or dataset.tasks):
             store = dataset.task(name)
@@ -78,13 +79,14 @@ class Selection:
         """Those whose clearance is at least ``least``; it does not stand in the record."""
         from gensim2.data.clearance import ClearanceMeter  # here: it brings SciPy
 
-        scene = dataset.record.scene
+        scene = dataset.scene
         meter = ClearanceMeter(
             robot(scene.robot), store.spec(), open_library(scene.assets), physics_switches(scene.physics).hulls
         )
         progress.start(f"{store.name}: clearance", len(rows))
         kept = []
         for row in rows:
+            check_objects(row, scene.assets, store.path(row.index))
             recording = store.read(row).recording
             assert recording is not None  # of what held it always is
             if meter.of(recording).distance >= least:

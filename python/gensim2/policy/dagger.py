@@ -41,6 +41,7 @@ def train_rounds(
     resume: bool = False,
     device: str = "auto",
     workers: int = 1,
+    assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> TrainResult:
     """Train on demonstrations, then in each round on, from the weights before, with relabels beside them.
@@ -54,6 +55,7 @@ def train_rounds(
         episodes: of each task and round that the policy is rolled out in.
         start, resume, device: as there.
         workers: simulator processes.
+        assets: where the objects are now; None: where they were.
         progress: listener.
 
     Returns:
@@ -64,7 +66,7 @@ def train_rounds(
         NotRunError: some episodes could not be run.
     """
     _check_free(out, resume, rounds)
-    given = [one for folder in folders for one in _inputs(DataSet.open(folder), source.record.tasks)]
+    given = [one for folder in folders for one in _inputs(DataSet.open(folder, assets), source.record.tasks)]
     for one in given:
         step = one.spec.steps[0]
         if len(one.spec.steps) > 1 or one.library.kind(one.spec.objects[step.object].asset_class) != "articulated":
@@ -138,7 +140,7 @@ def _inputs(dataset: DataSet, tasks: Sequence[str]) -> list[TaskInput]:
     for name in dataset.tasks:
         if name in tasks:
             task = record.tasks[name]
-            scene: dict[str, Any] = {**record.scene.to_record(), "instances": task.instances}
+            scene: dict[str, Any] = {**dataset.scene.to_record(), "instances": task.instances}
             given, _ = read_task_inputs([str(dataset.task(name).folder)], seed=record.seed, **scene)
             count = task.objects
             found += given if count is None else [with_objects(one, count, record.seed) for one in given]

@@ -24,6 +24,7 @@ def train(
     dagger: int = 0,
     dagger_episodes: int = 20,
     workers: int = 1,
+    assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> Any:
     """Train a policy on the demonstrations of rendered data sets; return a :class:`~gensim2.policy.train.TrainResult`.
@@ -41,6 +42,7 @@ def train(
             (:mod:`gensim2.policy.dagger`); each trains on for as many steps.
         dagger_episodes: of each task and round.
         workers: simulator processes of these rounds.
+        assets: where the objects of these rounds are now; None: where they were.
 
     Raises:
         InputError: a setting, the data or a checkpoint cannot be used.
@@ -78,6 +80,7 @@ def train(
             resume=resume,
             device=device,
             workers=workers,
+            assets=assets,
             progress=progress,
         )
     return train_policy(

@@ -43,6 +43,7 @@ def export(
     selection: Selection | None = None,
     *,
     observations: bool = True,
+    assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> int:
     """Write episodes of a data set in another format, and a card, all or nothing; return how many.
@@ -54,6 +55,7 @@ def export(
             Diffusion Policy reads it.
         selection: which episodes.
         observations: with the point clouds and pictures that were made of them.
+        assets: where the data set's objects are now, for a ``selection`` that looks at them; None: where they were.
         progress: listener.
 
     Raises:
@@ -61,7 +63,7 @@ def export(
         WriteError: no room is left, or the folder cannot be written to.
         MissingExtraError: the format's library is not installed.
     """
-    dataset = DataSet.open(path)
+    dataset = DataSet.open(path, assets)
     check_apart(path, out, "the data set")
     chosen = some(selection or Selection(), dataset, progress)
     count = sum(len(rows) for _, rows in chosen)
