@@ -130,7 +130,7 @@ def _show_motion(result: dict[str, Any]) -> None:
     "--checkpoint",
     type=click.Path(path_type=Path),
     default=None,
-    metavar="DIR",
+    metavar="DIR|builtin",
     help="A keypose policy, whose looks are timed in episodes of its tasks, the planner included.",
 )
 @click.option("--head", "heads", multiple=True, metavar="NAME", help="Only this one; may be given again.")
@@ -156,10 +156,12 @@ def policy(
         _refuse_beside_a_checkpoint(click.get_current_context())
     with report(json_file, _show_policy if checkpoint is None else _show_looks) as (progress, give):
         if checkpoint is not None:
+            from gensim2.policy.checkpoint import checkpoint_folder
             from gensim2.policy.keypose.latency import measure_looks
 
             looks = {name: given[name] for name in ("threads", "assets")}
-            return give(measure_looks(checkpoint, looks=given["decisions"], progress=progress, **looks))
+            folder = checkpoint_folder(checkpoint)
+            return give(measure_looks(folder, looks=given["decisions"], progress=progress, **looks))
         from gensim2.policy.config import HEADS
         from gensim2.policy.latency import measure_latencies
 

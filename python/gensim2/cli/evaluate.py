@@ -19,8 +19,9 @@ from gensim2.errors import InputError
     "--checkpoint",
     type=click.Path(path_type=Path),
     default=None,
-    metavar="DIR",
-    help="A policy that gensim2 learn or train made, in place of --controller.",
+    metavar="DIR|builtin",
+    help="A policy that gensim2 learn or train made, or the one of the single-step tasks that comes with gensim2, in "
+    "place of --controller.",
 )
 @options.controls("none")
 @click.option(

@@ -106,6 +106,7 @@ assets = click.option(
     "a folder lacks is the generated one.  [default: $GENSIM2_ASSETS, else builtin]",
 )
 
+checkpoint = click.argument("folder", metavar="DIR|builtin", type=click.Path(path_type=Path))
 moved_assets = click.option(
     "--assets",
     metavar="DIR|builtin",

@@ -19,10 +19,10 @@ def policy() -> None:
 
 
 @policy.command("show", cls=options.Command, short_help="Say what a checkpoint is.")
-@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@options.checkpoint
 @options.json_file
 def show(folder: Path, json_file: str | None) -> None:
-    """Say what the checkpoint DIR is: its network, what it was trained on, and what it looks at."""
+    """Say what the checkpoint DIR is, or the package's own: its network, what it was trained on, what it looks at."""
     with report(json_file, _show) as (_, give):
         from gensim2.policy.checkpoint import PolicyCheckpoint
 
@@ -60,7 +60,7 @@ def _show(result: dict[str, Any]) -> None:
 
 
 @policy.command("export", cls=options.Command, short_help="Write a policy's network as ONNX or a PyTorch graph.")
-@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@options.checkpoint
 @click.option("--to", type=click.Choice(("onnx", "torch")), default="onnx", show_default=True, help="Format.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="FILE", help="File to write.")
 @options.json_file
@@ -71,9 +71,10 @@ def export(folder: Path, to: Literal["onnx", "torch"], out: Path, json_file: str
     policies also the order of the points and the meaning of the classes.
     """
     with report(json_file, _show_export) as (_, give):
+        from gensim2.policy.checkpoint import checkpoint_folder
         from gensim2.policy.export import export_policy
 
-        give(export_policy(folder, out, to))
+        give(export_policy(checkpoint_folder(folder), out, to))
 
 
 def _show_export(result: dict[str, Any]) -> None:
@@ -81,7 +82,7 @@ def _show_export(result: dict[str, Any]) -> None:
 
 
 @policy.command("serve", cls=options.Command, short_help="Serve a policy, or any controller, to a robot elsewhere.")
-@click.argument("controller", metavar="DIR|module:Class")
+@click.argument("controller", metavar="DIR|builtin|module:Class")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address that is listened at.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8321, show_default=True, help="0: any that is free.")
 @click.option(
@@ -106,7 +107,7 @@ def serve(controller: str, host: str, port: int, arguments: tuple[str, ...], **g
     else:
         from gensim2.policy.evaluating import policy_controller
 
-        spec = policy_controller(Path(controller))
+        spec = policy_controller(controller)
     given_token = os.environ.get(TOKEN)
     token = given_token or secrets.token_urlsafe(24)
     server = PolicyServer(spec, given["robot"], token, host=host, port=port, said=line)

@@ -56,8 +56,9 @@ LINE = (
     click.option(
         "--policy",
         default=None,
-        metavar="DIR|ws://HOST:PORT",
-        help="Checkpoint that gensim2 learn or train left, or where gensim2 policy serve listens.",
+        metavar="DIR|builtin|ws://HOST:PORT",
+        help="Checkpoint that gensim2 learn or train left, the one that comes with gensim2, or where gensim2 policy "
+        "serve listens.",
     ),
     click.option("--plan", is_flag=True, help="The planner's chain in its place, which sees the true scene."),
     number("--deadline", 0.15, 0.0, 60.0, "Seconds within which an action must come from a server.", above=True),

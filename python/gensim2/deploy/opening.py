@@ -286,7 +286,7 @@ def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
         return ControllerSpec(REMOTE, arguments)
     from gensim2.policy.evaluating import policy_controller
 
-    return policy_controller(Path(policy))
+    return policy_controller(policy)
 
 
 def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None) -> Devices:

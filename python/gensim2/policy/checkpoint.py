@@ -30,8 +30,16 @@ KIND: Literal["gensim2-policy"] = "gensim2-policy"
 VERSION = 1
 MAX_WEIGHTS = 8 * 2**30  # bytes
 
+BUILTIN = "builtin"
+"""Word for the policy that comes with the package: keyposes of the suite's single-step tasks."""
+
 _REMEDY = "give the folder of a policy that `gensim2 train` made"
 _NETWORK, _TABLE = "network.", "sentences"
+
+
+def checkpoint_folder(place: Path | str) -> Path:
+    """Return the folder of a checkpoint: the package's own for ``"builtin"``, else ``place`` itself."""
+    return Path(__file__).parent / BUILTIN if str(place) == BUILTIN else Path(place)
 
 
 class CheckpointError(InputError):
@@ -180,7 +188,7 @@ class PolicyCheckpoint:
 
     @staticmethod
     def load(folder: Path | str) -> PolicyCheckpoint:
-        """Read a checkpoint.
+        """Read a checkpoint; ``"builtin"`` is the package's own.
 
         Raises:
             CheckpointError: it is damaged, or another version of gensim2 wrote it.
@@ -191,7 +199,7 @@ class PolicyCheckpoint:
 
         from gensim2.policy.network import PolicyNetwork
 
-        folder = Path(folder)
+        folder = checkpoint_folder(folder)
         file = folder / CONFIG_JSON
         version = read_record(file, _Version, _REMEDY).schema_version
         if version != VERSION:

@@ -9,7 +9,7 @@ from typing import Any, Literal, Unpack, get_args
 
 from gensim2.errors import InputError, near
 from gensim2.evaluation.evaluating import EvaluationResult, evaluate
-from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.control import Shuffled
 from gensim2.policy.sentences import embeds, sentence_row, substitutes
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
@@ -94,23 +94,24 @@ class PolicyResult:
         return {**told, "controls": controls, "cpu_s": round(self.cpu_s, 3)}
 
 
-def policy_controller(checkpoint: Path, **arguments: Any) -> ControllerSpec:
+def policy_controller(checkpoint: Path | str, **arguments: Any) -> ControllerSpec:
     """The controller of a checkpoint, whatever its head.
 
     Args:
-        checkpoint: folder.
+        checkpoint: folder, or ``"builtin"``.
         arguments: of the controller, beside it.
 
     Raises:
         InputError: the checkpoint cannot be used.
     """
-    policy = PolicyCheckpoint.load(checkpoint)
+    folder = checkpoint_folder(checkpoint)
+    policy = PolicyCheckpoint.load(folder)
     target = KEYPOSE if policy.action.kind == "keypose" else CHUNKS
-    return ControllerSpec(target, {"checkpoint": str(Path(checkpoint).resolve()), **arguments})
+    return ControllerSpec(target, {"checkpoint": str(folder.resolve()), **arguments})
 
 
 def evaluate_policy(
-    checkpoint: Path,
+    checkpoint: Path | str,
     tasks: str | Sequence[str],
     *,
     controls: str | Sequence[Control] = CONTROLS,
@@ -134,7 +135,7 @@ def evaluate_policy(
     """Measure a policy and its controls.
 
     Args:
-        checkpoint: its folder.
+        checkpoint: its folder, or ``"builtin"``.
         controls: which, as :func:`read_controls` takes them.
         control_episodes: of each task; at most ``episodes``.
         arguments: of the policy's controller, beside its checkpoint.
@@ -149,11 +150,12 @@ def evaluate_policy(
     """
     controls, names = read_controls(controls), [tasks] if isinstance(tasks, str) else list(tasks)
     check_counts(control_episodes=control_episodes)
+    checkpoint = checkpoint_folder(checkpoint)
     policy = PolicyCheckpoint.load(checkpoint)
     policy.require_robot(scene_options(**scene).robot, checkpoint)
     given = read_all_task_inputs(names, seed=seed, **scene)
     if "shuffled" in controls:
-        Shuffled.of(Path(checkpoint))  # what would be missed only after the policy was measured
+        Shuffled.of(checkpoint)  # what would be missed only after the policy was measured
     told = dict(arguments or {})
     for name in ("checkpoint", "sees"):
         if name in told:
