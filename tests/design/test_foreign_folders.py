@@ -55,6 +55,14 @@ def test_what_is_known_of_classes_that_are_not_there_ends_no_run(drawers: Path) 
         assert {thing.asset_class for thing in task.objects.values()} <= set(library.classes())
 
 
+def test_classes_without_the_objects_that_were_asked_for_are_named(drawers: Path) -> None:
+    library, run = open_library(drawers), _NoRun()
+    assert Classes(library, "all", 0, run, NULL_PROGRESS).notes == []  # type: ignore[arg-type]
+    classes = Classes(library, "test", 0, run, NULL_PROGRESS)  # type: ignore[arg-type]
+    assert "drawer" not in classes
+    assert [note for note in classes.notes if note.startswith("classes without test objects are left out: drawer")]
+
+
 def test_drawer_tasks_take_a_folder_with_other_drawers(drawers: Path) -> None:
     names = [name for name in packaged_names() if name.endswith(("IntoDrawer", "OpenDrawer"))]
     assert len(names) >= 7

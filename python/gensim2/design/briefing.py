@@ -44,18 +44,20 @@ class Classes(Mapping[str, Affordance]):
         progress: listener.
 
     Attributes:
-        notes: instances that were left out, and why.
+        notes: classes and instances that were left out, and why.
     """
 
     def __init__(self, library: Library, instances: str, seed: int, folder: RunFolder, progress: Progress) -> None:
         self._library, self._seed, self._folder, self._progress = library, seed, folder, progress
         self._names: list[str] = []
+        lacking: list[str] = []
         for kind in ("articulated", "rigid"):
             names = [name for name in library.classes(kind) if has_instances(library, name, instances)]
+            lacking += [name for name in library.classes(kind) if name not in names]
             order = seeding.rng(seed, "classes" if kind == "articulated" else "rigid classes").permutation(len(names))
             self._names += [names[index] for index in order]
         self._read: dict[str, Affordance] = {}
-        self.notes: list[str] = []
+        self.notes = [f"classes without {instances} objects are left out: {', '.join(lacking)}"] if lacking else []
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)

@@ -149,7 +149,8 @@ class Execution:
             familiar = sum(outcome.kept for outcome in self._outcomes) - len(self._kept)
             beside = f" beside {familiar} that the paper's suite has, too" if familiar else ""
             said = f"{tried} were tried and {len(self._kept)} held{beside}"
-            self.notes.append(f"{wanted.total} tasks were asked for; {said}")
+            asked = "1 task was" if wanted.total == 1 else f"{wanted.total} tasks were"
+            self.notes.append(f"{asked} asked for; {said}")
         for given in stored:
             folder = self.folder.task(given.spec.name)
             folder.write_task(given.spec)
