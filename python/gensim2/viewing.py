@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.store import TaskStore
-from gensim2.data.used_objects import check_objects
+from gensim2.data.used_objects import ObjectCheck
 from gensim2.errors import InputError, MissingExtraError
 from gensim2.observations import EmptyCloudError, ObservationSpec
 from gensim2.robots import RobotProfile
@@ -147,7 +147,7 @@ def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path 
     if recording is None:
         raise InputError("its states were not kept", file=store.path(row.index, row.held), remedy="--keep-failures")
     scene = dataset.scene.with_task(store.spec(), dataset.record.tasks[store.name].instances)
-    check_objects(row, scene.assets, store.path(row.index, row.held))
+    ObjectCheck(dataset).episode(row, store.path(row.index, row.held))
     return Shown(f"**{store.name}**, episode {row.index}: {'held' if row.held else row.cause}", scene, recording)
 
 

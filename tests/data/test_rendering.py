@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gensim2.cli.main import BAD_INPUT, run
 from gensim2.data import TaskStore, observation_file
 from gensim2.data.dataset import DATASET_JSON
 from gensim2.data.formats.export import export
@@ -20,8 +21,9 @@ from gensim2.data.observation_file import DamagedObservationError, read_observat
 from gensim2.data.rendering import render
 from gensim2.data.report import report
 from gensim2.data.selection import Selection
-from gensim2.errors import InputError, NotRunError, WriteError
+from gensim2.errors import InputError, WriteError
 from gensim2.objects import open_library
+from gensim2.objects.library.export import export as library_export
 from gensim2.observations import CloudSettings, ObservationSpec
 from gensim2.progress import NullProgress
 from gensim2.rollout.record import ObjectRecord
@@ -151,7 +153,17 @@ def test_objects_that_moved_are_looked_for_where_they_are_now(store: TaskStore, 
     assert of_data_set(folder, None, None, "builtin").scene.assets == "builtin"
 
 
-def test_other_objects_than_those_of_the_episodes_are_refused(store: TaskStore) -> None:
+class Told(NullProgress):
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def message(self, text: str) -> None:
+        self.lines.append(text)
+
+
+def test_other_objects_than_those_of_the_episodes_are_refused(store: TaskStore, tmp_path: Path) -> None:
     for row in list(store.rows()):
         stored = store.read(row)
         [(name, thing)] = row.objects.items()
@@ -162,13 +174,38 @@ def test_other_objects_than_those_of_the_episodes_are_refused(store: TaskStore) 
     list(store.write_rows(2))
     [thing] = next(row for row in store.rows() if row.held).objects.values()
     folder = store.folder.parent
-    for look in (
+    near = Selection(clearance=-0.2)
+    looks = (
         lambda: render(folder, spec=SMALL, workers=0),
         lambda: report(folder, video=False),
+        lambda: export(folder, tmp_path / "near", "zarr", near),
         lambda: of_data_set(folder, None, None),
-    ):
-        with pytest.raises((InputError, NotRunError), match=f"was run with another drawer/{thing.id} than builtin has"):
+    )
+    for look in looks:
+        with pytest.raises(
+            InputError, match=rf"\.h5: was run with another drawer/{thing.id} than builtin has.*--assets"
+        ):
             look()
+    # Another version of gensim2 may make something else of the same files.
+    file = folder / DATASET_JSON
+    record = json.loads(file.read_bytes())
+    record["versions"]["gensim2"] = "0.1.9"
+    file.write_text(json.dumps(record))
+    told = Told()
+    render(folder, spec=SMALL, workers=0, progress=told)
+    assert [line for line in told.lines if "is not what gensim2 0.1.9 made of it" in line]
+
+
+def test_a_folder_with_other_objects_is_refused(store: TaskStore, tmp_path: Path) -> None:
+    made = library_export(open_library("builtin").load_articulated("drawer", "0"), tmp_path / "made")
+    shutil.copytree(made, tmp_path / "folder" / "drawer" / "mine")
+    moved(store, str(tmp_path / "gone"))
+    with pytest.raises(InputError, match=r"\.h5: was run with drawer/\d+: no instance .*--assets"):
+        report(store.folder.parent, video=False, assets=tmp_path / "folder")
+    assert run(["data", "report", str(store.folder.parent), "--no-video", "--assets", "builtin"]) == 0
+    assert (
+        run(["render", str(store.folder.parent), "--workers", "1", "--assets", str(tmp_path / "folder")]) == BAD_INPUT
+    )
 
 
 def test_what_cannot_be_read_or_written_is_one_error_and_loses_nothing(

@@ -60,7 +60,11 @@ def test_classes_without_the_objects_that_were_asked_for_are_named(drawers: Path
     assert Classes(library, "all", 0, run, NULL_PROGRESS).notes == []  # type: ignore[arg-type]
     classes = Classes(library, "test", 0, run, NULL_PROGRESS)  # type: ignore[arg-type]
     assert "drawer" not in classes
-    assert [note for note in classes.notes if note.startswith("classes without test objects are left out: drawer")]
+    assert classes.notes == ["classes without test objects are left out: drawer"]
+    [note] = Classes(library, "mine", 0, run, NULL_PROGRESS).notes  # type: ignore[arg-type]
+    rigid = len(library.classes("rigid"))
+    assert note.startswith("classes without an object 'mine' are left out: ")
+    assert note.endswith(f" and {rigid - 6} more")
 
 
 def test_drawer_tasks_take_a_folder_with_other_drawers(drawers: Path) -> None:

@@ -139,6 +139,14 @@ def test_another_training_is_not_gone_on_with(tmp_path: Path) -> None:
     start = train_policy(source, config, made_up.training(seed=3), tmp_path / "start").checkpoint
     with pytest.raises(InputError, match="other settings or data: start"):
         train_policy(source, config, made_up.training(), tmp_path, start=start, resume=True)
+    # An earlier version wrote settings alone.
+    file = tmp_path / "training" / "state.json"
+    record = json.loads(file.read_bytes())
+    for name in ("action", "sentences", "folders"):
+        del record["settings"][name]
+    file.write_text(json.dumps(record))
+    with pytest.raises(InputError, match="other settings or data: seed "):
+        train_policy(source, config, made_up.training(seed=9), tmp_path, resume=True)
     state = next((tmp_path / "training").glob("state-*.safetensors"))
     state.write_bytes(state.read_bytes()[:-1])
     with pytest.raises(InputError, match="is damaged"):

@@ -128,7 +128,6 @@ def _show_motion(result: dict[str, Any]) -> None:
 @bench.command("policy", cls=options.Command, short_help="Time policies from observation to action.")
 @click.option(
     "--checkpoint",
-    type=click.Path(path_type=Path),
     default=None,
     metavar="DIR|builtin",
     help="A keypose policy, whose looks are timed in episodes of its tasks, the planner included.",
@@ -146,7 +145,7 @@ def _show_motion(result: dict[str, Any]) -> None:
 @options.assets
 @options.json_file
 def policy(
-    checkpoint: Path | None, heads: tuple[str, ...], encoders: tuple[str, ...], json_file: str | None, **given: Any
+    checkpoint: str | None, heads: tuple[str, ...], encoders: tuple[str, ...], json_file: str | None, **given: Any
 ) -> None:
     """Time decisions of every head on a live scene, rays included, with fresh weights, batch 1.
 
@@ -156,12 +155,10 @@ def policy(
         _refuse_beside_a_checkpoint(click.get_current_context())
     with report(json_file, _show_policy if checkpoint is None else _show_looks) as (progress, give):
         if checkpoint is not None:
-            from gensim2.policy.checkpoint import checkpoint_folder
             from gensim2.policy.keypose.latency import measure_looks
 
             looks = {name: given[name] for name in ("threads", "assets")}
-            folder = checkpoint_folder(checkpoint)
-            return give(measure_looks(folder, looks=given["decisions"], progress=progress, **looks))
+            return give(measure_looks(checkpoint, looks=given["decisions"], progress=progress, **looks))
         from gensim2.policy.config import HEADS
         from gensim2.policy.latency import measure_latencies
 

@@ -17,7 +17,6 @@ from gensim2.errors import InputError
 @click.argument("tasks", nargs=-1, required=True)
 @click.option(
     "--checkpoint",
-    type=click.Path(path_type=Path),
     default=None,
     metavar="DIR|builtin",
     help="A policy that gensim2 learn or train made, or the one of the single-step tasks that comes with gensim2, in "
@@ -76,7 +75,7 @@ from gensim2.errors import InputError
 @options.json_file
 def evaluate(
     tasks: tuple[str, ...],
-    checkpoint: Path | None,
+    checkpoint: str | None,
     controls: str,
     control_episodes: int,
     controller: str | None,

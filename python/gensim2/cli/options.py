@@ -106,12 +106,14 @@ assets = click.option(
     "a folder lacks is the generated one.  [default: $GENSIM2_ASSETS, else builtin]",
 )
 
-checkpoint = click.argument("folder", metavar="DIR|builtin", type=click.Path(path_type=Path))
+#: No path: of ``builtin`` and ``./builtin`` only the latter is a folder.
+checkpoint = click.argument("folder", metavar="DIR|builtin")
 moved_assets = click.option(
     "--assets",
-    metavar="DIR|builtin",
+    metavar="DIR|ycb",
     default=None,
-    help="Where the data set's objects are now; they have to be the same.  [default: where they were]",
+    help="Where the data set's objects are now, which have to be the same; those of gensim2 do not move.  "
+    "[default: where they were]",
 )
 
 

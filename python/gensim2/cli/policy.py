@@ -21,7 +21,7 @@ def policy() -> None:
 @policy.command("show", cls=options.Command, short_help="Say what a checkpoint is.")
 @options.checkpoint
 @options.json_file
-def show(folder: Path, json_file: str | None) -> None:
+def show(folder: str, json_file: str | None) -> None:
     """Say what the checkpoint DIR is, or the package's own: its network, what it was trained on, what it looks at."""
     with report(json_file, _show) as (_, give):
         from gensim2.policy.checkpoint import PolicyCheckpoint
@@ -64,17 +64,16 @@ def _show(result: dict[str, Any]) -> None:
 @click.option("--to", type=click.Choice(("onnx", "torch")), default="onnx", show_default=True, help="Format.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="FILE", help="File to write.")
 @options.json_file
-def export(folder: Path, to: Literal["onnx", "torch"], out: Path, json_file: str | None) -> None:
+def export(folder: str, to: Literal["onnx", "torch"], out: Path, json_file: str | None) -> None:
     """Write the network of the checkpoint DIR, one decision at a time, and check that it is the same function.
 
     FILE.json beside it holds names and shapes of the inputs, the sentences and the observation spec; of keypose
     policies also the order of the points and the meaning of the classes.
     """
     with report(json_file, _show_export) as (_, give):
-        from gensim2.policy.checkpoint import checkpoint_folder
         from gensim2.policy.export import export_policy
 
-        give(export_policy(checkpoint_folder(folder), out, to))
+        give(export_policy(folder, out, to))
 
 
 def _show_export(result: dict[str, Any]) -> None:

@@ -41,10 +41,10 @@ class DataSet:
     Args:
         path: folder of the data set.
         record: its ``dataset.json``.
-        assets: where its objects are now; None: where they were.
+        assets: folder where its objects are now; None: where they were.
     """
 
-    def __init__(self, path: Path, record: DatasetRecord, assets: Path | str | None = None) -> None:
+    def __init__(self, path: Path, record: DatasetRecord, assets: str | None = None) -> None:
         self.path, self.record, self._assets = path, record, assets
 
     @staticmethod
@@ -53,16 +53,23 @@ class DataSet:
 
         Args:
             path: folder of the data set.
-            assets: where its objects are now, a folder or ``"builtin"``; None: where they were. Whoever looks at an
-                episode's objects checks that they are the same.
+            assets: folder where its objects are now; None: where they were. Those of gensim2 do not move. Whoever looks
+                at an episode's objects checks that they are the same (:mod:`gensim2.data.used_objects`).
 
         Raises:
-            InputError: ``dataset.json`` is not there, is damaged, or another version of gensim2 wrote it.
+            InputError: ``dataset.json`` is not there, is damaged, or another version of gensim2 wrote it; ``assets``
+                holds no objects.
         """
         path = Path(path)
         file = path / DATASET_JSON
         record = read_record(file, DatasetRecord, "restore the file, or choose the folder of a data set")
-        return DataSet(path, record, assets)
+        location = None if assets is None else str(open_library(assets).location)
+        return DataSet(path, record, None if record.scene.assets == BUILTIN else location)
+
+    @property
+    def assets(self) -> str:
+        """Where its objects are, as far as that is known: nobody looked."""
+        return self.record.scene.assets if self._assets is None else self._assets
 
     @cached_property
     def scene(self) -> SceneOptions:
@@ -73,7 +80,7 @@ class DataSet:
         """
         scene = self.record.scene
         if self._assets is not None:
-            return replace(scene, assets=str(open_library(self._assets).location))
+            return replace(scene, assets=self._assets)
         if scene.assets != BUILTIN and not Path(scene.assets).is_dir():
             raise InputError(
                 f"its objects were in {scene.assets}, which is not there",

@@ -15,7 +15,7 @@ from gensim2.data.clearance import ClearanceMeter
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.frames import FIRST_JOINT
 from gensim2.data.store import TaskStore
-from gensim2.data.used_objects import check_objects
+from gensim2.data.used_objects import ObjectCheck
 from gensim2.objects import open_library
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import RobotProfile, robot
@@ -82,17 +82,22 @@ def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[
             object is not there or another one.
     """
     scene = dataset.scene
-    profile, library = robot(scene.robot), open_library(scene.assets)
+    profile, library, objects = robot(scene.robot), open_library(scene.assets), ObjectCheck(dataset, progress)
     for name in dataset.tasks:
         store = dataset.task(name)
         progress.start(f"{name}: look at episodes", dataset.record.tasks[name].tried)
         spec = store.spec()
         meter = ClearanceMeter(profile, spec, library, physics_switches(scene.physics).hulls)
-        yield _quality(store, spec, profile, scene.assets, meter, progress)
+        yield _quality(store, spec, profile, objects, meter, progress)
 
 
 def _quality(
-    store: TaskStore, spec: TaskSpec, profile: RobotProfile, assets: str, meter: ClearanceMeter, progress: Progress
+    store: TaskStore,
+    spec: TaskSpec,
+    profile: RobotProfile,
+    objects: ObjectCheck,
+    meter: ClearanceMeter,
+    progress: Progress,
 ) -> TaskQuality:
     found = TaskQuality(store.name, spec.description)
     role = spec.steps[0].object
@@ -114,7 +119,7 @@ def _quality(
             if thing.openness_start is not None:
                 found.openness.append(thing.openness_start)
             found.same_scene += _again(scenes, _scene(row))
-            check_objects(row, assets, store.path(row.index))
+            objects.episode(row, store.path(row.index))
             recording = store.read(row).recording
             assert recording is not None
             found.jerks.append(jerk(recording, profile))

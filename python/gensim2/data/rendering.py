@@ -14,7 +14,7 @@ from gensim2.data.dataset import DataSet
 from gensim2.data.lock import FolderLock
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
 from gensim2.data.store import OBSERVATIONS, TaskStore
-from gensim2.data.used_objects import check_objects
+from gensim2.data.used_objects import ObjectCheck
 from gensim2.errors import InputError
 from gensim2.files import append, remove_temporaries
 from gensim2.observations import ObservationSpec
@@ -143,6 +143,9 @@ class _Rendering:
         self, stores: dict[str, TaskStore], workers: int, time_limit: float, jobs_per_worker: int
     ) -> RenderingResult:
         missing = [(store, row) for store in stores.values() for row in self._missing(store)]
+        objects = ObjectCheck(self._dataset, self._progress)
+        for store, row in missing:
+            objects.episode(row, store.path(row.index))
         scenes = {name: self._scene(store) for name, store in stores.items()}
         jobs = (
             Job(number, (store.folder, row, scenes[store.name], self._spec))
@@ -206,11 +209,10 @@ def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, spec: O
     """Observe one episode and write its file; called in a worker.
 
     Raises:
-        InputError: its file is gone or damaged, or an object's files cannot be used or are others.
+        InputError: its file is gone or damaged, or an object's files cannot be used.
         WriteError: it cannot be written.
     """
     store = TaskStore(folder)
-    check_objects(row, scene.assets, store.path(row.index, row.held))
     recording = store.read(row).recording
     if recording is None:
         raise InputError("holds no states", file=store.path(row.index, row.held), remedy="collect it again")

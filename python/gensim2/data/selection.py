@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DataSet
 from gensim2.data.store import TaskStore
-from gensim2.data.used_objects import check_objects
+from gensim2.data.used_objects import ObjectCheck
 from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -84,9 +84,9 @@ class Selection:
             robot(scene.robot), store.spec(), open_library(scene.assets), physics_switches(scene.physics).hulls
         )
         progress.start(f"{store.name}: clearance", len(rows))
-        kept = []
+        kept, objects = [], ObjectCheck(dataset, progress)
         for row in rows:
-            check_objects(row, scene.assets, store.path(row.index))
+            objects.episode(row, store.path(row.index))
             recording = store.read(row).recording
             assert recording is not None  # of what held it always is
             if meter.of(recording).distance >= least:

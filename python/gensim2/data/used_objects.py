@@ -2,39 +2,64 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from pathlib import Path
 
 from gensim2.data.attempt_log import LoggedEpisode
+from gensim2.data.dataset import DataSet
 from gensim2.errors import InputError
-from gensim2.objects import Library, open_library
+from gensim2.objects import open_library
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.rollout.identity import versions
+
+_REMEDY = "restore the object, or say with --assets where it is"
 
 
-def check_objects(row: LoggedEpisode, assets: str, file: Path) -> None:
-    """Refuse objects whose content is not that of an episode's.
+class ObjectCheck:
+    """Compares objects by the content that the episodes of a data set were run with.
+
+    What an object is made into follows from its files and from gensim2. So another content is refused where the data
+    set is of this version of gensim2, and said once where it is of another one.
 
     Args:
-        row: of the episode.
-        assets: where its objects are now: a folder or ``"builtin"``.
-        file: of the episode.
+        dataset: of the episodes.
+        progress: is told of objects that another version prepared.
 
     Raises:
-        InputError: an object is another one now, or is not there.
+        InputError: the folder of objects is not there.
     """
-    for thing in row.objects.values():
-        if _content_hash(assets, thing.asset_class, thing.id) != thing.content_hash:
-            raise InputError(
-                f"was run with another {thing.asset_class}/{thing.id} than {assets} has now",
-                file=file,
-                remedy="restore the object, or say with --assets where it is",
-            )
 
+    def __init__(self, dataset: DataSet, progress: Progress = NULL_PROGRESS) -> None:
+        self._assets, self._progress = dataset.scene.assets, progress
+        self._library = open_library(self._assets)
+        self._version = dataset.record.versions.get("gensim2")
+        self._contents: dict[tuple[str, str], str] = {}
+        self._said: set[tuple[str, str]] = set()
 
-@lru_cache(maxsize=8192)
-def _content_hash(assets: str, asset_class: str, instance: str) -> str:
-    return _library(assets).load(asset_class, instance).content_hash
+    def episode(self, row: LoggedEpisode, file: Path) -> None:
+        """Check the objects of an episode, whose file is ``file``.
 
+        Raises:
+            InputError: an object is not there, or another one.
+        """
+        for thing in row.objects.values():
+            self.one(thing.asset_class, thing.id, thing.content_hash, file)
 
-@lru_cache(maxsize=2)
-def _library(assets: str) -> Library:
-    return open_library(assets)
+    def one(self, asset_class: str, instance: str, content_hash: str, file: Path) -> None:
+        """Check an object.
+
+        Raises:
+            InputError: it is not there, or another one.
+        """
+        key = asset_class, instance
+        if key not in self._contents:
+            try:
+                self._contents[key] = self._library.load(*key).content_hash
+            except InputError as error:
+                raise InputError(f"was run with {'/'.join(key)}: {error.message}", file=file, remedy=_REMEDY) from error
+        if self._contents[key] == content_hash or key in self._said:
+            return
+        if self._version == versions()["gensim2"]:
+            message = f"was run with another {'/'.join(key)} than {self._assets} has now"
+            raise InputError(message, file=file, remedy=_REMEDY)
+        self._said.add(key)
+        self._progress.message(f"{'/'.join(key)} is not what gensim2 {self._version} made of it for these episodes")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from gensim2 import seeding
 from gensim2.data.runfolder import RunFolder
@@ -18,6 +18,7 @@ from gensim2.rollout.inputs import has_instances
 
 #: Instances from which an affordance is read.
 AFFORDANCE_INSTANCES = 3
+NAMED = 6
 
 
 def robot_summary(name: str) -> RobotSummary:
@@ -31,6 +32,12 @@ def robot_summary(name: str) -> RobotSummary:
         stroke=profile.gripper.widest,
         tool_keypoints=dict(profile.tool_keypoint_descriptions),
     )
+
+
+def _left_out(instances: str, classes: Sequence[str]) -> str:
+    what = f"{instances} objects" if instances in ("train", "test", "new") else f"an object {instances!r}"
+    others = f" and {len(classes) - NAMED} more" if len(classes) > NAMED else ""
+    return f"classes without {what} are left out: {', '.join(classes[:NAMED])}{others}"
 
 
 class Classes(Mapping[str, Affordance]):
@@ -57,7 +64,7 @@ class Classes(Mapping[str, Affordance]):
             order = seeding.rng(seed, "classes" if kind == "articulated" else "rigid classes").permutation(len(names))
             self._names += [names[index] for index in order]
         self._read: dict[str, Affordance] = {}
-        self.notes = [f"classes without {instances} objects are left out: {', '.join(lacking)}"] if lacking else []
+        self.notes = [_left_out(instances, lacking)] if lacking else []
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)

@@ -148,7 +148,7 @@ class Execution:
         if len(self._kept) < wanted.total:
             familiar = sum(outcome.kept for outcome in self._outcomes) - len(self._kept)
             beside = f" beside {familiar} that the paper's suite has, too" if familiar else ""
-            said = f"{tried} were tried and {len(self._kept)} held{beside}"
+            said = f"{tried} {'was' if tried == 1 else 'were'} tried and {len(self._kept)} held{beside}"
             asked = "1 task was" if wanted.total == 1 else f"{wanted.total} tasks were"
             self.notes.append(f"{asked} asked for; {said}")
         for given in stored:

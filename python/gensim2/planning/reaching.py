@@ -10,7 +10,7 @@ import gensim2_kpam as kpam
 #: Clearances (m) that are asked for one after the other: more than the drives stray from their way, a hair, none.
 REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
 
-#: Outcomes of a plan that gets to no actuation pose though there are some: others may serve that are moved.
+#: Outcomes of a plan that may get past none of the actuation poses that it tried: moved ones may serve.
 SHORT = ("collision", "not_found", "unreachable")
 
 #: A motion is longer than another where it goes this much further, of what comes after the actuation pose.

@@ -33,13 +33,16 @@ MAX_WEIGHTS = 8 * 2**30  # bytes
 BUILTIN = "builtin"
 """Word for the policy that comes with the package: keyposes of the suite's single-step tasks."""
 
-_REMEDY = "give the folder of a policy that `gensim2 train` made"
+_REMEDY = f"give the folder of a policy that `gensim2 learn` or `train` made, or {BUILTIN!r}"
 _NETWORK, _TABLE = "network.", "sentences"
 
 
 def checkpoint_folder(place: Path | str) -> Path:
-    """Return the folder of a checkpoint: the package's own for ``"builtin"``, else ``place`` itself."""
-    return Path(__file__).parent / BUILTIN if str(place) == BUILTIN else Path(place)
+    """Return the folder of a checkpoint: the package's own for the word ``"builtin"``, else ``place`` itself.
+
+    A path is a folder, whatever its name: ``./builtin`` and ``Path("builtin")`` are the caller's own.
+    """
+    return Path(__file__).parent / BUILTIN if place == BUILTIN else Path(place)
 
 
 class CheckpointError(InputError):

@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gensim2.data.dataset import DataSet
+from gensim2.data.dataset import DATASET_JSON, DataSet
+from gensim2.data.used_objects import ObjectCheck
 from gensim2.errors import InputError
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
@@ -66,7 +67,14 @@ def train_rounds(
         NotRunError: some episodes could not be run.
     """
     _check_free(out, resume, rounds)
-    given = [one for folder in folders for one in _inputs(DataSet.open(folder, assets), source.record.tasks)]
+    given = []
+    for folder in folders:
+        dataset = DataSet.open(folder, assets)
+        objects = ObjectCheck(dataset, progress)
+        for name, used in dataset.record.objects.items():
+            asset_class, _, instance = name.partition("/")
+            objects.one(asset_class, instance, used.content_hash, dataset.path / DATASET_JSON)
+        given += _inputs(dataset, source.record.tasks)
     for one in given:
         step = one.spec.steps[0]
         if len(one.spec.steps) > 1 or one.library.kind(one.spec.objects[step.object].asset_class) != "articulated":

@@ -12,7 +12,7 @@ from torch import nn
 
 from gensim2.errors import InputError, MissingExtraError
 from gensim2.files import write_atomic, write_json
-from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.frames import cloud_size, proprio_size
 from gensim2.policy.keypose.answers import order_of_points
 from gensim2.policy.keypose.training import read_ways
@@ -94,6 +94,7 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
     """
     if to not in FORMATS:
         raise InputError(f"must be one of {', '.join(FORMATS)}, is {to!r}", field="to")
+    folder = checkpoint_folder(folder)
     checkpoint = PolicyCheckpoint.load(folder)
     module = Exported(checkpoint.network).eval()
     inputs = example_inputs(checkpoint)

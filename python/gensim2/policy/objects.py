@@ -38,13 +38,16 @@ def check_test_instances(tasks: Sequence[str], seed: int, **given: Unpack[Rollou
         given: scene and rollout, with ``instances`` the word for those objects.
 
     Raises:
-        InputError: a task cannot be run on them; of the word it names ``test_instances``.
+        InputError: a task cannot be run on them.
     """
-    try:
-        read_all_task_inputs(tasks, seed=seed, **given)
-    except InputError as error:
-        field = "test_instances" if error.field == "instances" else error.field
-        raise InputError(error.message, file=error.file, field=field, remedy=error.remedy) from error
+    for task in tasks:
+        try:
+            read_all_task_inputs([task], seed=seed, **given)
+        except InputError as error:
+            remedy = "say other ones with --test-instances, or leave the task out"
+            raise InputError(
+                f"{task}: {error.message}", file=error.file, field="test_instances", remedy=remedy
+            ) from error
 
 
 def shared_objects(given: Sequence[TaskInput], word: str) -> list[str]:

@@ -55,14 +55,27 @@ class Identity:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings of policy and training, and of each other part its digest."""
-        others = {name: _digest(part) for name, part in self.parts.items() if name not in ("policy", "training")}
-        return {**self.parts["policy"], **self.parts["training"], **others}
+        """The settings of policy and training, the digest of the data, and those of what else there is."""
+        others = {
+            name: _digest(part) for name, part in self.parts.items() if name not in ("policy", "training", "data")
+        }
+        data = self.parts["data"]
+        return {
+            **self.parts["policy"],
+            **self.parts["training"],
+            "data": data["digest"],
+            "folders": _digest(data),
+            **others,
+        }
 
     def differs_in(self, settings: Mapping[str, Any]) -> list[str]:
-        """Names of the settings that are others here, or on one side only; none where ``settings`` is empty."""
+        """Names of the settings that are others here; none where ``settings`` is empty.
+
+        Args:
+            settings: of another training; those of earlier versions lack what is no setting: it is not compared then.
+        """
         mine = json.loads(json.dumps(self.settings))
-        names = {*mine, *settings} if settings else ()
+        names = {*mine, *settings} if "action" in settings else set(settings)
         nowhere = object()
         return sorted(name for name in names if mine.get(name, nowhere) != settings.get(name, nowhere))
 

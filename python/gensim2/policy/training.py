@@ -63,6 +63,8 @@ def train(
         raise InputError(
             "keyposes are not learned from demonstrations", field="head", remedy="use `gensim2 learn --policy keypose`"
         )
+    if assets is not None and not dagger:
+        raise InputError("is of rounds with --dagger", field="assets", remedy="leave it out")
     folders = [Path(each) for each in ((data,) if isinstance(data, str | Path) else data)]
     source = Demonstrations.open(folders, policy, tasks, progress=progress)
     if dagger:

@@ -220,7 +220,7 @@ impl Planner<'_> {
     /// others.
     fn try_cleared(&mut self, search: &mut ActuationSearch<'_>, samples: usize, trials: &mut Trials) {
         let most = self.problem.options.clearings;
-        if trials.is_passed || most == 0 {
+        if trials.is_passed || most == 0 || self.is_done(trials) {
             return;
         }
         let segment = self.world.schedule.last_before_actuation();

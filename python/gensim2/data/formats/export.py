@@ -55,7 +55,8 @@ def export(
             Diffusion Policy reads it.
         selection: which episodes.
         observations: with the point clouds and pictures that were made of them.
-        assets: where the data set's objects are now, for a ``selection`` that looks at them; None: where they were.
+        assets: where the data set's objects are now, for ManiSkill and for a ``selection`` that looks at them; None:
+            where they were.
         progress: listener.
 
     Raises:
@@ -103,7 +104,7 @@ def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Pro
         provenance = TrajectoryMetadata(
             task=spec,
             strategies=load_strategies_beside(store.folder, spec),
-            assets=record.scene.assets,
+            assets=dataset.assets,
             licenses=licenses,
             seed=record.seed,
             environment=record.scene.environment,

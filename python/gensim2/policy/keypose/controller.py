@@ -15,7 +15,7 @@ from gensim2.errors import InputError
 from gensim2.observations import Observation, ObservationSpec
 from gensim2.observations.columns import CLOUD, GRIPPER
 from gensim2.planning.actions import grip_on
-from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
+from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.control import CLOUDS, Sees, Sight
 from gensim2.policy.embodiment import check_robot
 from gensim2.policy.keypose.answers import Answer, answers
@@ -77,7 +77,7 @@ class KeyposeController:
     def depends_on(checkpoint: str, sees: Sees = "all", **_: object) -> list[Path]:
         """Files that say what it does beside its source: they name the weights by their digest."""
         names = [CONFIG_JSON, WAYS_JSON, *([CLOUDS] if sees == "other" else [])]
-        return [Path(checkpoint) / name for name in names]
+        return [checkpoint_folder(checkpoint) / name for name in names]
 
     def __init__(
         self,
@@ -86,7 +86,7 @@ class KeyposeController:
         says: Mapping[str, str] | None = None,
         unknown_sentences: str = "refuse",
     ) -> None:
-        folder = Path(checkpoint)
+        folder = checkpoint_folder(checkpoint)
         self._says, self._embeds = substitutes(says), embeds(unknown_sentences)
         self._folder, self._sight = folder, Sight.of(sees, folder)
         self._policy = PolicyCheckpoint.load(folder)

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from gensim2.errors import InputError
+from gensim2.policy.checkpoint import checkpoint_folder
 from gensim2.policy.keypose.controller import KeyposeController
 from gensim2.policy.stopwatch import Stopwatch
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -21,7 +22,7 @@ WARM_UP = 2
 
 
 def measure_looks(
-    checkpoint: Path,
+    checkpoint: Path | str,
     *,
     looks: int = 100,
     threads: int = 1,
@@ -45,10 +46,11 @@ def measure_looks(
         InputError: the checkpoint is none of keyposes, or of no task of the library.
     """
     load = os.getloadavg()[0]
-    controller = KeyposeController(str(checkpoint))
+    folder = checkpoint_folder(checkpoint).resolve()
+    controller = KeyposeController(str(folder))
     tasks = [task for name in task_names() if (task := load_task(name)).description in controller.sentences]
     if not tasks:
-        raise InputError("knows the sentence of no task of the library", file=checkpoint)
+        raise InputError("knows the sentence of no task of the library", file=folder)
     progress.start("looks", looks + WARM_UP)
     environments = [HeadlessEnv(task, assets=assets, robot=controller.robot) for task in tasks]
     watch = Stopwatch("observation", "decision")
