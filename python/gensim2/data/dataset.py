@@ -68,7 +68,7 @@ class DataSet:
 
     @property
     def assets(self) -> str:
-        """Where its objects are, as far as that is known: nobody looked."""
+        """Folder where its objects are said to be, or ``"builtin"``; it need not be there."""
         return self.record.scene.assets if self._assets is None else self._assets
 
     @cached_property

@@ -44,10 +44,9 @@ def check_test_instances(tasks: Sequence[str], seed: int, **given: Unpack[Rollou
         try:
             read_all_task_inputs([task], seed=seed, **given)
         except InputError as error:
+            told = error.message if task in error.message else f"{task}: {error.message}"
             remedy = "say other ones with --test-instances, or leave the task out"
-            raise InputError(
-                f"{task}: {error.message}", file=error.file, field="test_instances", remedy=remedy
-            ) from error
+            raise InputError(told, file=error.file, field="test_instances", remedy=remedy) from error
 
 
 def shared_objects(given: Sequence[TaskInput], word: str) -> list[str]:
