@@ -23,6 +23,7 @@ from gensim2.policy.experiments.page import WORDS
 
 FIGURES = Path(__file__).with_name("experiments.json")
 PAGE = Path(__file__).parents[1] / "docs" / "generalization.md"
+CURVE = PAGE.parent / "images" / "objects_curve.png"
 MARKED = re.compile(r"(<!-- experiments -->\n).*?(<!-- /experiments -->)", re.DOTALL)
 KEPT = ("name", "objects", "count", "demonstrations", "cpu_s")
 
@@ -48,11 +49,11 @@ def tables(arms: Sequence[Arm]) -> str:
     parts = [_table("arm", [(arm["name"], _about(arm), list(arm["tasks"].values())) for arm in arms], ABOUT)]
     for arm in arms:
         rows: list[tuple[str, list[str], list[Any]]] = [(name, [], [counts]) for name, counts in arm["tasks"].items()]
-        parts.append(f"**{arm['name']}**\n\n{_table('task', rows, [])}")
+        parts.append(f"**{arm['name']}**, seed {arm['seed']}\n\n{_table('task', rows, [])}")
     return "\n".join(parts)
 
 
-ABOUT = ["tasks", "trainings", "taught by", "CPU min", "lost on unseen"]
+ABOUT = ["seed", "commit", "tasks", "trainings", "taught by", "CPU min", "lost on unseen"]
 
 
 def _about(arm: Arm) -> list[str]:
@@ -62,7 +63,15 @@ def _about(arm: Arm) -> list[str]:
         gap, (low, high) = difference(seen, unseen)
         lost = f"{100 * gap:+.1f} ({100 * low:+.1f} to {100 * high:+.1f}) points"
     taught = sum("unseen" in counts for counts in arm["tasks"].values())
-    return [str(taught), str(arm["seeds"]), str(arm["demonstrations"]), f"{arm['cpu_s'] / 60:.0f}", lost]
+    return [
+        str(arm["seed"]),
+        arm["commit"],
+        str(taught),
+        str(arm["seeds"]),
+        str(arm["demonstrations"]),
+        f"{arm['cpu_s'] / 60:.0f}",
+        lost,
+    ]
 
 
 def _rate(tasks: Any, kind: Kind) -> Rate:
@@ -85,6 +94,33 @@ def _cell(rate: Rate) -> str:
     return f"{rate.mean:.3f} ({low:.3f} to {high:.3f}) of {rate.episodes}"
 
 
+def draw(arms: Sequence[Arm], file: Path) -> None:
+    """Draw success on unseen and on real objects by the number of objects, of the arms of ``scaling``."""
+    from matplotlib.figure import Figure
+
+    counted = sorted((arm for arm in arms if arm["name"] == f"objects-{arm['count']}"), key=lambda arm: arm["count"])
+    figure = Figure(figsize=(6.4, 3.4), layout="constrained")
+    axes = figure.subplots()
+    kinds: tuple[tuple[Kind, str], ...] = (("unseen", "generated objects, unseen"), ("real", "real objects, unseen"))
+    for kind, label in kinds:
+        rates = [(arm["count"], _rate(arm["tasks"].values(), kind)) for arm in counted]
+        points = [(count, rate.mean, *rate.interval) for count, rate in rates if rate.mean is not None]
+        x, mean, low, high = zip(*points, strict=True)
+        below, above = ([abs(a - b) for a, b in zip(mean, ends, strict=True)] for ends in (low, high))
+        axes.errorbar(x, mean, yerr=(below, above), marker="o", capsize=3, label=label)
+    axes.set(
+        xscale="log", xlabel="generated objects of each class that taught", ylabel="held (95 %)", ylim=(0.7, 1.005)
+    )
+    axes.grid(alpha=0.3)
+    axes.legend(loc="lower right")
+    figure.savefig(file, dpi=150)
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Return a key by which names are sorted as people count."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
 def main() -> None:
     """Take runs in, and write the tables."""
     given = runs_to_take_in(__doc__)
@@ -93,8 +129,9 @@ def main() -> None:
     for file in given.files:
         for arm in arms_of(json.loads(file.read_text()), given.commit):
             known[arm["name"], arm["seed"]] = arm
-    arms = [known[key] for key in sorted(known)]
+    arms = [known[key] for key in sorted(known, key=lambda key: (_natural(key[0]), key[1]))]
     write_json(FIGURES, {"schema_version": 1, "arms": arms})
+    draw(arms, CURVE)
     write_atomic(PAGE, MARKED.sub(lambda match: f"{match[1]}{tables(arms)}{match[2]}", PAGE.read_text()))
 
 
