@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.common.messages import Messages
 
 from gensim2.cli.main import BAD_INPUT, run
 from gensim2.data import TaskStore, observation_file
@@ -153,16 +154,6 @@ def test_objects_that_moved_are_looked_for_where_they_are_now(store: TaskStore, 
     assert of_data_set(folder, None, None, "builtin").scene.assets == "builtin"
 
 
-class Told(NullProgress):
-    """Keeps what it is told."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def message(self, text: str) -> None:
-        self.lines.append(text)
-
-
 def test_other_objects_than_those_of_the_episodes_are_refused(store: TaskStore, tmp_path: Path) -> None:
     for row in list(store.rows()):
         stored = store.read(row)
@@ -191,9 +182,9 @@ def test_other_objects_than_those_of_the_episodes_are_refused(store: TaskStore, 
     record = json.loads(file.read_bytes())
     record["versions"]["gensim2"] = "0.1.9"
     file.write_text(json.dumps(record))
-    told = Told()
+    told = Messages()
     render(folder, spec=SMALL, workers=0, progress=told)
-    assert [line for line in told.lines if "is not what gensim2 0.1.9 made of it" in line]
+    assert [line for line in told.messages if "is not what gensim2 0.1.9 made of it" in line]
 
 
 def test_a_folder_with_other_objects_is_refused(store: TaskStore, tmp_path: Path) -> None:

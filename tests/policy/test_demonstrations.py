@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
+from tests.common.messages import Messages
 
 import gensim2
 from gensim2.cli.main import run
@@ -359,16 +360,6 @@ def test_what_is_no_number_is_refused_by_name(folder: Path, tmp_path: Path) -> N
     shutil.rmtree(Path(gensim2.files.cache_dir()) / "policy" / "frames", ignore_errors=True)
     with pytest.raises(InputError, match=r"000001.h5: proprioception/qvel: is no finite number at frame 7"):
         decode([copy])
-
-
-class Messages(NullProgress):
-    """Keeps what is said."""
-
-    def __init__(self) -> None:
-        self.messages: list[str] = []
-
-    def message(self, text: str) -> None:
-        self.messages.append(text)
 
 
 def test_what_was_not_rendered_is_left_out_and_said(folder: Path, tmp_path: Path) -> None:

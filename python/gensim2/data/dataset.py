@@ -78,17 +78,14 @@ class DataSet:
         Raises:
             InputError: the folder of objects is not there.
         """
-        scene = self.record.scene
-        if self._assets is not None:
-            return replace(scene, assets=self._assets)
-        if scene.assets != BUILTIN and not Path(scene.assets).is_dir():
+        if self._assets is None and self.assets != BUILTIN and not Path(self.assets).is_dir():
             raise InputError(
-                f"its objects were in {scene.assets}, which is not there",
+                f"its objects were in {self.assets}, which is not there",
                 file=self.path / DATASET_JSON,
                 field="arguments.assets",
                 remedy="say with --assets where they are now",
             )
-        return scene
+        return replace(self.record.scene, assets=self.assets)
 
     def save(self) -> None:
         """Write ``dataset.json``."""

@@ -16,7 +16,6 @@ from gensim2.data.dataset import DataSet
 from gensim2.data.formats.frames import FIRST_JOINT
 from gensim2.data.store import TaskStore
 from gensim2.data.used_objects import ObjectCheck
-from gensim2.objects import open_library
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.recording import Recording
@@ -82,12 +81,12 @@ def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[
             object is not there or another one.
     """
     scene = dataset.scene
-    profile, library, objects = robot(scene.robot), open_library(scene.assets), ObjectCheck(dataset, progress)
+    profile, objects = robot(scene.robot), ObjectCheck(dataset, progress)
     for name in dataset.tasks:
         store = dataset.task(name)
         progress.start(f"{name}: look at episodes", dataset.record.tasks[name].tried)
         spec = store.spec()
-        meter = ClearanceMeter(profile, spec, library, physics_switches(scene.physics).hulls)
+        meter = ClearanceMeter(profile, spec, objects.library, physics_switches(scene.physics).hulls)
         yield _quality(store, spec, profile, objects, meter, progress)
 
 

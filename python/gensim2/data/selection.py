@@ -10,7 +10,6 @@ from gensim2.data.dataset import DataSet
 from gensim2.data.store import TaskStore
 from gensim2.data.used_objects import ObjectCheck
 from gensim2.errors import InputError
-from gensim2.objects import open_library
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 from gensim2.scenes.physics import physics_switches
@@ -80,11 +79,10 @@ class Selection:
         from gensim2.data.clearance import ClearanceMeter  # here: it brings SciPy
 
         scene = dataset.scene
-        meter = ClearanceMeter(
-            robot(scene.robot), store.spec(), open_library(scene.assets), physics_switches(scene.physics).hulls
-        )
+        objects = ObjectCheck(dataset, progress)
+        meter = ClearanceMeter(robot(scene.robot), store.spec(), objects.library, physics_switches(scene.physics).hulls)
         progress.start(f"{store.name}: clearance", len(rows))
-        kept, objects = [], ObjectCheck(dataset, progress)
+        kept = []
         for row in rows:
             objects.episode(row, store.path(row.index))
             recording = store.read(row).recording

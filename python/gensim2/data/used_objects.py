@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gensim2.data.attempt_log import LoggedEpisode
-from gensim2.data.dataset import DataSet
+from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -24,14 +24,17 @@ class ObjectCheck:
         dataset: of the episodes.
         progress: is told of objects that another version prepared.
 
+    Attributes:
+        library: of the objects.
+
     Raises:
         InputError: the folder of objects is not there.
     """
 
     def __init__(self, dataset: DataSet, progress: Progress = NULL_PROGRESS) -> None:
         self._assets, self._progress = dataset.scene.assets, progress
-        self._library = open_library(self._assets)
-        self._version = dataset.record.versions.get("gensim2")
+        self.library = open_library(self._assets)
+        self._dataset, self._version = dataset, dataset.record.versions.get("gensim2")
         self._contents: dict[tuple[str, str], str] = {}
         self._said: set[tuple[str, str]] = set()
 
@@ -42,18 +45,22 @@ class ObjectCheck:
             InputError: an object is not there, or another one.
         """
         for thing in row.objects.values():
-            self.one(thing.asset_class, thing.id, thing.content_hash, file)
+            self._one((thing.asset_class, thing.id), thing.content_hash, file)
 
-    def one(self, asset_class: str, instance: str, content_hash: str, file: Path) -> None:
-        """Check an object.
+    def all(self) -> None:
+        """Check all objects that the data set names.
 
         Raises:
-            InputError: it is not there, or another one.
+            InputError: an object is not there, or another one.
         """
-        key = asset_class, instance
+        for name, used in self._dataset.record.objects.items():
+            asset_class, _, instance = name.partition("/")
+            self._one((asset_class, instance), used.content_hash, self._dataset.path / DATASET_JSON)
+
+    def _one(self, key: tuple[str, str], content_hash: str, file: Path) -> None:
         if key not in self._contents:
             try:
-                self._contents[key] = self._library.load(*key).content_hash
+                self._contents[key] = self.library.load(*key).content_hash
             except InputError as error:
                 raise InputError(f"was run with {'/'.join(key)}: {error.message}", file=file, remedy=_REMEDY) from error
         if self._contents[key] == content_hash or key in self._said:

@@ -12,12 +12,14 @@ from gensim2.design.unseen import seen_by_search
 from gensim2.design.views import view_of
 from gensim2.errors import InputError
 from gensim2.objects import ArticulatedObject, Library, RigidObject
+from gensim2.objects.library.meshes import listed
 from gensim2.progress import Progress
 from gensim2.robots import robot
 from gensim2.rollout.inputs import has_instances
 
 #: Instances from which an affordance is read.
 AFFORDANCE_INSTANCES = 3
+#: Classes that a note names.
 NAMED = 6
 
 
@@ -36,8 +38,7 @@ def robot_summary(name: str) -> RobotSummary:
 
 def _left_out(instances: str, classes: Sequence[str]) -> str:
     what = f"{instances} objects" if instances in ("train", "test", "new") else f"an object {instances!r}"
-    others = f" and {len(classes) - NAMED} more" if len(classes) > NAMED else ""
-    return f"classes without {what} are left out: {', '.join(classes[:NAMED])}{others}"
+    return f"classes without {what} are left out: {listed(classes, NAMED)}"
 
 
 class Classes(Mapping[str, Affordance]):

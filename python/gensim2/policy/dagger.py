@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gensim2.data.dataset import DATASET_JSON, DataSet
+from gensim2.data.dataset import DataSet
 from gensim2.data.used_objects import ObjectCheck
 from gensim2.errors import InputError
 from gensim2.policy.checkpoint import PolicyCheckpoint
@@ -70,10 +70,7 @@ def train_rounds(
     given = []
     for folder in folders:
         dataset = DataSet.open(folder, assets)
-        objects = ObjectCheck(dataset, progress)
-        for name, used in dataset.record.objects.items():
-            asset_class, _, instance = name.partition("/")
-            objects.one(asset_class, instance, used.content_hash, dataset.path / DATASET_JSON)
+        ObjectCheck(dataset, progress).all()
         given += _inputs(dataset, source.record.tasks)
     for one in given:
         step = one.spec.steps[0]

@@ -122,7 +122,7 @@ def test_a_table_is_gone_on_with_as_it_was_begun(tmp_path: Path, capfd: pytest.C
     ):
         assert run([*QUICK, "--out", str(tmp_path / "run"), "--resume", *words]) == BAD_INPUT
         assert f"arguments.{field}" in capfd.readouterr().err
-    # Where nothing was begun there is nothing to be gone on with.
+    # A new folder holds nothing to resume.
     assert run([*QUICK, "--out", str(tmp_path / "other"), "--resume", "--disturb", "push"]) == BAD_INPUT
     assert "takes no rigid object" in capfd.readouterr().err
     assert not (tmp_path / "other").exists()

@@ -87,7 +87,7 @@ class MeshReader:
         return [f"{len(names)} {what}: {listed(names)}" for what, names in kinds.items() if names]
 
 
-def listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str], max_count: int = LISTED) -> str:
     """The first names of several, and how many more there are."""
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    return ", ".join(names[:LISTED]) + more
+    more = f" and {len(names) - max_count} more" if len(names) > max_count else ""
+    return ", ".join(names[:max_count]) + more
