@@ -9,12 +9,19 @@ from pathlib import Path
 import pytest
 
 from gensim2.cli.main import run
-from gensim2.policy import PolicyCheckpoint
+from gensim2.errors import InputError
+from gensim2.objects import open_library
+from gensim2.objects.library.export import export
+from gensim2.policy import PolicyCheckpoint, learning
 from gensim2.policy.checkpoint import checkpoint_folder
 from gensim2.policy.evaluating import policy_controller
 from gensim2.policy.export import export_policy
+from gensim2.policy.keypose import adding, data
+from gensim2.policy.keypose.adding import tasks_to_plan_again
 from gensim2.policy.keypose.controller import KeyposeController
+from gensim2.policy.keypose.data import read_planned
 from gensim2.policy.keypose.latency import measure_looks
+from gensim2.policy.keypose.training import read_ways
 from gensim2.tasks.library import load_task
 
 
@@ -43,6 +50,45 @@ def test_every_command_takes_it(tmp_path: Path) -> None:
     assert export_policy("builtin", tmp_path / "policy.pt2", "torch")["difference"] <= 1e-5
     assert measure_looks("builtin", looks=2, assets="builtin")["looks"] == 2
     assert len(KeyposeController("builtin").sentences) == 24
+
+
+def test_tasks_are_added_to_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(data, "SHARD", 2)
+    monkeypatch.setattr(adding, "REHEARSED", 2)
+    monkeypatch.setattr(learning, "LEAST_STEPS", 2)
+    library = open_library("builtin")
+    for name in ("dishwasher", "box_rotate"):
+        made = export(library.load_articulated(name, "0"), tmp_path / f"made-{name}")
+        shutil.copytree(made, tmp_path / "mine" / name / "own")
+    words = ["learn", "CloseDishwasher", "--from", "builtin", "--assets", str(tmp_path / "mine"), "--instances", "all"]
+    words += ["--test-instances", "all", "--minutes", "0.001", "--scenes", "1", "--workers", "1", "--episodes", "1"]
+    words += ["--controls", "none", "--videos", "0", "--out", str(tmp_path / "more")]
+    assert run([*words, "--json", str(tmp_path / "told.json")]) == 0
+    # Of what it knew, that is measured again for which there are objects.
+    told = json.loads((tmp_path / "told.json").read_bytes())
+    assert [row["name"] for row in told["tasks"]] == ["CloseBox", "OpenBox", "CloseDishwasher"]
+    assert "OpenDrawer: not measured again, " in capfd.readouterr().err
+    packaged, grown = PolicyCheckpoint.load("builtin"), PolicyCheckpoint.load(tmp_path / "more")
+    assert grown.data.tasks == (*packaged.data.tasks, "CloseDishwasher")
+    assert read_ways(tmp_path / "more", grown)[:-1] == read_ways(checkpoint_folder("builtin"), packaged)
+    assert told["tasks"][0]["data_cpu_s"] > 0  # what was planned again is counted
+    # From what it became, others go on without planning anything twice.
+    planned = read_planned(tmp_path / "more" / "data" / "OpenDrawer")
+    assert (planned.scenes, planned.record.scene["instances"]) == (2, "200 generated, seed 0")
+    assert run([*words, "--resume"]) == 0
+
+
+def test_the_library_s_strategies_are_those_that_taught_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, policy = checkpoint_folder("builtin"), PolicyCheckpoint.load("builtin")
+    again = tasks_to_plan_again(folder, policy, 3, seed=0)
+    assert [one.spec.name for one in again] == list(policy.data.tasks)
+    assert {one.instances for one in again} == {"3 generated, seed 0"}
+    other = [way.model_copy(update={"name": "another"}) for way in read_ways(folder, policy)]
+    monkeypatch.setattr(adding, "read_ways", lambda *_: other)
+    with pytest.raises(InputError, match="CloseBox was taught by another, another, the library has close_box, "):
+        tasks_to_plan_again(folder, policy, 3, seed=0)
 
 
 def test_it_does_what_it_is_told(tmp_path: Path) -> None:

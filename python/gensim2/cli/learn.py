@@ -67,10 +67,10 @@ from gensim2.cli.output import line, report, table
 @click.option(
     "--from",
     "start",
-    type=click.Path(path_type=Path),
     default=None,
-    metavar="DIR",
-    help="A keypose policy of several tasks, as learn left it: TASKS are added to its own, and all are measured.",
+    metavar="DIR|builtin",
+    help="A keypose policy of several tasks, as learn left it, or the package's: TASKS are added to its own, and all "
+    "are measured.",
 )
 @click.option(
     "--demonstrations",

@@ -14,7 +14,7 @@ import torch
 from gensim2.errors import InputError
 from gensim2.files import check_writable, write_json
 from gensim2.observations import DepthNoise, ObservationSpec
-from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.config import HEADS, PolicyConfig, TrainConfig
 from gensim2.policy.evaluating import (
     CONTROL_EPISODES,
@@ -25,8 +25,8 @@ from gensim2.policy.evaluating import (
     read_controls,
 )
 from gensim2.policy.frames import check_turns
-from gensim2.policy.keypose.adding import DATA, take_along, taught_before
-from gensim2.policy.keypose.data import plan_scenes
+from gensim2.policy.keypose.adding import DATA, plan_again, take_along, tasks_to_plan_again, taught_before
+from gensim2.policy.keypose.data import Planned, plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.teaching import pulls_last
 from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
@@ -50,7 +50,7 @@ from gensim2.progress import NULL_PROGRESS, NullProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.robots import robot
 from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
-from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_all_task_inputs
+from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_all_task_inputs, scene_options
 from gensim2.scenes.config import SceneArguments
 from gensim2.seeding import rng
 
@@ -147,7 +147,7 @@ def learn(
     videos: int = VIDEOS,
     objects: int | None = None,
     verify: bool = False,
-    start: Path | None = None,
+    start: Path | str | None = None,
     demonstrations: Path | None = None,
     noise: DepthNoise | None = None,
     text: str | None = None,
@@ -174,8 +174,9 @@ def learn(
         objects: generated ones of each class to learn from, beyond those that the library lists, drawn by the seed;
             None: ``instances``, and where that is not given ``OBJECTS``, of real objects those of ``train``.
         verify: leave scenes out whose plans physics refutes; of plans, which are not simulated otherwise.
-        start: folder of a keypose policy of several tasks that ``learn`` left: the new one begins with its weights and
-            plans, ``tasks`` are added to its own, and all of them are measured.
+        start: folder of a keypose policy of several tasks that ``learn`` left, or ``"builtin"``: the new one begins
+            with its weights and plans, ``tasks`` are added to its own, and all of them are measured. The package's has
+            no plans beside it: some scenes of each of its tasks are planned again, at the cost of ``minutes``.
         demonstrations: folder of another run of ``learn`` on the same tasks, objects and seed, whose demonstrations are
             taken along; more are made where their share of ``minutes`` is not spent.
         noise: of the cameras in all data, with errors of pose, depth and clock drawn each episode; the policy is
@@ -217,8 +218,12 @@ def learn(
         objects = OBJECTS
     if objects is not None:
         given = all_with_objects(given, objects, seed)
+    start = None if start is None else checkpoint_folder(start)
     begun = None if start is None else read_start(start, policy, given, noise)
-    known = [] if begun is None else known_tasks(begun, progress)
+    known = [] if begun is None else known_tasks(begun, scene_options(**scene).assets, progress)
+    again: list[TaskInput] = []
+    if start is not None and begun is not None:
+        again = tasks_to_plan_again(start, begun, objects or OBJECTS, seed=seed, **scene)
     together = multi_task or begun is not None
     several = together and (begun is not None or len(given) > 1)
     check_text(text, text_model, [one.spec.description for one in given] if several else (), begun)
@@ -258,10 +263,12 @@ def learn(
     learned = []
     for group in groups:
         folder = out if len(groups) == 1 else out / group[0].spec.name
-        teach = _teach_by_plans if record.is_of_plans else _teach_by_episodes
         take_demonstrations(record, _key(folder, out), folder, out)
         asked = [named[one.spec.name] for one in group]
-        taught, trained = teach(group, asked, folder, out, record, workers, progress)
+        if record.is_of_plans:
+            taught, trained = _teach_by_plans(group, again, folder, out, record, workers, progress)
+        else:
+            taught, trained = _teach_by_episodes(group, asked, folder, out, record, workers, progress)
         measured = evaluate_policy(
             folder,
             [*known, *asked],
@@ -288,7 +295,7 @@ def learn(
 
 def _teach_by_plans(
     group: Sequence[TaskInput],
-    named: Sequence[str],
+    again: Sequence[TaskInput],
     folder: Path,
     out: Path,
     record: LearnRecord,
@@ -297,17 +304,20 @@ def _teach_by_plans(
 ) -> tuple[dict[str, int], TrainResult]:
     from gensim2.rollout.evaluator import PoolEvaluator
 
-    planned, begun = [], None
+    planned, begun, spent = list[Planned](), None, 0.0
     if record.start is not None:
         begun = PolicyCheckpoint.load(Path(record.start[0]))
-        planned = take_along(Path(record.start[0]), folder, begun.data.tasks)
-    known = len(planned)
-    limit = DATA_SHARE * 60.0 * record.minutes / len(group)
+    limit, spec = DATA_SHARE * 60.0 * record.minutes / len(group), with_noise(SPEC, _noise(record))
     with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
+        if again:
+            planned, spent = plan_again(again, spec, folder, evaluator.executor, seed=record.seed, progress=progress)
+        elif record.start is not None and begun is not None:
+            planned = take_along(Path(record.start[0]), folder, begun.data.tasks)
+        known = len(planned)
         for one in group:
             made = plan_scenes(
                 pulls_last(one),
-                with_noise(SPEC, _noise(record)),
+                spec,
                 folder / DATA / one.spec.name,
                 evaluator.executor,
                 seed=record.seed,
@@ -321,7 +331,7 @@ def _teach_by_plans(
                 raise InputError(message, field=f"tasks.{one.spec.name}", remedy="leave it out")
             planned.append(made)
     source, key = PlannedSource(planned, known), _key(folder, out)
-    record.data_cpu_s[key] = sum(each.cpu_s for each in planned[known:])
+    record.data_cpu_s[key] = spent + sum(each.cpu_s for each in planned[known:])
     for each in planned[known:]:
         count = f"{each.demonstrations} plans in {each.scenes} scenes"
         left_out = f"{sum(each.failed.values()) - each.refuted} without a plan, {each.refuted} refuted by physics"

@@ -8,13 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from gensim2.errors import InputError
+from gensim2.objects import open_library
 from gensim2.observations import DepthNoise, ObservationSpec
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig
 from gensim2.policy.text import prepare
 from gensim2.progress import Progress
 from gensim2.rollout.inputs import TaskInput
-from gensim2.tasks.library import task_names
+from gensim2.tasks.library import load_task, task_names
 
 SPEC = ObservationSpec.of({"points": 1024, "candidates": 4096, "robot": "none"})
 """Observations of a keypose policy: the scene without the robot."""
@@ -59,13 +60,25 @@ def digest_of_start(start: Path) -> tuple[str, str]:
     return str(start.resolve()), hashlib.sha256((start / CONFIG_JSON).read_bytes()).hexdigest()
 
 
-def known_tasks(begun: PolicyCheckpoint, progress: Progress) -> list[str]:
-    """Tasks that a policy knows, those that the library has."""
-    there = task_names()
+def known_tasks(begun: PolicyCheckpoint, assets: Path | str | None, progress: Progress) -> list[str]:
+    """Tasks that a policy knows, of those that the library has and these objects do for.
+
+    Args:
+        begun: the policy.
+        assets: see :class:`~gensim2.scenes.config.SceneArguments`.
+        progress: is told which are left out.
+    """
+    there, library, found = task_names(), open_library(assets), []
     for name in begun.data.tasks:
         if name not in there:
             progress.message(f"{name}: not measured again, the library does not have it")
-    return [name for name in begun.data.tasks if name in there]
+            continue
+        classes = {thing.asset_class for thing in load_task(name).objects.values()}
+        if lacking := sorted(classes - set(library.classes())):
+            progress.message(f"{name}: not measured again, {library.location} has no {', '.join(lacking)}")
+            continue
+        found.append(name)
+    return found
 
 
 def check_sentences(sentences: Sequence[str]) -> None:

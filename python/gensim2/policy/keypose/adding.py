@@ -1,23 +1,44 @@
-"""Plans of the tasks that a keypose policy knows already, for one that is to know more."""
+"""Plans of the tasks that a keypose policy knows already, for one that is to know more.
+
+``learn`` leaves them beside the policy. The package's own policy comes without: its tasks are planned again, on
+generated objects, which are all that it was taught on.
+"""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from gensim2.errors import InputError
 from gensim2.files import new_folder
-from gensim2.policy.keypose.data import RECORD, Planned, PlannedRecord, read_planned
+from gensim2.objects.library.catalogue import BUILTIN as GENERATED
+from gensim2.observations import ObservationSpec
+from gensim2.policy.checkpoint import BUILTIN, PolicyCheckpoint, checkpoint_folder
+from gensim2.policy.keypose.data import RECORD, Planned, PlannedRecord, plan_scenes, read_planned
+from gensim2.policy.keypose.teaching import pulls_last
+from gensim2.policy.keypose.training import WAYS_JSON, read_ways
+from gensim2.progress import Progress
 from gensim2.record_files import read_record
-from gensim2.rollout.counted_objects import is_counted
+from gensim2.rollout.counted_objects import all_with_objects, is_counted
 from gensim2.rollout.inputs import TaskInput, read_task_input, scene_options
 from gensim2.scenes.config import SceneArguments
 
+if TYPE_CHECKING:
+    from gensim2.processes import Executor
+
 DATA = "data"
 """Folder of a learned policy that holds the plans which taught it, a folder a task."""
+REHEARSED = 50
+"""Scenes of a task that are planned again: one or two seconds of CPU for each task, so that a policy forgets little of
+what it knows."""
 REMEDY = "give a folder that gensim2 learn has made"
+
+
+def is_packaged(start: Path) -> bool:
+    """Whether a policy is the package's own."""
+    return start.resolve() == checkpoint_folder(BUILTIN).resolve()
 
 
 def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpack[SceneArguments]) -> list[TaskInput]:
@@ -32,6 +53,8 @@ def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpa
     Raises:
         InputError: the policy has no plans beside it.
     """
+    if is_packaged(start):
+        return []
     found, here = [], scene_options(**scene).to_record()["assets"]
     for name in known:
         was = read_record(_plans(start, name) / RECORD, PlannedRecord, REMEDY).scene
@@ -60,6 +83,81 @@ def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]
                 shutil.copytree(there, made, dirs_exist_ok=True)
         found.append(read_planned(here))
     return found
+
+
+def tasks_to_plan_again(
+    start: Path, begun: PolicyCheckpoint, objects: int, *, seed: int, **scene: Unpack[SceneArguments]
+) -> list[TaskInput]:
+    """Tasks of the package's policy with generated objects that no library lists; none for any other policy.
+
+    Args:
+        start: folder of the policy.
+        begun: the policy.
+        objects: number of each class.
+        seed: of the run.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are not asked for.
+
+    Raises:
+        InputError: the library has other strategies of a task than taught the policy.
+    """
+    if not is_packaged(start):
+        return []
+    generated: dict[str, Any] = {**scene, "assets": GENERATED, "instances": "all"}
+    found = [pulls_last(read_task_input(name, seed=seed, **generated)) for name in begun.data.tasks]
+    ways = read_ways(start, begun)
+    for one in found:
+        here = [(number, name) for number, step in enumerate(one.spec.steps) for name in step.strategies]
+        was = [(way.step, way.name) for way in ways if way.language == one.spec.description]
+        if here != was:
+            message = f"{one.spec.name} was taught by {_names(was)}, the library has {_names(here)}"
+            raise InputError(message, file=start / WAYS_JSON, field="ways", remedy=REMEDY)
+    return all_with_objects(found, objects, seed)
+
+
+def _names(ways: Sequence[tuple[int, str]]) -> str:
+    return ", ".join(name for _, name in ways)
+
+
+def plan_again(
+    known: Sequence[TaskInput],
+    spec: ObservationSpec,
+    folder: Path,
+    executor: Executor,
+    *,
+    seed: int,
+    progress: Progress,
+) -> tuple[list[Planned], float]:
+    """Plan some scenes of each task that a policy knows, so that it does not forget them.
+
+    Args:
+        known: the tasks.
+        spec: what is seen.
+        folder: of the policy that is to know more.
+        executor: runs the shards.
+        seed: of the run.
+        progress: listener.
+
+    Returns:
+        The plans by task, and the CPU seconds that they took.
+
+    Raises:
+        InputError, NotRunError: as :func:`~gensim2.policy.keypose.data.plan_scenes`.
+    """
+    planned = [
+        plan_scenes(
+            one,
+            spec,
+            folder / DATA / one.spec.name,
+            executor,
+            seed=seed,
+            scenes=REHEARSED,
+            progress=progress,
+        )
+        for one in known
+    ]
+    count, spent = sum(each.demonstrations for each in planned), sum(each.cpu_s for each in planned)
+    progress.message(f"{len(known)} tasks of the policy planned again: {count} plans, {spent:.0f} s of CPU")
+    return planned, spent
 
 
 def _plans(start: Path, name: str) -> Path:
