@@ -41,16 +41,17 @@ def task_spec(name: str) -> TaskSpec:
     )
 
 
-def add_task(run_dir: Path, name: str, held: int, *, parent: str = "tasks") -> None:
-    """Add a task of which ``held`` of 20 episodes held."""
+def add_task(run_dir: Path, name: str, held: int, *, parent: str = "tasks", episodes: int = 20) -> None:
+    """Add a task of which ``held`` of ``episodes`` held."""
     files, task = TaskFolder(run_dir / parent / name), task_spec(name)
     files.write_task(task)
     files.write_strategies({"designed": CONFIG})
     slipped = Cause.CONTACT_SLIPPED
-    episodes = tuple(
-        fake_world.episode_of(task, 1000 + i, held=i < held, cause=slipped, instance=str(i % 4)) for i in range(20)
+    fresh = tuple(
+        fake_world.episode_of(task, 1000 + i, held=i < held, cause=slipped, instance=str(i % 4))
+        for i in range(episodes)
     )
-    files.write_verification(Verification(episodes, 0.7, "new"))
+    files.write_verification(Verification(fresh, 0.7, "new"))
     write_json(files.path / "design.json", design())
     environment = {"env_id": f"gensim2.sim:GenSim2-{name}-v1"}
     recorded = {"env_info": environment, "episodes": [{"episode_id": i} for i in range(3)]}

@@ -178,6 +178,19 @@ def test_another_collection_is_not_gone_on_with(gather: Gather, options: dict[st
         gather(resume=True, **options)
 
 
+def test_what_is_said_of_a_collection_s_tasks_comes_before_its_objects(tmp_path: Path, gather: Gather) -> None:
+    gather()
+    begun = r"tasks: the collection was begun with these tasks in this order; further ones may follow: \w+, \w+"
+    for left in ("CloseBox", "OpenDrawer"):
+        with pytest.raises(InputError, match=begun):
+            gather(left, resume=True)
+    file = tmp_path / "set" / "dataset.json"
+    record = json.loads(file.read_bytes())
+    file.write_text(json.dumps({**record, "listings": {**record["listings"], "drawer": "0"}}))
+    with pytest.raises(InputError, match=r"listings\.drawer: the objects of class drawer have changed since"):
+        gather(resume=True)
+
+
 def test_what_is_not_ours_is_refused(tmp_path: Path, gather: Gather) -> None:
     folder = tmp_path / "set"
     gather()

@@ -12,6 +12,7 @@ from gensim2.deploy.faults import Fault
 from gensim2.deploy.replay import messages, replay
 from gensim2.deploy.run import run
 from gensim2.observations import CloudSettings, Observation, ObservationSpec
+from gensim2.policy.checkpoint import CheckpointError
 from gensim2.policy.no_op import NoOpPolicy
 from gensim2.policy.train import train_policy
 from gensim2.rollout.controller import PROPRIOCEPTIVE
@@ -31,6 +32,14 @@ def checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     source = made_up.MadeUpSource(config, sentences=(load_task("CloseBox").description, "open the drawer"))
     train_policy(source, config, made_up.training(steps=1), tmp_path / "policy")
     return tmp_path / "policy"
+
+
+def test_a_task_that_a_policy_was_not_taught_is_refused_before_the_arm_is_asked(
+    checkpoint: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(CheckpointError, match="was not trained on the sentence 'open the box'"):
+        run("OpenBox", policy=checkpoint, minutes=0.1, assets="builtin", simulated_clock=True, log=tmp_path / "log")
+    assert not (tmp_path / "log").exists()
 
 
 def test_a_policy_drives_the_arm_within_its_limits(checkpoint: Path, tmp_path: Path) -> None:

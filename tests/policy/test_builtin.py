@@ -33,6 +33,12 @@ def test_its_sentences_are_those_of_its_tasks(capfd: pytest.CaptureFixture[str])
     assert PolicyCheckpoint.load("builtin").sentences == tuple(shown["sentences"])
 
 
+def test_what_taught_it_is_counted_as_it_is(capfd: pytest.CaptureFixture[str]) -> None:
+    data = PolicyCheckpoint.load("builtin").data
+    assert run(["policy", "show", "builtin"]) == 0
+    assert f"{data.frames} examples, {data.episodes} planned steps among them" in capfd.readouterr().out
+
+
 def test_a_folder_of_that_name_is_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(checkpoint_folder("builtin"), tmp_path / "builtin")
     record = json.loads((tmp_path / "builtin" / "config.json").read_bytes())

@@ -47,6 +47,7 @@ def test_a_file_describes_a_robot_and_workers_load_it(tmp_path: Path) -> None:
     assert robot(str(file)) is robot(robot_key(str(file)))
     key = SceneOptions.of(assets="builtin", robot=str(file)).robot
     assert Path(key).is_absolute()
+    assert robot_key(str(tmp_path / "beside" / ".." / file.name)) == key
     with WorkerPool(1) as pool:
         found = list(results(pool.map_unordered(reach_of, [Job(0, (key,))]), "robots", tmp_path / "log"))
     assert found == [(0, 0.7125)]

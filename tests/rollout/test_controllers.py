@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import shutil
 import time
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,14 @@ def test_files_classes_and_modules_name_controllers() -> None:
     assert by_file.make(OPEN_DRAWER, robot("panda"))._seconds == 0.5  # type: ignore[attr-defined]
     assert ControllerSpec.of(Rest).target == "controllers:Rest"
     assert by_file.digest != ControllerSpec.of(f"{FILE}:Rest").digest
+
+
+def test_one_file_by_two_paths_is_one_controller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copy(FILE, tmp_path / FILE.name)
+    monkeypatch.chdir(tmp_path)
+    told = [ControllerSpec.of(f"{place}:Rest", {"seconds": 0.5}).digest for place in (FILE, FILE.name)]
+    assert told[0] == told[1]
+    assert told[0] != ControllerSpec.of(f"{FILE.name}:Rest", {"seconds": 0.6}).digest
 
 
 def test_a_class_that_was_edited_and_a_policy_that_was_trained_again_are_others(tmp_path: Path) -> None:

@@ -142,6 +142,7 @@ def _show_motion(result: dict[str, Any]) -> None:
 )
 @click.option("--threads", type=options.count(1024), default=1, show_default=True, help="Number of PyTorch's threads.")
 @click.option("--device", default="cpu", show_default=True, help="Device by PyTorch's name.")
+@options.library
 @options.assets
 @options.json_file
 def policy(
@@ -169,7 +170,7 @@ def _refuse_beside_a_checkpoint(context: click.Context) -> None:
     """Refuse what a trained policy says itself: its network, and that it runs on the processor."""
     for param in context.command.params:
         told = context.get_parameter_source(param.name or "") is ParameterSource.COMMANDLINE
-        if told and param.name not in ("checkpoint", "decisions", "threads", "assets", "json_file"):
+        if told and param.name not in ("checkpoint", "decisions", "threads", "assets", "library", "json_file"):
             raise click.UsageError(f"Give {param.opts[0]} without --checkpoint: a trained policy says it itself.")
 
 

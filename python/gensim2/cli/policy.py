@@ -53,10 +53,17 @@ def _show(result: dict[str, Any]) -> None:
             ("robot", result["robot"]),
             ("points", str(result["observation"]["cloud"]["points"])),
             ("tasks", ", ".join(data["tasks"])),
-            ("data", f"{data['frames']} frames of {data['episodes']} episodes, {data['digest'][:16]}"),
+            ("data", f"{_amount(data, result['action']['kind'])}, {data['digest'][:16]}"),
             ("steps", str(result["step"])),
         ],
     )
+
+
+def _amount(data: dict[str, Any], kind: str) -> str:
+    """How much taught a policy: of keyposes planned steps, and scenes in which nothing is left to do."""
+    if kind == "keypose":
+        return f"{data['frames']} examples, {data['episodes']} planned steps among them"
+    return f"{data['frames']} frames of {data['episodes']} episodes"
 
 
 @policy.command("export", cls=options.Command, short_help="Write a policy's network as ONNX or a PyTorch graph.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -43,7 +44,8 @@ def add(folder: Path, json_file: str | None, **given: Any) -> None:
             for name in given:
                 if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
                     option = f"--{name.replace('_', '-')}"
-                    remedy = f"gensim2 tasks add {folder / 'tasks' / 'NAME'} verifies one of its tasks anew"
+                    anew = shlex.join(["gensim2", "tasks", "add", str(folder / "tasks" / "NAME")])
+                    remedy = f"{anew} verifies one of its tasks anew"
                     raise InputError("is of no use with the folder of a run", field=option, remedy=remedy)
             from gensim2.design.remembering import remember
             from gensim2.tasks.memory import Memory

@@ -71,9 +71,9 @@ def _compare(file: Path, before: DatasetRecord, now: DatasetRecord) -> None:
     Raises:
         InputError: names the first field that differs.
     """
-    for name in ("arguments", "versions", "listings"):
+    for name in ("arguments", "versions"):
         old, new = getattr(before, name), getattr(now, name)
-        for key in sorted(old.keys() if name == "listings" else old.keys() | new.keys()):
+        for key in sorted(old.keys() | new.keys()):
             if old.get(key) != new.get(key):
                 text = f"the collection was begun with {old.get(key)!r}, not {new.get(key)!r}"
                 raise InputError(text, file=file, field=f"{name}.{key}", remedy=_REMEDY)
@@ -84,11 +84,15 @@ def _compare(file: Path, before: DatasetRecord, now: DatasetRecord) -> None:
     if now.episodes < before.episodes:
         text = f"the collection was begun with {before.episodes}; it may get more, not fewer than that"
         raise InputError(text, file=file, field="episodes", remedy=_REMEDY)
+    if list(now.tasks)[: len(before.tasks)] != list(before.tasks):
+        text = "the collection was begun with these tasks in this order; further ones may follow"
+        raise InputError(f"{text}: {', '.join(before.tasks)}", file=file, field="tasks", remedy=_REMEDY)
+    for asset_class, listing in sorted(before.listings.items()):
+        if now.listings.get(asset_class) != listing:
+            text = f"the objects of class {asset_class} have changed since the collection was begun"
+            raise InputError(text, file=file, field=f"listings.{asset_class}", remedy=_REMEDY)
     for name, task in before.tasks.items():
-        other = now.tasks.get(name)
-        if other is None or list(now.tasks)[: len(before.tasks)] != list(before.tasks):
-            text = "the collection was begun with these tasks in this order; further ones may follow"
-            raise InputError(f"{text}: {', '.join(before.tasks)}", file=file, field="tasks", remedy=_REMEDY)
+        other = now.tasks[name]
         if (other.digest, other.instances, other.objects) != (task.digest, task.instances, task.objects):
             text = "the task, its strategies or its instances have changed since the collection was begun"
             raise InputError(text, file=file, field=f"tasks.{name}", remedy=_REMEDY)

@@ -284,9 +284,9 @@ def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
     if is_url(str(policy)):
         arguments = {"url": str(policy), "robot": given.scene.robot, "deadline": config.deadline}
         return ControllerSpec(REMOTE, arguments)
-    from gensim2.policy.evaluating import policy_controller
+    from gensim2.policy.evaluating import controller_for
 
-    return policy_controller(policy)
+    return controller_for(policy, given)
 
 
 def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None) -> Devices:

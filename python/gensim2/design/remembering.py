@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,6 +70,16 @@ def known_before(run: Path | None) -> tuple[str, ...]:
     return tuple(name for name in task_names() if name in packaged_names() or memory.run_of(name) != own)
 
 
+def _verify_anew(folder: Path, record: RunRecord) -> str:
+    """The command that verifies a task on the objects and in the scenes of its run, as a shell takes it."""
+    words = ["gensim2", "tasks", "add", str(folder)]
+    for name in ("assets", "instances", "physics", "robot", "randomization"):
+        told = record.arguments.get(name)
+        if isinstance(told, str):  # a mixture of physics is a file's, whose name is not recorded
+            words += [f"--{name}", told]
+    return shlex.join(words)
+
+
 def remember(run: Path, memory: Memory | None = None) -> Remembered:
     """Add the tasks that a run designed and kept to a library; to do so again changes nothing.
 
@@ -105,5 +116,5 @@ def remember(run: Path, memory: Memory | None = None) -> Remembered:
         except KnownTaskError as error:
             left_out[task.name] = str(error)
         except UnverifiedTaskError as error:
-            left_out[task.name] = f"{error}; `gensim2 tasks add {folder}` verifies it anew"
+            left_out[task.name] = f"{error}; `{_verify_anew(folder, record)}` verifies it anew"
     return Remembered(str(memory.folder), tuple(added), left_out)

@@ -16,7 +16,7 @@ from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.rollout.controller_spec import ControllerSpec
-from gensim2.rollout.inputs import check_counts, read_all_task_inputs, scene_options
+from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs, scene_options
 from gensim2.rollout.run import Stop
 from gensim2.rollout.worker import chain
 from gensim2.scenes.config import SceneArguments
@@ -108,6 +108,23 @@ def policy_controller(checkpoint: Path | str, **arguments: Any) -> ControllerSpe
     policy = PolicyCheckpoint.load(folder)
     target = KEYPOSE if policy.action.kind == "keypose" else CHUNKS
     return ControllerSpec(target, {"checkpoint": str(folder.resolve()), **arguments})
+
+
+def controller_for(checkpoint: Path | str, given: TaskInput) -> ControllerSpec:
+    """The controller of a checkpoint that knows a task and its robot.
+
+    Args:
+        checkpoint: folder, or ``"builtin"``.
+        given: the task.
+
+    Raises:
+        InputError: the checkpoint cannot be used, or was trained on another robot or other sentences.
+    """
+    folder = checkpoint_folder(checkpoint)
+    policy = PolicyCheckpoint.load(folder)
+    policy.require_robot(given.scene.robot, folder)
+    sentence_row(policy, given.spec.description, folder, embed=False)
+    return policy_controller(checkpoint)
 
 
 def evaluate_policy(

@@ -94,7 +94,7 @@ def robot_key(name: str) -> str:
         return _registered[name]
     file, _, function = _parted(name)
     if file is not None:
-        key = f"{file.absolute()}:{function}" if function else str(file.absolute())
+        key = f"{file.resolve()}:{function}" if function else str(file.resolve())
         robot(key)
         return key
     robot(name)
@@ -127,7 +127,7 @@ def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
 def _robot(place: str) -> RobotProfile:
     file, module, function = _parted(place)
     if file is not None:
-        make, where = _from_file(file.absolute(), function), str(file.absolute())
+        make, where = _from_file(file.resolve(), function), str(file.resolve())
     elif module:
         make, where = _from_module(module, function), module
     else:
@@ -180,7 +180,7 @@ def _place_of(make: Maker) -> str:
             field="register_robot",
             remedy="put it into a Python file",
         )
-    return f"{Path(file).absolute()}:{make.__name__}"
+    return f"{Path(file).resolve()}:{make.__name__}"
 
 
 _PREFIX = "_gensim2_robot_"

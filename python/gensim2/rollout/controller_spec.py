@@ -96,10 +96,10 @@ class ControllerSpec:
     @property
     def digest(self) -> str:
         """Of the name, the arguments, the source and the files that the class says it depends on (``depends_on``, a
-        static method that is given the arguments): a run that is gone on with must have the same. The folder of a
-        checkpoint whose files are among them is left out: it may be moved.
+        static method that is given the arguments): a run that is gone on with must have the same. Where its file lies
+        is left out, and so is the folder of a checkpoint whose files are among them: they may be moved.
         """
-        where, _ = _parts(self.target)
+        where, name = _parts(self.target)
         source = getattr(_module(where, self.target), "__file__", None)
         depends: Callable[..., list[Path]] | None = getattr(self.load(), "depends_on", None)
         files = [] if depends is None else depends(**self.arguments)
@@ -107,7 +107,8 @@ class ControllerSpec:
         told = dict(self.arguments)
         if isinstance(place, str) and any(Path(place) in path.parents for path in files):
             del told["checkpoint"]
-        found = hashlib.sha256(json.dumps([self.target, told], sort_keys=True).encode())
+        target = f"{Path(where).name}:{name}" if where.endswith(".py") else self.target
+        found = hashlib.sha256(json.dumps([target, told], sort_keys=True).encode())
         found.update(Path(source).read_bytes() if source is not None else b"")
         for path in files:
             found.update(path.read_bytes())

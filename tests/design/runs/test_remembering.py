@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -59,6 +61,21 @@ def test_what_is_new_is_added_with_its_verification_and_the_rest_is_named(run: P
     assert Memory().run_of(NEW) == str(run)
     assert NEW in known_before(None)
     assert set(known_before(None)) - set(known_before(run)) == {NEW}
+
+
+def test_what_verifies_a_task_anew_can_be_pasted_and_takes_the_run_s_objects(tmp_path: Path, run: Path) -> None:
+    place = run.rename(tmp_path / "my run")
+    record = json.loads((place / "run.json").read_bytes())
+    arguments = {**record["arguments"], "assets": str(tmp_path / "my objects"), "randomization": "wide"}
+    (place / "run.json").write_text(json.dumps({**record, "arguments": arguments}))
+    add_task(place, NEW, 4, episodes=5)
+    _told(place, NEW, "stapler_press", "offline")
+    found = re.search(r"`(.+)` verifies it anew", remember(place).left_out[NEW])
+    assert found is not None
+    words = shlex.split(found[1])
+    assert words[:4] == ["gensim2", "tasks", "add", str(place / "tasks" / NEW)]
+    told = dict(zip(words[4::2], words[5::2], strict=True))
+    assert (told["--assets"], told["--randomization"]) == (str(tmp_path / "my objects"), "wide")
 
 
 def test_without_a_library_nothing_is_kept(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:

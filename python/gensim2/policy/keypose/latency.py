@@ -50,7 +50,11 @@ def measure_looks(
     controller = KeyposeController(str(folder))
     tasks = [task for name in task_names() if (task := load_task(name)).description in controller.sentences]
     if not tasks:
-        raise InputError("knows the sentence of no task of the library", file=folder)
+        raise InputError(
+            f"knows the sentence of no task of the library, but those of {', '.join(map(repr, controller.sentences))}",
+            file=folder,
+            remedy="add them with gensim2 tasks add FOLDER, and say which library: --library DIR",
+        )
     progress.start("looks", looks + WARM_UP)
     environments = [HeadlessEnv(task, assets=assets, robot=controller.robot) for task in tasks]
     watch = Stopwatch("observation", "decision")
