@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 DATA = "data"
 """Folder of a learned policy that holds the plans which taught it, a folder a task."""
 REHEARSED = 50
-"""Scenes of a task that are planned again: one or two seconds of CPU for each task, so that a policy forgets little of
-what it knows."""
+"""Scenes of a task that are planned again, in some four seconds of CPU, so that a policy forgets little of what it
+knows."""
 REMEDY = "give a folder that gensim2 learn has made"
 
 
