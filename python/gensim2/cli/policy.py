@@ -60,7 +60,7 @@ def _show(result: dict[str, Any]) -> None:
 
 
 def _amount(data: dict[str, Any], kind: str) -> str:
-    """How much taught a policy: of keyposes planned steps, and scenes in which nothing is left to do."""
+    """Describe the size of the training data; keypose policies learn from planned steps, not from episodes."""
     if kind == "keypose":
         return f"{data['frames']} examples, {data['episodes']} planned steps among them"
     return f"{data['frames']} frames of {data['episodes']} episodes"

@@ -105,7 +105,10 @@ def policy_controller(checkpoint: Path | str, **arguments: Any) -> ControllerSpe
         InputError: the checkpoint cannot be used.
     """
     folder = checkpoint_folder(checkpoint)
-    policy = PolicyCheckpoint.load(folder)
+    return _controller(PolicyCheckpoint.load(folder), folder, arguments)
+
+
+def _controller(policy: PolicyCheckpoint, folder: Path, arguments: Mapping[str, Any]) -> ControllerSpec:
     target = KEYPOSE if policy.action.kind == "keypose" else CHUNKS
     return ControllerSpec(target, {"checkpoint": str(folder.resolve()), **arguments})
 
@@ -124,7 +127,7 @@ def controller_for(checkpoint: Path | str, given: TaskInput) -> ControllerSpec:
     policy = PolicyCheckpoint.load(folder)
     policy.require_robot(given.scene.robot, folder)
     sentence_row(policy, given.spec.description, folder, embed=False)
-    return policy_controller(checkpoint)
+    return _controller(policy, folder, {})
 
 
 def evaluate_policy(

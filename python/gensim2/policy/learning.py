@@ -307,12 +307,12 @@ def _teach_by_plans(
     planned, begun, spent = list[Planned](), None, 0.0
     if record.start is not None:
         begun = PolicyCheckpoint.load(Path(record.start[0]))
+        if not again:
+            planned = take_along(Path(record.start[0]), folder, begun.data.tasks)
     limit, spec = DATA_SHARE * 60.0 * record.minutes / len(group), with_noise(SPEC, _noise(record))
     with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
         if again:
             planned, spent = plan_again(again, spec, folder, evaluator.executor, seed=record.seed, progress=progress)
-        elif record.start is not None and begun is not None:
-            planned = take_along(Path(record.start[0]), folder, begun.data.tasks)
         known = len(planned)
         for one in group:
             made = plan_scenes(

@@ -14,7 +14,7 @@ from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig
 from gensim2.policy.text import prepare
 from gensim2.progress import Progress
-from gensim2.rollout.inputs import TaskInput
+from gensim2.rollout.inputs import TaskInput, what_it_lacks
 from gensim2.tasks.library import load_task, task_names
 
 SPEC = ObservationSpec.of({"points": 1024, "candidates": 4096, "robot": "none"})
@@ -70,14 +70,11 @@ def known_tasks(begun: PolicyCheckpoint, assets: Path | str | None, progress: Pr
     """
     there, library, found = task_names(), open_library(assets), []
     for name in begun.data.tasks:
-        if name not in there:
-            progress.message(f"{name}: not measured again, the library does not have it")
-            continue
-        classes = {thing.asset_class for thing in load_task(name).objects.values()}
-        if lacking := sorted(classes - set(library.classes())):
-            progress.message(f"{name}: not measured again, {library.location} has no {', '.join(lacking)}")
-            continue
-        found.append(name)
+        why = what_it_lacks(library, load_task(name)) if name in there else "the library does not have it"
+        if why is None:
+            found.append(name)
+        else:
+            progress.message(f"{name}: not measured again, {why}")
     return found
 
 

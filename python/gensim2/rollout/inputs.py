@@ -244,10 +244,9 @@ def of_these_objects(
     named = tuple(tasks) or task_names(origin or PAPER)
     for name in named:
         spec = load_task_file(Path(name)) if _is_folder(name) else load_task(name)
-        lacking = [each for each in dict.fromkeys(_classes(spec).values()) if each not in library.classes()]
         try:
-            if lacking:
-                raise InputError(f"{library.location} has no {', '.join(lacking)}", field="assets")
+            if (lacking := what_it_lacks(library, spec)) is not None:
+                raise InputError(lacking, field="assets")
             chosen_word(spec, library, instances, 0)
         except InputError as error:
             skipped[name] = error
@@ -258,6 +257,12 @@ def of_these_objects(
         )
     reasons = {name: reason.message for name, reason in skipped.items()}
     return tuple(name for name in named if name not in skipped), reasons
+
+
+def what_it_lacks(library: Library, spec: TaskSpec) -> str | None:
+    """Say which classes of a task's objects a library lacks; None: it has them all."""
+    lacking = [each for each in dict.fromkeys(_classes(spec).values()) if each not in library.classes()]
+    return f"{library.location} has no {', '.join(lacking)}" if lacking else None
 
 
 def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:

@@ -144,15 +144,7 @@ def plan_again(
         InputError, NotRunError: as :func:`~gensim2.policy.keypose.data.plan_scenes`.
     """
     planned = [
-        plan_scenes(
-            one,
-            spec,
-            folder / DATA / one.spec.name,
-            executor,
-            seed=seed,
-            scenes=REHEARSED,
-            progress=progress,
-        )
+        plan_scenes(one, spec, folder / DATA / one.spec.name, executor, seed=seed, scenes=REHEARSED, progress=progress)
         for one in known
     ]
     count, spent = sum(each.demonstrations for each in planned), sum(each.cpu_s for each in planned)
