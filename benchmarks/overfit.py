@@ -22,7 +22,7 @@ from gensim2.policy.keypose.data import RECORD, Planned, make_shard, read_planne
 from gensim2.policy.keypose.examples import other_openness
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import TRAINING, train_keypose
-from gensim2.policy.learning import CHUNK_POLICY, CHUNK_SPEC
+from gensim2.policy.learn_settings import CHUNK_POLICY, CHUNK_SPEC
 from gensim2.policy.starting import SPEC
 from gensim2.policy.training import train
 from gensim2.rollout.inputs import TaskInput, read_task_input

@@ -58,7 +58,8 @@ class MadeUpSource:
     def __init__(self, config: PolicyConfig, frames: int = 0, sentences: tuple[str, ...] = SENTENCES) -> None:
         self.robot = "panda"
         self.action = ActionSpec(kind="joint-relative", arm=7, control_hz=20)
-        self.observation = ObservationSpec.of({"points": POINTS, "candidates": 4 * POINTS})
+        source = "keypoints" if config.encoder == "state" else "depth"
+        self.observation = ObservationSpec.of({"points": POINTS, "candidates": 4 * POINTS, "source": source})
         self.sentences = sentences
         self.record = DataRecord(digest="made up", tasks=("OpenDrawer",), episodes=1, frames=9, folders=("made-up",))
         self._config, self._frames = config, frames

@@ -29,6 +29,19 @@ def test_the_order_of_the_points_has_no_say(name: str) -> None:
     assert torch.allclose(features[:, order], turned, atol=1e-5)
 
 
+def test_a_state_is_known_by_the_order_of_its_points() -> None:
+    torch.manual_seed(0)
+    config = made_up.policy(encoder="state", points=40)
+    encoder = make_encoder(config).eval()  # type: ignore[attr-defined]  # a module
+    points = torch.randn(3, 40, cloud_size(config))
+    with torch.no_grad():
+        pooled, features = encoder.with_features(points)
+        assert torch.allclose(encoder(points), pooled, atol=1e-6)
+        assert not torch.allclose(encoder(points.flip(1)), pooled, atol=1e-2)
+    assert pooled.shape == (3, encoder.tokens, encoder.width)
+    assert features.shape == (3, 40, encoder.feature_width)
+
+
 def test_running_the_winners_alone_is_exact() -> None:
     torch.manual_seed(0)
     encoder, points = MlpEncoder(9), torch.randn(4, 100, 9)

@@ -37,11 +37,13 @@ def seen() -> dict[str, torch.Tensor]:
 
 
 @pytest.mark.parametrize("angle", [-1.3, 0.7])
-@pytest.mark.parametrize(("encoder", "keyframes"), [("mlp", 0), ("mlp", 2), ("pointnet", 0), ("pointnext", 0)])
+@pytest.mark.parametrize(
+    ("encoder", "keyframes"), [("mlp", 0), ("mlp", 2), ("pointnet", 0), ("pointnext", 0), ("state", 0)]
+)
 def test_a_turned_scene_has_the_same_relative_actions(
     seen: dict[str, torch.Tensor], encoder: str, keyframes: int, angle: float
 ) -> None:
-    config = made_up.policy(encoder=encoder, keyframes=keyframes)
+    config = made_up.policy(encoder=encoder, keyframes=keyframes, points=made_up.POINTS)
     table = prepare(["open the drawer"], config)
     network = fresh_network(config, 7, table.shape[1:], 0).eval()
     actions = []

@@ -114,6 +114,7 @@ def test_fine_tuning_starts_from_the_weights(tmp_path: Path) -> None:
     ("settings", "told", "said"),
     [
         ({"points": 25}, {}, "points: the data have 24 points, the policy 25"),
+        ({"encoder": "state"}, {}, "encoder: is state, and the clouds are made of depth"),
         ({}, {"learning_rate": 1.0, "clip": 1e6, "steps": 1}, "holds a policy already"),
     ],
 )

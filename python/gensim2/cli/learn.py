@@ -93,6 +93,14 @@ from gensim2.cli.output import line, report, table
     metavar="FOLDER|NAME",
     help="Folder or hub name of the weights of --text clip or sentence.  [default: CLIP's on the hub]",
 )
+@click.option(
+    "--config",
+    "settings",
+    type=click.Path(path_type=Path),
+    default=None,
+    metavar="FILE",
+    help="Settings of network and training that are to be otherwise, as YAML: encoder: pointnext.",
+)
 @options.noise(None, "Of the cameras, in training and in evaluation  [default: none]")
 @click.option(
     "--test-instances",
@@ -124,6 +132,7 @@ def learn(
     instances: str | None,
     json_file: str | None,
     noise: str | None,
+    settings: Path | None,
     **given: Any,
 ) -> None:
     """Teach TASKS to a policy that sees point clouds, the robot and a sentence.
@@ -136,11 +145,14 @@ def learn(
         from gensim2.deploy.fit_noise import read_noise
         from gensim2.policy.evaluating import read_controls
         from gensim2.policy.learning import learn as function
+        from gensim2.policy.training import read_flat
 
         if instances is not None:
             given["instances"] = instances
         if noise is not None:
             given["noise"] = read_noise(noise)
+        if settings is not None:
+            given["settings"] = read_flat(settings)
         where = out or default_run_dir()
         result = function(tasks, out=where, controls=read_controls(controls), progress=progress, **given)
         give(result.to_dict())

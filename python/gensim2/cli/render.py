@@ -26,6 +26,14 @@ from gensim2.errors import InputError
     "--points", type=options.count(49152), default=1024, show_default=True, help="Number of points of a cloud."
 )
 @click.option(
+    "--source",
+    type=click.Choice(("depth", "keypoints")),
+    default="depth",
+    show_default=True,
+    help="What clouds are made of: depth pictures, or the true places of the objects' keypoints and of the corners of "
+    "their boxes, which only a simulator knows, for privileged baselines.",
+)
+@click.option(
     "--keep-robot",
     type=click.Choice(("gripper", "all", "none")),
     default="gripper",
@@ -60,6 +68,7 @@ def render(
     modalities: str,
     cameras: str,
     points: int,
+    source: str,
     keep_robot: str,
     drop_outliers: float | None,
     depth_noise: bool,
@@ -87,6 +96,7 @@ def render(
             robot=keep_robot,  # type: ignore[arg-type]  # a choice of the option
             outliers=drop_outliers,
             noise=None if named is None else read_noise(named),
+            source=source,  # type: ignore[arg-type]  # a choice of the option
         )
         spec = ObservationSpec(_words(modalities, "--modalities"), _words(cameras, "--cameras"), settings)  # type: ignore[arg-type]
         give(function(folder, spec=spec, progress=progress, **given).to_dict())

@@ -118,6 +118,8 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
         made.close()  # the controller's process connects anew
     if privileged and not config.is_simulated:
         raise InputError("is shown the true scene, which there is in a simulation only", field=controller.target)
+    if seen.is_privileged:
+        raise InputError("sees keypoints of the objects, which no camera gives", field=controller.target)
     cameras = simulated_cameras(profile, *config.pixels)
     source = config.source
     if not source.is_rendered:

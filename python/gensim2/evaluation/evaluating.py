@@ -217,7 +217,7 @@ def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[st
         from gensim2.data.dataset import DataSet
 
         seen.require(DataSet.open(Path(data)).observation_spec(), str(data), of=spec.target)
-    return {**spec.to_dict(), "privileged": is_privileged(made), "observation": seen.to_dict()}
+    return {**spec.to_dict(), "privileged": is_privileged(made) or seen.is_privileged, "observation": seen.to_dict()}
 
 
 def _arguments(

@@ -15,6 +15,7 @@ from gensim2.observations.sampling import farthest_points, inlier_mask, uniform_
 from gensim2.observations.view import View
 
 ROBOT_PARTS = ("gripper", "all", "none")
+SOURCES = ("depth", "keypoints")
 MAX_POINTS = 49152
 
 RESOLUTION = np.float32(1e-4)
@@ -55,6 +56,9 @@ class CloudSettings:
         outliers: standard deviations from which on a candidate stands alone and is dropped; None: none is.
         neighbors: that tell.
         noise: on the depth pictures; None: they are exact.
+        source: ``"depth"``: pictures; ``"keypoints"``: the true places of the objects' keypoints and of the corners of
+            their boxes, in a set order (:mod:`gensim2.raycast.keypoints`), which only a simulator knows and which are
+            for privileged baselines. Of such a cloud all settings but ``points`` are of no effect.
     """
 
     points: int = 1024
@@ -65,6 +69,7 @@ class CloudSettings:
     outliers: float | None = None
     neighbors: int = 16
     noise: DepthNoise | None = field(default=None)
+    source: Literal["depth", "keypoints"] = "depth"
 
     def __post_init__(self) -> None:
         _check_count(self.points, "points", 1)
@@ -81,6 +86,10 @@ class CloudSettings:
             raise InputError(f"must lie within {FARTHEST} m of the base", field="low, high")
         if self.outliers is not None and not self.outliers > 0:
             raise InputError("must be positive", field="outliers")
+        if self.source not in SOURCES:
+            raise InputError(f"must be one of {', '.join(SOURCES)}, is {self.source!r}", field="source")
+        if self.source != "depth" and self.noise is not None:
+            raise InputError("is of depth pictures, and the cloud is made of keypoints", field="noise")
 
     @staticmethod
     def of(values: Mapping[str, Any]) -> CloudSettings:
@@ -106,8 +115,13 @@ class CloudSettings:
         return CloudSettings(**given)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
-        return {**asdict(self), "low": list(self.low), "high": list(self.high)}
+        """Plain data, for JSON; a cloud of depth pictures does not name its source, as files from before there was
+        another do not.
+        """
+        told = {**asdict(self), "low": list(self.low), "high": list(self.high)}
+        if self.source == "depth":
+            del told["source"]
+        return told
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.errors import GenSim2Error
-from gensim2.observations.cloud import RobotSegments, point_cloud
+from gensim2.observations.cloud import PointCloud, RobotSegments, point_cloud
 from gensim2.observations.columns import DEPTH, IMAGE, SEGMENTATION, depth_column
 from gensim2.observations.observation import Observation
 from gensim2.observations.proprioception import Proprioception
@@ -41,6 +41,7 @@ class Encoder:
         command: float,
         views: Sequence[View] = (),
         pictures: Mapping[str, npt.NDArray[np.uint8]] | None = None,
+        known: PointCloud | None = None,
     ) -> Observation:
         """The observation of one instant.
 
@@ -50,6 +51,7 @@ class Encoder:
             command: the gripper's last, -1 to 1.
             views: the cameras' pictures, for all that is not ``rgb``.
             pictures: (H, W, 3) by camera, for ``rgb``.
+            known: cloud that is not made of the cameras' pictures, of a spec that says so.
 
         Raises:
             EmptyCloudError: the cameras see nothing that a point cloud keeps.
@@ -70,11 +72,17 @@ class Encoder:
                 raise GenSim2Error("there are no colour pictures: no renderer was given")
             for name in self.spec.cameras:
                 seen[IMAGE + name] = pictures[name]
+        cloud = known
+        if "pointcloud" in modalities:
+            if self.spec.cloud.source == "depth":
+                cloud = point_cloud(views, self.spec.cloud, self._robot)
+            elif known is None:
+                raise GenSim2Error("only a simulator knows the keypoints that the point cloud is to be made of")
         return Observation(
             step=step,
             time=step / self._profile.control_hz,
             language=self._language,
             arrays={**own, **seen} if seen else own,
-            cloud=point_cloud(views, self.spec.cloud, self._robot) if "pointcloud" in modalities else None,
+            cloud=cloud,
             cameras={view.camera.name: view.camera for view in views},
         )

@@ -50,7 +50,13 @@ class ObservationSpec:
     @property
     def casts(self) -> bool:
         """Whether any of it comes from rays."""
-        return bool({"pointcloud", "depth", "segmentation"} & set(self.modalities))
+        rays = {"depth", "segmentation"} if self.is_privileged else {"pointcloud", "depth", "segmentation"}
+        return bool(rays & set(self.modalities))
+
+    @property
+    def is_privileged(self) -> bool:
+        """Whether the cloud is made of what only a simulator knows."""
+        return "pointcloud" in self.modalities and self.cloud.source != "depth"
 
     @property
     def is_proprioceptive(self) -> bool:
@@ -109,4 +115,4 @@ class ObservationSpec:
 
 def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
     cloud = {f"cloud.{name}": value for name, value in values["cloud"].items()}
-    return {name: value for name, value in values.items() if name != "cloud"} | cloud
+    return {name: value for name, value in values.items() if name != "cloud"} | {"cloud.source": "depth"} | cloud

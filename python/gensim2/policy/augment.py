@@ -26,7 +26,7 @@ a wide object is held with a command slightly below open."""
 
 
 def augmented(
-    seen: Mapping[str, torch.Tensor], training: TrainConfig, generator: torch.Generator
+    seen: Mapping[str, torch.Tensor], training: TrainConfig, generator: torch.Generator, *, ordered: bool = False
 ) -> dict[str, torch.Tensor]:
     """Augment a batch by point dropout, jitter, colour shift and yaw.
 
@@ -36,12 +36,13 @@ def augmented(
     Args:
         seen: by column, (B, T, ...), base frame.
         generator: on the tensors' device.
+        ordered: points are known by their place in the list: none is dropped.
     """
     found = dict(seen)
     cloud = seen[CLOUD]
     batch, frames, count, channels = cloud.shape
     made = {"generator": generator, "device": cloud.device}
-    if training.dropout > 0:
+    if training.dropout > 0 and not ordered:
         share = training.dropout * torch.rand(batch, frames, 1, **made)
         dropped = torch.rand(batch, frames, count, **made) < share
         order = torch.arange(count, device=cloud.device).expand(batch, frames, count)

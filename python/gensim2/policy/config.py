@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from gensim2.errors import InputError
 from gensim2.policy.settings import Settings, setting
 
-ENCODERS = ("mlp", "pointnet", "pointnext")
+ENCODERS = ("mlp", "pointnet", "pointnext", "state")
 TEXTS = ("none", "small", "clip", "sentence")
 CLIP = "openai/clip-vit-base-patch32"
 """Name on Hugging Face's hub."""
@@ -25,7 +25,11 @@ class PolicyConfig(Settings):
 
     of_what: ClassVar[str] = "policy settings"
 
-    encoder: str = setting("mlp", "Point encoder.", choices=ENCODERS)
+    encoder: str = setting(
+        "mlp",
+        "Point encoder; state: an MLP on keypoints that only a simulator knows, a privileged baseline.",
+        choices=ENCODERS,
+    )
     blocks: int = setting(0, "Inverted residual blocks a stage of pointnext; 0 is PointNeXt-S.", low=0, high=16)
     text: str = setting("small", "Text encoder; none: the sentence is not looked at.", choices=TEXTS)
     text_model: str = setting(CLIP, "Folder or hub name of the weights of --text clip or sentence.")
@@ -78,6 +82,11 @@ class PolicyConfig(Settings):
             raise InputError(f"must be at most noise_levels, {self.noise_levels}", field="denoise_steps")
         if self.keyframes and self.head == "keypose":
             raise InputError("is of heads of action chunks", field="keyframes")
+        if self.encoder == "state":
+            if self.head == "keypose":
+                raise InputError("state is of heads of action chunks", field="encoder")
+            if self.keyframes and self.points is not None and self.seen_points < self.points:
+                raise InputError(f"must be all points, {self.points}, of the encoder state", field="seen_points")
         if self.blocks and self.encoder != "pointnext":
             raise InputError(f"is of the encoder pointnext, is given to {self.encoder}", field="blocks")
 
@@ -98,7 +107,9 @@ class TrainConfig(Settings):
     clip: float = setting(1.0, "Largest norm of the gradient.", low=1e-6, high=1e6)
     ema: float = setting(0.999, "Decay of the averaged weights, which are those that are used.", low=0.0, high=0.999999)
     jitter: float = setting(0.002, "Standard deviation of noise on the points, m.", low=0.0, high=0.1)
-    dropout: float = setting(0.2, "Largest share of points that are dropped.", low=0.0, high=0.95)
+    dropout: float = setting(
+        0.2, "Largest share of points that are dropped; of no effect with the encoder state.", low=0.0, high=0.95
+    )
     colour_jitter: float = setting(0.05, "Standard deviation of a shift of all colours of a cloud.", low=0.0, high=1.0)
     yaw: float = setting(
         0.0, "Largest yaw of a scene about the base, rad; of no effect where frame is turned.", low=0.0, high=3.2

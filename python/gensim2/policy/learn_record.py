@@ -8,9 +8,12 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from gensim2.data.store import OBSERVATIONS
 from gensim2.errors import InputError
 from gensim2.files import new_folder, write_json
+from gensim2.observations import DepthNoise, ObservationSpec
 from gensim2.policy.keypose.adding import DATA
+from gensim2.policy.learn_settings import learn_configs, observation_of
 from gensim2.policy.train import holds_training
 from gensim2.record_files import read_record
 
@@ -18,7 +21,8 @@ LEARN_JSON = "learn.json"
 DECIDED = ("steps", "data_cpu_s", "episodes", "demonstrations_of")
 """Fields that a run decides or takes along; a resumed run need not repeat them."""
 DATA_FIELDS = ("tasks", "multi_task", "seed", "objects", "scene", "noise", "verify")
-"""Fields that determine the demonstrations of a policy."""
+"""Fields that determine the demonstrations of a policy, what is seen in them apart."""
+REFUSED = "give a folder that gensim2 learn has made"
 
 
 class LearnRecord(BaseModel):
@@ -30,6 +34,7 @@ class LearnRecord(BaseModel):
         verify: leave scenes out whose plans fail in physics.
         noise: of the cameras; None: their depth is exact.
         text, text_model: encoder of the sentences of a policy of several tasks, and its weights, that were asked for.
+        settings: of network and training that were asked for.
         start: folder of the policy that goes on, with the digest of its ``config.json``; None: from nothing.
         demonstrations_of: folder of another run whose demonstrations were taken along.
         steps: gradient steps by policy folder, decided when its training began.
@@ -52,6 +57,7 @@ class LearnRecord(BaseModel):
     noise: dict[str, float | bool] | None = None
     text: str | None = None
     text_model: str | None = None
+    settings: dict[str, Any] = {}
     start: tuple[str, str] | None = None
     demonstrations_of: str | None = None
     steps: dict[str, int] = {}
@@ -62,6 +68,16 @@ class LearnRecord(BaseModel):
     def is_of_plans(self) -> bool:
         """Whether its policies are keypose policies, taught by plans; others are taught by episodes."""
         return self.policy == "keypose"
+
+    @property
+    def observation(self) -> ObservationSpec:
+        """What its policies see.
+
+        Raises:
+            InputError: a setting is unknown, or cannot be so.
+        """
+        noise = None if self.noise is None else DepthNoise(**self.noise)  # type: ignore[arg-type]
+        return observation_of(learn_configs(self.policy, self.settings)[0], noise)
 
 
 def begin_record(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
@@ -99,7 +115,7 @@ def check_demonstrations(other: Path, record: LearnRecord) -> None:
     Raises:
         InputError: the folder holds no run, or one with other arguments; names the field.
     """
-    there = read_record(other / LEARN_JSON, LearnRecord, "give a folder that gensim2 learn has made")
+    there = read_record(other / LEARN_JSON, LearnRecord, REFUSED)
     if there.is_of_plans is not record.is_of_plans:
         kinds = {True: "plans", False: "episodes"}
         message = f"its demonstrations are {kinds[there.is_of_plans]}, not {kinds[record.is_of_plans]}"
@@ -108,10 +124,13 @@ def check_demonstrations(other: Path, record: LearnRecord) -> None:
         was, now = getattr(there, name), getattr(record, name)
         if was != now:
             raise InputError(f"it has {was!r}, not {now!r}", file=other / LEARN_JSON, field=name)
+    if record.is_of_plans:  # which hold the clouds
+        record.observation.require(there.observation, str(other / LEARN_JSON), of="what is asked for")
 
 
 def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) -> None:
-    """Copy the demonstrations of a policy from ``record.demonstrations_of``, where there are none yet.
+    """Copy the demonstrations of a policy from ``record.demonstrations_of``, where there are none yet; of episodes that
+    are to be seen otherwise, the episodes alone.
 
     Args:
         record: of the run; what they cost is counted in it.
@@ -125,7 +144,7 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
     if record.demonstrations_of is None or (folder / DATA).exists():
         return
     other = Path(record.demonstrations_of)
-    there = read_record(other / LEARN_JSON, LearnRecord, "give a folder that gensim2 learn has made")
+    there = read_record(other / LEARN_JSON, LearnRecord, REFUSED)
     found = other / key / DATA
     if not found.is_dir():
         raise InputError("there are no demonstrations", file=found, remedy="leave --demonstrations out")
@@ -133,7 +152,9 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
     if key in there.episodes:
         record.episodes[key] = there.episodes[key]
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))  # before the copy: without it nothing is lost
+    seen_alike = there.observation == record.observation
+    leave_out = None if seen_alike else shutil.ignore_patterns(OBSERVATIONS)
     with new_folder(folder / DATA) as made:
         for name in record.tasks if record.is_of_plans else ["."]:
             if (found / name).is_dir():
-                shutil.copytree(found / name, made / name, dirs_exist_ok=True)
+                shutil.copytree(found / name, made / name, dirs_exist_ok=True, ignore=leave_out)

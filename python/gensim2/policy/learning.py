@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
-
-import numpy as np
-import torch
 
 from gensim2.errors import InputError
 from gensim2.files import check_writable, write_json
@@ -29,22 +25,13 @@ from gensim2.policy.keypose.adding import DATA, plan_again, take_along, tasks_to
 from gensim2.policy.keypose.data import Planned, plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.teaching import pulls_last
-from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
+from gensim2.policy.keypose.training import train_keypose
 from gensim2.policy.learn_record import LEARN_JSON, LearnRecord, begin_record, check_demonstrations, take_demonstrations
-from gensim2.policy.network import fresh_network
+from gensim2.policy.learn_settings import learn_configs, observation_of
 from gensim2.policy.objects import check_test_instances, shared_objects, unseen_instances, words
-from gensim2.policy.source import Source
-from gensim2.policy.starting import (
-    SPEC,
-    check_sentences,
-    check_text,
-    digest_of_start,
-    known_tasks,
-    read_start,
-    with_noise,
-)
-from gensim2.policy.text import prepare
-from gensim2.policy.train import TrainResult, training_batch
+from gensim2.policy.starting import check_sentences, check_text, digest_of_start, known_tasks, read_start
+from gensim2.policy.step_cost import seconds_a_step
+from gensim2.policy.train import TrainResult
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, NullProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION
@@ -52,7 +39,6 @@ from gensim2.robots import robot
 from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
 from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_all_task_inputs, scene_options
 from gensim2.scenes.config import SceneArguments
-from gensim2.seeding import rng
 
 if TYPE_CHECKING:
     from gensim2.data.status import Status
@@ -66,17 +52,14 @@ DATA_SHARE = 0.4
 LEAST_STEPS, MAX_STEPS = 20, 10_000
 """Gradient steps for one task; of several tasks as many times more."""
 RESULT_JSON = "result.json"
-WARM_UP, PROBES, PROBE_S = 3, 5, 2.0
-"""Steps by which the time of one is measured, at least, and the CPU seconds that they take: the first are slow."""
-CHUNK_SPEC = ObservationSpec.of({"points": 256, "candidates": 2048, "robot": "none"})
-"""Observations of a policy of action chunks: the scene without the robot."""
-CHUNK_POLICY = PolicyConfig(keyframes=3, seen_points=192)
-"""Network of a policy of action chunks; its head is what was asked for."""
-CHUNK_TRAINING = TrainConfig(arm_noise=0.06, threads=1)
 VIDEOS = 3
 """Episodes of each task that are filmed."""
 EPISODES, PORTION = 600, 25
 """Demonstrations of each task at most, and how many are collected before it is asked whether there is time for more."""
+
+
+How = tuple[PolicyConfig, TrainConfig, ObservationSpec]
+"""Network, training, and what is seen."""
 
 
 @dataclass(frozen=True)
@@ -152,6 +135,7 @@ def learn(
     noise: DepthNoise | None = None,
     text: str | None = None,
     text_model: str | None = None,
+    settings: Mapping[str, Any] | None = None,
     test_instances: str | None = None,
     seed: int = 0,
     out: Path,
@@ -183,6 +167,8 @@ def learn(
             measured with it, too. None: depth is exact.
         text: encoder of the sentences, of a policy of several tasks; None: that of ``start``, else ``"small"``.
         text_model: folder or hub name of its weights, where it is pretrained; None: CLIP's on the hub.
+        settings: of the network and of the training that are to be otherwise than usual, by name
+            (:mod:`gensim2.policy.config`), of a policy that begins with no other's weights.
         test_instances: objects that the policy is measured on; None: ``new`` where it learns from ``objects``, else,
             and where ``start`` was taught on listed ones, ``test`` where all classes have such a split, else ``new``.
         seed: of everything.
@@ -205,6 +191,10 @@ def learn(
         raise InputError(f"must be one of {', '.join(HEADS)}, is {policy!r}", field="policy")
     if not 0 < minutes <= 1e5:
         raise InputError(f"must lie in 0..1e5, is {minutes}", field="minutes")
+    config, training = learn_configs(policy, settings or {})
+    if settings and start is not None:
+        raise InputError("are of a policy that goes on from no other", field="settings", remedy="leave them out")
+    how = config, training, observation_of(config, noise)
     if verify and policy != "keypose":
         raise InputError("is of plans, and chunks are taught by episodes, which physics has judged", field="verify")
     if objects is not None and "instances" in scene:
@@ -237,7 +227,7 @@ def learn(
     seen = shared_objects(listed, test_instances)
     if multi_task or begun is not None:
         check_sentences([*(begun.sentences if begun is not None else ()), *(one.spec.description for one in given)])
-    check_turns(robot(given[0].scene.robot), POLICY)
+    check_turns(robot(given[0].scene.robot), config)
     record = LearnRecord(
         tasks=tuple(one.spec.name for one in given),
         policy=policy,
@@ -251,6 +241,7 @@ def learn(
         noise=None if noise is None else asdict(noise),
         text=text,
         text_model=text_model,
+        settings=dict(settings or {}),
         start=None if start is None else digest_of_start(start),
         demonstrations_of=None if demonstrations is None else str(demonstrations.resolve()),
     )
@@ -266,9 +257,9 @@ def learn(
         take_demonstrations(record, _key(folder, out), folder, out)
         asked = [named[one.spec.name] for one in group]
         if record.is_of_plans:
-            taught, trained = _teach_by_plans(group, again, folder, out, record, workers, progress)
+            taught, trained = _teach_by_plans(group, again, folder, out, record, how, workers, progress)
         else:
-            taught, trained = _teach_by_episodes(group, asked, folder, out, record, workers, progress)
+            taught, trained = _teach_by_episodes(group, asked, folder, out, record, how, workers, progress)
         measured = evaluate_policy(
             folder,
             [*known, *asked],
@@ -299,6 +290,7 @@ def _teach_by_plans(
     folder: Path,
     out: Path,
     record: LearnRecord,
+    how: How,
     workers: int,
     progress: Progress,
 ) -> tuple[dict[str, int], TrainResult]:
@@ -309,7 +301,7 @@ def _teach_by_plans(
         begun = PolicyCheckpoint.load(Path(record.start[0]))
         if not again:
             planned = take_along(Path(record.start[0]), folder, begun.data.tasks)
-    limit, spec = DATA_SHARE * 60.0 * record.minutes / len(group), with_noise(SPEC, _noise(record))
+    limit, (config, training, spec) = DATA_SHARE * 60.0 * record.minutes / len(group), how
     with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
         if again:
             planned, spent = plan_again(again, spec, folder, evaluator.executor, seed=record.seed, progress=progress)
@@ -336,9 +328,9 @@ def _teach_by_plans(
         count = f"{each.demonstrations} plans in {each.scenes} scenes"
         left_out = f"{sum(each.failed.values()) - each.refuted} without a plan, {each.refuted} refuted by physics"
         progress.message(f"{each.record.task}: {count}, {left_out}, {each.cpu_s:.0f} s of CPU")
-    policy = _hearing(POLICY, record, len(group)) if begun is None else begun.config
-    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, TRAINING), out, progress)
-    training = TrainConfig.of({**TRAINING.to_dict(), "steps": record.steps[key], "seed": record.seed})
+    policy = _hearing(config, record, len(group)) if begun is None else begun.config
+    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out, progress)
+    training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key], "seed": record.seed})
     trained = train_keypose(
         source, folder, policy=policy, training=training, start=begun, resume=True, progress=progress
     )
@@ -351,6 +343,7 @@ def _teach_by_episodes(
     folder: Path,
     out: Path,
     record: LearnRecord,
+    how: How,
     workers: int,
     progress: Progress,
 ) -> tuple[dict[str, int], TrainResult]:
@@ -362,7 +355,7 @@ def _teach_by_episodes(
     data, key = folder / DATA, _key(folder, out)
     limit, most = DATA_SHARE * 60.0 * record.minutes, min(EPISODES, record.scenes)
     scene: dict[str, Any] = dict(record.scene)
-    spec = with_noise(CHUNK_SPEC, _noise(record))
+    config, training, spec = how
     collected = None
     while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
         # The record holds the CPU time and the episodes of earlier calls.
@@ -389,11 +382,10 @@ def _teach_by_episodes(
         if task.held == 0:
             message = f"none of its {task.tried} demonstrations held"
             raise InputError(message, field=f"tasks.{task.name}", remedy="leave it out, or give more --minutes")
-    policy = _hearing(PolicyConfig.of({**CHUNK_POLICY.to_dict(), "head": record.policy}), record, len(group))
+    policy = _hearing(config, record, len(group))
     source = Demonstrations.open([data], policy, (), progress=progress)
-    training = TrainConfig.of({**CHUNK_TRAINING.to_dict(), "seed": record.seed})
     _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out, progress)
-    training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key]})
+    training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key], "seed": record.seed})
     trained = train_policy(source, policy, training, folder, resume=True, device="cpu", progress=progress)
     return {task.name: task.held for task in collected.status.tasks}, trained
 
@@ -446,31 +438,8 @@ def _hearing(policy: PolicyConfig, record: LearnRecord, tasks: int) -> PolicyCon
     return PolicyConfig.of({**policy.to_dict(), **told})
 
 
-def _noise(record: LearnRecord) -> DepthNoise | None:
-    return None if record.noise is None else DepthNoise(**record.noise)  # type: ignore[arg-type]
-
-
 def _key(folder: Path, out: Path) -> str:
     return str(folder.relative_to(out))
-
-
-def seconds_a_step(source: Source, policy: PolicyConfig, training: TrainConfig) -> float:
-    """CPU seconds of a gradient step: the median of many on a network that is thrown away.
-
-    The first ones are not counted: they touch memory for the first time, and take up to four times as long.
-    """
-    torch.set_num_threads(training.threads or 1)
-    ways = len(source.ways) if isinstance(source, PlannedSource) else policy.ways
-    config = PolicyConfig.of({**policy.to_dict(), "ways": ways})
-    table = prepare(source.sentences, config)
-    network = fresh_network(config, source.action.arm, table.shape[1:], 0).train()
-    generator, draw, taken = torch.Generator().manual_seed(0), rng(0, "keypose/probe"), list[float]()
-    while len(taken) < WARM_UP + PROBES or sum(taken) < PROBE_S:
-        begin = time.process_time()
-        batch = training_batch(source, config, table, draw, training.batch, training, generator)
-        network.loss(batch, generator).backward()
-        taken.append(time.process_time() - begin)
-    return 1.15 * float(np.median(taken[WARM_UP:]))  # the optimizer and the averages come on top
 
 
 def _rows(learned: Learned, policy: str) -> list[dict[str, Any]]:

@@ -145,6 +145,9 @@ def _train(
     if training.arm_noise > 0 and (source.observation.cloud.robot != "none" or config.head == "keypose"):
         message = "is of action chunks and clouds without the robot"
         raise InputError(message, field="arm_noise", remedy="render with --keep-robot none, or leave it out")
+    if source.observation.is_privileged is not (config.encoder == "state"):
+        message = f"is {config.encoder}, and the clouds are made of {source.observation.cloud.source}"
+        raise InputError(message, field="encoder", remedy="state is of clouds by gensim2 render --source keypoints")
     config = PolicyConfig.of({**config.to_dict(), "points": points})
     table = prepare(source.sentences, config)
     arm = source.action.arm
@@ -268,7 +271,7 @@ def training_batch(
     if training is not None and generator is not None:
         if training.arm_noise > 0:
             drawn = off_its_way(drawn, robot(source.robot), training, generator)
-        drawn = augmented(drawn, training, generator)
+        drawn = augmented(drawn, training, generator, ordered=config.encoder == "state")
     seen = {name: drawn.pop(name) for name in SEEN}
     inputs = inputs_of(seen, config, source.action.arm)
     return {CLOUD: inputs.cloud, PROPRIO: inputs.proprio, TEXT: table[drawn.pop(SENTENCE)], **drawn}

@@ -21,6 +21,7 @@ from gensim2.observations import (
     View,
 )
 from gensim2.observations.cameras import mounted, observation_cameras, require_cameras
+from gensim2.raycast.keypoints import KnownPoints
 from gensim2.raycast.kinematics import state_rows
 from gensim2.raycast.scene import RaycastScene
 from gensim2.robots import OPEN, RobotProfile
@@ -67,6 +68,9 @@ class Observer:
         self.cameras = tuple((fixed | own)[name] for name in spec.cameras)
         self._links = tuple(dict.fromkeys(camera.link for camera in self.cameras if camera.link is not None))
         self._scene = RaycastScene(profile, objects, self.cameras) if spec.casts else None
+        self._known = None
+        if spec.is_privileged:
+            self._known = KnownPoints(RaycastScene(profile, objects, ()), objects, spec.cloud.points)
         noise = spec.cloud.noise if spec.casts else None
         self._noise = None if noise is None else noise.drawn(rng(seed, "noise of the episode"))
         self._late = 0.0 if noise is None else noise.time * float(rng(seed, "clock error").standard_normal())
@@ -118,6 +122,7 @@ class Observer:
         joints = len(self._profile.reset_qpos)
         robot = state_rows(states, "articulations", self._profile.agent, _ROOT + 2 * joints)
         poses = self.scene.poses(states) if self.spec.casts else None
+        known = None if self._known is None else self._known.at(states)
         for row, command in enumerate(commands):
             step = first + row
             try:
@@ -130,6 +135,7 @@ class Observer:
                     command,
                     () if poses is None else self.views(poses[row], step, q, read),
                     None if self._photograph is None else self._photograph(states, row),
+                    None if known is None else known[row],
                 )
             except EmptyCloudError as error:
                 raise EmptyCloudError(f"step {step}: {error}") from error

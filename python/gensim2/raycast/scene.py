@@ -74,6 +74,26 @@ class RaycastScene:
         """Solids that rays meet, in the order of :meth:`poses`."""
         return tuple(self._solids)
 
+    def tree(self, name: str) -> Tree:
+        """Kinematic tree of an articulated object, or of the robot by its agent."""
+        return self._trees[name][0]
+
+    def link_poses(self, states: Mapping[str, Any], name: str, link: str) -> Array:
+        """(T, 4, 4) of a link of an object, or of a rigid object, in the base frame.
+
+        Args:
+            states: ManiSkill's ``env_states``, T rows an array.
+            name: of the object.
+            link: of it; of a rigid one it is not looked at.
+
+        Raises:
+            InputError: they are not of this scene.
+        """
+        if name in self._bodies:
+            rows = state_rows(states, "actors", name, 13)
+            return np.asarray(self._T_base_world @ pose_matrices(rows[:, :7]))
+        return self._links(states, name)[:, self.tree(name).names.index(link)]
+
     def ids(self, owner: str, links: Sequence[str] | None = None) -> tuple[int, ...]:
         """Segmentation ids of what belongs to ``owner``, of some of its links or of all."""
         return tuple(id for id, (who, link) in self._names.items() if who == owner and (links is None or link in links))
@@ -103,8 +123,7 @@ class RaycastScene:
             links = self._links(states, name)
             found |= {id: links[:, index] for index, id in enumerate(ids)}
         for name in self._bodies:
-            rows = state_rows(states, "actors", name, 13)
-            found[self.ids(name)[0]] = self._T_base_world @ pose_matrices(rows[:, :7])
+            found[self.ids(name)[0]] = self.link_poses(states, name, name)
         steps = len(next(iter(found.values())))
         table = np.eye(4)
         table[2, 3] = -HALF_SIZE[2]

@@ -14,7 +14,7 @@ import pytest
 from gensim2.cli.main import run
 from gensim2.errors import InputError
 from gensim2.pages import template
-from gensim2.policy import learning
+from gensim2.policy import learn_settings, learning
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig
 from gensim2.policy.evaluating import CONTROLS, read_controls
@@ -112,7 +112,20 @@ def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
     assert [other[name] for name in ("policy", "demonstrations")] == ["flow", 1]
     assert other["data_cpu_s"] >= row["data_cpu_s"]
     assert PolicyCheckpoint.load(tmp_path / "flow").data.digest == policy.data.digest
-    words[words.index(str(tmp_path / "flow"))] = str(tmp_path / "refused")
+    # So does one that is shown keypoints in place of what cameras see.
+    words[words.index("flow")], words[words.index(str(tmp_path / "flow"))] = "chunk", str(tmp_path / "state")
+    settings = tmp_path / "state.yaml"
+    settings.write_text("encoder: state\nkeyframes: 0\n")
+    assert run([*words, "--demonstrations", str(out), "--config", str(settings)]) == 0
+    found = json.loads(told.read_text())
+    assert found["settings"] == {"encoder": "state", "keyframes": 0}
+    assert [found["tasks"][0][name] for name in ("policy", "demonstrations")] == ["chunk", 1]
+    state = PolicyCheckpoint.load(tmp_path / "state")
+    assert state.observation.is_privileged
+    assert (state.config.encoder, state.config.keyframes) == ("state", 0)
+    evaluated = json.loads((tmp_path / "state" / "evaluation" / "run.json").read_text())
+    assert evaluated["result"]["controller"]["privileged"] is True
+    words[words.index(str(tmp_path / "state"))] = str(tmp_path / "refused")
     for more, said in (
         (["--seed", "1"], "seed: it has 0, not 1"),
         (["--policy", "keypose"], "are episodes, not plans"),
@@ -146,7 +159,8 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     common += ["--controls", "none", "--videos", "0", "--json", str(told)]
     hearing = ["--text", "sentence", "--text-model", sentence_model] if hears else []
     with monkeypatch.context() as before:
-        before.setattr(learning, "POLICY", PolicyConfig.of({**learning.POLICY.to_dict(), "hears": hears}))
+        usual = learn_settings.POLICY
+        before.setattr(learn_settings, "POLICY", PolicyConfig.of({**usual.to_dict(), "hears": hears}))
         assert (
             run(["learn", "TurnOnFaucet", "TurnOffFaucet", "--multi-task", *common, *hearing, "--out", str(first)]) == 0
         )
@@ -228,6 +242,26 @@ def test_arguments_from_python_are_checked_at_the_start(given: dict[str, Any], s
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("steps: 5", "steps: is not a setting of gensim2 learn (say how long with --minutes)"),
+        ("head: flow", "head: is not a setting of gensim2 learn (say it with --policy)"),
+        ("encodr: mlp", "encodr: policy settings have no such field"),
+        ("encoder: state", "encoder: state is of heads of action chunks"),
+    ],
+)
+def test_settings_that_a_run_does_not_take_are_refused(
+    text: str, said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    settings = tmp_path / "settings.yaml"
+    settings.write_text(text)
+    words = ["learn", "CloseBox", "--assets", "builtin", "--out", str(tmp_path / "out"), "--config", str(settings)]
+    assert run(words) == 2
+    assert said in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_task_without_a_plan_is_refused_also_where_some_scenes_are_done(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -256,7 +290,7 @@ def test_the_page_of_added_tasks_is_of_one_policy() -> None:
         page = template("gensim2.policy", "learned.html.j2").render(
             rows=[{**row, "demonstrations": 1, "steps": 1}] * 4,
             named=3,
-            record={"policy": "keypose", "seed": 0, "multi_task": False, **begun},
+            record={"policy": "keypose", "seed": 0, "multi_task": False, "settings": {}, **begun},
             controls=0,
             measured=[],
             seen_objects=[],

@@ -10,7 +10,8 @@ import torch
 class PointEncoder(Protocol):
     """Encoder of normalized points (B, N, C), whose first three numbers are coordinates.
 
-    It is a ``torch.nn.Module``, in pure PyTorch, and gives the same for any order of the points.
+    It is a ``torch.nn.Module``, in pure PyTorch, and gives the same for any order of the points, but for that of
+    states, which knows them by it.
 
     Attributes:
         tokens: K, pooled tokens a cloud.
