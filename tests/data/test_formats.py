@@ -109,6 +109,25 @@ def test_observations_go_along_and_must_be_there_for_all(dataset: DataSet, tmp_p
         export(dataset.path, tmp_path / "both", "zarr")
 
 
+def test_a_cloud_of_keypoints_is_exported_as_the_state_of_the_environment(dataset: DataSet, tmp_path: Path) -> None:
+    store = dataset.task("CloseBox")
+    rng, points = np.random.default_rng(0), {}
+    for row in (row for row in store.rows() if row.held):
+        points[row.index] = to_steps(rng.uniform(-1, 1, (row.control_steps + 1, 16, 3)).astype(np.float32))
+        arrays = {
+            "pointcloud/xyz": points[row.index],
+            "pointcloud/rgb": np.zeros((row.control_steps + 1, 16, 3), np.uint8),
+            "pointcloud/segmentation": np.zeros((row.control_steps + 1, 16), np.int16),
+        }
+        told = {"episode_digest": row.episode_digest, "cloud": {"source": "keypoints"}}
+        write_observation(store.observation_path(row.index), told, arrays)
+    export(dataset.path, tmp_path / "l", "lerobot", Selection(tasks=("CloseBox",)))
+    for (_, columns), expected in zip(read_lerobot(tmp_path / "l"), points.values(), strict=True):
+        assert "observation.points" not in columns
+        found = columns["observation.environment_state"]
+        assert np.array_equal(to_steps(found), expected[:-1].reshape(len(found), 48))
+
+
 def test_episodes_that_were_rendered_in_two_ways_are_not_exported_as_one(dataset: DataSet, tmp_path: Path) -> None:
     for name in dataset.tasks:
         store = dataset.task(name)

@@ -14,7 +14,7 @@ import pytest
 from scripted import OPEN_DRAWER, ScriptedWorld, glide
 
 from gensim2.observations import EmptyCloudError, ObservationSpec
-from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.observations.columns import CLOUD, ENVIRONMENT_STATE, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.robots import robot
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
 from gensim2.rollout.run import run
@@ -132,6 +132,17 @@ def test_cameras_that_see_nothing_any_more_end_an_episode_and_no_evaluation(monk
     assert played(env) == (5, True, False, {"is_success": False})
     assert set(seen) == {STATE, VELOCITY, TOOL_POSE, GRIPPER, CLOUD}
     env.reset(seed=4)
+
+
+def test_keypoints_are_the_state_of_lerobot_s_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = plain(monkeypatch, "lerobot_env_gensim2.environment")
+    spec = ObservationSpec.of({"points": 32, "source": "keypoints"})
+    env = module.GenSim2Gym("CloseBox", spec, {"assets": "builtin"})
+    seen, _ = env.reset(seed=3)
+    assert seen[ENVIRONMENT_STATE].shape == env.observation_space[ENVIRONMENT_STATE].shape == (96,)
+    assert (seen[ENVIRONMENT_STATE].reshape(-1, 3) == seen[CLOUD][:, :3]).all()
+    assert len(np.unique(seen[CLOUD][:, :3], axis=0)) > 16  # two boxes and some keypoints
+    env.close()
 
 
 class Brief(Always):

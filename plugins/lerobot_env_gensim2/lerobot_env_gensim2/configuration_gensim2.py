@@ -11,10 +11,10 @@ from typing import Any
 import gymnasium as gym
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs import EnvConfig
-from lerobot.utils.constants import ACTION, OBS_STATE, OBS_STR
+from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE, OBS_STR
 
 from gensim2.observations import ObservationSpec
-from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.observations.columns import CLOUD, ENVIRONMENT_STATE, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.robots import robot
 from lerobot_env_gensim2.environment import GenSim2Gym
 
@@ -28,6 +28,8 @@ class GenSim2EnvConfig(EnvConfig):
         task: names with commas between them.
         checkpoint: a policy's folder: what is seen is what it was trained on. Empty: clouds of ``points``.
         points: of a cloud.
+        source: ``"depth"``, or ``"keypoints"``: the cloud is made of what only a simulator knows, and is the state of
+            the environment, for privileged baselines (``gensim2 render --source keypoints``).
         assets, instances, physics, randomization, robot: as of ``gensim2 evaluate``.
     """
 
@@ -35,6 +37,7 @@ class GenSim2EnvConfig(EnvConfig):
     fps: int = 20
     checkpoint: str = ""
     points: int = 1024
+    source: str = "depth"
     assets: str = "builtin"
     instances: str = "test"
     physics: str = "default"
@@ -51,14 +54,18 @@ class GenSim2EnvConfig(EnvConfig):
         for name, shape in shapes.items():
             self.features[name] = PolicyFeature(type=FeatureType.STATE, shape=shape)
             self.features_map[name] = OBS_STATE if name == STATE else f"{OBS_STR}.{name}"
+        if self.spec.is_privileged:
+            self.features[ENVIRONMENT_STATE] = PolicyFeature(type=FeatureType.ENV, shape=(3 * points,))
+            self.features_map[ENVIRONMENT_STATE] = OBS_ENV_STATE
         self.features[ACTION] = PolicyFeature(type=FeatureType.ACTION, shape=(profile.arm_size + 1,))
         self.features_map[ACTION] = ACTION
 
     @property
     def spec(self) -> ObservationSpec:
-        """Observations: those of the checkpoint, or clouds of ``points``."""
+        """Observations: those of the checkpoint, or clouds of ``points`` by ``source``."""
         if not self.checkpoint:
-            return ObservationSpec.of({"points": self.points, "candidates": 4 * self.points})
+            settings = {"points": self.points, "candidates": 4 * self.points, "source": self.source}
+            return ObservationSpec.of(settings)
         written = json.loads((Path(self.checkpoint) / "config.json").read_text())
         return ObservationSpec.of(written["observation"])
 

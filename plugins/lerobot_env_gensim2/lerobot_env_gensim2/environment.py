@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from gensim2.evaluation.films import film_camera, shaded
 from gensim2.observations import EmptyCloudError, ObservationSpec
-from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.observations.columns import CLOUD, ENVIRONMENT_STATE, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.raycast.scene import RaycastScene
 from gensim2.rollout.motion import is_stable
 from gensim2.rollout.settling import GOAL_SECONDS, MAX_SETTLE_SECONDS, settle
@@ -54,6 +54,8 @@ class GenSim2Gym(gym.Env[Seen, npt.NDArray[np.float32]]):
         self._lasting = profile.steps(GOAL_SECONDS)
         n = len(profile.reset_qpos)
         shapes = {STATE: (n,), VELOCITY: (n,), TOOL_POSE: (7,), GRIPPER: (2,), CLOUD: (spec.cloud.points, 6)}
+        if spec.is_privileged:
+            shapes[ENVIRONMENT_STATE] = (3 * spec.cloud.points,)
         self.observation_space = gym.spaces.Dict(
             {name: gym.spaces.Box(-WIDEST, WIDEST, shape, np.float32) for name, shape in shapes.items()}
         )
@@ -123,5 +125,7 @@ class GenSim2Gym(gym.Env[Seen, npt.NDArray[np.float32]]):
         self._env.close()
 
     def _seen(self) -> Seen:
-        seen = self._env.observe(self._spec)
+        seen: dict[str, Any] = dict(self._env.observe(self._spec))
+        if self._spec.is_privileged:
+            seen[ENVIRONMENT_STATE] = seen[CLOUD][:, :3].reshape(-1)
         return {name: np.asarray(seen[name], dtype=np.float32) for name in self.observation_space}

@@ -13,7 +13,7 @@ from gensim2.data.formats.columns import lerobot_name
 from gensim2.data.store import TaskStore
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
-from gensim2.observations.columns import CLOUD, IMAGE
+from gensim2.observations.columns import CLOUD, ENVIRONMENT_STATE, IMAGE
 from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.tally import interval
 
@@ -185,6 +185,8 @@ def _frames(profile: RobotProfile, kind: str) -> list[str]:
         "success": "whether the goal holds after the action",
         "done": "whether this is the episode's last action",
         CLOUD: "points in the base frame: x, y, z in m, then red, green, blue from 0 to 1; where rendered",
+        ENVIRONMENT_STATE: "keypoints of the objects and corners of their boxes in the base frame: x, y, z of "
+        "each in m, which only a simulator knows; where rendered in the place of points",
         f"{IMAGE}CAMERA": "a camera's picture, 8 bits a channel, red green blue; where rendered",
     }
     named = {lerobot_name(column) if kind == "lerobot" else column: text for column, text in meanings.items()}

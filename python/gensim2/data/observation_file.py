@@ -60,6 +60,11 @@ class ObservedEpisode:
     description: dict[str, Any]
     arrays: dict[str, npt.NDArray[Any]]
 
+    @property
+    def is_of_keypoints(self) -> bool:
+        """Whether its clouds are made of keypoints, which only a simulator knows."""
+        return bool(self.description.get("cloud", {}).get("source") == "keypoints")
+
 
 def write_observation(path: Path, description: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> str:
     """Write a file, whole or not at all, and return its digest; the same content gives the same bytes.

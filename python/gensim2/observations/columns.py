@@ -16,6 +16,9 @@ PROPRIOCEPTION = (STATE, VELOCITY, TOOL_POSE, GRIPPER)
 CLOUD, CLOUD_SEGMENTATION = "point_cloud", "point_segmentation"
 """(N, 6) float32: x, y, z in the base frame, m, then red, green, blue from 0 to 1; (N,) int16 ids."""
 
+ENVIRONMENT_STATE = "environment_state"
+"""(3 N,) float32 in exports, where clouds are made of keypoints: x, y, z of each in the base frame, m."""
+
 IMAGE, DEPTH, SEGMENTATION = "image_", "depth_", "segmentation_"
 """Before a camera's name: (H, W, 3) uint8; (H, W) uint16, mm, 0 where nothing is seen; (H, W) int16 ids."""
 

@@ -6,6 +6,7 @@
 | | ``action`` | ``action`` |
 | | ``reward``, ``success``, ``done`` | ``next.*`` |
 | ``pointcloud/xyz``, ``pointcloud/rgb`` | ``point_cloud`` | ``observation.points`` |
+| ``pointcloud/xyz`` of keypoints | ``environment_state`` | ``observation.environment_state`` |
 | ``cameras/<camera>/rgb`` | ``image_<camera>`` | ``observation.images.<camera>`` |
 | ``cameras/<camera>/depth``, ``segmentation`` | ``depth_<camera>``, ``segmentation_<camera>`` | none |
 | ``pointcloud/segmentation`` | ``point_segmentation`` | none |
@@ -16,7 +17,17 @@ No name holds a slash: LeRobot's editing tools and Diffusion Policy's replay buf
 from __future__ import annotations
 
 from gensim2.foreign.names import checked_name
-from gensim2.observations.columns import CLOUD, DEPTH, GRIPPER, IMAGE, SEGMENTATION, STATE, TOOL_POSE, VELOCITY
+from gensim2.observations.columns import (
+    CLOUD,
+    DEPTH,
+    ENVIRONMENT_STATE,
+    GRIPPER,
+    IMAGE,
+    SEGMENTATION,
+    STATE,
+    TOOL_POSE,
+    VELOCITY,
+)
 
 _CAMERAS = "cameras"
 _PREFIXES = {"rgb": IMAGE, "depth": DEPTH, "segmentation": SEGMENTATION}
@@ -27,6 +38,7 @@ _LEROBOT = {
     GRIPPER: "observation.gripper",
     "action": "action",
     CLOUD: "observation.points",
+    ENVIRONMENT_STATE: "observation.environment_state",
     "reward": "next.reward",
     "success": "next.success",
     "done": "next.done",

@@ -137,8 +137,11 @@ def _frames(
                 raise InputError("some episodes have observations, others none", file=store.folder, remedy=remedy)
             if observation is not None:
                 table.add(store.name, row.index, observation)
-            arrays = None if observation is None else observation.arrays
-            yield frames_of(recording, profile, sentence, arrays)
+            if observation is None:
+                yield frames_of(recording, profile, sentence)
+            else:
+                known = observation.is_of_keypoints
+                yield frames_of(recording, profile, sentence, observation.arrays, known=known)
             progress.advance()
 
 

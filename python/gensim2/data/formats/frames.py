@@ -11,7 +11,13 @@ import numpy.typing as npt
 
 from gensim2.data.formats.columns import column_of
 from gensim2.errors import InputError
-from gensim2.observations.columns import CLOUD, CLOUD_SEGMENTATION, PROPRIOCEPTION, cloud_column
+from gensim2.observations.columns import (
+    CLOUD,
+    CLOUD_SEGMENTATION,
+    ENVIRONMENT_STATE,
+    PROPRIOCEPTION,
+    cloud_column,
+)
 from gensim2.observations.proprioception import Proprioception
 from gensim2.robots import OPEN, RobotProfile
 from gensim2.rollout.recording import Recording
@@ -42,12 +48,18 @@ class Frames:
 
 
 def frames_of(
-    recording: Recording, profile: RobotProfile, sentence: str, observation: Mapping[str, Array] | None = None
+    recording: Recording,
+    profile: RobotProfile,
+    sentence: str,
+    observation: Mapping[str, Array] | None = None,
+    *,
+    known: bool = False,
 ) -> Frames:
     """Return the frames of a recorded episode.
 
     Args:
         observation: (T + 1, ...) arrays of its file of observations (docs/data.md); the last belongs to no action.
+        known: its cloud is made of keypoints, and is told as the state of the environment.
 
     Raises:
         InputError: it is of another robot, or its observations are not of its steps.
@@ -65,7 +77,7 @@ def frames_of(
         command = float(recording.actions[step - 1, -1]) if step else OPEN
         for name, row in Proprioception(profile, positions, velocities, command).items():
             own[name].append(row)
-    seen = {} if observation is None else _seen(observation)
+    seen = {} if observation is None else _seen(observation, known)
     for name, values in seen.items():
         if len(values) != steps + 1:
             raise InputError(f"has {len(values)} frames of an episode of {steps} steps", field=name)
@@ -82,11 +94,14 @@ def frames_of(
     )
 
 
-def _seen(observation: Mapping[str, Array]) -> dict[str, Array]:
+def _seen(observation: Mapping[str, Array], known: bool) -> dict[str, Array]:
     found: dict[str, Array] = {}
     if (points := observation.get("pointcloud/xyz")) is not None:
-        found[CLOUD] = cloud_column(points, observation.get("pointcloud/rgb"))
-    if (ids := observation.get("pointcloud/segmentation")) is not None:
+        if known:
+            found[ENVIRONMENT_STATE] = points.reshape(len(points), -1)
+        else:
+            found[CLOUD] = cloud_column(points, observation.get("pointcloud/rgb"))
+    if not known and (ids := observation.get("pointcloud/segmentation")) is not None:
         found[CLOUD_SEGMENTATION] = ids
     found |= {column: values for name, values in observation.items() if (column := column_of(name)) is not None}
     return found
