@@ -107,7 +107,7 @@ def test_an_episode_of_lerobot_ends_as_one_of_ours(
     monkeypatch: pytest.MonkeyPatch, course: list[Measurement], success: bool
 ) -> None:
     env, world = environment(monkeypatch, course)
-    env.reset(seed=3, options={"instances": "0"})
+    env.reset(seed=3, options={"instances": "0", "lerobot_new_rollout": True})  # as `lerobot-eval` does
     assert world.options == {"instances": "0"}
     count, ended, cut, info = played(env)
     assert info["is_success"] is success

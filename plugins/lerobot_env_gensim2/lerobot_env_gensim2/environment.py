@@ -21,6 +21,8 @@ from gensim2.tasks.measurement import Measurement
 
 Seen = dict[str, npt.NDArray[np.float32]]
 
+LEROBOT_OPTIONS = "lerobot_"
+"""Beginning of the names of reset options that LeRobot's rollouts give, such as ``lerobot_new_rollout``."""
 WIDEST = 10.0
 """Of all that is observed, in SI units."""
 
@@ -66,9 +68,12 @@ class GenSim2Gym(gym.Env[Seen, npt.NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
-        """Build the scene of a seed; without one, of one that is drawn. Options are those of HeadlessEnv's reset."""
+        """Build the scene of a seed; without one, of one that is drawn. Options are those of HeadlessEnv's reset, beside
+        LeRobot's own, which are for its wrappers.
+        """
         super().reset(seed=seed)
-        self._env.reset(int(self.np_random.integers(2**32)) if seed is None else seed, options)
+        given = {name: value for name, value in (options or {}).items() if not name.startswith(LEROBOT_OPTIONS)}
+        self._env.reset(int(self.np_random.integers(2**32)) if seed is None else seed, given)
         self._held_for = 0
         self._pictures: RaycastScene | None = None
         self._last_seen = self._seen()
