@@ -196,6 +196,40 @@ def test_chunks_are_executed_until_the_end_is_marked(folder: Path, checkpoint: P
     assert len(looks) == 3
 
 
+def test_a_policy_looks_only_where_it_plans_and_acts_as_if_it_always_did(folder: Path, checkpoint: Path) -> None:
+    acted: dict[bool, list[Any]] = {}
+    for always in (True, False):
+        env, _ = _live(folder)
+        controller, looks = PolicyController(str(checkpoint)), 0
+
+        def network(batch: Any, noise: Any) -> torch.Tensor:  # a made-up network, which never ends
+            seen = batch["cloud"].mean() + batch["proprio"].mean()
+            return torch.cat([0.02 * torch.sin(seen * torch.arange(1, 9)), -torch.ones(1)]).expand(1, 4, 9)
+
+        network.head, own = controller._policy.network.head, controller.config  # type: ignore[attr-defined]
+        object.__setattr__(controller._policy, "network", network)
+        object.__setattr__(network, "config", own)
+        controller.reset(env.observe(controller.observation_spec), 3)
+        acted[always] = []
+        for _ in range(9):
+            seen = env.observe(SPEC if always else controller.observation_spec)
+            looks += seen.cloud is not None
+            action = controller.act(seen)
+            assert action is not None
+            acted[always].append(action)
+            env.step(action)
+        assert looks == (9 if always else -(-9 // controller.config.execute))
+    assert np.array_equal(acted[True], acted[False])
+    # While a chunk was executed the scene has settled: the arm is held for the step until it looks again.
+    assert controller.observation_spec.is_proprioceptive
+    for _ in range(5):
+        env.step(action)
+    assert np.array_equal(controller.act(env.observe(controller.observation_spec)), action)
+    assert controller.observation_spec == SPEC
+    env.step(action)
+    assert controller.act(env.observe(controller.observation_spec)) is not None
+
+
 @pytest.mark.parametrize("beside", ["nothing", "fingers", "end"])
 def test_a_hand_that_stands_still_goes_back_the_way_it_came(folder: Path, checkpoint: Path, beside: str) -> None:
     env, _ = _live(folder)

@@ -26,10 +26,11 @@ from gensim2.policy.network import CLOUD as CLOUD_INPUT
 from gensim2.policy.network import PROPRIO, TEXT
 from gensim2.policy.sentences import embeds, sentence_row, substitutes
 from gensim2.robots import robot
+from gensim2.rollout.controller import PROPRIOCEPTIVE
 from gensim2.seeding import rng
 
 if TYPE_CHECKING:
-    from gensim2.observations import Observation
+    from gensim2.observations import Observation, ObservationSpec
     from gensim2.policy.config import PolicyConfig
 
 Action = npt.NDArray[np.float32]
@@ -96,12 +97,20 @@ class PolicyController:
             embeds(unknown_sentences),
             Sight.of(sees, self._folder),
         )
-        self.observation_spec = self._policy.observation
+        self._plan: list[Action] = []
 
     @property
     def config(self) -> PolicyConfig:
         """Of the policy."""
         return self._policy.config
+
+    @property
+    def observation_spec(self) -> ObservationSpec:
+        """Spec of its next observation: that of its training where it plans a chunk, or the robot alone while it
+        executes one, for which no rays are cast; a policy with a history sees all in between, too.
+        """
+        executes = bool(self._plan) and self._policy.config.history == 1
+        return PROPRIOCEPTIVE if executes else self._policy.observation
 
     def reset(self, observation: Observation, seed: int) -> None:
         """Begin an episode.
@@ -117,7 +126,8 @@ class PolicyController:
         config = self._policy.config
         self._rng, self._seed = rng(seed, "policy/act"), seed
         self._past: deque[dict[str, torch.Tensor]] = deque(maxlen=1 + config.stride * (config.history - 1))
-        self._plan: list[Action] = []
+        self._plan = []
+        self._last: Action | None = None
         self._step, self._ends = observation.step, False
 
     def act(self, observation: Observation) -> Action | None:
@@ -126,9 +136,13 @@ class PolicyController:
             self._past.clear()
             self._plan = []
         self._step = observation.step
-        shown = self._sight.altered(observation, self._seed)
-        seen = {name: torch.from_numpy(np.array(shown[name], dtype=np.float32)) for name in SEEN}
-        self._past.append(seen)
+        looks = observation.cloud is not None
+        if not looks and not self._plan and self._last is not None:
+            return self._last  # the scene has settled while a chunk was executed: it looks at the next step
+        if looks or not self._plan:
+            shown = self._sight.altered(observation, self._seed)
+            seen = {name: torch.from_numpy(np.array(shown[name], dtype=np.float32)) for name in SEEN}
+            self._past.append(seen)
         if not self._plan:
             self._plan = self._actions(observation)
             self._attempts.goes_on()
@@ -136,7 +150,7 @@ class PolicyController:
                 self._plan = self._attempts.again()
         if not self._plan:
             return None
-        action = self._plan.pop(0)
+        self._last = action = self._plan.pop(0)
         self._attempts.follow(action)
         return action
 

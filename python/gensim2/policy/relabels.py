@@ -67,6 +67,7 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
     """
     env, profile, step = simulator(scene), robot(scene.robot), scene.task.steps[0]
     controller = PolicyController(checkpoint)
+    spec = controller.observation_spec  # before an episode: all that it was trained on
     config, ways = controller.config, parsed(strategies)
     env.reset(seed)
     planner = StepPlanner(profile)
@@ -82,7 +83,7 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
         if abs(measured.openness[step.object] - stood) > MOVED or _is_on_last_way(began, profile, env.q):
             break
         try:
-            observation = env.observe(controller.observation_spec)
+            observation = env.observe(spec)
         except EmptyCloudError:
             break
         if number == 0:
