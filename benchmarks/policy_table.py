@@ -21,6 +21,7 @@ from markdown_tables import line, runs_to_take_in
 
 from gensim2.files import write_atomic, write_json
 from gensim2.rollout.tally import interval
+from gensim2.yaml_files import read_yaml
 
 FIGURES = Path(__file__).with_name("policies.json")
 ROOT = Path(__file__).parents[1]
@@ -28,7 +29,12 @@ PAGES = (ROOT / "docs" / "policy_keypose.md", ROOT / "docs" / "policy.md", ROOT 
 MARKED = re.compile(r"(<!-- policies: (\w+) -->\n).*?(<!-- /policies -->)", re.DOTALL)
 CONTROLS = ("blind", "shuffled", "no_op", "expert")
 NAMES = {"blind": "blind", "shuffled": "clouds of others", "no_op": "no-op", "expert": "expert"}
-WHAT = ("name", "policy", "objects", "randomization", "together")
+BASELINES = {
+    ", ".join(f"{name} {value}" for name, value in read_yaml(path).items()): f"`{path.name}`"
+    for path in sorted(Path(__file__).with_name("baselines").glob("*.yaml"))
+}
+"""Files of settings, by what they set."""
+WHAT = ("name", "policy", "settings", "objects", "randomization", "together")
 KEY = (*WHAT, "seed")
 
 Row = dict[str, Any]
@@ -45,6 +51,7 @@ def rows_of(found: Mapping[str, Any], commit: str) -> list[Row]:
             {
                 "name": task["name"],
                 "policy": task["policy"],
+                "settings": ", ".join(f"{name} {value}" for name, value in found.get("settings", {}).items()),
                 "objects": f"{'real' if real else 'generated'}, {found['test_instances']}",
                 "taught_on": scene["instances"] if found["objects"] is None else found["objects"],
                 "randomization": scene["randomization"],
@@ -69,7 +76,7 @@ def rows_of(found: Mapping[str, Any], commit: str) -> list[Row]:
 
 def every(rows: Sequence[Row]) -> str:
     """Return tables of keypose policies: of one single-step task each, in the paper's scenes and wide ones; others."""
-    keyposes = [row for row in _first_seeds(rows) if row["policy"] == "keypose"]
+    keyposes = [row for row in _first_seeds(rows) if row["policy"] == "keypose" and not row["settings"]]
     plain = [row for row in keyposes if _is_plain(row, "paper")]
     wide = [row for row in keyposes if _is_plain(row, "wide")]
     others = [row for row in keyposes if row not in plain and row not in wide]
@@ -83,7 +90,13 @@ def every(rows: Sequence[Row]) -> str:
 
 def chunks(rows: Sequence[Row]) -> str:
     """Return a table of policies of action chunks."""
-    mine = [row for row in _first_seeds(rows) if row["policy"] != "keypose"]
+    mine = [row for row in _first_seeds(rows) if row["policy"] != "keypose" and not row["settings"]]
+    return _table(mine, others=True) if mine else ""
+
+
+def baselines(rows: Sequence[Row]) -> str:
+    """Return a table of policies of action chunks with other settings than usual."""
+    mine = [row for row in _first_seeds(rows) if row["settings"]]
     return _table(mine, others=True) if mine else ""
 
 
@@ -150,11 +163,13 @@ def _first_seeds(rows: Sequence[Row]) -> list[Row]:
 def _told(row: Row) -> str:
     together = [f"one of {row['together']} tasks"] if row["together"] > 1 else []
     wide = [row["randomization"]] if row["randomization"] != "paper" else []
-    return ", ".join([row["policy"], *together, row["objects"], *wide])
+    other = [BASELINES.get(row["settings"], row["settings"])] if row["settings"] else []
+    return ", ".join([row["policy"], *other, *together, row["objects"], *wide])
 
 
 def _is_plain(row: Row, randomization: str) -> bool:
-    common = row["policy"] == "keypose" and row["together"] == 1 and row["randomization"] == randomization
+    usual = row["policy"] == "keypose" and not row["settings"]
+    common = usual and row["together"] == 1 and row["randomization"] == randomization
     return common and row["objects"].startswith("generated") and _is_single_step(row["name"])
 
 
@@ -199,7 +214,7 @@ def main() -> None:
             known[tuple(row[name] for name in KEY)] = row
     rows = [known[key] for key in sorted(known, key=str)]
     write_json(FIGURES, {"schema_version": 1, "rows": rows})
-    makers = {"all": every, "short": short, "chunks": chunks, "seeds": seeds}
+    makers = {"all": every, "short": short, "chunks": chunks, "baselines": baselines, "seeds": seeds}
     for page in PAGES:
         text = MARKED.sub(lambda match: f"{match[1]}{makers[match[2]](rows)}{match[3]}", page.read_text())
         write_atomic(page, text)

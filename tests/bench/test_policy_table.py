@@ -107,3 +107,15 @@ def test_wide_scenes_and_chunks_of_actions_have_their_own_tables(made: Any) -> N
     assert "0.80" not in table
     assert "0.80 (0.71 to 0.87) of 100" in made.chunks(rows)
     assert made.short(rows) == ""
+
+
+def test_what_was_set_otherwise_has_a_table_of_its_own(made: Any) -> None:
+    usual, other = _learned("CloseBox", held=1.0), _learned("CloseBox", held=0.5)
+    for each in (usual, other):
+        each["tasks"][0]["policy"] = "chunk"
+    other["settings"] = {"encoder": "state", "keyframes": 0}
+    rows = made.rows_of(usual, "abc") + made.rows_of(other, "abc")
+    assert made.chunks(rows) == made.chunks(rows[:1])
+    (row,) = made.baselines(rows).splitlines()[2:]
+    assert row.startswith("| CloseBox | chunk, `state.yaml`, generated, new | 0.50 ")
+    assert made.every(rows) == ""
