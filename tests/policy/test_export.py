@@ -23,6 +23,7 @@ pytest.importorskip("onnxscript")
         ("pointnet", "diffusion", "small", 0),
         ("pointnext", "chunk", "clip", 1),
         ("mlp", "flow", "small", 3),
+        ("state", "chunk", "small", 0),
     ],
 )
 def test_exports_are_the_same_function(

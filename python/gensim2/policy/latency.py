@@ -78,7 +78,6 @@ def measure_latencies(
         ``rows`` of :class:`Latency`, ``threads``, ``decisions``, ``load`` (of the machine, when it began).
     """
     torch.set_num_threads(threads)
-    spec = ObservationSpec.of({"points": points, "candidates": candidates_for(points)})
     load = os.getloadavg()[0]
     env = HeadlessEnv(TASK, assets=assets)
     env.reset(0)
@@ -86,7 +85,9 @@ def measure_latencies(
     progress.start("latency", len(heads) * len(encoders))
     for encoder in encoders:
         for head in heads:
-            config = PolicyConfig.of({**(settings or {}), "encoder": encoder, "head": head})
+            config = PolicyConfig.of({**(settings or {}), "encoder": encoder, "head": head, "points": points})
+            source = "keypoints" if encoder == "state" else "depth"
+            spec = ObservationSpec.of({"points": points, "candidates": candidates_for(points), "source": source})
             rows.append(_measure(env, spec, config, decisions, device))
             progress.advance()
     return {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from gensim2.errors import InputError
 from gensim2.policy.encoders.mlp import MlpEncoder
 from gensim2.policy.encoders.pointnet import PointNetEncoder
 from gensim2.policy.encoders.pointnext import PointNextEncoder
@@ -23,9 +24,15 @@ _KINDS: dict[str, Any] = {
 
 
 def make_encoder(config: PolicyConfig) -> PointEncoder:
-    """Return the encoder that the configuration names, with fresh weights; of ``state`` it says the points, too."""
+    """Return the encoder that the configuration names, with fresh weights.
+
+    Raises:
+        InputError: the encoder of states is not told the number of points.
+    """
     more: dict[str, Any] = {"blocks": config.blocks} if config.encoder == "pointnext" else {}
     if config.encoder == "state":
+        if config.points is None:
+            raise InputError("is as many as the data have, and the encoder state must know it", field="points")
         more = {"points": config.points}
     encoder: PointEncoder = _KINDS[config.encoder](cloud_size(config), **more)
     return encoder
