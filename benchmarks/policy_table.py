@@ -163,7 +163,8 @@ def _first_seeds(rows: Sequence[Row]) -> list[Row]:
 def _told(row: Row) -> str:
     together = [f"one of {row['together']} tasks"] if row["together"] > 1 else []
     wide = [row["randomization"]] if row["randomization"] != "paper" else []
-    other = [BASELINES.get(row["settings"], row["settings"])] if row["settings"] else []
+    settings = str(row["settings"])
+    other = [BASELINES.get(settings, settings)] if settings else []
     return ", ".join([row["policy"], *other, *together, row["objects"], *wide])
 
 

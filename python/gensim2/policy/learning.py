@@ -257,7 +257,7 @@ def learn(
         take_demonstrations(record, _key(folder, out), folder, out)
         asked = [named[one.spec.name] for one in group]
         if record.is_of_plans:
-            taught, trained = _teach_by_plans(group, again, folder, out, record, how, workers, progress)
+            taught, trained = _teach_by_plans(group, begun, again, folder, out, record, how, workers, progress)
         else:
             taught, trained = _teach_by_episodes(group, asked, folder, out, record, how, workers, progress)
         measured = evaluate_policy(
@@ -286,6 +286,7 @@ def learn(
 
 def _teach_by_plans(
     group: Sequence[TaskInput],
+    begun: PolicyCheckpoint | None,
     again: Sequence[TaskInput],
     folder: Path,
     out: Path,
@@ -296,11 +297,9 @@ def _teach_by_plans(
 ) -> tuple[dict[str, int], TrainResult]:
     from gensim2.rollout.evaluator import PoolEvaluator
 
-    planned, begun, spent = list[Planned](), None, 0.0
-    if record.start is not None:
-        begun = PolicyCheckpoint.load(Path(record.start[0]))
-        if not again:
-            planned = take_along(Path(record.start[0]), folder, begun.data.tasks)
+    planned, spent = list[Planned](), 0.0
+    if record.start is not None and begun is not None and not again:
+        planned = take_along(Path(record.start[0]), folder, begun.data.tasks)
     limit, (config, training, spec) = DATA_SHARE * 60.0 * record.minutes / len(group), how
     with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
         if again:
