@@ -95,7 +95,7 @@ def chunks(rows: Sequence[Row]) -> str:
 
 
 def baselines(rows: Sequence[Row]) -> str:
-    """Return a table of policies of action chunks with other settings than usual."""
+    """Return a table of policies with other settings than usual."""
     mine = [row for row in _first_seeds(rows) if row["settings"]]
     return _table(mine, others=True) if mine else ""
 

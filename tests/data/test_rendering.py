@@ -16,7 +16,7 @@ from tests.common.messages import Messages
 
 from gensim2.cli.main import BAD_INPUT, run
 from gensim2.data import TaskStore, observation_file
-from gensim2.data.dataset import DATASET_JSON
+from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.formats.export import export
 from gensim2.data.observation_file import DamagedObservationError, read_observation
 from gensim2.data.rendering import render
@@ -96,6 +96,20 @@ def test_every_episode_that_held_is_observed(store: TaskStore) -> None:
         assert recording is not None
         assert np.array_equal(arrays["proprioception/qpos"], recording.obs[:, :9])
         assert arrays["proprioception/tool_pose"].shape == (3, 7)
+
+
+def test_keypoints_are_rendered_by_the_command_and_their_ids_are_named(store: TaskStore) -> None:
+    words = ["render", str(store.folder.parent), "--source", "keypoints", "--points", "40", "--workers", "1"]
+    assert run(words) == 0
+    row = next(row for row in store.rows() if row.held)
+    found = read_observation(store.observation_path(row.index), row.episode_digest)
+    assert found.is_of_keypoints
+    assert found.arrays["pointcloud/xyz"].shape == (3, 40, 3)
+    ids = found.description["segmentation_ids"]
+    assert {ids[str(id)][0] for id in np.unique(found.arrays["pointcloud/segmentation"])} == {"drawer"}
+    frames = DataSet.open(store.folder.parent).frames()
+    assert frames[0]["point_cloud"].shape == (40, 6)
+    assert run([*words[:-4], "--points", "41", "--noise", "d435"]) == 2
 
 
 def test_the_bytes_do_not_depend_on_what_happened_on_the_way(store: TaskStore) -> None:

@@ -9,7 +9,7 @@ import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import fake_makers
 import numpy as np
@@ -48,6 +48,20 @@ PATIENT = WatchRules(
     behind=10.0,
     overrun=60.0,
 )
+
+
+class SeesKeypoints:
+    """A fake controller, which looks at what only a simulator knows."""
+
+    observation_spec: ClassVar = {"points": 64, "source": "keypoints"}
+
+    def reset(self, observation: Any, seed: int) -> None:
+        """Begin."""
+
+    def act(self, observation: Any) -> None:
+        """Done at once."""
+
+
 STILL = ControllerSpec("gensim2.policy.no_op:NoOpPolicy", {"arm": 7})
 REAL: dict[str, Any] = {
     "arm": "franka:here",
@@ -245,6 +259,8 @@ def test_what_is_shown_the_truth_and_simulated_faults_need_a_simulation() -> Non
     given = read_task_input("CloseBox", assets="builtin")
     with pytest.raises(InputError, match="the true scene"):
         prepare(given, LineConfig(policy=ControllerSpec(CHAIN, {"strategies": given.strategies}), **REAL))
+    with pytest.raises(InputError, match="keypoints of the objects, which no camera gives"):
+        prepare(given, LineConfig(policy=ControllerSpec(f"{__file__}:SeesKeypoints")))
     with pytest.raises(InputError, match="fault of simulated devices"):
         prepare(given, LineConfig(policy=STILL, dry=True, **REAL), [Fault("camera-frozen", 1.0)])
 

@@ -38,14 +38,17 @@ class Echo:
 
     observation_spec = ObservationSpec(modalities=())
 
-    def __init__(self, slow: float = 0.0, fails_at: int = -1) -> None:
+    def __init__(self, slow: float = 0.0, fails_at: int = -1, looks: bool = False) -> None:
         self._slow, self._fails_at, self._acts = slow, fails_at, 0
+        if looks:
+            self.observation_spec = ObservationSpec()
 
     def reset(self, observation: Observation, seed: int) -> None:
         self._seed = seed
 
     def act(self, observation: Observation) -> np.ndarray:
         self._acts += 1
+        self.observation_spec = ObservationSpec(modalities=())
         if self._acts == self._fails_at:
             raise ValueError("as it was told to")
         if self._acts == 2:
@@ -92,6 +95,17 @@ def test_what_a_controller_elsewhere_says_is_what_it_said(serving: Callable[...,
     action = controller.act(shown)
     np.testing.assert_array_equal(action[:7], shown.joint_positions[:7])
     controller.close()
+
+
+def test_whoever_comes_next_is_told_all_that_is_looked_at(serving: Callable[..., PolicyServer]) -> None:
+    server = serving(looks=True)
+    for _ in range(2):  # the first one leaves while the controller looks at nothing
+        controller = RemoteController(server.url, "panda", deadline=5.0)
+        assert controller.observation_spec.modalities == ("pointcloud",)
+        controller.reset(observation(3), 5)
+        controller.act(observation(3))
+        assert controller.observation_spec.modalities == ()
+        controller.close()
 
 
 def test_observations_come_back_as_they_were() -> None:

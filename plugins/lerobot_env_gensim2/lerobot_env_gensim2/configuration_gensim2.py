@@ -27,9 +27,9 @@ class GenSim2EnvConfig(EnvConfig):
     Attributes:
         task: names with commas between them.
         checkpoint: a policy's folder: what is seen is what it was trained on. Empty: clouds of ``points``.
-        points: of a cloud.
-        source: ``"depth"``, or ``"keypoints"``: the cloud is made of what only a simulator knows, and is the state of
-            the environment, for privileged baselines (``gensim2 render --source keypoints``).
+        points: of a cloud, where there is no checkpoint.
+        source: the same: ``"depth"``, or ``"keypoints"``: the cloud is made of what only a simulator knows, and is the
+            state of the environment, for privileged baselines (``gensim2 render --source keypoints``).
         assets, instances, physics, randomization, robot: as of ``gensim2 evaluate``.
     """
 

@@ -68,8 +68,11 @@ class GenSim2Gym(gym.Env[Seen, npt.NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
-        """Build the scene of a seed; without one, of one that is drawn. Options are those of HeadlessEnv's reset, beside
-        LeRobot's own, which are for its wrappers.
+        """Build the scene of a seed; without one, of one that is drawn.
+
+        Args:
+            seed: of the scene.
+            options: those of HeadlessEnv's reset; LeRobot's own, which are for its wrappers, are left out.
         """
         super().reset(seed=seed)
         given = {name: value for name, value in (options or {}).items() if not name.startswith(LEROBOT_OPTIONS)}

@@ -145,14 +145,13 @@ def learn(
         from gensim2.deploy.fit_noise import read_noise
         from gensim2.policy.evaluating import read_controls
         from gensim2.policy.learning import learn as function
-        from gensim2.policy.training import read_flat
 
         if instances is not None:
             given["instances"] = instances
         if noise is not None:
             given["noise"] = read_noise(noise)
         if settings is not None:
-            given["settings"] = read_flat(settings)
+            given["settings"] = settings
         where = out or default_run_dir()
         result = function(tasks, out=where, controls=read_controls(controls), progress=progress, **given)
         give(result.to_dict())

@@ -16,6 +16,8 @@ from gensim2.observations.view import View
 
 ROBOT_PARTS = ("gripper", "all", "none")
 SOURCES = ("depth", "keypoints")
+LOW, HIGH = (0.15, -0.62, 0.01), (1.15, 0.62, 1.0)
+"""Corners of the workspace before a Panda, m in its base frame."""
 MAX_POINTS = 49152
 
 RESOLUTION = np.float32(1e-4)
@@ -58,12 +60,13 @@ class CloudSettings:
         noise: on the depth pictures; None: they are exact.
         source: ``"depth"``: pictures; ``"keypoints"``: the true places of the objects' keypoints and of the corners of
             their boxes, in a set order (:mod:`gensim2.raycast.keypoints`), which only a simulator knows and which are
-            for privileged baselines. Of such a cloud all settings but ``points`` are of no effect.
+            for privileged baselines. Such a cloud has no settings but ``points``: corners, candidates and robot
+            are set to one value, noise and outliers are refused.
     """
 
     points: int = 1024
-    low: tuple[float, float, float] = (0.15, -0.62, 0.01)
-    high: tuple[float, float, float] = (1.15, 0.62, 1.0)
+    low: tuple[float, float, float] = LOW
+    high: tuple[float, float, float] = HIGH
     robot: Literal["gripper", "all", "none"] = "gripper"
     candidates: int = 4096
     outliers: float | None = None
@@ -72,6 +75,10 @@ class CloudSettings:
     source: Literal["depth", "keypoints"] = "depth"
 
     def __post_init__(self) -> None:
+        if self.source not in SOURCES:
+            raise InputError(f"must be one of {', '.join(SOURCES)}, is {self.source!r}", field="source")
+        if self.source != "depth":
+            self._keep_points_alone()
         _check_count(self.points, "points", 1)
         _check_count(self.candidates, "candidates", 0)
         _check_count(self.neighbors, "neighbors", 1)
@@ -86,10 +93,15 @@ class CloudSettings:
             raise InputError(f"must lie within {FARTHEST} m of the base", field="low, high")
         if self.outliers is not None and not self.outliers > 0:
             raise InputError("must be positive", field="outliers")
-        if self.source not in SOURCES:
-            raise InputError(f"must be one of {', '.join(SOURCES)}, is {self.source!r}", field="source")
-        if self.source != "depth" and self.noise is not None:
-            raise InputError("is of depth pictures, and the cloud is made of keypoints", field="noise")
+
+    def _keep_points_alone(self) -> None:
+        """Give one value to what a cloud of keypoints does not have, so that alike ones are equal."""
+        for name in ("noise", "outliers"):
+            if getattr(self, name) is not None:
+                message = "is of depth pictures, and the cloud is made of keypoints"
+                raise InputError(message, field=name, remedy="leave it out")
+        for name, value in {"low": LOW, "high": HIGH, "robot": "none", "candidates": 0, "neighbors": 16}.items():
+            object.__setattr__(self, name, value)
 
     @staticmethod
     def of(values: Mapping[str, Any]) -> CloudSettings:

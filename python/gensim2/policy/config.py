@@ -84,9 +84,10 @@ class PolicyConfig(Settings):
             raise InputError("is of heads of action chunks", field="keyframes")
         if self.encoder == "state":
             if self.head == "keypose":
-                raise InputError("state is of heads of action chunks", field="encoder")
+                raise InputError("state is of heads of action chunks", field="encoder", remedy="say another --head")
             if self.keyframes and self.points is not None and self.seen_points < self.points:
-                raise InputError(f"must be all points, {self.points}, of the encoder state", field="seen_points")
+                message = f"must be all points, at least {self.points}, of the encoder state"
+                raise InputError(message, field="seen_points")
         if self.blocks and self.encoder != "pointnext":
             raise InputError(f"is of the encoder pointnext, is given to {self.encoder}", field="blocks")
 

@@ -127,7 +127,7 @@ class PolicyController:
         self._rng, self._seed = rng(seed, "policy/act"), seed
         self._past: deque[dict[str, torch.Tensor]] = deque(maxlen=1 + config.stride * (config.history - 1))
         self._plan = []
-        self._last: Action | None = None
+        self._acted = False
         self._step, self._ends = observation.step, False
 
     def act(self, observation: Observation) -> Action | None:
@@ -137,8 +137,10 @@ class PolicyController:
             self._plan = []
         self._step = observation.step
         looks = observation.cloud is not None
-        if not looks and not self._plan and self._last is not None:
-            return self._last  # the scene has settled while a chunk was executed: it looks at the next step
+        if not looks and not self._plan and self._acted:
+            # It was not asked for a while in the middle of a chunk: the arm stays, and it looks at the next step.
+            arm = np.asarray(observation[STATE], dtype=np.float32)[: self._policy.action.arm]
+            return np.append(arm, np.float32(observation.gripper_command))
         if looks or not self._plan:
             shown = self._sight.altered(observation, self._seed)
             seen = {name: torch.from_numpy(np.array(shown[name], dtype=np.float32)) for name in SEEN}
@@ -150,7 +152,7 @@ class PolicyController:
                 self._plan = self._attempts.again()
         if not self._plan:
             return None
-        self._last = action = self._plan.pop(0)
+        action, self._acted = self._plan.pop(0), True
         self._attempts.follow(action)
         return action
 

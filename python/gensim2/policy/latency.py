@@ -77,19 +77,22 @@ def measure_latencies(
     Returns:
         ``rows`` of :class:`Latency`, ``threads``, ``decisions``, ``load`` (of the machine, when it began).
     """
-    torch.set_num_threads(threads)
-    load = os.getloadavg()[0]
-    env = HeadlessEnv(TASK, assets=assets)
-    env.reset(0)
-    rows = []
-    progress.start("latency", len(heads) * len(encoders))
+    kinds = []
     for encoder in encoders:
         for head in heads:
             config = PolicyConfig.of({**(settings or {}), "encoder": encoder, "head": head, "points": points})
             source = "keypoints" if encoder == "state" else "depth"
             spec = ObservationSpec.of({"points": points, "candidates": candidates_for(points), "source": source})
-            rows.append(_measure(env, spec, config, decisions, device))
-            progress.advance()
+            kinds.append((config, spec))
+    torch.set_num_threads(threads)
+    load = os.getloadavg()[0]
+    env = HeadlessEnv(TASK, assets=assets)
+    env.reset(0)
+    rows = []
+    progress.start("latency", len(kinds))
+    for config, spec in kinds:
+        rows.append(_measure(env, spec, config, decisions, device))
+        progress.advance()
     return {
         "schema_version": 1,
         "rows": [row.to_dict() for row in rows],

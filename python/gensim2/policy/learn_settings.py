@@ -9,7 +9,7 @@ from typing import Any
 from gensim2.errors import InputError
 from gensim2.observations import DepthNoise, ObservationSpec
 from gensim2.observations.cloud import candidates_for
-from gensim2.policy.config import PolicyConfig, TrainConfig, configs
+from gensim2.policy.config import OF_KEYPOSES, PolicyConfig, TrainConfig, configs
 from gensim2.policy.keypose.training import POLICY, TRAINING
 from gensim2.policy.starting import SPEC, with_noise
 
@@ -20,6 +20,23 @@ CHUNK_POLICY = PolicyConfig(keyframes=3, seen_points=192)
 CHUNK_TRAINING = TrainConfig(arm_noise=0.06, threads=1)
 KNOWN_POINTS = 64
 """Of a cloud of keypoints and corners: more than the objects of any task of the library have."""
+OF_CHUNKS = (
+    "history",
+    "stride",
+    "horizon",
+    "execute",
+    "colour",
+    "velocity",
+    "frame",
+    "yaw",
+    "keyframes",
+    "noise_levels",
+    "denoise_steps",
+    "decoder_layers",
+    "colour_jitter",
+    "arm_noise",
+)
+"""Settings that policies taught by plans do not have: they see one uncoloured cloud in the turned frame."""
 ELSEWHERE = {
     "head": "say it with --policy",
     "text": "say it with --text",
@@ -31,21 +48,35 @@ ELSEWHERE = {
 """Settings that a run decides, and how."""
 
 
-def learn_configs(policy: str, settings: Mapping[str, Any]) -> tuple[PolicyConfig, TrainConfig]:
+def learn_configs(
+    policy: str, settings: Mapping[str, Any], *, file: str | None = None
+) -> tuple[PolicyConfig, TrainConfig]:
     """Return network and training of a kind of policy.
 
     Args:
         policy: name of the head.
         settings: fields of either that are to be otherwise.
+        file: that they are from, for messages.
 
     Raises:
-        InputError: a field is unknown, cannot be so, or is decided by the run; names it.
+        InputError: a field is unknown, cannot be so, is decided by the run, or is of the other kind of policy; names
+            file and field.
     """
     for name, remedy in ELSEWHERE.items():
         if name in settings:
-            raise InputError("is not a setting of gensim2 learn", field=name, remedy=remedy)
+            raise InputError("is not a setting of gensim2 learn", file=file, field=name, remedy=remedy)
+    strangers, kind = (OF_CHUNKS, "action chunks") if policy == "keypose" else (OF_KEYPOSES, "keyposes")
+    for name in strangers:
+        if name in settings:
+            raise InputError(f"is of policies of {kind}", file=file, field=name, remedy="leave it out, or say --policy")
     network, training = (POLICY, TRAINING) if policy == "keypose" else (CHUNK_POLICY, CHUNK_TRAINING)
-    return configs({**network.to_dict(), **training.to_dict(), **settings, "head": policy})
+    made = configs({**network.to_dict(), **training.to_dict(), **settings, "head": policy}, file=file)
+    if made[0].encoder == "state" and made[0].points is not None and made[0].points < KNOWN_POINTS:
+        remedy = "leave it out"
+        raise InputError(
+            f"must be at least {KNOWN_POINTS} of the encoder state", file=file, field="points", remedy=remedy
+        )
+    return made
 
 
 def observation_of(policy: PolicyConfig, noise: DepthNoise | None) -> ObservationSpec:

@@ -32,6 +32,7 @@ from gensim2.policy.objects import check_test_instances, shared_objects, unseen_
 from gensim2.policy.starting import check_sentences, check_text, digest_of_start, known_tasks, read_start
 from gensim2.policy.step_cost import seconds_a_step
 from gensim2.policy.train import TrainResult
+from gensim2.policy.training import read_flat
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, NullProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION
@@ -135,7 +136,7 @@ def learn(
     noise: DepthNoise | None = None,
     text: str | None = None,
     text_model: str | None = None,
-    settings: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Any] | Path | None = None,
     test_instances: str | None = None,
     seed: int = 0,
     out: Path,
@@ -168,7 +169,7 @@ def learn(
         text: encoder of the sentences, of a policy of several tasks; None: that of ``start``, else ``"small"``.
         text_model: folder or hub name of its weights, where it is pretrained; None: CLIP's on the hub.
         settings: of the network and of the training that are to be otherwise than usual, by name
-            (:mod:`gensim2.policy.config`), of a policy that begins with no other's weights.
+            (:mod:`gensim2.policy.config`), or a YAML file of them; of a policy that begins with no other's weights.
         test_instances: objects that the policy is measured on; None: ``new`` where it learns from ``objects``, else,
             and where ``start`` was taught on listed ones, ``test`` where all classes have such a split, else ``new``.
         seed: of everything.
@@ -191,10 +192,12 @@ def learn(
         raise InputError(f"must be one of {', '.join(HEADS)}, is {policy!r}", field="policy")
     if not 0 < minutes <= 1e5:
         raise InputError(f"must lie in 0..1e5, is {minutes}", field="minutes")
-    config, training = learn_configs(policy, settings or {})
+    file = str(settings) if isinstance(settings, Path) else None
+    settings = read_flat(settings) if isinstance(settings, Path) else dict(settings or {})
+    config, training = learn_configs(policy, settings, file=file)
     if settings and start is not None:
-        raise InputError("are of a policy that goes on from no other", field="settings", remedy="leave them out")
-    how = config, training, observation_of(config, noise)
+        message = "is of a policy that goes on from no other, and --from has its own settings"
+        raise InputError(message, file=file, field="--config", remedy="leave it out")
     if verify and policy != "keypose":
         raise InputError("is of plans, and chunks are taught by episodes, which physics has judged", field="verify")
     if objects is not None and "instances" in scene:
@@ -210,6 +213,7 @@ def learn(
         given = all_with_objects(given, objects, seed)
     start = None if start is None else checkpoint_folder(start)
     begun = None if start is None else read_start(start, policy, given, noise)
+    how = config, training, observation_of(config, noise) if begun is None else begun.observation
     known = [] if begun is None else known_tasks(begun, scene_options(**scene).assets, progress)
     again: list[TaskInput] = []
     if start is not None and begun is not None:
@@ -241,7 +245,7 @@ def learn(
         noise=None if noise is None else asdict(noise),
         text=text,
         text_model=text_model,
-        settings=dict(settings or {}),
+        settings=settings,
         start=None if start is None else digest_of_start(start),
         demonstrations_of=None if demonstrations is None else str(demonstrations.resolve()),
     )

@@ -46,7 +46,7 @@ def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: Dept
         if one.spec.name in found.data.tasks:
             raise InputError("the policy knows it already", file=start, field=f"tasks.{one.spec.name}")
     found.require_robot(given[0].scene.robot, start)
-    found.observation.require(with_noise(SPEC, noise), "what is asked for", of=str(start))
+    found.observation.require(with_noise(found.observation, noise), "what is asked for", of=str(start))
     return found
 
 

@@ -70,7 +70,7 @@ class Observer:
         self._scene = RaycastScene(profile, objects, self.cameras) if spec.casts else None
         self._known = None
         if spec.is_privileged:
-            self._known = KnownPoints(RaycastScene(profile, objects, ()), objects, spec.cloud.points)
+            self._known = KnownPoints(self._scene or RaycastScene(profile, objects, ()), objects, spec.cloud.points)
         noise = spec.cloud.noise if spec.casts else None
         self._noise = None if noise is None else noise.drawn(rng(seed, "noise of the episode"))
         self._late = 0.0 if noise is None else noise.time * float(rng(seed, "clock error").standard_normal())

@@ -33,7 +33,8 @@ class RaycastScene:
     Args:
         profile: of the robot.
         objects: by name, in the task's order.
-        cameras: that see the scene; those that a link carries with their poses in its frame.
+        cameras: that see the scene; those that a link carries with their poses in its frame. Without any no mesh is
+            read, and there are no solids.
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
@@ -55,7 +56,8 @@ class RaycastScene:
                 self._add_tree(name, Tree.of(read_urdf(model.urdf), (model.joint.name,)))
             elif isinstance(model, RigidObject):
                 self._bodies.append(name)
-                self._add(name, name, None if model.visual is None else read_mesh(model.visual), still=False)
+                seen = bool(self.cameras) and model.visual is not None
+                self._add(name, name, read_mesh(model.visual) if seen else None, still=False)
             else:
                 raise TypeError(f"no object of {type(model).__name__}")
         # Of a link that carries cameras everything is told in its frame, where they stand still.
@@ -163,9 +165,9 @@ class RaycastScene:
         return tree.poses(root, rows[:, 13 : 13 + count].astype(np.float64))
 
     def _add_tree(self, name: str, tree: Tree) -> None:
-        surfaces = read_links(tree.file)
+        surfaces = read_links(tree.file) if self.cameras else {}
         ids = [
-            self._add(name, link, surfaces[link], still=still)
+            self._add(name, link, surfaces.get(link), still=still)
             for link, still in zip(tree.names, tree.still, strict=True)
         ]
         self._trees[name] = tree, ids

@@ -243,22 +243,32 @@ def test_arguments_from_python_are_checked_at_the_start(given: dict[str, Any], s
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "words", "said"),
     [
-        ("steps: 5", "steps: is not a setting of gensim2 learn (say how long with --minutes)"),
-        ("head: flow", "head: is not a setting of gensim2 learn (say it with --policy)"),
-        ("encodr: mlp", "encodr: policy settings have no such field"),
-        ("encoder: state", "encoder: state is of heads of action chunks"),
+        ("steps: 5", [], "steps: is not a setting of gensim2 learn (say how long with --minutes)"),
+        ("head: flow", [], "head: is not a setting of gensim2 learn (say it with --policy)"),
+        ("encodr: mlp", [], "encodr: policy settings have no such field"),
+        ("encoder: state", [], "encoder: state is of heads of action chunks"),
+        ("history: 2", [], "history: is of policies of action chunks"),
+        ("arm_noise: 0.1", [], "arm_noise: is of policies of action chunks"),
+        ("ways: 3", ["--policy", "chunk"], "ways: is not a setting of gensim2 learn"),
+        ("hears: false", ["--policy", "chunk"], "hears: is of policies of keyposes"),
+        ("{encoder: state, points: 8}", ["--policy", "chunk"], "points: must be at least 64 of the encoder state"),
+        ("encoder: state", ["--policy", "chunk", "--noise", "d435"], "noise: is of depth pictures"),
+        ("batch: 16", ["--from", "builtin"], "--config: is of a policy that goes on from no other"),
+        ("[1]", [], "settings.yaml"),
     ],
 )
 def test_settings_that_a_run_does_not_take_are_refused(
-    text: str, said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    text: str, words: list[str], said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     settings = tmp_path / "settings.yaml"
     settings.write_text(text)
-    words = ["learn", "CloseBox", "--assets", "builtin", "--out", str(tmp_path / "out"), "--config", str(settings)]
-    assert run(words) == 2
-    assert said in capfd.readouterr().err
+    command = ["learn", "CloseBox", "--assets", "builtin", "--out", str(tmp_path / "out"), "--config", str(settings)]
+    assert run([*command, *words]) == 2
+    told = capfd.readouterr().err
+    assert said in told
+    assert "Traceback" not in told
     assert not (tmp_path / "out").exists()
 
 

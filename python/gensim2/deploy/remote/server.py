@@ -71,6 +71,7 @@ class PolicyServer:
         self._spec, self._token, self._said = controller, token, said
         self._profile = robot(robot_name)
         self._controller: Controller = controller.make()
+        self._observation = spec_of(self._controller).to_dict()  # now: one that acts may look at less for a while
         self._busy = threading.Lock()
         self._connections: set[Any] = set()
         try:
@@ -145,7 +146,7 @@ class PolicyServer:
             "controller": self._spec.target,
             "robot": self._profile.name,
             "action_size": self._profile.action_size,
-            "observation": spec_of(self._controller).to_dict(),
+            "observation": self._observation,
         }
 
     def _answer(self, data: Any) -> dict[str, Any]:
