@@ -20,6 +20,7 @@ from typing import Any
 from markdown_tables import line, runs_to_take_in
 
 from gensim2.files import write_atomic, write_json
+from gensim2.policy.config import HEADS
 from gensim2.rollout.tally import interval
 from gensim2.yaml_files import read_yaml
 
@@ -34,6 +35,8 @@ BASELINES = {
     for path in sorted(Path(__file__).with_name("baselines").glob("*.yaml"))
 }
 """Files of settings, by what they set."""
+FIVE = ("CloseBox", "OpenDrawer", "TurnOnFaucet", "OpenLaptop", "PlaceGolfBallIntoDrawer")
+"""Tasks on which every head is compared."""
 WHAT = ("name", "policy", "settings", "objects", "randomization", "together")
 KEY = (*WHAT, "seed")
 
@@ -92,6 +95,26 @@ def chunks(rows: Sequence[Row]) -> str:
     """Return a table of policies of action chunks."""
     mine = [row for row in _first_seeds(rows) if row["policy"] != "keypose" and not row["settings"]]
     return _table(mine, others=True) if mine else ""
+
+
+def heads(rows: Sequence[Row]) -> str:
+    """Return a table of every head on five tasks, generated objects that no training saw."""
+    found = {(row["policy"], row["name"]): row for row in _first_seeds(rows) if _is_of_one_task(row)}
+    head = ["held of 100", *FIVE, "all"]
+    lines = [line(head), line(["---"] * len(head))]
+    for policy in HEADS:
+        mine = [found.get((policy, name)) for name in FIVE]
+        cells = ["" if row is None else f"{row['held']} of {row['episodes']}" for row in mine]
+        known = [row for row in mine if row is not None]
+        whole = len(known) == len(FIVE)
+        held, episodes = sum(row["held"] for row in known), sum(row["episodes"] for row in known)
+        lines.append(line([f"`{policy}`", *cells, f"{held / episodes:.3f}" if whole else ""]))
+    return "\n".join(lines) + "\n"
+
+
+def _is_of_one_task(row: Row) -> bool:
+    usual = row["together"] == 1 and row["randomization"] == "paper" and not row["settings"]
+    return usual and str(row["objects"]) == "generated, new"
 
 
 def baselines(rows: Sequence[Row]) -> str:
@@ -215,7 +238,7 @@ def main() -> None:
             known[tuple(row[name] for name in KEY)] = row
     rows = [known[key] for key in sorted(known, key=str)]
     write_json(FIGURES, {"schema_version": 1, "rows": rows})
-    makers = {"all": every, "short": short, "chunks": chunks, "baselines": baselines, "seeds": seeds}
+    makers = {"all": every, "short": short, "chunks": chunks, "heads": heads, "baselines": baselines, "seeds": seeds}
     for page in PAGES:
         text = MARKED.sub(lambda match: f"{match[1]}{makers[match[2]](rows)}{match[3]}", page.read_text())
         write_atomic(page, text)

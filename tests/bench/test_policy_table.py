@@ -119,3 +119,16 @@ def test_what_was_set_otherwise_has_a_table_of_its_own(made: Any) -> None:
     (row,) = made.baselines(rows).splitlines()[2:]
     assert row.startswith("| CloseBox | chunk, `state.yaml`, generated, new | 0.50 ")
     assert made.every(rows) == ""
+
+
+def test_every_head_is_compared_on_five_tasks(made: Any) -> None:
+    rows = []
+    for number, policy in enumerate(("chunk", "flow")):
+        for name in made.FIVE if policy == "chunk" else made.FIVE[:2]:
+            learned = _learned(name, held=0.5 + 0.1 * number)
+            learned["tasks"][0]["policy"] = policy
+            rows += made.rows_of(learned, "abc")
+    table = made.heads(rows).splitlines()[2:]
+    assert table[0].startswith("| `chunk` |")
+    assert table[0].endswith("| 50 of 100 | 50 of 100 | 50 of 100 | 50 of 100 | 50 of 100 | 0.500 |")
+    assert next(row for row in table if "flow" in row) == "| `flow` | 60 of 100 | 60 of 100 |  |  |  |  |"
