@@ -114,7 +114,6 @@ def test_fine_tuning_starts_from_the_weights(tmp_path: Path) -> None:
     ("settings", "told", "said"),
     [
         ({"points": 25}, {}, "points: the data have 24 points, the policy 25"),
-        ({"encoder": "state"}, {}, "encoder: is state, and the clouds are made of depth"),
         ({}, {"learning_rate": 1.0, "clip": 1e6, "steps": 1}, "holds a policy already"),
     ],
 )
@@ -243,3 +242,10 @@ def test_rounds_of_relabels_need_a_free_folder_before_the_first(resume: bool, tm
     with pytest.raises(InputError, match="holds a policy already"):
         train_rounds(source, (), config, made_up.training(), tmp_path, rounds=1, resume=resume)
     assert not (tmp_path / "rounds").exists()
+
+
+@pytest.mark.parametrize(("encoder", "made_of"), [("state", "depth"), ("mlp", "keypoints")])
+def test_clouds_that_are_not_the_encoder_s_are_refused(encoder: str, made_of: str, tmp_path: Path) -> None:
+    source = made_up.MadeUpSource(made_up.policy(encoder="mlp" if made_of == "depth" else "state"))
+    with pytest.raises(InputError, match=f"encoder: is {encoder}, and the clouds are made of {made_of}"):
+        train_policy(source, made_up.policy(encoder=encoder), made_up.training(), tmp_path / "policy")
