@@ -132,7 +132,6 @@ def learn(
     instances: str | None,
     json_file: str | None,
     noise: str | None,
-    settings: Path | None,
     **given: Any,
 ) -> None:
     """Teach TASKS to a policy that sees point clouds, the robot and a sentence.
@@ -150,8 +149,6 @@ def learn(
             given["instances"] = instances
         if noise is not None:
             given["noise"] = read_noise(noise)
-        if settings is not None:
-            given["settings"] = settings
         where = out or default_run_dir()
         result = function(tasks, out=where, controls=read_controls(controls), progress=progress, **given)
         give(result.to_dict())

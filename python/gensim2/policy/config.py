@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from gensim2.errors import InputError
 from gensim2.policy.settings import Settings, setting
 
+Source = Literal["depth", "keypoints"]
 ENCODERS = ("mlp", "pointnet", "pointnext", "state")
 TEXTS = ("none", "small", "clip", "sentence")
 CLIP = "openai/clip-vit-base-patch32"
@@ -90,6 +91,11 @@ class PolicyConfig(Settings):
                 raise InputError(message, field="seen_points")
         if self.blocks and self.encoder != "pointnext":
             raise InputError(f"is of the encoder pointnext, is given to {self.encoder}", field="blocks")
+
+    @property
+    def source(self) -> Source:
+        """Source of the clouds that its encoder reads (:class:`~gensim2.observations.CloudSettings`)."""
+        return "keypoints" if self.encoder == "state" else "depth"
 
 
 @dataclass(frozen=True)

@@ -81,8 +81,8 @@ def measure_latencies(
     for encoder in encoders:
         for head in heads:
             config = PolicyConfig.of({**(settings or {}), "encoder": encoder, "head": head, "points": points})
-            source = "keypoints" if encoder == "state" else "depth"
-            spec = ObservationSpec.of({"points": points, "candidates": candidates_for(points), "source": source})
+            cloud = {"points": points, "candidates": candidates_for(points), "source": config.source}
+            spec = ObservationSpec.of(cloud)
             kinds.append((config, spec))
     torch.set_num_threads(threads)
     load = os.getloadavg()[0]

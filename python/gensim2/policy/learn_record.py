@@ -71,7 +71,7 @@ class LearnRecord(BaseModel):
 
     @property
     def observation(self) -> ObservationSpec:
-        """What its policies see.
+        """Observation spec of its policies.
 
         Raises:
             InputError: a setting is unknown, or cannot be so.

@@ -1,4 +1,4 @@
-"""What ``gensim2 learn`` trains: the settings of each kind of policy, what a file changes of them, and what is seen."""
+"""Settings of ``gensim2 learn``: defaults of each kind of policy, changes from a file, and the observation spec."""
 
 from __future__ import annotations
 
@@ -72,23 +72,21 @@ def learn_configs(
     network, training = (POLICY, TRAINING) if policy == "keypose" else (CHUNK_POLICY, CHUNK_TRAINING)
     made = configs({**network.to_dict(), **training.to_dict(), **settings, "head": policy}, file=file)
     if made[0].encoder == "state" and made[0].points is not None and made[0].points < KNOWN_POINTS:
-        remedy = "leave it out"
-        raise InputError(
-            f"must be at least {KNOWN_POINTS} of the encoder state", file=file, field="points", remedy=remedy
-        )
+        message = f"must be at least {KNOWN_POINTS} of the encoder state"
+        raise InputError(message, file=file, field="points", remedy="leave it out")
     return made
 
 
 def observation_of(policy: PolicyConfig, noise: DepthNoise | None) -> ObservationSpec:
-    """Return what a policy sees: clouds of its number of points, or keypoints for the encoder of states.
+    """Return the observation spec of a policy: clouds of its number of points, of the source that its encoder reads.
 
     Raises:
         InputError: the noise is of cameras, and it looks through none.
     """
     spec = SPEC if policy.head == "keypose" else CHUNK_SPEC
     cloud = spec.cloud
-    if policy.encoder == "state":
-        cloud = replace(cloud, source="keypoints", points=KNOWN_POINTS)
+    if policy.source == "keypoints":
+        cloud = replace(cloud, source=policy.source, points=KNOWN_POINTS)
     if policy.points is not None:
         cloud = replace(cloud, points=policy.points, candidates=candidates_for(policy.points))
     return with_noise(replace(spec, cloud=cloud), noise)

@@ -145,7 +145,7 @@ def _train(
     if training.arm_noise > 0 and (source.observation.cloud.robot != "none" or config.head == "keypose"):
         message = "is of action chunks and clouds without the robot"
         raise InputError(message, field="arm_noise", remedy="render with --keep-robot none, or leave it out")
-    if source.observation.is_privileged is not (config.encoder == "state"):
+    if source.observation.cloud.source != config.source:
         message = f"is {config.encoder}, and the clouds are made of {source.observation.cloud.source}"
         raise InputError(message, field="encoder", remedy="state is of clouds by gensim2 render --source keypoints")
     config = PolicyConfig.of({**config.to_dict(), "points": points})

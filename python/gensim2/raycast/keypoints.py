@@ -58,7 +58,8 @@ class KnownPoints:
         Raises:
             InputError: they are not of this scene.
         """
-        frames = {(name, link): self._scene.link_poses(states, name, link) for name, link, _ in self._points}
+        places = dict.fromkeys((name, link) for name, link, _ in self._points)  # many points go along with each
+        frames = {(name, link): self._scene.link_poses(states, name, link) for name, link in places}
         placed = [
             frames[name, link][:, :3, :3] @ point + frames[name, link][:, :3, 3] for name, link, point in self._points
         ]
