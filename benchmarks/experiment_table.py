@@ -36,7 +36,7 @@ def arms_of(found: Mapping[str, Any], commit: str) -> list[Arm]:
         {
             **{name: arm[name] for name in KEPT},
             "seed": found["seed"],
-            "seeds": found["seeds"],
+            "seeds": len(arm["checkpoints"]),  # of a run that is not at its end, those that there are
             "commit": commit,
             "tasks": {row["name"]: row["counts"] for row in found["tasks"] if row["arm"] == arm["name"]},
         }

@@ -31,7 +31,7 @@ def test_an_arm_and_its_tasks_have_a_row_each(module: ModuleType) -> None:
     tasks = (TaskFigures("TurnOnFaucet", seen), TaskFigures("TurnOffFaucet", {"unseen": Rate(8, 10)}))
     arm = ArmResult(config.arms[0], tasks, ("/home/somebody/policy",), 70, 90.0)
     record = ExperimentRecord(config=config, seed=3, assets="builtin")
-    told = ExperimentResult("/home/somebody", record, (arm,), {}).to_dict()
+    told = ExperimentResult("/home/somebody", record, (arm,), {}, 0).to_dict()
     arms = module.arms_of(told, "0123abcd")
     assert "somebody" not in str(arms)
     table = module.tables(arms)

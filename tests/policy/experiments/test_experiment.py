@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import yaml
 
 from gensim2.cli.main import run
 from gensim2.objects.library.catalogue import BUILTIN
 from gensim2.policy import learning
 from gensim2.policy.checkpoint import PolicyCheckpoint
-from gensim2.policy.experiments.config import ExperimentConfig
-from gensim2.policy.experiments.running import ExperimentRecord, _measurements, runnable
+from gensim2.policy.experiments import running
+from gensim2.policy.experiments.config import Arm, ExperimentConfig
+from gensim2.policy.experiments.running import ExperimentRecord, _measurements, run_experiment, runnable
 from gensim2.policy.keypose import data
 from gensim2.policy.learn_record import LearnRecord
 from gensim2.record_files import read_record
@@ -89,6 +93,31 @@ def test_every_arm_is_learned_and_measured(
     config.write_text(CONFIG.replace("episodes: 1", "episodes: 2"))
     assert run([*words, "--resume"]) == 2
     assert "config" in capfd.readouterr().err
+
+
+def test_a_first_training_of_every_arm_goes_before_second_ones_and_figures_stand_after_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[tuple[str, int]] = []
+    figures: list[tuple[int, int]] = []
+
+    def stop_after_three(arm: Arm, start: object, record: object, number: int, *_: object) -> running._Training:
+        if (tmp_path / "result.json").exists():
+            told = json.loads((tmp_path / "result.json").read_text())
+            figures.append((told["remaining"], len(told["arms"])))
+        if len(order) == 3:
+            raise KeyboardInterrupt
+        order.append((arm.name, number))
+        learned: Any = SimpleNamespace(folder=tmp_path / arm.name / str(number), demonstrations={}, cpu_s=1.0)
+        return running._Training(learned, 1.0, {})
+
+    monkeypatch.setattr(running, "_train", stop_after_three)
+    config = ExperimentConfig.model_validate({**yaml.safe_load(CONFIG), "seeds": 2})
+    with pytest.raises(KeyboardInterrupt):
+        run_experiment(config, out=tmp_path, assets=BUILTIN)
+    assert order == [("split", 0), ("counted", 0), ("more", 0)]
+    assert figures == [(5, 1), (4, 2), (3, 3)]
+    assert "3 trainings are still to come" in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.parametrize(

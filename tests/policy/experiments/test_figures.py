@@ -141,7 +141,15 @@ def test_the_page_shows_every_arm_with_its_error_bar(tmp_path: Path) -> None:
     for mark in drawn["marks"]:
         assert mark["high"] < mark["y"] <= mark["low"]  # rows count downwards
     tasks = [row for arm in arms for row in arm["rows"]]
-    told = {"out": str(tmp_path), "title": "Few & many", "about": "", "seed": 0, "seeds": 1, **summary([])}
+    told = {
+        "out": str(tmp_path),
+        "title": "Few & many",
+        "about": "",
+        "seed": 0,
+        "seeds": 1,
+        "remaining": 0,
+        **summary([]),
+    }
     page = write_page({**told, "arms": arms, "tasks": tasks, "skipped": {"real": "needs a folder"}}).read_text()
     assert "Few &amp; many" in page
     assert len(re.findall("<circle", page)) == 6

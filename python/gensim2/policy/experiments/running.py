@@ -54,9 +54,9 @@ class ArmResult:
     Attributes:
         arm: its configuration.
         tasks: figures of its tasks.
-        checkpoints: folders, one a seed.
-        demonstrations: plans that the policies were taught by, all seeds.
-        cpu_s: CPU seconds of data and training, all seeds.
+        checkpoints: folders, one a training.
+        demonstrations: plans that the policies were taught by, of all trainings.
+        cpu_s: CPU seconds of data and training, of all trainings.
         before_s: CPU seconds of the arm that it begins with.
     """
 
@@ -87,12 +87,14 @@ class ExperimentResult:
         record: what was run.
         arms: in the order of the configuration, those that could be run.
         skipped: arms, and tasks of arms (``arm/task``), that could not be run, or not on real objects, with the reason.
+        remaining: trainings that are still to be done.
     """
 
     out: str
     record: ExperimentRecord
     arms: tuple[ArmResult, ...]
     skipped: Mapping[str, str]
+    remaining: int
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data: means over all tasks of all arms, ``tasks`` with a row a task and arm, ``arms``."""
@@ -103,6 +105,7 @@ class ExperimentResult:
             "title": self.record.config.title,
             "about": self.record.config.about,
             "seeds": self.record.config.seeds,
+            "remaining": self.remaining,
             **summary([task for each in self.arms for task in each.tasks]),
             "tasks": [task.to_dict(each.arm.name) for each in self.arms for task in each.tasks],
             "arms": [each.to_dict() for each in self.arms],
@@ -121,7 +124,7 @@ def run_experiment(
     resume: bool = False,
     progress: Progress = NULL_PROGRESS,
 ) -> ExperimentResult:
-    """Teach and measure every arm of an experiment, and write its page.
+    """Teach and measure every arm of an experiment, and write its page after each training.
 
     Args:
         config: what is run.
@@ -145,17 +148,21 @@ def run_experiment(
     out.mkdir(parents=True, exist_ok=True)
     check_writable(out / EXPERIMENT_JSON)
     _begin(out, record, resume)
-    found: list[ArmResult] = []
-    for number, arm in enumerate(arms, 1):
-        progress.message(f"arm {number} of {len(arms)}: {arm.name}")
-        start = next((each for each in found if each.arm.name == arm.start), None)
-        found.append(_run_arm(arm, start, record, out, workers, progress))
-    result = ExperimentResult(str(out), record, tuple(found), skipped)
-    told = result.to_dict()
-    write_json(out / RESULT_JSON, told)
     from gensim2.policy.experiments.page import write_page
 
-    write_page(told)
+    trained: dict[str, list[_Training]] = defaultdict(list)
+    total = config.seeds * len(arms)
+    # Seeds outermost, so that a long experiment has a first figure of every arm early.
+    for done in range(total):
+        number, arm = done // len(arms), arms[done % len(arms)]
+        progress.message(f"training {done + 1} of {total}: {arm.name}, seed {seed + number}")
+        start = None if arm.start is None else trained[arm.start][number]
+        trained[arm.name].append(_train(arm, start, record, number, out, workers, progress))
+        found = tuple(_arm_result(each, trained, config) for each in arms if trained[each.name])
+        result = ExperimentResult(str(out), record, found, skipped, total - done - 1)
+        told = result.to_dict()
+        write_json(out / RESULT_JSON, told)
+        write_page(told)
     return result
 
 
@@ -239,70 +246,97 @@ def _assets(arm: Arm, record: ExperimentRecord) -> str:
     return BUILTIN if arm.objects == "generated" else record.assets
 
 
-def _run_arm(
-    arm: Arm, start: ArmResult | None, record: ExperimentRecord, out: Path, workers: int, progress: Progress
-) -> ArmResult:
+@dataclass(frozen=True)
+class _Training:
+    """One training of an arm.
+
+    Attributes:
+        learned: its policy.
+        cpu_s: CPU seconds of data and training, with those of the policy that it begins with.
+        tables: what it was measured by.
+    """
+
+    learned: Learned
+    cpu_s: float
+    tables: Mapping[Kind, Sequence[EvaluationResult]]
+
+
+def _train(
+    arm: Arm,
+    start: _Training | None,
+    record: ExperimentRecord,
+    number: int,
+    out: Path,
+    workers: int,
+    progress: Progress,
+) -> _Training:
     config, assets = record.config, _assets(arm, record)
-    taught = arm.added_to(None if start is None else start.arm)
+    taught = arm.added_to(config.start_of(arm))
     hears = len(arm.tasks) > 1  # of one task the sentence tells nothing
-    policies: list[Learned] = []
+    taught_on: SceneArguments = {"assets": assets}
+    if arm.count is None:
+        taught_on["instances"] = "train"
+    folder, seed = out / arm.name / f"seed-{record.seed + number}", record.seed + number
+    (learned,) = learn(
+        taught,
+        minutes=(arm.minutes_a_task or config.minutes_a_task) * len(taught),
+        multi_task=True,
+        scenes=config.scenes,
+        objects=arm.count,
+        episodes=config.episodes,
+        control_episodes=config.control_episodes,
+        controls=("blind",),
+        videos=0,
+        start=None if start is None else start.learned.folder,
+        text=config.text if hears else None,
+        text_model=config.text_model if hears and start is None else None,
+        test_instances=config.unseen,
+        seed=seed,
+        out=folder,
+        workers=workers,
+        resume=True,
+        progress=progress,
+        **taught_on,
+    ).learned
     tables: dict[Kind, list[EvaluationResult]] = defaultdict(list)
-    for number in range(config.seeds):
-        taught_on: SceneArguments = {"assets": assets}
-        if arm.count is None:
-            taught_on["instances"] = "train"
-        folder, seed = out / arm.name / f"seed-{record.seed + number}", record.seed + number
-        learned = learn(
-            taught,
-            minutes=(arm.minutes_a_task or config.minutes_a_task) * len(taught),
-            multi_task=True,
-            scenes=config.scenes,
-            objects=arm.count,
-            episodes=config.episodes,
-            control_episodes=config.control_episodes,
-            controls=("blind",),
-            videos=0,
-            start=None if start is None else Path(start.checkpoints[number]),
-            text=config.text if hears else None,
-            text_model=config.text_model if hears and start is None else None,
-            test_instances=config.unseen,
+    tables["unseen"].append(learned.measured.policy)
+    tables["blind"] += learned.measured.controls["blind"]
+    for one in _measurements(arm, record):
+        measured = evaluate_policy(
+            folder,
+            one.tasks,
+            controls=(),
+            episodes=one.episodes,
+            arguments=one.arguments,
             seed=seed,
-            out=folder,
+            out=folder / one.folder,
             workers=workers,
             resume=True,
-            progress=progress,
-            **taught_on,
+            progress=NamedProgress(one.title, progress),
+            assets=one.assets,
+            instances=one.instances,
         )
-        policies += learned.learned
-        for each in learned.learned:
-            tables["unseen"].append(each.measured.policy)
-            tables["blind"] += each.measured.controls["blind"]
-        for one in _measurements(arm, record):
-            measured = evaluate_policy(
-                folder,
-                one.tasks,
-                controls=(),
-                episodes=one.episodes,
-                arguments=one.arguments,
-                seed=seed,
-                out=folder / one.folder,
-                workers=workers,
-                resume=True,
-                progress=NamedProgress(one.title, progress),
-                assets=one.assets,
-                instances=one.instances,
-            )
-            tables[one.kind].append(measured.policy)
+        tables[one.kind].append(measured.policy)
+    return _Training(learned, learned.cpu_s + (0.0 if start is None else start.cpu_s), tables)
+
+
+def _arm_result(arm: Arm, trained: Mapping[str, Sequence[_Training]], config: ExperimentConfig) -> ArmResult:
+    """Figures of an arm over its trainings so far."""
+    here = trained[arm.name]
+    tables: dict[Kind, list[EvaluationResult]] = defaultdict(list)
+    for each in here:
+        for kind, found in each.tables.items():
+            tables[kind] += found
     return ArmResult(
         arm,
         tuple(
             TaskFigures(name, {kind: rate for kind in KINDS if (rate := _rate(tables[kind], name)).episodes})
             for name in (*arm.tasks, *config.untaught)
         ),
-        tuple(str(each.folder) for each in policies),
-        sum(sum(each.demonstrations.values()) for each in policies),
-        sum(each.cpu_s for each in policies),
-        0.0 if start is None else start.cpu_s + start.before_s,
+        tuple(str(each.learned.folder) for each in here),
+        sum(sum(each.learned.demonstrations.values()) for each in here),
+        sum(each.learned.cpu_s for each in here),
+        sum(each.cpu_s - each.learned.cpu_s for each in here),
     )
 
 

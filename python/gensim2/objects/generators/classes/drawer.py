@@ -1,4 +1,4 @@
-"""A small cabinet of drawers, one of which slides."""
+"""A small cabinet of drawers, one of which slides, or a table with a drawer under its top."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from gensim2.objects.shapes import Solid, ball, box, rod, tray
 
 GAP = 0.002  # m around the sliding drawer
 FRONT = 0.012  # m thickness of a drawer's front
+WALL = 0.012  # m thickness of a table's aprons
 
 
 def _handle(rng: np.random.Generator, at: np.ndarray, width: float, height: float) -> tuple[list[Solid], float]:
@@ -26,6 +27,23 @@ def _handle(rng: np.random.Generator, at: np.ndarray, width: float, height: floa
     radius = c.between(rng, 0.012, 0.016)
     knob = [rod(at, middle, 0.5 * radius, look, 8), ball(middle, (radius, radius, 0.7 * radius), look)]
     return knob, reach
+
+
+def _drawer(body: list[Solid], drawer: list[Solid], head: np.ndarray, inside: np.ndarray, stroke: float) -> Blueprint:
+    """A drawer that slides ``stroke`` metres towards the front, taken at ``head``."""
+    return Blueprint(
+        body=body,
+        moving=drawer,
+        joint_type="prismatic",
+        joint_origin=(0, 0, 0),
+        joint_axis=(0, 0, 1),
+        limits=(0.0, stroke),
+        keypoints={
+            "articulated_object_head": (head, "the middle of the drawer's handle"),
+            "articulated_object_inside": (inside, "the point inside the drawer to put an object"),
+        },
+        object_axis="z",
+    )
 
 
 def build(rng: np.random.Generator) -> Blueprint:
@@ -73,19 +91,82 @@ def build(rng: np.random.Generator) -> Blueprint:
         else:
             body += [front, *handle]
             body.append(box((0, y, wall / 2 + 0.001), (inner_w, row_height - 2 * GAP, inner_d), c.WOODS[1], 0.0))
-    return Blueprint(
-        body=body,
-        moving=drawer,
-        joint_type="prismatic",
-        joint_origin=(0, 0, 0),
-        joint_axis=(0, 0, 1),
-        limits=(0.0, min(stroke, inner_d - 0.03)),
-        keypoints={
-            "articulated_object_head": (head, "the middle of the drawer's handle"),
-            "articulated_object_inside": (inside, "the point inside the drawer to put an object"),
-        },
-        object_axis="z",
+    return _drawer(body, drawer, head, inside, min(stroke, inner_d - 0.03))
+
+
+def _small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tuple[list[Solid], np.ndarray]:
+    """A knob, two of them, a tab or a bar in front of ``at``, and the middle of the one to take."""
+    look = c.pick(rng, c.METALS)
+    kind = int(rng.integers(4))
+    reach, radius = c.between(rng, 0.018, 0.032), c.between(rng, 0.009, 0.015)
+    middle = at + np.array([0, 0, reach])
+    if kind == 0:
+        length = min(c.between(rng, 0.06, 0.10), 0.5 * width)
+        return c.bar_handle(middle, length, "x", reach, c.between(rng, 0.004, 0.006), look), middle
+    if kind == 1:
+        size = (c.between(rng, 0.02, 0.05), c.between(rng, 0.008, 0.014), reach)
+        return [box(at + np.array([0, 0, reach / 2]), size, look)], middle
+    aside = 0.0 if kind == 2 else c.between(rng, 0.2, 0.32) * width
+    parts: list[Solid] = []
+    for x in sorted({aside, -aside}):
+        there = np.array([x, 0, 0])
+        parts += [
+            rod(at + there, middle + there, 0.5 * radius, look, 8),
+            ball(middle + there, (radius, radius, 0.7 * radius), look),
+        ]
+    return parts, middle + np.array([aside, 0, 0])
+
+
+def table(rng: np.random.Generator) -> Blueprint:
+    """A table on legs or between panels, its top wider than what is below, with a drawer in the middle or to a side."""
+    width, depth = c.between(rng, 0.24, 0.58), c.between(rng, 0.17, 0.27)
+    top, over = c.between(rng, 0.010, 0.022), c.between(rng, 0.0, 0.03)
+    rise, leg = c.between(rng, 0.28, 0.44), c.between(rng, 0.016, 0.030)
+    row, stroke = c.between(rng, 0.06, 0.12), c.between(rng, 0.10, 0.15)
+    wood = c.pick(rng, c.WOODS + c.PAINTS)
+    front_look = wood if rng.random() < 0.6 else c.pick(rng, c.WOODS + c.PAINTS)
+    between_legs = width - 2 * leg
+    front = min(c.between(rng, 0.14, 0.30), between_legs)
+    free = (between_legs - front) / 2
+    aside = 0.0 if rng.random() < 0.4 else c.between(rng, -free, free)
+    flush, panels, shelf = rng.random() < 0.5, rng.random() < 0.3, rng.random() < 0.4
+
+    under = rise / 2 - top  # the lower face of the top
+    y = under - row / 2 - 0.004
+    body: list[Solid] = [box((0, rise / 2 - top / 2, 0), (width + 2 * over, top, depth + 2 * over), wood)]
+    for side in (-1, 1):
+        x = side * (width - leg) / 2
+        if panels:
+            body.append(box((x, under - (rise - top) / 2, 0), (leg, rise - top, depth), wood))
+            continue
+        for end in (-1, 1):
+            body.append(box((x, under - (rise - top) / 2, end * (depth - leg) / 2), (leg, rise - top, leg), wood))
+        body.append(box((x, y, 0), (0.6 * leg, row, depth - 2 * leg), wood))
+    body.append(box((0, y, -(depth - WALL) / 2), (between_legs, row, WALL), wood))
+    for left, right in ((-between_legs / 2, aside - front / 2), (aside + front / 2, between_legs / 2)):
+        if right - left > 2 * GAP:  # the apron beside the drawer
+            body.append(box(((left + right) / 2, y, (depth - WALL) / 2), (right - left, row, WALL), wood))
+    if shelf:
+        low = -rise / 2 + c.between(rng, 0.03, 0.10)
+        body.append(box((0, low, 0), (between_legs, 0.010, depth - 2 * leg), wood))
+
+    face = depth / 2 + (0.0 if flush else FRONT)
+    inner = depth - WALL - 2 * GAP
+    slides = [
+        box((aside, y, face - FRONT / 2), (front - 2 * GAP, row - GAP, FRONT), front_look),
+        *tray(
+            (aside, y - 0.004, face - FRONT - (inner - FRONT) / 2),
+            (front - 0.02, row - 0.016, inner - FRONT),
+            0.006,
+            c.WOODS[1],
+            "+y",
+        ),
+    ]
+    at = np.array([aside, y, face])
+    handles, head = _small_handle(rng, at, front)
+    return _drawer(
+        body, [*slides, *handles], head, np.array([aside, y - 0.004, face - inner / 2]), min(stroke, inner - 0.03)
     )
 
 
-OBJECT_CLASS = ObjectClass("drawer", 20, "prismatic", build)
+OBJECT_CLASS = ObjectClass("drawer", 20, "prismatic", build, (table,))

@@ -1,4 +1,4 @@
-"""A faucet with a lever on top that turns about the upright axis: a slender one, or a mixer with a wide head."""
+"""A faucet with a lever on top that turns about the upright axis: slender, a mixer, or low with a long spout."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
-from gensim2.objects.shapes import Solid, Vec3, ball, box, cone, convex, path, rod
+from gensim2.objects.shapes import Look, Solid, Vec3, ball, box, cone, convex, path, rod
 
 GAP = 0.001
 
@@ -29,6 +29,19 @@ def _with_lever(
         },
         object_axis="y",
     )
+
+
+def _blade(rng: np.random.Generator, start: Vec3, tip: Vec3, radius: float, look: Look) -> Solid:
+    """A flat lever for a head of ``radius``, wider at one end."""
+    broad, narrow = c.between(rng, 0.55, 0.95) * radius, c.between(rng, 0.4, 1.0)
+    thin = c.between(rng, 0.004, 0.008)
+    corners = [
+        np.asarray(middle) + np.array([sx * half, sy * thin, 0])
+        for middle, half in ((start, broad), (tip, narrow * broad))
+        for sx in (-1, 1)
+        for sy in (-1, 1)
+    ]
+    return convex(corners, look)
 
 
 def build(rng: np.random.Generator) -> Blueprint:
@@ -107,18 +120,50 @@ def mixer(rng: np.random.Generator) -> Blueprint:
     else:
         moving = [cone((0, base, z), (0, base + cap, z), radius, c.between(rng, 0.7, 1.0) * radius, look)]
     if is_flat:
-        broad, narrow = c.between(rng, 0.55, 0.95) * radius, c.between(rng, 0.4, 1.0)
-        thin = c.between(rng, 0.004, 0.008)
-        corners = [
-            middle + np.array([sx * half, sy * thin, 0])
-            for middle, half in ((start, broad), (tip, narrow * broad))
-            for sx in (-1, 1)
-            for sy in (-1, 1)
-        ]
-        moving.append(convex(corners, look))
+        moving.append(_blade(rng, start, tip, radius, look))
     else:
         moving += path([start, tip], c.between(rng, 0.005, 0.009), look)
     return _with_lever(body, moving, (0, base, z), start, tip, (0, bottom + 0.03, z + spout))
 
 
-OBJECT_CLASS = ObjectClass("faucet", 13, "revolute", build, (mixer,))
+def sweeping(rng: np.random.Generator) -> Blueprint:
+    """A low column, a short lever that slopes up or is a crook, and a long spout that climbs past both."""
+    height, radius = c.between(rng, 0.075, 0.15), c.between(rng, 0.019, 0.032)
+    cap, lever = c.between(rng, 0.012, 0.035), c.between(rng, 0.065, 0.11)
+    rise, crook = c.between(rng, 0.1, 0.6), c.between(rng, 0.02, 0.05)
+    spout, tube, at = c.between(rng, 0.19, 0.31), c.between(rng, 0.010, 0.017), c.between(rng, 0.15, 0.5)
+    climb, sag, drop = c.between(rng, 0.02, 0.14), c.between(rng, 0.0, 0.05), c.between(rng, 0.015, 0.035)
+    look = c.pick(rng, (c.CHROME, c.CHROME, c.STEEL, c.WHITE, c.BRASS, c.DARK_METAL))
+    shape = int(rng.integers(3))
+
+    bottom, z = -height / 2, -spout / 2
+    top = bottom + height
+    body = [
+        cone((0, bottom, z), (0, bottom + 0.008, z), 1.3 * radius, 1.2 * radius, look),
+        cone((0, bottom + 0.008, z), (0, top, z), radius, c.between(rng, 0.85, 1.0) * radius, look),
+    ]
+    root, highest = bottom + at * height, top + climb
+    points = []
+    for share in np.linspace(0, 1, 6):
+        y = root + (highest - root) * np.sin(share * np.pi / 2) - sag * max(0.0, share - 0.6) / 0.4
+        if share * spout < lever + 0.03:
+            y = min(y, top - tube - 0.006)  # the lever turns above it
+        points.append(np.array([0.0, y, z + share * spout]))
+    body += path([*points, points[-1] - np.array([0, drop, 0])], tube, look)
+
+    base = top + GAP
+    start = np.array([0.0, base + max(0.6 * cap, 0.012), z])
+    moving = [cone((0, base, z), (0, base + cap, z), radius, c.between(rng, 0.7, 1.0) * radius, look)]
+    if shape == 0:
+        tip = start + np.array([0, crook, lever])
+        moving += path([start, start + np.array([0, crook, 0]), tip], c.between(rng, 0.006, 0.010), look)
+    else:
+        tip = start + lever * np.array([0, np.sin(rise), np.cos(rise)])
+        if shape == 1:
+            moving.append(_blade(rng, start, tip, 0.8 * radius, look))
+        else:
+            moving += path([start, tip], c.between(rng, 0.005, 0.009), look)
+    return _with_lever(body, moving, (0, base, z), start, tip, (0, bottom + 0.03, z + spout))
+
+
+OBJECT_CLASS = ObjectClass("faucet", 13, "revolute", build, (mixer, sweeping))
