@@ -136,6 +136,33 @@ def test_a_grasp_is_one_with_which_the_next_step_can_be_done() -> None:
     assert not all(blind)
 
 
+def test_a_patient_planner_tries_every_grasp_and_another_gives_up_after_some() -> None:
+    ends = {"axis_from_keypoint_name": "rigidbody_object_tail", "axis_to_keypoint_name": "rigidbody_object_head"}
+    constraints = [
+        {
+            "type": "frame_axis_parallel",
+            **ends,
+            "target_axis": [0.0, 0.0, up],
+            "target_axis_frame": "world",
+            "target_inner_product": 1.0,
+            "tolerance": 0.1,
+        }
+        for up in (1.0, -1.0)  # which no pose of the spoon does
+    ]
+    way = parse_strategy({"constraint_list": constraints, "gripper": "hold"})
+    grasp = Step(name="grasp", object="spoon", strategies=("grasp",))
+    use = Step(name="turn", object="spoon", tool="spoon", strategies=("turn",))
+    scene = table_scene({"spoon": resting(open_library("builtin").load("spoon", "0"), -0.1, 0.1, 0.0)})
+    tried = []
+    for patience in (None, 2):
+        chosen = StepPlanner(PANDA, patience=patience).plan(scene, grasp, WAYS["grasp"], following=[(use, [way])])
+        assert chosen.status == "partial"
+        words = chosen.reason.split()
+        assert words[:3] == ["with", "none", "of"]
+        tried.append(int(words[3]))
+    assert tried[1] == 2 < tried[0]
+
+
 def test_what_has_a_joint_or_lies_out_of_reach_is_not_grasped(scene: Scene) -> None:
     planner = StepPlanner(PANDA)
     handle = planner.plan(scene, Step(name="grasp", object="drawer", strategies=("grasp",)), WAYS["grasp"])

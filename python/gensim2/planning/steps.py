@@ -38,14 +38,19 @@ class StepPlanner:
     Args:
         profile: the robot.
         options: the solver's, for every plan.
+        patience: reachable grasps with which nothing that follows can be planned, before a step is given up; None: all
+            are tried, which finds the rare one in some hundred grasps and costs half a minute where there is none.
 
     Attributes:
         profile: the robot.
         world: of the episode.
     """
 
-    def __init__(self, profile: RobotProfile, options: kpam.Options = PLAN_OPTIONS) -> None:
+    def __init__(
+        self, profile: RobotProfile, options: kpam.Options = PLAN_OPTIONS, patience: int | None = None
+    ) -> None:
         self.profile = profile
+        self._patience = patience
         self.world = PlanningWorld(profile)
         self._problems = StepProblems(profile, options, self.world)
         self._fingers = Fingers(profile)
@@ -172,7 +177,7 @@ class StepPlanner:
         best: StepPlan | None = None
         serving: StepPlan | None = None
         ways: Sequence[Strategy] = () if use is None else use[1]  # in which it is yet to serve
-        compared = 0
+        compared = useless = 0
         for grasp, swapped in product(found, (False, True)):
             taken = self._take(scene, step, strategy, grasp, swapped)
             if not taken.is_solved:
@@ -184,10 +189,11 @@ class StepPlanner:
             way = self._way(taken.after, use[0], ways)
             if way is not None:
                 serving, ways = replace(taken, foreseen=way), ways[: way.strategy]
-            elif best is None or not best.is_solved:
-                best = taken
+            else:
+                best = best if best is not None and best.is_solved else taken
+                useless += 1
             compared += serving is not None
-            if serving is not None and (not ways or compared == COMPARED):
+            if (not ways or compared == COMPARED) if serving is not None else useless == self._patience:
                 break
         if serving is not None:
             return serving
@@ -195,7 +201,7 @@ class StepPlanner:
             return StepPlan(NO_GRASP, f"{thing.name} cannot be held between the fingers as it lies", None, None, None)
         if best.is_solved:
             assert use is not None
-            reason = f"with none of {len(found)} grasps of {thing.name} can {use[0].name} be planned"
+            reason = f"with none of {useless} grasps of {thing.name} that are reached can {use[0].name} be planned"
             return replace(best, status="partial", reason=reason)
         return replace(best, status=NO_GRASP, reason=f"none of {len(found)} grasps is reached: {best.reason}")
 

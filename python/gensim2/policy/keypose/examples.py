@@ -34,6 +34,11 @@ MAX_TOUCHING = 1
 """Worst rank of a plan that is taught: whole, if need be with a touch on the way to the actuation pose."""
 
 
+PATIENCE = 8
+"""Grasps that serve nothing before a scene is left out. Where one serves, it is nearly always the first; to know that
+none does takes as long as sixty scenes of which there are plans."""
+
+
 @dataclass(frozen=True)
 class Drawn:
     """Result of one scene.
@@ -76,7 +81,7 @@ def draw(
         begin += 1
     if all_hold(task.success, measured):
         begin = len(task.steps)
-    planner, ways = StepPlanner(profile), parsed(strategies)
+    planner, ways = StepPlanner(profile, patience=PATIENCE), parsed(strategies)
     following = [(step, [ways[name] for name in step.strategies]) for step in task.steps]
     examples: list[Example] = []
     taken: dict[str, tuple[str, Strategy]] = {}
