@@ -59,6 +59,12 @@ from gensim2.cli.output import line, report, table
     "and where that is not given 200, of real objects those of train]",
 )
 @click.option(
+    "--generated",
+    type=options.count(100_000),
+    default=None,
+    help="Generated ones of each class to learn from beside those of --assets, half of the plans each.",
+)
+@click.option(
     "--verify",
     is_flag=True,
     help="Execute the plans that a keypose policy is taught by in physics, and leave out those that it refutes; a "

@@ -12,7 +12,7 @@ from gensim2.data.store import OBSERVATIONS
 from gensim2.errors import InputError
 from gensim2.files import new_folder, write_json
 from gensim2.observations import DepthNoise, ObservationSpec
-from gensim2.policy.keypose.adding import DATA
+from gensim2.policy.keypose.adding import BESIDE, DATA
 from gensim2.policy.learn_settings import learn_configs, observation_of
 from gensim2.policy.train import holds_training
 from gensim2.record_files import read_record
@@ -20,7 +20,7 @@ from gensim2.record_files import read_record
 LEARN_JSON = "learn.json"
 DECIDED = ("steps", "data_cpu_s", "episodes", "demonstrations_of")
 """Fields that a run decides or takes along; a resumed run need not repeat them."""
-DATA_FIELDS = ("tasks", "multi_task", "seed", "objects", "scene", "noise", "verify")
+DATA_FIELDS = ("tasks", "multi_task", "seed", "objects", "generated", "scene", "noise", "verify")
 """Fields that determine the demonstrations of a policy, what is seen in them apart."""
 REFUSED = "give a folder that gensim2 learn has made"
 
@@ -31,6 +31,7 @@ class LearnRecord(BaseModel):
     Attributes:
         minutes: of CPU for data and training.
         objects: number of generated ones of each class to learn from; None: the ``instances`` of ``scene``.
+        generated: number of generated ones of each class beside those of ``scene``.
         verify: leave scenes out whose plans fail in physics.
         noise: of the cameras; None: their depth is exact.
         text, text_model: encoder of the sentences of a policy of several tasks, and its weights, that were asked for.
@@ -52,6 +53,7 @@ class LearnRecord(BaseModel):
     seed: int
     scenes: int
     objects: int | None = None
+    generated: int | None = None
     verify: bool = False
     scene: dict[str, Any]
     noise: dict[str, float | bool] | None = None
@@ -155,6 +157,7 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
     seen_alike = there.observation == record.observation
     leave_out = None if seen_alike else shutil.ignore_patterns(OBSERVATIONS)
     with new_folder(folder / DATA) as made:
-        for name in record.tasks if record.is_of_plans else ["."]:
+        both = [f"{name}{end}" for name in record.tasks for end in ("", BESIDE)]
+        for name in both if record.is_of_plans else ["."]:
             if (found / name).is_dir():
                 shutil.copytree(found / name, made / name, dirs_exist_ok=True, ignore=leave_out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,7 +22,15 @@ from gensim2.policy.evaluating import (
     read_controls,
 )
 from gensim2.policy.frames import check_turns
-from gensim2.policy.keypose.adding import DATA, plan_again, take_along, tasks_to_plan_again, taught_before
+from gensim2.policy.keypose.adding import (
+    BESIDE,
+    DATA,
+    inputs_beside,
+    plan_again,
+    take_along,
+    tasks_to_plan_again,
+    taught_before,
+)
 from gensim2.policy.keypose.data import Planned, plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.teaching import pulls_last
@@ -130,6 +139,7 @@ def learn(
     controls: str | Sequence[Control] | None = None,
     videos: int = VIDEOS,
     objects: int | None = None,
+    generated: int | None = None,
     verify: bool = False,
     start: Path | str | None = None,
     demonstrations: Path | None = None,
@@ -158,6 +168,8 @@ def learn(
         videos: episodes of each task that are filmed.
         objects: generated ones of each class to learn from, beyond those that the library lists, drawn by the seed;
             None: ``instances``, and where that is not given ``OBJECTS``, of real objects those of ``train``.
+        generated: number of generated ones of each class to learn from beside a folder's, which take half of the data's
+            time; of plans.
         verify: leave scenes out whose plans physics refutes; of plans, which are not simulated otherwise.
         start: folder of a keypose policy of several tasks that ``learn`` left, or ``"builtin"``: the new one begins
             with its weights and plans, ``tasks`` are added to its own, and all of them are measured. The package's has
@@ -184,8 +196,9 @@ def learn(
         NotRunError: some scenes or episodes could not be run.
     """
     check_counts(scenes=scenes, episodes=episodes, control_episodes=control_episodes)
-    if objects is not None:
-        check_counts(objects=objects)
+    for name, count in (("objects", objects), ("generated", generated)):
+        if count is not None:
+            check_counts(**{name: count})
     check_workers(TIME_LIMIT, JOBS_PER_WORKER, workers)
     controls = CONTROLS if controls is None else read_controls(controls)
     if policy not in HEADS:
@@ -200,6 +213,8 @@ def learn(
         raise InputError(message, file=file, field="--config", remedy="leave it out")
     if verify and policy != "keypose":
         raise InputError("is of plans, and chunks are taught by episodes, which physics has judged", field="verify")
+    if generated is not None and policy != "keypose":
+        raise InputError("is of plans, and chunks are taught by episodes", field="generated", remedy="leave it out")
     if objects is not None and "instances" in scene:
         raise InputError("says other objects than instances", field="objects", remedy="give either")
     train_on: dict[str, Any] = {**scene, "instances": scene.get("instances", "train")}
@@ -211,6 +226,9 @@ def learn(
         objects = OBJECTS
     if objects is not None:
         given = all_with_objects(given, objects, seed)
+    beside = list[TaskInput]()
+    if generated is not None:
+        beside = inputs_beside(list(named.values()), given, generated, progress, seed=seed, **scene)
     start = None if start is None else checkpoint_folder(start)
     begun = None if start is None else read_start(start, policy, given, noise)
     how = config, training, observation_of(config, noise) if begun is None else begun.observation
@@ -240,6 +258,7 @@ def learn(
         seed=seed,
         scenes=scenes,
         objects=objects,
+        generated=generated,
         verify=verify,
         scene={**given[0].scene.options.to_record(), "instances": train_on["instances"]},
         noise=None if noise is None else asdict(noise),
@@ -261,7 +280,8 @@ def learn(
         take_demonstrations(record, _key(folder, out), folder, out)
         asked = [named[one.spec.name] for one in group]
         if record.is_of_plans:
-            taught, trained = _teach_by_plans(group, begun, again, folder, out, record, how, workers, progress)
+            own = [one for one in beside if one.spec.name in [each.spec.name for each in group]]
+            taught, trained = _teach_by_plans(group, own, begun, again, folder, out, record, how, workers, progress)
         else:
             taught, trained = _teach_by_episodes(group, asked, folder, out, record, how, workers, progress)
         measured = evaluate_policy(
@@ -290,6 +310,7 @@ def learn(
 
 def _teach_by_plans(
     group: Sequence[TaskInput],
+    beside: Sequence[TaskInput],
     begun: PolicyCheckpoint | None,
     again: Sequence[TaskInput],
     folder: Path,
@@ -304,16 +325,17 @@ def _teach_by_plans(
     planned, spent = list[Planned](), 0.0
     if record.start is not None and begun is not None and not again:
         planned = take_along(Path(record.start[0]), folder, begun.data.tasks)
-    limit, (config, training, spec) = DATA_SHARE * 60.0 * record.minutes / len(group), how
+    parts = [(one, one.spec.name) for one in group] + [(one, f"{one.spec.name}{BESIDE}") for one in beside]
+    limit, (config, training, spec) = DATA_SHARE * 60.0 * record.minutes / len(parts), how
     with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
         if again:
             planned, spent = plan_again(again, spec, folder, evaluator.executor, seed=record.seed, progress=progress)
         known = len(planned)
-        for one in group:
+        for one, name in parts:
             made = plan_scenes(
                 pulls_last(one),
                 spec,
-                folder / DATA / one.spec.name,
+                folder / DATA / name,
                 evaluator.executor,
                 seed=record.seed,
                 scenes=record.scenes,
@@ -323,21 +345,25 @@ def _teach_by_plans(
             )
             if made.demonstrations == 0:  # examples of "done" alone teach nothing
                 message = f"none of its {made.scenes} scenes could be planned; physics refuted {made.refuted}"
-                raise InputError(message, field=f"tasks.{one.spec.name}", remedy="leave it out")
+                raise InputError(message, field=f"tasks.{name}", remedy="leave it out")
             planned.append(made)
     source, key = PlannedSource(planned, known), _key(folder, out)
     record.data_cpu_s[key] = spent + sum(each.cpu_s for each in planned[known:])
     for each in planned[known:]:
         count = f"{each.demonstrations} plans in {each.scenes} scenes"
         left_out = f"{sum(each.failed.values()) - each.refuted} without a plan, {each.refuted} refuted by physics"
-        progress.message(f"{each.record.task}: {count}, {left_out}, {each.cpu_s:.0f} s of CPU")
+        of = f" ({each.record.scene['instances']})" if beside else ""
+        progress.message(f"{each.record.task}{of}: {count}, {left_out}, {each.cpu_s:.0f} s of CPU")
     policy = _hearing(config, record, len(group)) if begun is None else begun.config
     _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out, progress)
     training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key], "seed": record.seed})
     trained = train_keypose(
         source, folder, policy=policy, training=training, start=begun, resume=True, progress=progress
     )
-    return {each.record.task: each.demonstrations for each in planned}, trained
+    taught = Counter[str]()
+    for each in planned:
+        taught[each.record.task] += each.demonstrations
+    return dict(taught), trained
 
 
 def _teach_by_episodes(

@@ -19,6 +19,7 @@ from gensim2.policy.experiments.config import Arm, ExperimentConfig
 from gensim2.policy.experiments.running import ExperimentRecord, _measurements, run_experiment, runnable
 from gensim2.policy.keypose import data
 from gensim2.policy.learn_record import LearnRecord
+from gensim2.progress import NULL_PROGRESS
 from gensim2.record_files import read_record
 
 CONFIG = """
@@ -176,6 +177,35 @@ def test_objects_without_a_class_leave_out_their_measurement_alone(tmp_path: Pat
     assert [one.kind for one in _measurements(found[0], record)] == ["seen"]
     assert list(skipped) == ["split/CloseBox on real objects", "split/OpenBox on real objects"]
     assert all("no class 'box_rotate'" in reason for reason in skipped.values())
+
+
+@pytest.mark.real
+def test_an_arm_of_both_kinds_of_objects_is_measured_on_the_folder_s_alone(
+    real_assets: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base = {"title": "a", "about": "a", "minutes_a_task": 1, "scenes": 1, "episodes": 1, "control_episodes": 1}
+    arms = [
+        {"name": "mixed", "objects": "real", "count": 7, "tasks": ["CloseBox"]},
+        {"name": "counted", "objects": "generated", "count": 7, "tasks": ["CloseBox"]},
+    ]
+    config = ExperimentConfig.model_validate({**base, "arms": arms})
+    record = ExperimentRecord(config=config, seed=0, assets=str(real_assets))
+    (mixed, counted), _ = runnable(record)
+    (seen,) = _measurements(mixed, record)
+    assert (seen.kind, seen.assets, seen.instances) == ("seen", str(real_assets), "train")
+    assert not list(_measurements(counted, record))
+    taught: list[dict[str, Any]] = []
+
+    def kept(*_: object, **given: Any) -> None:
+        taught.append(given)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(running, "learn", kept)
+    for arm in (mixed, counted):
+        with pytest.raises(KeyboardInterrupt):
+            running._train(arm, None, record, 0, tmp_path, 1, NULL_PROGRESS)
+    chosen = [(each["objects"], each["generated"], each.get("instances"), each["assets"]) for each in taught]
+    assert chosen == [(None, 7, "train", str(real_assets)), (7, None, None, BUILTIN)]
 
 
 def test_tasks_without_unseen_objects_are_left_out_of_an_arm_and_named() -> None:

@@ -13,13 +13,17 @@ import pytest
 
 from gensim2.cli.main import run
 from gensim2.errors import InputError
+from gensim2.objects import open_library
+from gensim2.objects.library.export import export
 from gensim2.pages import template
 from gensim2.policy import learn_settings, learning
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig
 from gensim2.policy.evaluating import CONTROLS, read_controls
-from gensim2.policy.keypose import data
-from gensim2.policy.keypose.adding import taught_before
+from gensim2.policy.keypose import adding, data
+from gensim2.policy.keypose.adding import BESIDE, taught_before
+from gensim2.policy.keypose.data import read_planned
+from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import read_ways
 from gensim2.policy.learn_record import LearnRecord, begin_record
 from gensim2.policy.objects import shared_objects, unseen_instances
@@ -199,6 +203,54 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     assert "the plans that taught it are not beside it" in capfd.readouterr().err
 
 
+def test_generated_objects_teach_beside_those_of_a_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(data, "SHARD", 2)
+    monkeypatch.setattr(learning, "LEAST_STEPS", 2)
+    library = open_library("builtin")
+    for name in ("dishwasher", "box_rotate", "toaster_press"):
+        shutil.copytree(export(library.load_articulated(name, "0"), tmp_path / name), tmp_path / "mine" / name / "own")
+    rest = ["--assets", str(tmp_path / "mine"), "--test-instances", "all", "--minutes", "0.001", "--scenes", "1"]
+    rest += ["--workers", "1", "--episodes", "1", "--controls", "none", "--videos", "0"]
+    both, told = tmp_path / "both", tmp_path / "told.json"
+    words = ["learn", "CloseBox", "CloseDishwasher", "--multi-task", "--generated", "3", "--instances", "all", *rest]
+    assert run([*words, "--out", str(both), "--json", str(told)]) == 0
+    plans = {}
+    for name in ("CloseBox", "CloseDishwasher"):
+        own, beside = (read_planned(both / "data" / f"{name}{end}") for end in ("", BESIDE))
+        assert own.record.scene["instances"] == "all"
+        assert beside.record.scene["instances"] == "3 generated, seed 0"
+        plans[name] = own.demonstrations + beside.demonstrations
+    assert {row["name"]: row["demonstrations"] for row in json.loads(told.read_text())["tasks"]} == plans
+    policy = PolicyCheckpoint.load(both)
+    assert policy.data.tasks == ("CloseBox", "CloseDishwasher")
+    assert len(read_ways(both, policy)) + 1 == policy.config.ways
+    assert run([*words, "--out", str(both), "--resume"]) == 0
+    # Others go on from all of it, or from its plans.
+    more = ["learn", "PressToasterLever", "--from", str(both), *rest, "--out", str(tmp_path / "more")]
+    assert run([*more, "--instances", "all"]) == 0
+    again = tmp_path / "again"
+    assert run([*words, "--demonstrations", str(both), "--out", str(again)]) == 0
+    for folder in (tmp_path / "more", again):
+        copied = folder / "data" / f"CloseBox{BESIDE}" / "shard_00000.npz"
+        assert copied.read_bytes() == (both / "data" / f"CloseBox{BESIDE}" / "shard_00000.npz").read_bytes()
+    # A class that is not generated is taught by its own objects alone.
+    monkeypatch.setattr(adding, "what_it_lacks", lambda _, spec: "none" if spec.name == "CloseBox" else None)
+    capfd.readouterr()
+    assert run([*words, "--out", str(tmp_path / "half")]) == 0
+    assert "CloseBox: taught without generated objects, none" in capfd.readouterr().err
+    assert not (tmp_path / "half" / "data" / f"CloseBox{BESIDE}").exists()
+
+
+def test_two_folders_of_plans_of_a_task_are_of_the_same_strategies() -> None:
+    planned = made_up(4)
+    assert PlannedSource([planned, made_up(4, seed=1)]).record.tasks == ("PushBar",)
+    other = replace(planned, record=planned.record.model_copy(update={"ways": (("one",),)}))
+    with pytest.raises(InputError, match="two folders of plans of PushBar differ"):
+        PlannedSource([planned, other])
+
+
 def test_a_policy_s_tasks_are_measured_on_none_of_the_objects_that_taught_them(tmp_path: Path) -> None:
     boxes = read_task_input("OpenBox", assets="builtin", instances="new")
     counted = with_objects(read_task_input("CloseBox", assets="builtin"), 3, 0)
@@ -219,6 +271,8 @@ def test_what_cannot_be_done_is_said_before_anything_is_planned(
         (["--test-instances", "tset"], "test_instances: no"),
         (["--objects", "5", "--instances", "train"], "says other objects than instances"),
         (["--policy", "chunk", "--verify"], "is of plans"),
+        (["--policy", "chunk", "--generated", "5"], "generated: is of plans"),
+        (["--generated", "5"], "generated: are beside the objects of a folder"),
         (["OpenBox", "--text", "clip"], "is of policies of several tasks"),
         (["OpenBox", "--multi-task", "--text-model", "one"], "is of pretrained encoders"),
         (["OpenBox", "--multi-task", "--text", "sentence", "--text-model", str(tmp_path)], "it has no config.json"),

@@ -24,7 +24,8 @@ class Arm(BaseModel):
     Attributes:
         name: of its folder.
         objects: ``"generated"``, or ``"real"``: those of the folder that the run is given.
-        count: of objects of each class that it is taught on, of generated ones; None: the training split's.
+        count: of generated objects of each class that it is taught on, in place of the training split's; where
+            ``objects`` are real, beside it.
         tasks: names of library tasks, one policy for all of them.
         minutes_a_task: of CPU for data and training, in place of the experiment's.
         start: name of an arm before this one, on the same objects: this one's policy begins with its weights and plans,
@@ -41,12 +42,15 @@ class Arm(BaseModel):
     start: str | None = None
 
     @model_validator(mode="after")
-    def _counted_are_generated(self) -> Arm:
-        if self.count is not None and self.objects == "real":
-            raise ValueError("count is of generated objects")
+    def _tasks_differ(self) -> Arm:
         if len(set(self.tasks)) < len(self.tasks):
             raise ValueError(f"{self.name} has a task twice")
         return self
+
+    @property
+    def is_split(self) -> bool:
+        """Whether it is taught on a split of listed objects, so that seen ones can be told from others."""
+        return self.objects == "real" or self.count is None
 
     def added_to(self, start: Arm | None) -> tuple[str, ...]:
         """Return the tasks that it is taught, which the arm that it begins with does not know."""

@@ -207,12 +207,12 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
             skipped[arm.name] = "needs a folder of real objects: --assets"
             continue
         left = list(arm.tasks)
-        for word in ("train" if arm.count is None else "all", record.config.unseen):
+        for word in ("train" if arm.is_split else "all", record.config.unseen):
             for name in list(left):
                 _check_name(arm, name)
                 try:
                     given = read_task_input(name, assets=_assets(arm, record), instances=word)
-                    if arm.count is not None and word == "all":
+                    if arm.count is not None and not arm.is_split and word == "all":
                         with_objects(given, arm.count, record.seed)
                 except InputError as error:
                     skipped[f"{arm.name}/{name}"] = error.message
@@ -274,7 +274,7 @@ def _train(
     taught = arm.added_to(config.start_of(arm))
     hears = len(arm.tasks) > 1  # of one task the sentence tells nothing
     taught_on: SceneArguments = {"assets": assets}
-    if arm.count is None:
+    if arm.is_split:
         taught_on["instances"] = "train"
     folder, seed = out / arm.name / f"seed-{record.seed + number}", record.seed + number
     (learned,) = learn(
@@ -282,7 +282,8 @@ def _train(
         minutes=(arm.minutes_a_task or config.minutes_a_task) * len(taught),
         multi_task=True,
         scenes=config.scenes,
-        objects=arm.count,
+        objects=None if arm.is_split else arm.count,
+        generated=arm.count if arm.is_split else None,
         episodes=config.episodes,
         control_episodes=config.control_episodes,
         controls=("blind",),
@@ -356,7 +357,7 @@ class _Measurement:
 
 def _measurements(arm: Arm, record: ExperimentRecord) -> Iterator[_Measurement]:
     config, assets = record.config, _assets(arm, record)
-    if arm.count is None:  # an evaluation draws from a split, and counted objects are none
+    if arm.is_split:  # an evaluation draws from a split, and counted objects are none
         yield _Measurement("seen", "seen", "seen objects", arm.tasks, config.episodes, assets, "train")
     there, _ = _transferred(arm, record)
     if there:

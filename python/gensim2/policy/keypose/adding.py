@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from gensim2.errors import InputError
 from gensim2.files import new_folder
+from gensim2.objects import open_library
 from gensim2.objects.library.catalogue import BUILTIN as GENERATED
 from gensim2.observations import ObservationSpec
 from gensim2.policy.checkpoint import BUILTIN, PolicyCheckpoint, checkpoint_folder
@@ -22,7 +23,7 @@ from gensim2.policy.keypose.training import WAYS_JSON, read_ways
 from gensim2.progress import Progress
 from gensim2.record_files import read_record
 from gensim2.rollout.counted_objects import all_with_objects, is_counted
-from gensim2.rollout.inputs import TaskInput, read_task_input, scene_options
+from gensim2.rollout.inputs import TaskInput, read_task_input, scene_options, what_it_lacks
 from gensim2.scenes.config import SceneArguments
 
 if TYPE_CHECKING:
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 DATA = "data"
 """Folder of a learned policy that holds the plans which taught it, a folder a task."""
+BESIDE = ".generated"
+"""End of the name of a second folder of a task, of plans on generated objects beside those of a library."""
 REHEARSED = 50
 """Scenes of a task that are planned again, in some four seconds of CPU, so that a policy forgets little of what it
 knows."""
@@ -57,7 +60,7 @@ def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpa
         return []
     found, here = [], scene_options(**scene).to_record()["assets"]
     for name in known:
-        was = read_record(_plans(start, name) / RECORD, PlannedRecord, REMEDY).scene
+        was = read_record(_plans(start, name)[0] / RECORD, PlannedRecord, REMEDY).scene
         if was["assets"] == here and not is_counted(was["instances"]):
             found.append(read_task_input(name, seed=seed, **{**scene, "instances": was["instances"]}))
     return found
@@ -75,8 +78,8 @@ def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]
         InputError: the policy has no plans beside it.
     """
     found = []
-    for name in known:
-        there, here = _plans(start, name), folder / DATA / name
+    for there in (each for name in known for each in _plans(start, name)):
+        here = folder / DATA / there.name
         if not here.exists():
             here.parent.mkdir(parents=True, exist_ok=True)
             with new_folder(here) as made:
@@ -152,8 +155,49 @@ def plan_again(
     return planned, spent
 
 
-def _plans(start: Path, name: str) -> Path:
+def inputs_beside(
+    tasks: Sequence[str],
+    given: Sequence[TaskInput],
+    count: int,
+    progress: Progress,
+    *,
+    seed: int,
+    **scene: Unpack[SceneArguments],
+) -> list[TaskInput]:
+    """Tasks with generated objects that no library lists, beside the objects that they are given with.
+
+    Args:
+        tasks: names or folders.
+        given: the same with their objects, a folder's.
+        count: number of generated ones of each class.
+        progress: is told which tasks have no generated objects; these are left out.
+        seed: of the run.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are not asked for.
+
+    Raises:
+        InputError: the objects that they are given with are generated ones, or no task has others.
+    """
+    if any(one.scene.assets == GENERATED for one in given):
+        message = "are beside the objects of a folder"
+        raise InputError(message, field="generated", remedy="give a folder with --assets, or --objects")
+    library, generated = open_library(GENERATED), dict[str, Any]({**scene, "assets": GENERATED, "instances": "all"})
+    found = []
+    for task, one in zip(tasks, given, strict=True):
+        lacks = what_it_lacks(library, one.spec)
+        if lacks is None:
+            found.append(read_task_input(task, seed=seed, **generated))
+        else:
+            progress.message(f"{one.spec.name}: taught without generated objects, {lacks}")
+    try:
+        return all_with_objects(found, count, seed)
+    except InputError as error:
+        raise InputError(error.message, field="generated", remedy=error.remedy) from error
+
+
+def _plans(start: Path, name: str) -> list[Path]:
+    """Folders of plans of a task, that of generated objects beside others last."""
     folder = start / DATA / name
     if not folder.is_dir():
         raise InputError("the plans that taught it are not beside it", file=folder, remedy=REMEDY)
-    return folder
+    beside = start / DATA / f"{name}{BESIDE}"
+    return [folder, *([beside] if beside.is_dir() else [])]

@@ -52,10 +52,12 @@ class Ways:
         """Those of several tasks."""
         return Ways(
             tuple(
-                (record.language, step, name)
-                for record in records
-                for step, names in enumerate(record.ways)
-                for name in names
+                dict.fromkeys(
+                    (record.language, step, name)
+                    for record in records
+                    for step, names in enumerate(record.ways)
+                    for name in names
+                )
             ),
             frozenset((record.language, step) for record in records for step in record.to_end),
         )
@@ -70,12 +72,13 @@ class Ways:
 
 
 class PlannedSource:
-    """Planned scenes of one task or of several, drawn evenly by task where none is known.
+    """Planned scenes of one task or of several, drawn evenly by folder where none is of a known task.
 
     Args:
-        planned: one a task, all of one robot and one observation.
-        known: number of them, the first, that a policy knows already; one of these is drawn ``NEW`` times less often
-            than one that is new.
+        planned: one a task, or two: of a library's objects, and of generated ones beside them; all of one robot and one
+            observation.
+        known: number of them, the first, of tasks that a policy knows already; one of these is drawn ``NEW`` times less
+            often than one that is new.
 
     Raises:
         InputError: they do not go together.
@@ -83,7 +86,12 @@ class PlannedSource:
 
     def __init__(self, planned: Sequence[Planned], known: int = 0) -> None:
         first = planned[0].record
-        check_sentences([each.record.language for each in planned])
+        tasks = {each.record.task: each.record for each in reversed(planned)}
+        check_sentences([record.language for record in tasks.values()])
+        for each in planned:
+            for name in ("language", "steps", "ways", "to_end"):
+                if getattr(each.record, name) != getattr(tasks[each.record.task], name):
+                    raise InputError(f"two folders of plans of {each.record.task} differ", field=name)
         for other in planned[1:]:
             for name in ("robot", "observation"):
                 if getattr(other.record, name) != getattr(first, name):
@@ -103,10 +111,10 @@ class PlannedSource:
         self._tools = np.stack([tool_pose(profile, joints) for joints in self._arrays["joints"]])
         self.record = DataRecord(
             digest=self._digest(),
-            tasks=tuple(each.record.task for each in planned),
+            tasks=tuple(dict.fromkeys(each.record.task for each in planned)),
             episodes=sum(each.demonstrations for each in planned),
             frames=int(self._starts[-1]),
-            folders=tuple(each.record.task for each in planned),
+            folders=tuple(dict.fromkeys(each.record.task for each in planned)),
         )
 
     def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
