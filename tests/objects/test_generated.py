@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from hypothesis import strategies as st
 
 from gensim2.inspection.checks import geometric_findings
 from gensim2.objects import Library
-from gensim2.objects.generators.classes import object_classes
+from gensim2.objects.generators.blueprint import Blueprint
+from gensim2.objects.generators.classes import drawer, faucet, object_classes
+from gensim2.objects.generators.classes._common import turn_about
 from gensim2.objects.generators.generate import blueprint, blueprint_hash, generate
 from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.meshwork.convexes import Block, depth_inside
@@ -119,6 +122,33 @@ def test_cavity_is_open(library: Library, name: str, number: str) -> None:
     blocks = [Block.of(h) for h in instance.hulls["base"]]
     blocks += [Block.of(transform(T, h)) for h in instance.hulls["link_0"]]
     assert depth_inside(probe, blocks).max() == 0.0
+
+
+@pytest.mark.parametrize(("make", "count"), [(faucet.sweeping, 300), (faucet.mixer, 100), (drawer.table, 100)])
+def test_nothing_meets_what_moves_past_it(make: Callable[[np.random.Generator], Blueprint], count: int) -> None:
+    deepest, lowest, covered = 0.0, 0.0, 0.0
+    for seed in range(count):
+        draw = np.random.default_rng(seed)
+        made = make(draw)
+        standing = [Block.of(solid.hull) for solid in made.body if solid.hull is not None]
+        bottom = min(float(solid.hull[:, 1].min()) for solid in made.body if solid.hull is not None)
+        lowest = max(lowest, made.body[0].hull[:, 1].min() - bottom if make is faucet.sweeping else 0.0)
+        if make is faucet.sweeping:
+            under = np.asarray(made.keypoints["articulated_object_bottom_base"][0])
+            covered = max(covered, float(depth_inside(under[None], standing).max()))
+        for q in np.linspace(*made.limits, 7):
+            for solid in made.moving:
+                if solid.hull is not None:
+                    shares = draw.dirichlet(np.ones(len(solid.hull)), 40)
+                    points = np.concatenate([solid.hull, shares @ solid.hull])
+                    if made.joint_type == "prismatic":
+                        points = points + q * np.asarray(made.joint_axis)
+                    else:
+                        points = transform(turn_about(made.joint_origin, made.joint_axis, q), points)
+                    deepest = max(deepest, float(depth_inside(points, standing).max()))
+    assert deepest < 1e-4
+    assert lowest == pytest.approx(0.0, abs=1e-6)  # it stands on its foot
+    assert covered == 0.0
 
 
 def test_same_hash_in_another_process() -> None:

@@ -38,8 +38,9 @@ class StepPlanner:
     Args:
         profile: the robot.
         options: the solver's, for every plan.
-        patience: reachable grasps with which nothing that follows can be planned, before a step is given up; None: all
-            are tried, which finds the rare one in some hundred grasps and costs half a minute where there is none.
+        patience: grasps, each way round counted, that are reached and with which nothing that follows can be planned,
+            before a step is given up; None: all are tried, which finds the rare one in some hundred and costs half a
+            minute where there is none.
 
     Attributes:
         profile: the robot.
@@ -201,7 +202,7 @@ class StepPlanner:
             return StepPlan(NO_GRASP, f"{thing.name} cannot be held between the fingers as it lies", None, None, None)
         if best.is_solved:
             assert use is not None
-            reason = f"with none of {useless} grasps of {thing.name} that are reached can {use[0].name} be planned"
+            reason = f"with none of {useless} grasps of {thing.name}, either way round, can {use[0].name} be planned"
             return replace(best, status="partial", reason=reason)
         return replace(best, status=NO_GRASP, reason=f"none of {len(found)} grasps is reached: {best.reason}")
 

@@ -326,7 +326,8 @@ def _teach_by_plans(
     if record.start is not None and begun is not None and not again:
         planned = take_along(Path(record.start[0]), folder, begun.data.tasks)
     parts = [(one, one.spec.name) for one in group] + [(one, f"{one.spec.name}{BESIDE}") for one in beside]
-    limit, (config, training, spec) = DATA_SHARE * 60.0 * record.minutes / len(parts), how
+    folders = Counter(one.spec.name for one, _ in parts)
+    limit, (config, training, spec) = DATA_SHARE * 60.0 * record.minutes / len(group), how
     with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
         if again:
             planned, spent = plan_again(again, spec, folder, evaluator.executor, seed=record.seed, progress=progress)
@@ -339,13 +340,14 @@ def _teach_by_plans(
                 evaluator.executor,
                 seed=record.seed,
                 scenes=record.scenes,
-                cpu_limit=limit,
+                cpu_limit=limit / folders[one.spec.name],
                 verify=record.verify,
                 progress=progress,
             )
             if made.demonstrations == 0:  # examples of "done" alone teach nothing
                 message = f"none of its {made.scenes} scenes could be planned; physics refuted {made.refuted}"
-                raise InputError(message, field=f"tasks.{name}", remedy="leave it out")
+                remedy = "leave --generated out" if name.endswith(BESIDE) else "leave it out"
+                raise InputError(message, field=f"tasks.{name}", remedy=remedy)
             planned.append(made)
     source, key = PlannedSource(planned, known), _key(folder, out)
     record.data_cpu_s[key] = spent + sum(each.cpu_s for each in planned[known:])

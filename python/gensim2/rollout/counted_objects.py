@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from gensim2.errors import InputError
+from gensim2.objects.generators.generate import blueprint, blueprint_hash
 from gensim2.objects.library.catalogue import BUILTIN
 from gensim2.rollout.inputs import TaskInput
 from gensim2.seeding import rng
 
 _COUNTED = " generated, seed "
+HASHED = 8
+"""Objects of each class by which it is told whether the generator makes the same."""
 
 
 def can_be_counted(given: TaskInput) -> bool:
@@ -46,6 +49,20 @@ def all_with_objects(given: Sequence[TaskInput], count: int, seed: int) -> list[
 def is_counted(instances: str) -> bool:
     """Whether :func:`with_objects` chose a task's objects, from its word for them."""
     return _COUNTED in instances
+
+
+def hashes(given: TaskInput) -> list[str]:
+    """Hashes of some of the objects that :func:`with_objects` chose, which change with what the generator makes.
+
+    Args:
+        given: a task; of one whose objects are listed there are none.
+    """
+    chosen = given.scene.instances
+    if not is_counted(given.instances) or not isinstance(chosen, frozenset):
+        return []
+    kinds, ids = _articulated(given), dict(chosen)
+    some = [(kinds[name], int(number)) for name in sorted(ids) for number in ids[name][:HASHED]]
+    return [blueprint_hash(kind, number, blueprint(kind, number)) for kind, number in some]
 
 
 def _articulated(given: TaskInput) -> dict[str, str]:

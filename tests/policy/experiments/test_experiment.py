@@ -119,6 +119,13 @@ def test_a_first_training_of_every_arm_goes_before_second_ones_and_figures_stand
     assert order == [("split", 0), ("counted", 0), ("more", 0)]
     assert figures == [(5, 1), (4, 2), (3, 3)]
     assert "3 trainings are still to come" in (tmp_path / "report.html").read_text()
+    # Gone on with and stopped before it is where it was, it keeps all of that.
+    order.pop()
+    order.pop()
+    with pytest.raises(KeyboardInterrupt):
+        run_experiment(config, out=tmp_path, assets=BUILTIN, resume=True)
+    assert figures[3:] == [(3, 3), (3, 3), (3, 3)]
+    assert "3 trainings are still to come" in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.parametrize(
@@ -206,6 +213,16 @@ def test_an_arm_of_both_kinds_of_objects_is_measured_on_the_folder_s_alone(
             running._train(arm, None, record, 0, tmp_path, 1, NULL_PROGRESS)
     chosen = [(each["objects"], each["generated"], each.get("instances"), each["assets"]) for each in taught]
     assert chosen == [(None, 7, "train", str(real_assets)), (7, None, None, BUILTIN)]
+
+
+@pytest.mark.real
+def test_an_arm_of_both_kinds_of_objects_without_generated_ones_is_left_out(real_assets: Path) -> None:
+    base = {"title": "a", "about": "a", "minutes_a_task": 1, "scenes": 1, "episodes": 1, "control_episodes": 1}
+    arm = {"name": "mixed", "objects": "real", "count": 7, "tasks": ["HandCanOfTunaAcross"]}
+    config = ExperimentConfig.model_validate({**base, "arms": [arm]})
+    found, skipped = runnable(ExperimentRecord(config=config, seed=0, assets=str(real_assets)))
+    assert not found
+    assert skipped == {"mixed": "has no task that generated objects do for, beside the real ones"}
 
 
 def test_tasks_without_unseen_objects_are_left_out_of_an_arm_and_named() -> None:

@@ -123,6 +123,7 @@ def _arm(name: str, count: int | None, mean: float) -> dict[str, Any]:
     rates: dict[Any, Rate] = {"unseen": Rate(round(10 * mean), 10), "blind": Rate(0, 5)}
     task = TaskFigures("OpenBox", rates if count else {"seen": Rate(9, 10), **rates})
     about = {"name": name, "count": count, "tasks": ["OpenBox"], "demonstrations": 7, "cpu_s": 3.0}
+    about["checkpoints"] = ["policy"]
     return {**about, **summary([task]), "rows": [task.to_dict(name)]}
 
 

@@ -74,6 +74,16 @@ def test_new_tasks_are_drawn_five_times_as_often_as_known_ones() -> None:
     assert np.allclose(drawn, [[1 / 3, 1 / 3, 1 / 3], [1 / 11, 5 / 11, 5 / 11]], atol=0.03)
 
 
+def test_two_folders_of_a_task_share_what_is_due_to_it() -> None:
+    planned = made_up(4)
+    other = replace(planned, record=planned.record.model_copy(update={"language": "pull", "task": "pull"}))
+    drawn = [
+        np.bincount(PlannedSource(each, known).draw(np.random.default_rng(0), 3000)[SENTENCE]) / 3000
+        for each, known in (([planned, other, other], 0), ([planned, other, other], 1))
+    ]
+    assert np.allclose(drawn, [[1 / 2, 1 / 2], [1 / 6, 5 / 6]], atol=0.03)
+
+
 def test_it_learns_where_the_hand_acts_and_when_nothing_is_left(trained: Path) -> None:
     policy, arrays = PolicyCheckpoint.load(trained), made_up().arrays
     misses, right = [], 0

@@ -20,7 +20,7 @@ from gensim2.policy import learn_settings, learning
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig
 from gensim2.policy.evaluating import CONTROLS, read_controls
-from gensim2.policy.keypose import adding, data
+from gensim2.policy.keypose import data
 from gensim2.policy.keypose.adding import BESIDE, taught_before
 from gensim2.policy.keypose.data import read_planned
 from gensim2.policy.keypose.source import PlannedSource
@@ -235,12 +235,14 @@ def test_generated_objects_teach_beside_those_of_a_folder(
     for folder in (tmp_path / "more", again):
         copied = folder / "data" / f"CloseBox{BESIDE}" / "shard_00000.npz"
         assert copied.read_bytes() == (both / "data" / f"CloseBox{BESIDE}" / "shard_00000.npz").read_bytes()
-    # A class that is not generated is taught by its own objects alone.
-    monkeypatch.setattr(adding, "what_it_lacks", lambda _, spec: "none" if spec.name == "CloseBox" else None)
+    # A task that generated objects do not do for is taught by its own alone.
     capfd.readouterr()
+    words[2] = "HandCanOfTunaAcross"
     assert run([*words, "--out", str(tmp_path / "half")]) == 0
-    assert "CloseBox: taught without generated objects, none" in capfd.readouterr().err
-    assert not (tmp_path / "half" / "data" / f"CloseBox{BESIDE}").exists()
+    assert "HandCanOfTunaAcross: taught without generated objects, " in capfd.readouterr().err
+    assert not (tmp_path / "half" / "data" / f"HandCanOfTunaAcross{BESIDE}").exists()
+    assert run([*words[:1], *words[2:3], "--generated", "3", *rest, "--out", str(tmp_path / "none")]) == 2
+    assert "generated: none of these tasks can be taught on generated objects" in capfd.readouterr().err
 
 
 def test_two_folders_of_plans_of_a_task_are_of_the_same_strategies() -> None:

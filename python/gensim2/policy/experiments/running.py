@@ -19,6 +19,7 @@ from gensim2.policy.evaluating import evaluate_policy
 from gensim2.policy.experiments.config import Arm, ExperimentConfig
 from gensim2.policy.experiments.figures import KINDS, Kind, Rate, TaskFigures, summary
 from gensim2.policy.experiments.language import opposites, rephrased
+from gensim2.policy.keypose.adding import generated_input
 from gensim2.policy.learning import Learned, learn
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION, read_record
@@ -45,6 +46,14 @@ class ExperimentRecord(BaseModel):
     config: ExperimentConfig
     seed: int
     assets: str
+
+
+class _Progressed(BaseModel):
+    """What a result says of how far it is."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    remaining: int = 0
 
 
 @dataclass(frozen=True)
@@ -152,6 +161,9 @@ def run_experiment(
 
     trained: dict[str, list[_Training]] = defaultdict(list)
     total = config.seeds * len(arms)
+    there = (
+        read_record(out / RESULT_JSON, _Progressed, "remove it").remaining if (out / RESULT_JSON).exists() else total
+    )
     # Seeds outermost, so that a long experiment has a first figure of every arm early.
     for done in range(total):
         number, arm = done // len(arms), arms[done % len(arms)]
@@ -160,9 +172,10 @@ def run_experiment(
         trained[arm.name].append(_train(arm, start, record, number, out, workers, progress))
         found = tuple(_arm_result(each, trained, config) for each in arms if trained[each.name])
         result = ExperimentResult(str(out), record, found, skipped, total - done - 1)
-        told = result.to_dict()
-        write_json(out / RESULT_JSON, told)
-        write_page(told)
+        if result.remaining <= there:  # a resumed run has all figures of before first when it comes to where it was
+            told, there = result.to_dict(), result.remaining
+            write_json(out / RESULT_JSON, told)
+            write_page(told)
     return result
 
 
@@ -218,6 +231,9 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
                     skipped[f"{arm.name}/{name}"] = error.message
                     left.remove(name)
         arm = arm.model_copy(update={"tasks": tuple(left)})
+        if left and arm.count is not None and arm.is_split and not _has_generated(arm, record):
+            skipped[arm.name] = "has no task that generated objects do for, beside the real ones"
+            continue
         if arm.added_to(record.config.start_of(arm)):
             found.append(arm)
     for arm in found:
@@ -228,6 +244,18 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
             for name, reason in lacking.items():
                 raise InputError(f"{one.title}: {reason}", field=f"arms.{arm.name}.{name}")
     return found, skipped
+
+
+def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
+    """Whether a task that an arm is taught can be taught on generated objects, too."""
+    assert arm.count is not None
+    for name in arm.added_to(record.config.start_of(arm)):
+        try:
+            generated_input(name, arm.count, seed=record.seed)
+        except InputError:
+            continue
+        return True
+    return False
 
 
 def _check_name(arm: Arm, name: str) -> None:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from gensim2.errors import InputError
 from gensim2.files import new_folder
-from gensim2.objects import open_library
 from gensim2.objects.library.catalogue import BUILTIN as GENERATED
 from gensim2.observations import ObservationSpec
 from gensim2.policy.checkpoint import BUILTIN, PolicyCheckpoint, checkpoint_folder
@@ -22,8 +21,8 @@ from gensim2.policy.keypose.teaching import pulls_last
 from gensim2.policy.keypose.training import WAYS_JSON, read_ways
 from gensim2.progress import Progress
 from gensim2.record_files import read_record
-from gensim2.rollout.counted_objects import all_with_objects, is_counted
-from gensim2.rollout.inputs import TaskInput, read_task_input, scene_options, what_it_lacks
+from gensim2.rollout.counted_objects import all_with_objects, is_counted, with_objects
+from gensim2.rollout.inputs import TaskInput, read_task_input, scene_options
 from gensim2.scenes.config import SceneArguments
 
 if TYPE_CHECKING:
@@ -170,28 +169,42 @@ def inputs_beside(
         tasks: names or folders.
         given: the same with their objects, a folder's.
         count: number of generated ones of each class.
-        progress: is told which tasks have no generated objects; these are left out.
+        progress: is told which tasks generated objects do not do for, and why; these are left out.
         seed: of the run.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are not asked for.
 
     Raises:
-        InputError: the objects that they are given with are generated ones, or no task has others.
+        InputError: the objects that they are given with are generated ones, or these do for no task.
     """
     if any(one.scene.assets == GENERATED for one in given):
         message = "are beside the objects of a folder"
         raise InputError(message, field="generated", remedy="give a folder with --assets, or --objects")
-    library, generated = open_library(GENERATED), dict[str, Any]({**scene, "assets": GENERATED, "instances": "all"})
     found = []
     for task, one in zip(tasks, given, strict=True):
-        lacks = what_it_lacks(library, one.spec)
-        if lacks is None:
-            found.append(read_task_input(task, seed=seed, **generated))
-        else:
-            progress.message(f"{one.spec.name}: taught without generated objects, {lacks}")
-    try:
-        return all_with_objects(found, count, seed)
-    except InputError as error:
-        raise InputError(error.message, field="generated", remedy=error.remedy) from error
+        try:
+            found.append(generated_input(task, count, seed=seed, **scene))
+        except InputError as error:
+            progress.message(f"{one.spec.name}: taught without generated objects, {error.message}")
+    if not found:
+        message = "none of these tasks can be taught on generated objects"
+        raise InputError(message, field="generated", remedy="leave it out")
+    return found
+
+
+def generated_input(task: str, count: int, *, seed: int, **scene: Unpack[SceneArguments]) -> TaskInput:
+    """A task with generated objects that no library lists.
+
+    Args:
+        task: name or folder.
+        count: number of objects of each class.
+        seed: of the run.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are not asked for.
+
+    Raises:
+        InputError: they do not do for it, or all of its objects are rigid.
+    """
+    generated: dict[str, Any] = {**scene, "assets": GENERATED, "instances": "all"}
+    return with_objects(read_task_input(task, seed=seed, **generated), count, seed)
 
 
 def _plans(start: Path, name: str) -> list[Path]:

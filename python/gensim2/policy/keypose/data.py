@@ -18,9 +18,10 @@ from gensim2.errors import InputError
 from gensim2.files import write_json
 from gensim2.observations import ObservationSpec
 from gensim2.policy.array_file import read_arrays, write_arrays
-from gensim2.policy.keypose.teaching import CENTERED
+from gensim2.policy.keypose.teaching import CENTERED, PATIENCE
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import read_record
+from gensim2.rollout.counted_objects import hashes
 from gensim2.rollout.inputs import TaskInput
 from gensim2.scenes.config import SceneConfig
 from gensim2.seeding import scene_seeds
@@ -200,8 +201,9 @@ def record_of(given: TaskInput, spec: ObservationSpec, seed: int, verify: bool =
 
     classes = sorted({thing.asset_class for thing in given.spec.objects.values()})
     parts: list[Any] = [given.spec.model_dump(mode="json"), given.strategies, listing(given.library, classes)]
+    parts += hashes(given)
     if any(step.tool in given.spec.objects for step in given.spec.steps):
-        parts.append(CENTERED)
+        parts += [CENTERED, PATIENCE]
     return PlannedRecord(
         task=given.spec.name,
         language=given.spec.description,

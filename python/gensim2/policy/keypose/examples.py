@@ -14,7 +14,7 @@ from gensim2.observations.cloud import to_steps
 from gensim2.planning import Scene, StepPlan, StepPlanner, Strategy
 from gensim2.planning.predict import with_joint
 from gensim2.policy.keypose.program import KEYPOSES, program_of
-from gensim2.policy.keypose.teaching import centered
+from gensim2.policy.keypose.teaching import PATIENCE, centered
 from gensim2.raycast.observer import Observer
 from gensim2.robots import OPEN, RobotProfile, robot
 from gensim2.rollout.worker import parsed, simulator
@@ -32,11 +32,6 @@ OTHER_OPENNESS = 0.3
 """Share of scenes in which a step's joint stands anywhere: as a hand may leave it that has failed or is done."""
 MAX_TOUCHING = 1
 """Worst rank of a plan that is taught: whole, if need be with a touch on the way to the actuation pose."""
-
-
-PATIENCE = 8
-"""Grasps that serve nothing before a scene is left out. Where one serves, it is nearly always the first; to know that
-none does takes as long as sixty scenes of which there are plans."""
 
 
 @dataclass(frozen=True)

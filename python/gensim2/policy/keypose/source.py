@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -72,7 +73,7 @@ class Ways:
 
 
 class PlannedSource:
-    """Planned scenes of one task or of several, drawn evenly by folder where none is of a known task.
+    """Planned scenes of one task or of several, drawn evenly by task where none is known.
 
     Args:
         planned: one a task, or two: of a library's objects, and of generated ones beside them; all of one robot and one
@@ -145,10 +146,12 @@ class PlannedSource:
         }
 
     def _tasks(self, rng: np.random.Generator, size: int) -> npt.NDArray[np.int64]:
-        """Numbers of tasks, (B,)."""
-        if not self._known:
+        """Numbers of folders, (B,); those of one task share what is due to it."""
+        folders = Counter(each.record.task for each in self.planned)
+        if not self._known and len(set(folders.values())) == 1:
             return rng.integers(len(self.planned), size=size)
         shares = np.where(np.arange(len(self.planned)) < self._known, 1.0, NEW)
+        shares /= [folders[each.record.task] for each in self.planned]
         return rng.choice(len(self.planned), size=size, p=shares / shares.sum())
 
     def some_clouds(self, max_clouds: int) -> Shuffled:

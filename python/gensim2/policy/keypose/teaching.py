@@ -15,6 +15,10 @@ CENTERED = 0.25
 are those of least motion, mostly at the edge of the tolerance; an edge leaves a policy's own errors no room, and which
 one it is jumps between scenes that hardly differ."""
 
+PATIENCE = 8
+"""Grasps that serve nothing before a scene is left out. Where one serves, it is nearly always the first; to know that
+none does takes as long as sixty scenes of which there are plans."""
+
 
 def pulls_last(given: TaskInput) -> TaskInput:
     """A task whose steps try every other strategy before those that search for a grasp on what a joint moves.

@@ -142,11 +142,12 @@ def sweeping(rng: np.random.Generator) -> Blueprint:
         cone((0, bottom, z), (0, bottom + 0.008, z), 1.3 * radius, 1.2 * radius, look),
         cone((0, bottom + 0.008, z), (0, top, z), radius, c.between(rng, 0.85, 1.0) * radius, look),
     ]
-    root, highest = bottom + at * height, top + climb
+    root = max(bottom + at * height, bottom + tube + 0.002)
+    highest = max(top + climb, bottom + 0.06 + sag + drop)  # with room beneath the mouth
     points = []
     for share in np.linspace(0, 1, 6):
         y = root + (highest - root) * np.sin(share * np.pi / 2) - sag * max(0.0, share - 0.6) / 0.4
-        if share * spout < lever + 0.03:
+        if (share - 0.2) * spout < lever + 0.03:  # also where the leg that ends here begins
             y = min(y, top - tube - 0.006)  # the lever turns above it
         points.append(np.array([0.0, y, z + share * spout]))
     body += path([*points, points[-1] - np.array([0, drop, 0])], tube, look)
