@@ -9,6 +9,7 @@ from gensim2.objects.generators.classes import _common as c
 from gensim2.objects.shapes import Look, Solid, Vec3, ball, box, cone, convex, path, rod
 
 GAP = 0.001
+LEGS = 8  # straight pieces of a long spout
 
 
 def _with_lever(
@@ -144,16 +145,19 @@ def sweeping(rng: np.random.Generator) -> Blueprint:
     ]
     root = max(bottom + at * height, bottom + tube + 0.002)
     highest = max(top + climb, bottom + 0.06 + sag + drop)  # with room beneath the mouth
-    points = []
-    for share in np.linspace(0, 1, 6):
-        y = root + (highest - root) * np.sin(share * np.pi / 2) - sag * max(0.0, share - 0.6) / 0.4
-        if (share - 0.2) * spout < lever + 0.03:  # also where the leg that ends here begins
-            y = min(y, top - tube - 0.006)  # the lever turns above it
-        points.append(np.array([0.0, y, z + share * spout]))
-    body += path([*points, points[-1] - np.array([0, drop, 0])], tube, look)
-
     base = top + GAP
     start = np.array([0.0, base + max(0.6 * cap, 0.012), z])
+    points = []
+    for share in np.linspace(0, 1, LEGS + 1):
+        out = share * spout
+        y = root + (highest - root) * np.sin(share * np.pi / 2) - sag * max(0.0, share - 0.6) / 0.4
+        if out - spout / LEGS < 1.4 * radius + tube:  # in each case also where the leg that ends here begins
+            y = min(y, top - tube - 0.006)
+        elif out - spout / LEGS < lever + 0.03:  # the lever turns above it
+            y = min(y, start[1] + (crook if shape == 0 else out * np.tan(rise)) - tube - 0.022)
+        points.append(np.array([0.0, y, z + out]))
+    body += path([*points, points[-1] - np.array([0, drop, 0])], tube, look)
+
     moving = [cone((0, base, z), (0, base + cap, z), radius, c.between(rng, 0.7, 1.0) * radius, look)]
     if shape == 0:
         tip = start + np.array([0, crook, lever])
