@@ -110,7 +110,7 @@ def test_a_first_training_of_every_arm_goes_before_second_ones_and_figures_stand
             raise KeyboardInterrupt
         order.append((arm.name, number))
         learned: Any = SimpleNamespace(folder=tmp_path / arm.name / str(number), demonstrations={}, cpu_s=1.0)
-        return running._Training(learned, 1.0, {})
+        return running._Training(learned, 0.0, {})
 
     monkeypatch.setattr(running, "_train", stop_after_three)
     config = ExperimentConfig.model_validate({**yaml.safe_load(CONFIG), "seeds": 2})

@@ -49,7 +49,7 @@ class ExperimentRecord(BaseModel):
 
 
 class _Progressed(BaseModel):
-    """What a result says of how far it is."""
+    """Number of trainings that a result file still lacks."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -280,12 +280,12 @@ class _Training:
 
     Attributes:
         learned: its policy.
-        cpu_s: CPU seconds of data and training, with those of the policy that it begins with.
+        before_s: CPU seconds of the policy that it begins with.
         tables: what it was measured by.
     """
 
     learned: Learned
-    cpu_s: float
+    before_s: float
     tables: Mapping[Kind, Sequence[EvaluationResult]]
 
 
@@ -304,7 +304,8 @@ def _train(
     taught_on: SceneArguments = {"assets": assets}
     if arm.is_split:
         taught_on["instances"] = "train"
-    folder, seed = out / arm.name / f"seed-{record.seed + number}", record.seed + number
+    seed = record.seed + number
+    folder = out / arm.name / f"seed-{seed}"
     (learned,) = learn(
         taught,
         minutes=(arm.minutes_a_task or config.minutes_a_task) * len(taught),
@@ -346,7 +347,7 @@ def _train(
             instances=one.instances,
         )
         tables[one.kind].append(measured.policy)
-    return _Training(learned, learned.cpu_s + (0.0 if start is None else start.cpu_s), tables)
+    return _Training(learned, 0.0 if start is None else start.before_s + start.learned.cpu_s, tables)
 
 
 def _arm_result(arm: Arm, trained: Mapping[str, Sequence[_Training]], config: ExperimentConfig) -> ArmResult:
@@ -365,7 +366,7 @@ def _arm_result(arm: Arm, trained: Mapping[str, Sequence[_Training]], config: Ex
         tuple(str(each.learned.folder) for each in here),
         sum(sum(each.learned.demonstrations.values()) for each in here),
         sum(each.learned.cpu_s for each in here),
-        sum(each.cpu_s - each.learned.cpu_s for each in here),
+        sum(each.before_s for each in here),
     )
 
 

@@ -97,7 +97,7 @@ class PlannedSource:
             for name in ("robot", "observation"):
                 if getattr(other.record, name) != getattr(first, name):
                     raise InputError(f"{other.record.task} and {first.task} differ", field=name)
-        self.planned, self._known = tuple(planned), known
+        self.planned, self._shares = tuple(planned), _shares(planned, known)
         self.robot = first.robot
         profile = robot(first.robot)
         self.action = ActionSpec(kind="keypose", arm=profile.arm_size, control_hz=profile.control_hz)
@@ -110,12 +110,13 @@ class PlannedSource:
             name: np.concatenate([each.arrays[name] for each in planned]) for name in planned[0].arrays if name != "way"
         }
         self._tools = np.stack([tool_pose(profile, joints) for joints in self._arrays["joints"]])
+        names = tuple(dict.fromkeys(each.record.task for each in planned))
         self.record = DataRecord(
             digest=self._digest(),
-            tasks=tuple(dict.fromkeys(each.record.task for each in planned)),
+            tasks=names,
             episodes=sum(each.demonstrations for each in planned),
             frames=int(self._starts[-1]),
-            folders=tuple(dict.fromkeys(each.record.task for each in planned)),
+            folders=names,
         )
 
     def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
@@ -147,12 +148,9 @@ class PlannedSource:
 
     def _tasks(self, rng: np.random.Generator, size: int) -> npt.NDArray[np.int64]:
         """Numbers of folders, (B,); those of one task share what is due to it."""
-        folders = Counter(each.record.task for each in self.planned)
-        if not self._known and len(set(folders.values())) == 1:
+        if self._shares is None:
             return rng.integers(len(self.planned), size=size)
-        shares = np.where(np.arange(len(self.planned)) < self._known, 1.0, NEW)
-        shares /= [folders[each.record.task] for each in self.planned]
-        return rng.choice(len(self.planned), size=size, p=shares / shares.sum())
+        return rng.choice(len(self.planned), size=size, p=self._shares)
 
     def some_clouds(self, max_clouds: int) -> Shuffled:
         """Clouds of scenes evenly through the data; they have no colours."""
@@ -180,6 +178,16 @@ class PlannedSource:
             for name, values in sorted(each.arrays.items()):
                 found.update(name.encode() + np.ascontiguousarray(values).tobytes())
         return found.hexdigest()
+
+
+def _shares(planned: Sequence[Planned], known: int) -> npt.NDArray[np.float64] | None:
+    """Shares of the folders in a batch; None where they are equal."""
+    folders = Counter(each.record.task for each in planned)
+    if not known and len(set(folders.values())) == 1:
+        return None
+    shares = np.where(np.arange(len(planned)) < known, 1.0, NEW)
+    shares /= [folders[each.record.task] for each in planned]
+    return np.asarray(shares / shares.sum())
 
 
 def _either_way_round(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:

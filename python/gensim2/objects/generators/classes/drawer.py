@@ -6,7 +6,7 @@ import numpy as np
 
 from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
-from gensim2.objects.shapes import Solid, ball, box, rod, tray
+from gensim2.objects.shapes import Look, Solid, ball, box, rod, tray
 
 GAP = 0.002  # m around the sliding drawer
 FRONT = 0.012  # m thickness of a drawer's front
@@ -25,8 +25,12 @@ def _handle(rng: np.random.Generator, at: np.ndarray, width: float, height: floa
     if kind == 1:
         return c.flat_handle(middle, length, "x", reach, c.between(rng, 0.010, 0.014), look), reach
     radius = c.between(rng, 0.012, 0.016)
-    knob = [rod(at, middle, 0.5 * radius, look, 8), ball(middle, (radius, radius, 0.7 * radius), look)]
-    return knob, reach
+    return _knob(at, middle, radius, look), reach
+
+
+def _knob(at: np.ndarray, end: np.ndarray, radius: float, look: Look) -> list[Solid]:
+    """A round knob of ``radius`` at ``end``, on a stem from ``at``."""
+    return [rod(at, end, 0.5 * radius, look, 8), ball(end, (radius, radius, 0.7 * radius), look)]
 
 
 def _drawer(body: list[Solid], drawer: list[Solid], head: np.ndarray, inside: np.ndarray, stroke: float) -> Blueprint:
@@ -110,10 +114,7 @@ def _small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tup
     parts: list[Solid] = []
     for x in sorted({aside, -aside}):
         there = np.array([x, 0, 0])
-        parts += [
-            rod(at + there, middle + there, 0.5 * radius, look, 8),
-            ball(middle + there, (radius, radius, 0.7 * radius), look),
-        ]
+        parts += _knob(at + there, middle + there, radius, look)
     return parts, middle + np.array([aside, 0, 0])
 
 
