@@ -12,7 +12,7 @@ from gensim2.cli.main import run
 from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.objects.library.export import export
-from gensim2.policy import PolicyCheckpoint, learning
+from gensim2.policy import PolicyCheckpoint, teachers
 from gensim2.policy.checkpoint import checkpoint_folder
 from gensim2.policy.evaluating import policy_controller
 from gensim2.policy.export import export_policy
@@ -63,7 +63,7 @@ def test_tasks_are_added_to_it(
 ) -> None:
     monkeypatch.setattr(data, "SHARD", 2)
     monkeypatch.setattr(adding, "REHEARSED", 2)
-    monkeypatch.setattr(learning, "LEAST_STEPS", 2)
+    monkeypatch.setattr(teachers, "LEAST_STEPS", 2)
     library = open_library("builtin")
     for name in ("dishwasher", "box_rotate"):
         made = export(library.load_articulated(name, "0"), tmp_path / f"made-{name}")

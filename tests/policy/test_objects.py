@@ -9,7 +9,7 @@ import pytest
 
 from gensim2.errors import InputError
 from gensim2.policy.objects import shared_objects, unseen_instances, words
-from gensim2.rollout.counted_objects import all_with_objects, with_objects
+from gensim2.rollout.counted_objects import all_with_objects, number_of_objects, with_objects
 from gensim2.rollout.inputs import only_strategies, read_task_input, read_task_inputs
 from gensim2.scenes.sampler import SceneSampler
 from gensim2.tasks.library import task_folder
@@ -83,3 +83,14 @@ def test_only_named_strategies_are_left_to_a_step_that_has_them() -> None:
     with pytest.raises(InputError, match="no step has 'pray'") as caught:
         only_strategies([given], ["pray"])
     assert first in str(caught.value)
+
+
+@pytest.mark.parametrize("task", ["CloseBox", "PlaceGolfBallIntoDrawer"])
+def test_objects_of_a_task_are_counted_once_and_of_those_with_a_joint(task: str) -> None:
+    given = {word: read_task_input(task, assets="builtin", instances=word) for word in ("all", "train", "test")}
+    counts = {word: number_of_objects(each) for word, each in given.items()}
+    joined = next(thing for thing in given["all"].spec.objects.values() if thing.asset_class != "golf_ball")
+    assert counts["all"] == len(given["all"].library.instances(joined.asset_class)) > 9
+    assert counts["train"] + counts["test"] == counts["all"]
+    assert counts["test"] == len(given["all"].library.split(joined.asset_class, "test"))
+    assert number_of_objects(with_objects(given["all"], 40, seed=1)) == 40

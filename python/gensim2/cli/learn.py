@@ -62,8 +62,8 @@ from gensim2.cli.output import line, report, table
     "--generated",
     type=options.count(100_000),
     default=None,
-    help="Generated ones of each class to learn from beside those of --assets; half of the time for plans, and up to "
-    "--scenes, go into each.",
+    help="Generated ones of each class to learn from beside those of --assets; the time for plans is divided by "
+    "the numbers of both, and up to --scenes go into each.",
 )
 @click.option(
     "--verify",

@@ -46,6 +46,19 @@ def all_with_objects(given: Sequence[TaskInput], count: int, seed: int) -> list[
     return [with_objects(one, count, seed) if can_be_counted(one) else one for one in given]
 
 
+def number_of_objects(given: TaskInput) -> int:
+    """Number of different objects that the scenes of a task draw from, of those with a joint where it has some."""
+    chosen = given.scene.instances
+    classes = _articulated(given) or {name: thing.asset_class for name, thing in given.spec.objects.items()}
+    drawn = dict(chosen) if isinstance(chosen, frozenset) else dict.fromkeys(classes, chosen)
+    found = set[tuple[str, str]]()
+    for name, asset_class in classes.items():
+        word = drawn.get(name, "all")
+        ids = given.library.choose(asset_class, word) if isinstance(word, str) else word
+        found |= {(asset_class, each) for each in ids}
+    return len(found)
+
+
 def is_counted(instances: str) -> bool:
     """Whether :func:`with_objects` chose a task's objects, from its word for them."""
     return _COUNTED in instances

@@ -12,7 +12,7 @@ import yaml
 
 from gensim2.cli.main import run
 from gensim2.objects.library.catalogue import BUILTIN
-from gensim2.policy import learning
+from gensim2.policy import teachers
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.experiments import running
 from gensim2.policy.experiments.config import Arm, ExperimentConfig
@@ -44,7 +44,7 @@ def test_every_arm_is_learned_and_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(data, "SHARD", 2)
-    monkeypatch.setattr(learning, "LEAST_STEPS", 2)
+    monkeypatch.setattr(teachers, "LEAST_STEPS", 2)
     config, out, told = tmp_path / "toy.yaml", tmp_path / "out", tmp_path / "told.json"
     config.write_text(CONFIG)
     words = ["experiment", "generalization", "--config", str(config), "--assets", "builtin", "--workers", "1"]

@@ -19,7 +19,7 @@ from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.export import export_policy, exported
 from gensim2.policy.frames import SEEN, inputs_of, proprio_size, turn_matrix
-from gensim2.policy.heads.keypose import KeyposeHead, _turned
+from gensim2.policy.heads.keypose import SECONDS, KeyposeHead, _turned
 from gensim2.policy.keypose.answers import answers, order_of_points
 from gensim2.policy.keypose.data import read_planned
 from gensim2.policy.keypose.program import ACTUATION
@@ -82,6 +82,13 @@ def test_two_folders_of_a_task_share_what_is_due_to_it() -> None:
         for each, known in (([planned, other, other], 0), ([planned, other, other], 1))
     ]
     assert np.allclose(drawn, [[1 / 2, 1 / 2], [1 / 6, 5 / 6]], atol=0.03)
+
+
+def test_two_folders_of_a_task_are_drawn_by_their_examples() -> None:
+    few, many = made_up(4), made_up(12)
+    marked = replace(few, arrays={**few.arrays, "seconds": few.arrays["seconds"] * 0 + 99})
+    drawn = PlannedSource([marked, many]).draw(np.random.default_rng(0), 4000)[SECONDS]
+    assert float((drawn == 99).all(-1).float().mean()) == pytest.approx(1 / 4, abs=0.03)
 
 
 def test_it_learns_where_the_hand_acts_and_when_nothing_is_left(trained: Path) -> None:

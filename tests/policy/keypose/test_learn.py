@@ -16,7 +16,7 @@ from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.objects.library.export import export
 from gensim2.pages import template
-from gensim2.policy import learn_settings, learning
+from gensim2.policy import learn_settings, learning, teachers
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig
 from gensim2.policy.evaluating import CONTROLS, read_controls
@@ -39,7 +39,7 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(data, "SHARD", 3)
-    monkeypatch.setattr(learning, "LEAST_STEPS", 2)
+    monkeypatch.setattr(teachers, "LEAST_STEPS", 2)
     out, told = tmp_path / "box", tmp_path / "told.json"
     words = ["learn", "CloseBox", "--assets", "builtin", "--minutes", "0.001", "--scenes", "3", "--workers", "1"]
     words += ["--episodes", "1", "--control-episodes", "1", "--out", str(out), "--json", str(told)]
@@ -85,8 +85,8 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
 def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(learning, "PORTION", 1)
-    monkeypatch.setattr(learning, "LEAST_STEPS", 2)
+    monkeypatch.setattr(teachers, "PORTION", 1)
+    monkeypatch.setattr(teachers, "LEAST_STEPS", 2)
     out, told = tmp_path / "box", tmp_path / "told.json"
     words = ["learn", "CloseBox", "--policy", "chunk", "--assets", "builtin", "--minutes", "0.001", "--workers", "1"]
     words += ["--episodes", "1", "--control-episodes", "1", "--controls", "blind", "--videos", "0"]
@@ -157,7 +157,7 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(data, "SHARD", 2)
-    monkeypatch.setattr(learning, "LEAST_STEPS", 2)
+    monkeypatch.setattr(teachers, "LEAST_STEPS", 2)
     first, second, told = tmp_path / "two", tmp_path / "three", tmp_path / "told.json"
     common = ["--assets", "builtin", "--minutes", "0.001", "--scenes", "2", "--workers", "1", "--episodes", "1"]
     common += ["--controls", "none", "--videos", "0", "--json", str(told)]
@@ -207,7 +207,7 @@ def test_generated_objects_teach_beside_those_of_a_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(data, "SHARD", 2)
-    monkeypatch.setattr(learning, "LEAST_STEPS", 2)
+    monkeypatch.setattr(teachers, "LEAST_STEPS", 2)
     library = open_library("builtin")
     for name in ("dishwasher", "box_rotate", "toaster_press"):
         shutil.copytree(export(library.load_articulated(name, "0"), tmp_path / name), tmp_path / "mine" / name / "own")
@@ -333,7 +333,7 @@ def test_a_task_without_a_plan_is_refused_also_where_some_scenes_are_done(
 ) -> None:
     planned = made_up(2)
     done = {**planned.arrays, "way": np.full_like(planned.arrays["way"], -1)}
-    monkeypatch.setattr(learning, "plan_scenes", lambda *_, **__: replace(planned, arrays=done))
+    monkeypatch.setattr(teachers, "plan_scenes", lambda *_, **__: replace(planned, arrays=done))
     with pytest.raises(InputError, match=r"tasks\.CloseBox: none of its 4 scenes could be planned"):
         learning.learn("CloseBox", out=tmp_path, assets="builtin", minutes=0.001, workers=0)
 

@@ -147,7 +147,7 @@ class PlannedSource:
         }
 
     def _tasks(self, rng: np.random.Generator, size: int) -> npt.NDArray[np.int64]:
-        """Numbers of folders, (B,); those of one task share what is due to it."""
+        """Numbers of folders, (B,)."""
         if self._shares is None:
             return rng.integers(len(self.planned), size=size)
         return rng.choice(len(self.planned), size=size, p=self._shares)
@@ -181,12 +181,15 @@ class PlannedSource:
 
 
 def _shares(planned: Sequence[Planned], known: int) -> npt.NDArray[np.float64] | None:
-    """Shares of the folders in a batch; None where they are equal."""
-    folders = Counter(each.record.task for each in planned)
-    if not known and len(set(folders.values())) == 1:
+    """Shares of the folders in a batch, those of one task by their examples; None where they are equal."""
+    examples = [len(each.arrays["way"]) for each in planned]
+    of_task = Counter[str]()
+    for each, count in zip(planned, examples, strict=True):
+        of_task[each.record.task] += count
+    if not known and len(of_task) == len(planned):
         return None
     shares = np.where(np.arange(len(planned)) < known, 1.0, NEW)
-    shares /= [folders[each.record.task] for each in planned]
+    shares *= [count / of_task[each.record.task] for each, count in zip(planned, examples, strict=True)]
     return np.asarray(shares / shares.sum())
 
 

@@ -1,0 +1,207 @@
+"""Demonstrations and training of one policy of a run of ``learn``, within its minutes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gensim2.errors import InputError
+from gensim2.files import write_json
+from gensim2.observations import ObservationSpec
+from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.keypose.adding import BESIDE, DATA, plan_again, take_along
+from gensim2.policy.keypose.data import Planned, plan_scenes
+from gensim2.policy.keypose.source import PlannedSource
+from gensim2.policy.keypose.teaching import pulls_last
+from gensim2.policy.keypose.training import train_keypose
+from gensim2.policy.learn_record import LEARN_JSON, LearnRecord
+from gensim2.policy.step_cost import seconds_a_step
+from gensim2.policy.train import TrainResult
+from gensim2.progress import NullProgress, Progress
+from gensim2.rollout.counted_objects import number_of_objects
+from gensim2.rollout.inputs import TaskInput
+
+if TYPE_CHECKING:
+    from gensim2.data.status import Status
+
+DATA_SHARE = 0.4
+"""Of the CPU time, at most, that goes into data."""
+LEAST_STEPS, MAX_STEPS = 20, 10_000
+"""Gradient steps for one task; of several tasks as many times more."""
+EPISODES, PORTION = 600, 25
+"""Demonstrations of each task at most, and how many are collected before it is asked whether there is time for more."""
+
+How = tuple[PolicyConfig, TrainConfig, ObservationSpec]
+"""Network, training, and what is seen."""
+
+
+def teach_by_plans(
+    group: Sequence[TaskInput],
+    beside: Sequence[TaskInput],
+    begun: PolicyCheckpoint | None,
+    again: Sequence[TaskInput],
+    folder: Path,
+    out: Path,
+    record: LearnRecord,
+    how: How,
+    workers: int,
+    progress: Progress,
+) -> tuple[dict[str, int], TrainResult]:
+    from gensim2.rollout.evaluator import PoolEvaluator
+
+    planned, spent = list[Planned](), 0.0
+    if record.start is not None and begun is not None and not again:
+        planned = take_along(Path(record.start[0]), folder, begun.data.tasks)
+    parts = [(one, one.spec.name) for one in group] + [(one, f"{one.spec.name}{BESIDE}") for one in beside]
+    objects = [number_of_objects(one) for one, _ in parts]
+    of_task = Counter[str]()
+    for (one, _), count in zip(parts, objects, strict=True):
+        of_task[one.spec.name] += count
+    limit, (config, training, spec) = DATA_SHARE * 60.0 * record.minutes / len(group), how
+    with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
+        if again:
+            planned, spent = plan_again(again, spec, folder, evaluator.executor, seed=record.seed, progress=progress)
+        known = len(planned)
+        for (one, name), count in zip(parts, objects, strict=True):
+            made = plan_scenes(
+                pulls_last(one),
+                spec,
+                folder / DATA / name,
+                evaluator.executor,
+                seed=record.seed,
+                scenes=record.scenes,
+                cpu_limit=limit * count / of_task[one.spec.name],
+                verify=record.verify,
+                progress=progress,
+            )
+            if made.demonstrations == 0:  # examples of "done" alone teach nothing
+                message = f"none of its {made.scenes} scenes could be planned; physics refuted {made.refuted}"
+                remedy = "leave --generated out" if name.endswith(BESIDE) else "leave it out"
+                raise InputError(message, field=f"tasks.{name}", remedy=remedy)
+            planned.append(made)
+    source, key = PlannedSource(planned, known), key_of(folder, out)
+    record.data_cpu_s[key] = spent + sum(each.cpu_s for each in planned[known:])
+    for each in planned[known:]:
+        plans = f"{each.demonstrations} plans in {each.scenes} scenes"
+        left_out = f"{sum(each.failed.values()) - each.refuted} without a plan, {each.refuted} refuted by physics"
+        of = f" ({each.record.scene['instances']})" if beside else ""
+        progress.message(f"{each.record.task}{of}: {plans}, {left_out}, {each.cpu_s:.0f} s of CPU")
+    policy = _hearing(config, record, len(group)) if begun is None else begun.config
+    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out, progress)
+    training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key], "seed": record.seed})
+    trained = train_keypose(
+        source, folder, policy=policy, training=training, start=begun, resume=True, progress=progress
+    )
+    taught = Counter[str]()
+    for each in planned:
+        taught[each.record.task] += each.demonstrations
+    return dict(taught), trained
+
+
+def teach_by_episodes(
+    group: Sequence[TaskInput],
+    named: Sequence[str],
+    folder: Path,
+    out: Path,
+    record: LearnRecord,
+    how: How,
+    workers: int,
+    progress: Progress,
+) -> tuple[dict[str, int], TrainResult]:
+    from gensim2.data.collection import collect
+    from gensim2.data.rendering import render
+    from gensim2.policy.demonstrations import Demonstrations
+    from gensim2.policy.train import train_policy
+
+    data, key = folder / DATA, key_of(folder, out)
+    limit, most = DATA_SHARE * 60.0 * record.minutes, min(EPISODES, record.scenes)
+    scene: dict[str, Any] = dict(record.scene)
+    config, training, spec = how
+    collected = None
+    while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
+        # The record holds the CPU time and the episodes of earlier calls.
+        spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
+        # A data set may get no fewer episodes than it was begun with, by --demonstrations or by an interrupted call.
+        record.episodes[key] = max(_begun_with(data), min(count + PORTION, most) if spent < limit else count)
+        tried = record.episodes[key] * len(named)
+        progress.start(f"{', '.join(one.spec.name for one in group)}: demonstrations", tried)
+        collected = collect(
+            named,
+            episodes=record.episodes[key],
+            objects=record.objects,
+            out=data,
+            seed=record.seed,
+            workers=workers,
+            resume=True,
+            listener=_CollectionProgress(progress),
+            **scene,
+        )
+        rendered = render(data, spec=spec, workers=workers, resume=True, progress=progress)
+        record.data_cpu_s[key] = spent + collected.cpu_s + rendered.cpu_s
+        write_json(out / LEARN_JSON, record.model_dump(mode="json"))
+    for task in collected.status.tasks:
+        if task.held == 0:
+            message = f"none of its {task.tried} demonstrations held"
+            raise InputError(message, field=f"tasks.{task.name}", remedy="leave it out, or give more --minutes")
+    policy = _hearing(config, record, len(group))
+    source = Demonstrations.open([data], policy, (), progress=progress)
+    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out, progress)
+    training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key], "seed": record.seed})
+    trained = train_policy(source, policy, training, folder, resume=True, device="cpu", progress=progress)
+    return {task.name: task.held for task in collected.status.tasks}, trained
+
+
+def _begun_with(data: Path) -> int:
+    """Episodes of each task that a collection was begun with; 0 where there is none."""
+    from gensim2.data.dataset import DATASET_JSON, DataSet
+
+    return DataSet.open(data).record.episodes if (data / DATASET_JSON).exists() else 0
+
+
+class _CollectionProgress(NullProgress):
+    """Counts the episodes of a collection as steps of a stage that has begun.
+
+    Args:
+        progress: listener.
+    """
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress, self._counted = progress, 0
+
+    def message(self, text: str) -> None:
+        """Say one line."""
+        self._progress.message(text)
+
+    def update(self, status: Status) -> None:
+        """Count the episodes that were tried since the last time."""
+        self._progress.advance(status.tried - self._counted)
+        self._counted = status.tried
+
+
+def _decide_steps(
+    record: LearnRecord, key: str, tasks: int, seconds: Callable[[], float], out: Path, progress: Progress
+) -> None:
+    """Gradient steps for the CPU time that is left, once: a run that is gone on with takes as many."""
+    if key not in record.steps:
+        left = 60.0 * record.minutes - record.data_cpu_s[key]
+        each = seconds()
+        record.steps[key] = max(LEAST_STEPS, min(int(left / each), MAX_STEPS * tasks))
+        if left <= 0:
+            progress.message(f"the data took all of the {record.minutes:g} minutes: the fewest steps are trained")
+        progress.message(f"training: {record.steps[key]} steps of {1000 * each:.0f} ms of CPU")
+    write_json(out / LEARN_JSON, record.model_dump(mode="json"))
+
+
+def _hearing(policy: PolicyConfig, record: LearnRecord, tasks: int) -> PolicyConfig:
+    """The network with its text encoder; of one task the sentence tells nothing."""
+    text = (record.text or "small") if tasks > 1 else "none"
+    told = {"text": text, "text_model": record.text_model or policy.text_model}
+    return PolicyConfig.of({**policy.to_dict(), **told})
+
+
+def key_of(folder: Path, out: Path) -> str:
+    """Name of a policy in the record of a run: its folder below the run's."""
+    return str(folder.relative_to(out))
