@@ -18,8 +18,16 @@ from gensim2.robots import RobotProfile, robot
 Array = npt.NDArray[np.float64]
 
 
-def slab(low: float, high: float) -> Array:
-    return np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (low, high)])
+def slab(low: float, high: float, begin: float = -0.1) -> Array:
+    return np.array([[x, y, z] for x in (begin, 0.1) for y in (-0.1, 0.1) for z in (low, high)])
+
+
+def half(hull: Array) -> Array:
+    return hull * [1.0, 0.5, 1.0] + [0.0, 0.04, 0.0]
+
+
+def wall(low: float, high: float) -> Array:
+    return slab(low, high) * [0.1, 1.0, 1.0] - [0.03, 0.0, 0.0]
 
 
 def scene_with(*hulls: Array, keypoint: float) -> Scene:
@@ -49,6 +57,9 @@ def height(scene: Scene) -> float:
         ((slab(0.0, 0.02), slab(0.10, 0.105)), 0.102, 0.105),  # annotated a little within the shelf
         ((slab(0.0, 0.02), slab(0.30, 0.32)), 0.15, 0.02),  # the ceiling is none
         ((slab(0.30, 0.32),), 0.15, 0.0),  # nothing but the table
+        ((slab(0.0, 0.02), slab(0.10, 0.105, begin=-0.05)), 0.15, 0.105),  # a shelf of some depth
+        ((slab(0.0, 0.02), half(slab(0.10, 0.105, begin=-0.01))), 0.15, 0.02),  # its corner
+        ((slab(0.0, 0.02), half(slab(0.10, 0.105, begin=-0.01)), wall(0.10, 0.2)), 0.15, 0.105),  # on one side a wall
     ],
 )
 def test_the_floor_is_the_highest_surface_below_with_room_above(

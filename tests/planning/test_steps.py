@@ -12,8 +12,8 @@ from table_scenes import placed, resting, table_scene
 import gensim2_kpam as kpam
 from gensim2.objects import open_library
 from gensim2.planning import predict
-from gensim2.planning.scene import Scene
-from gensim2.planning.step_plan import INVALID, NO_GRASP
+from gensim2.planning.scene import Scene, SceneBody
+from gensim2.planning.step_plan import INVALID, NO_GRASP, StepPlan
 from gensim2.planning.steps import StepPlanner
 from gensim2.planning.strategies import PullStrategy, parse_strategy
 from gensim2.planning.world import PlanningWorld, carried_by
@@ -161,6 +161,31 @@ def test_a_patient_planner_tries_every_grasp_and_another_gives_up_after_some() -
         assert words[:3] == ["with", "none", "of"]
         tried.append(int(words[3]))
     assert tried[1] == 2 < tried[0]
+
+
+def test_what_lies_under_something_is_drawn_out_before_it_is_lifted() -> None:
+    bar, planner = open_library("builtin").load("gold_bar", "0"), StepPlanner(PANDA)
+    grasp = Step(name="grasp", object="gold", strategies=("grasp",))
+    way = parse_strategy({"grasp": "antipodal", "tilt": 1.6, "candidates": 60})
+    scene = table_scene({"gold": resting(bar, -0.1, -0.2)})
+    above = np.array([[x, y, z] for x in (-0.09, 0.2) for y in (-0.5, 0.1) for z in (0.055, 0.075)])
+    plate = SceneBody("plate", (above,), np.linalg.inv(scene.T_world_base))
+    free, barred = (planner.plan(each, grasp, way) for each in (scene, with_fixture(scene, plate)))
+    assert (free.status, barred.status) == ("solved", "solved"), barred.reason
+    ends = [predict_pose(each, "gold") for each in (free, barred)]
+    rise, drawn = ends[0][2] - ends[1][2], ends[0][:2] - ends[1][:2]
+    assert abs(rise) < 0.02  # as high
+    assert np.linalg.norm(drawn) > 0.05  # elsewhere
+
+
+def with_fixture(scene: Scene, body: SceneBody) -> Scene:
+    return replace(scene, fixtures=(*scene.fixtures, body))
+
+
+def predict_pose(plan: StepPlan, name: str) -> np.ndarray:
+    """Where a thing is meant to be after a step, in the base frame."""
+    assert plan.after is not None
+    return plan.after.objects[name].T_base_object[:3, 3]
 
 
 def test_what_has_a_joint_or_lies_out_of_reach_is_not_grasped(scene: Scene) -> None:

@@ -22,6 +22,10 @@ STRIDE = 0.06
 #: first of its strategies.
 COMPARED = 6
 
+#: Ways in which a thing is drawn out from under what bars its way up, and of how many grasps they are tried.
+ASIDE = ("move-backward", "move-left", "move-right", "move-forward")
+DRAWN_OUT = 8
+
 #: Hand poses nearer to each other than this are the same grasp: m and rad.
 SAME_PLACE, SAME_TURN = 0.015, 0.3
 
@@ -106,19 +110,26 @@ def is_near(T_object_hand: Array, other: Array) -> bool:
 
 
 def grasp_config(
-    scene: Scene, grasp: kpam.Grasp, profile: RobotProfile, strategy: GraspStrategy, swapped: bool
+    scene: Scene,
+    grasp: kpam.Grasp,
+    profile: RobotProfile,
+    strategy: GraspStrategy,
+    swapped: bool,
+    aside: str | None = None,
 ) -> tuple[dict[str, Array], kpam.SolverConfig]:
     """The config that brings the hand to a grasp and lifts, and the (3,) keypoints that it names, in the base frame.
 
     Args:
         swapped: the fingers the other way round.
+        aside: one of ``ASIDE``: how the hand moves before it lifts.
     """
     keypoints, constraints = hand_at(scene, grasp, profile, swapped)
+    ups = max(1, round(strategy.lift / STRIDE))
     config = kpam.SolverConfig(
         {
             "constraint_list": constraints,
             "pre_actuation_motions": [["translate_z", -strategy.approach]],
-            "post_actuation_motions": ["move-up"] * max(1, round(strategy.lift / STRIDE)),
+            "post_actuation_motions": [*([] if aside is None else [aside]), *(["move-up"] * ups)],
             "gripper": "grasp",
         }
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -19,6 +21,9 @@ UPRIGHT = "rigidbody_object_upright"
 UPRIGHT_HEIGHT = 0.1
 ROOM = 0.04
 """Metres that must be free above a floor."""
+BESIDE, EVEN, SIDES = 0.03, 0.01, 3
+"""Metres beside the vertical at which a floor goes on, metres by which it may rise or fall until there, and on how many
+of the four sides it does."""
 ABOVE = 0.02
 """Metres above the keypoint within which a floor may lie: annotated points lie on shelves, or a little in them."""
 
@@ -26,24 +31,30 @@ ABOVE = 0.02
 def floor(scene: Scene, name: str) -> Array:
     """(3,) where the vertical through an object's last keypoint meets what lies below, base frame.
 
-    That is the highest surface of the object's bodies and of the fixtures that has ``ROOM`` above it; the level of the
-    table, z = 0 in the world, where there is none.
+    That is the highest surface of the object's bodies and of the fixtures that has ``ROOM`` above it and off which
+    things do not fall: it goes on, or meets a wall, on most sides. Where there is none it is the level of the table,
+    z = 0 in the world.
     """
     T_base_world = np.linalg.inv(scene.T_world_base)
     up = np.asarray(T_base_world[:3, 2], dtype=np.float64)
     point = list(scene.objects[name].keypoints.values())[-1]
     level = float((scene.T_world_base @ np.append(point, 1.0))[2])
-    spans = sorted(span for body in (*scene.objects[name].bodies, *scene.fixtures) for span in _spans(body, point, up))
-    surfaces = [-level]
-    for _, top in spans:
-        free = all(low >= top + ROOM or high <= top for low, high in spans)
-        if top <= ABOVE and free:
-            surfaces.append(top)
-    return np.asarray(point + max(surfaces) * up, dtype=np.float64)
+    bodies = (*scene.objects[name].bodies, *scene.fixtures)
+    spans = _spans(bodies, point, up)
+    tops = [top for _, top in spans if top <= ABOVE and all(low >= top + ROOM or high <= top for low, high in spans)]
+    sides = [sign * axis for axis in T_base_world[:3, :2].T for sign in (-1.0, 1.0)]
+    beside = [_spans(bodies, point + BESIDE * side, up) for side in sides]
+    stays = [sum(any(low < top + EVEN and high > top - EVEN for low, high in each) for each in beside) for top in tops]
+    whole = [top for top, count in zip(tops, stays, strict=True) if count >= SIDES]
+    return np.asarray(point + max([-level, *whole]) * up, dtype=np.float64)
 
 
-def _spans(body: SceneBody, point: Array, up: Array) -> list[tuple[float, float]]:
-    """Stretches of a vertical line inside a body's hulls, metres above ``point``."""
+def _spans(bodies: Sequence[SceneBody], point: Array, up: Array) -> list[tuple[float, float]]:
+    """Stretches of a vertical line inside bodies' hulls, metres above ``point``, from low to high."""
+    return sorted(span for body in bodies for span in _spans_of(body, point, up))
+
+
+def _spans_of(body: SceneBody, point: Array, up: Array) -> list[tuple[float, float]]:
     rotation = body.T_base_body[:3, :3]
     start, along = rotation.T @ (point - body.T_base_body[:3, 3]), rotation.T @ up
     enter, leave = crossings(body.hulls, start[None], along)

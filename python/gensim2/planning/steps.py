@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ import gensim2_kpam as kpam
 from gensim2.planning import predict
 from gensim2.planning.actions import Schedule, grip_force, grip_on, schedule
 from gensim2.planning.fingers import Fingers
-from gensim2.planning.grasping import COMPARED, HELD, grasp_config, grasps_of, lever_of, margin_of
+from gensim2.planning.grasping import ASIDE, COMPARED, DRAWN_OUT, HELD, grasp_config, grasps_of, lever_of, margin_of
 from gensim2.planning.pulling import pull_config, pulls_of
 from gensim2.planning.reaching import Reach, reach
 from gensim2.planning.scene import Scene
@@ -179,10 +179,15 @@ class StepPlanner:
         serving: StepPlan | None = None
         ways: Sequence[Strategy] = () if use is None else use[1]  # in which it is yet to serve
         compared = useless = 0
-        for grasp, swapped in product(found, (False, True)):
-            taken = self._take(scene, step, strategy, grasp, swapped)
+        barred: list[tuple[kpam.Grasp, bool]] = []
+        for grasp, swapped, aside in chain(((*each, None) for each in product(found, (False, True))), _aside(barred)):
+            if aside is not None and best is not None and best.is_solved:
+                break
+            taken = self._take(scene, step, strategy, grasp, swapped, aside)
             if not taken.is_solved:
                 best = best if best is not None else taken
+                if aside is None and _is_barred(taken, thing.name):
+                    barred.append((grasp, swapped))
                 continue
             assert taken.after is not None
             if use is None:
@@ -227,8 +232,16 @@ class StepPlanner:
             return StepPlan(NO_GRASP, f"what {thing.name} moves cannot be held where it stands", None, None, None)
         return StepPlan(NO_GRASP, f"none of {len(found)} grasps pulls it: {first.reason}", first, None, None)
 
-    def _take(self, scene: Scene, step: Step, strategy: GraspStrategy, grasp: kpam.Grasp, swapped: bool) -> StepPlan:
-        points, config = grasp_config(scene, grasp, self.profile, strategy, swapped)
+    def _take(
+        self,
+        scene: Scene,
+        step: Step,
+        strategy: GraspStrategy,
+        grasp: kpam.Grasp,
+        swapped: bool,
+        aside: str | None = None,
+    ) -> StepPlan:
+        points, config = grasp_config(scene, grasp, self.profile, strategy, swapped, aside)
         options = {
             "pick": [step.object],
             "finger_width": self.profile.gripper.planned(float(min(grasp.opening, self.profile.gripper.widest))),
@@ -263,3 +276,15 @@ class StepPlanner:
             if (plan := kpam.plan(problem)).status == "solved":
                 return Foreseen(step.name, number, plan)
         return None
+
+
+def _is_barred(taken: StepPlan, name: str) -> bool:
+    """Whether a grasp is reached, and what it lifts meets something above it."""
+    met = () if taken.plan is None else taken.plan.collisions
+    return any(each["toward"].startswith("post_") and name in each["bodies"] for each in met)
+
+
+def _aside(barred: Sequence[tuple[kpam.Grasp, bool]]) -> Iterator[tuple[kpam.Grasp, bool, str]]:
+    """The first of the grasps that are barred, each with the ways in which the hand can draw the thing out."""
+    for (grasp, swapped), aside in product(barred[:DRAWN_OUT], ASIDE):
+        yield grasp, swapped, aside
