@@ -172,7 +172,7 @@ def test_what_lies_under_something_is_drawn_out_before_it_is_lifted() -> None:
     plate = SceneBody("plate", (above,), np.linalg.inv(scene.T_world_base))
     free, barred = (planner.plan(each, grasp, way) for each in (scene, with_fixture(scene, plate)))
     assert (free.status, barred.status) == ("solved", "solved"), barred.reason
-    ends = [predict_pose(each, "gold") for each in (free, barred)]
+    ends = [foreseen_position(each, "gold") for each in (free, barred)]
     rise, drawn = ends[0][2] - ends[1][2], ends[0][:2] - ends[1][:2]
     assert abs(rise) < 0.02  # as high
     assert np.linalg.norm(drawn) > 0.05  # elsewhere
@@ -182,8 +182,8 @@ def with_fixture(scene: Scene, body: SceneBody) -> Scene:
     return replace(scene, fixtures=(*scene.fixtures, body))
 
 
-def predict_pose(plan: StepPlan, name: str) -> np.ndarray:
-    """Where a thing is meant to be after a step, in the base frame."""
+def foreseen_position(plan: StepPlan, name: str) -> np.ndarray:
+    """Position (3,) of an object after a step, base frame."""
     assert plan.after is not None
     return plan.after.objects[name].T_base_object[:3, 3]
 
