@@ -6,8 +6,11 @@ use gensim2_geometry::Robot;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, World};
 
-/// Longest edge that a tree grows by (weighted, m).
+/// Longest edge that a tree grows by (weighted, m), and that of one of which so many in a row were blocked: among things
+/// that are near, only short ones are free.
 const EDGE: f64 = 0.3;
+const SHORT_EDGE: f64 = 0.05;
+const STUCK: usize = 16;
 /// Directions that are tried to leave an overlap, ever longer ones, and the longest (weighted, m).
 const EXITS: usize = 96;
 const EXIT: f64 = 0.6;
@@ -18,9 +21,20 @@ const SHORTCUTS: usize = 60;
 
 struct Tree {
     nodes: Vec<(Row, usize)>,
+    /// Long edges that were blocked since one was free.
+    blocked: usize,
 }
 
 impl Tree {
+    fn at(root: &Row) -> Self {
+        Self { nodes: vec![(*root, 0)], blocked: 0 }
+    }
+
+    /// Whether nothing has grown from the root.
+    fn is_bare(&self) -> bool {
+        self.nodes.len() == 1
+    }
+
     fn nearest(&self, metric: &Metric, x: &Row) -> usize {
         let mut best = (f64::INFINITY, 0);
         for (i, (node, _)) in self.nodes.iter().enumerate() {
@@ -100,6 +114,8 @@ pub(crate) enum NoWay {
     Blocked(Hit),
     /// The samples are spent; this is in the straight way.
     NotFound(Hit),
+    /// The same, and none of them got anywhere from where the motion begins.
+    BoxedIn(Hit),
 }
 
 /// Samples of a search for a free motion.
@@ -129,7 +145,7 @@ pub(crate) fn connect(
     let Some(hit) = world.sweep(a, b, segment, margins) else { return Ok(vec![*a, *b]) };
     let (n, metric) = (model.n(), Metric::of(&world.problem.robot, model));
     let mut draws = Draws::of(0x6b70_616d, sampling.seed);
-    let mut trees = [Tree { nodes: vec![(*a, 0)] }, Tree { nodes: vec![(*b, 0)] }];
+    let mut trees = [Tree::at(a), Tree::at(b)];
     let mut active = 0;
     for _ in 0..sampling.max_samples {
         if world.is_over() {
@@ -160,7 +176,8 @@ pub(crate) fn connect(
         }
         active = 1 - active;
     }
-    Err(NoWay::NotFound(hit))
+    let is_boxed = trees[0].is_bare() && trees[0].blocked > 2 * STUCK;
+    Err(if is_boxed { NoWay::BoxedIn(hit) } else { NoWay::NotFound(hit) })
 }
 
 /// For a start that overlaps something: a pose near it that is free, straight to which the overlap only lessens, and all
@@ -230,12 +247,15 @@ fn grow(
     if length == 0.0 {
         return None;
     }
-    let end = if length <= EDGE { *goal } else { between(n, &start, goal, EDGE / length) };
-    if world.hit_at(State::still(&end), segment, margins).is_some()
-        || !is_free(world, n, &start, &end, segment, margins)
-    {
-        return None;
-    }
+    let mut free = |edge: f64| {
+        let end = if length <= edge { *goal } else { between(n, &start, goal, edge / length) };
+        let blocked = world.hit_at(State::still(&end), segment, margins).is_some();
+        (!blocked && is_free(world, n, &start, &end, segment, margins)).then_some(end)
+    };
+    let long = free(EDGE);
+    tree.blocked = if long.is_some() { 0 } else { tree.blocked + 1 };
+    let is_stuck = tree.blocked > STUCK && length > SHORT_EDGE;
+    let end = long.or_else(|| if is_stuck { free(SHORT_EDGE) } else { None })?;
     tree.nodes.push((end, from));
     Some(tree.nodes.len() - 1)
 }
@@ -287,7 +307,67 @@ fn shorten(
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
+
+    use gensim2_geometry::{Convex, Pose};
+    use nalgebra::Vector3;
+
     use super::*;
+    use crate::{Body, KeypointProblem, Role, SolverConfig};
+
+    /// Search for a way of a cube of 2 cm on two slides from the middle of a square chamber, of half its inner width (m), to
+    /// a place outside. The wall to the right ends at `door` (m), and a screen stands behind it.
+    fn out_of_a_chamber(room: f64, door: f64) -> Result<Vec<Row>, NoWay> {
+        let urdf = r#"<robot name="plotter"><link name="base"/><link name="bridge"/>
+            <link name="pen"><collision><geometry><box size="0.02 0.02 0.02"/></geometry></collision></link>
+            <joint name="x" type="prismatic"><parent link="base"/><child link="bridge"/><axis xyz="1 0 0"/>
+            <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+            <joint name="y" type="prismatic"><parent link="bridge"/><child link="pen"/><axis xyz="0 1 0"/>
+            <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"#;
+        let robot = Arc::new(Robot::from_urdf_str(urdf, "plotter.urdf", None, "pen", None).unwrap());
+        let wall = |name: &str, x: [f64; 2], y: [f64; 2]| {
+            let half = [0.5 * (x[1] - x[0]), 0.5 * (y[1] - y[0]), 0.1];
+            let shape = Convex::cuboid(half, &Pose::identity()).unwrap();
+            let pose = Pose::translation(0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1]), 0.0);
+            Body::builder(name, Role::Rigid).shape(shape).pose(pose).build().unwrap()
+        };
+        let walls = vec![
+            wall("left", [-room - 0.02, -room], [-room, room]),
+            wall("bottom", [-room - 0.02, room + 0.02], [-room - 0.02, -room]),
+            wall("top", [-room - 0.02, room + 0.02], [room, room + 0.02]),
+            wall("right", [room, room + 0.02], [-room, door]),
+            wall("screen", [room + 0.08, room + 0.1], [-0.3, 0.3]),
+        ];
+        let config = SolverConfig::from_json(
+            r#"{"constraint_list": [{"type": "point2point_constraint", "keypoint_name": "tip",
+                "target_keypoint_name": "goal", "tolerance": 0.001}]}"#,
+        )
+        .unwrap();
+        let point = |name: &str| BTreeMap::from([(name.to_owned(), Vector3::zeros())]);
+        let builder = KeypointProblem::builder(Arc::clone(&robot), config, vec![0.0, 0.0]).object(Pose::identity());
+        let builder = builder.tool_keypoints(point("tip")).object_keypoints(point("goal")).bodies(walls);
+        let problem = builder.build().unwrap();
+        let model = Model::new(&robot, &[0.0, 0.0]).unwrap();
+        let mut world = World::new(&problem, &model);
+        let (start, mut goal) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+        goal[0] = 0.8;
+        let sampling = Sampling { max_samples: 2000, seed: 0 };
+        connect(&mut world, &model, &start, &goal, MotionSegment::Approach, &Margins::plain(0.0), sampling)
+    }
+
+    #[test]
+    fn a_start_with_little_room_takes_short_edges() {
+        // No edge of 0.3 m leads from the middle past the screen.
+        let path = out_of_a_chamber(0.12, 0.06).unwrap();
+        assert!(path.len() > 2, "{path:?}");
+    }
+
+    #[test]
+    fn a_start_without_any_room_is_told_from_one_without_a_way() {
+        assert!(matches!(out_of_a_chamber(0.12, 0.12), Err(NoWay::NotFound(_))));
+        assert!(matches!(out_of_a_chamber(0.03, 0.03), Err(NoWay::BoxedIn(_))));
+    }
 
     #[test]
     fn joints_count_by_how_far_they_move_the_arm() {

@@ -12,6 +12,8 @@ const CURVED: f64 = 1e-3;
 const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
 pub(super) const WIDE: f64 = 0.5;
 pub(super) const NEAR: f64 = 0.04;
+/// Searches in which no sample got anywhere from the start, after which none is made from it.
+const BOXED_IN: usize = 3;
 
 /// A free motion to the first keyframe.
 pub(super) struct Approach {
@@ -176,8 +178,12 @@ impl Planner<'_> {
         margins: &Margins,
         samples: usize,
     ) -> Result<Vec<Row>, NoWay> {
-        let sampling = Sampling { max_samples: samples, seed: self.problem.options.seed };
-        free_space::connect(&mut self.world, self.model, from, to, segment, margins, sampling)
+        // Where samples get nowhere from the start to some poses, they do to no other either.
+        let max_samples = if self.boxed_in < BOXED_IN { samples } else { 0 };
+        let sampling = Sampling { max_samples, seed: self.problem.options.seed };
+        let found = free_space::connect(&mut self.world, self.model, from, to, segment, margins, sampling);
+        self.boxed_in += usize::from(matches!(found, Err(NoWay::BoxedIn(_))));
+        found
     }
 
     /// A free pose near the start, where that overlaps something and can get out of it.

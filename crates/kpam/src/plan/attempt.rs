@@ -190,7 +190,7 @@ impl Planner<'_> {
                 out.hits.push((keyframe, hit.clone()));
                 out.failure = Some(Failure::Blocked { keyframe, hit });
             }
-            Err(NoWay::NotFound(hit)) => {
+            Err(NoWay::NotFound(hit) | NoWay::BoxedIn(hit)) => {
                 out.hits.push((keyframe, hit.clone()));
                 out.failure = Some(Failure::NotFound { keyframe, hit });
             }

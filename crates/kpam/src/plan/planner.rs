@@ -34,6 +34,8 @@ pub(super) struct Planner<'p> {
     pub clock: Option<Vec<f64>>,
     /// State in which the start has left what it overlaps, once that was looked for.
     pub exit: Option<Option<Row>>,
+    /// Searches in which no sample got anywhere from the start.
+    pub boxed_in: usize,
     /// Number in time of the keyframe that the motion goes to first; what comes before it is done.
     pub entry: usize,
     pub warm_start: Option<&'p Plan>,
@@ -92,6 +94,7 @@ impl<'p> Planner<'p> {
             builder,
             clock,
             exit: None,
+            boxed_in: 0,
             entry,
             warm_start: request.warm_start,
             explain: request.explain,
@@ -115,7 +118,7 @@ impl<'p> Planner<'p> {
 
     pub(super) fn set_margin(&mut self, margin: f64) {
         if self.margin.to_bits() != margin.to_bits() {
-            (self.margin, self.transition_checked, self.exit) = (margin, None, None);
+            (self.margin, self.transition_checked, self.exit, self.boxed_in) = (margin, None, None, 0);
         }
     }
 
