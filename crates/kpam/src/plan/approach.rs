@@ -12,7 +12,7 @@ const CURVED: f64 = 1e-3;
 const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
 pub(super) const WIDE: f64 = 0.5;
 pub(super) const NEAR: f64 = 0.04;
-/// Searches in which no sample got anywhere from the start, after which none is made from it.
+/// Searches in a row in which no sample got anywhere from the start, after which none is made from it.
 const BOXED_IN: usize = 3;
 
 /// A free motion to the first keyframe.
@@ -182,7 +182,11 @@ impl Planner<'_> {
         let max_samples = if self.boxed_in < BOXED_IN { samples } else { 0 };
         let sampling = Sampling { max_samples, seed: self.problem.options.seed };
         let found = free_space::connect(&mut self.world, self.model, from, to, segment, margins, sampling);
-        self.boxed_in += usize::from(matches!(found, Err(NoWay::BoxedIn(_))));
+        match found {
+            Err(NoWay::BoxedIn(_)) => self.boxed_in += 1,
+            Err(NoWay::NotFound(_)) if max_samples > 0 => self.boxed_in = 0,
+            Ok(_) | Err(_) => {}
+        }
         found
     }
 

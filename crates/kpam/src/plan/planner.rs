@@ -34,7 +34,7 @@ pub(super) struct Planner<'p> {
     pub clock: Option<Vec<f64>>,
     /// State in which the start has left what it overlaps, once that was looked for.
     pub exit: Option<Option<Row>>,
-    /// Searches in which no sample got anywhere from the start.
+    /// Searches since one in which some sample got anywhere from the start.
     pub boxed_in: usize,
     /// Number in time of the keyframe that the motion goes to first; what comes before it is done.
     pub entry: usize,
