@@ -310,22 +310,25 @@ mod tests {
     use std::collections::BTreeMap;
     use std::sync::Arc;
 
-    use gensim2_geometry::{Convex, Pose};
+    use gensim2_geometry::{Convex, Joint, Link, Pose};
     use nalgebra::Vector3;
 
     use super::*;
+    use crate::config::Constraint;
     use crate::{Body, KeypointProblem, Role, SolverConfig};
 
     /// Search for a way of a cube of 2 cm on two slides from the middle of a square chamber, of half its inner width (m), to
     /// a place outside. The wall to the right ends at `door` (m), and a screen stands behind it.
     fn out_of_a_chamber(room: f64, door: f64) -> Result<Vec<Row>, NoWay> {
-        let urdf = r#"<robot name="plotter"><link name="base"/><link name="bridge"/>
-            <link name="pen"><collision><geometry><box size="0.02 0.02 0.02"/></geometry></collision></link>
-            <joint name="x" type="prismatic"><parent link="base"/><child link="bridge"/><axis xyz="1 0 0"/>
-            <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-            <joint name="y" type="prismatic"><parent link="bridge"/><child link="pen"/><axis xyz="0 1 0"/>
-            <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"#;
-        let robot = Arc::new(Robot::from_urdf_str(urdf, "plotter.urdf", None, "pen", None).unwrap());
+        let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-1.0, 1.0).velocity(1.0);
+        let pen = Convex::cuboid([0.01; 3], &Pose::identity()).unwrap();
+        let robot = Robot::builder("plotter")
+            .link(Link::base("base"))
+            .link(Link::below("base", "bridge").moved_by(slide("x", Vector3::x())))
+            .link(Link::below("bridge", "pen").moved_by(slide("y", Vector3::y())).shape(pen))
+            .build("pen")
+            .unwrap();
+        let robot = Arc::new(robot);
         let wall = |name: &str, x: [f64; 2], y: [f64; 2]| {
             let half = [0.5 * (x[1] - x[0]), 0.5 * (y[1] - y[0]), 0.1];
             let shape = Convex::cuboid(half, &Pose::identity()).unwrap();
@@ -339,11 +342,7 @@ mod tests {
             wall("right", [room, room + 0.02], [-room, door]),
             wall("screen", [room + 0.08, room + 0.1], [-0.3, 0.3]),
         ];
-        let config = SolverConfig::from_json(
-            r#"{"constraint_list": [{"type": "point2point_constraint", "keypoint_name": "tip",
-                "target_keypoint_name": "goal", "tolerance": 0.001}]}"#,
-        )
-        .unwrap();
+        let config = SolverConfig::builder().constraint(Constraint::point("tip", "goal", 1e-3)).build().unwrap();
         let point = |name: &str| BTreeMap::from([(name.to_owned(), Vector3::zeros())]);
         let builder = KeypointProblem::builder(Arc::clone(&robot), config, vec![0.0, 0.0]).object(Pose::identity());
         let builder = builder.tool_keypoints(point("tip")).object_keypoints(point("goal")).bodies(walls);

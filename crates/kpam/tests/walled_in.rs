@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 /// A bar on two slides and a pivot in a chamber that it nearly fills; its middle is to come to a point outside, at any of
 /// as many angles as poses are looked for.
 fn problem() -> KeypointProblem {
-    let bar = || Convex::cuboid([0.1, 0.01, 0.01], &Pose::identity()).unwrap();
+    let bar = Convex::cuboid([0.1, 0.01, 0.01], &Pose::identity()).unwrap();
     let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-1.0, 1.0).velocity(1.0);
     let robot = Robot::builder("plotter")
         .link(Link::base("rail"))
@@ -21,7 +21,7 @@ fn problem() -> KeypointProblem {
         .link(
             Link::below("head", "bar")
                 .moved_by(Joint::revolute("turn", Vector3::z()).limits(-3.0, 3.0).velocity(1.0))
-                .shape(bar()),
+                .shape(bar),
         )
         .build("bar")
         .unwrap();
