@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gensim2.objects.generators.classes import _common as c
-from gensim2.objects.shapes import Array, Solid, arc, ball, path, rod, tube
+from gensim2.objects.shapes import Array, Solid, arc, ball, cone, path, rod, tube
 
 
 @dataclass(frozen=True)
@@ -56,4 +56,48 @@ def draw(rng: np.random.Generator) -> Bucket:
         ball(points[0], 1.3 * thick, wire).visual_only(),
         ball(points[-1], 1.3 * thick, wire).visual_only(),
     ]
+    return Bucket(body, handle, hinge, crown, np.array([0, top - 0.01, wide]), height)
+
+
+def pail(rng: np.random.Generator) -> Bucket:
+    """Draw a pail: bands about its rim, a thin wire that is hinged below them, and often something in it."""
+    height, wide = c.between(rng, 0.13, 0.20), c.between(rng, 0.07, 0.105)
+    narrow = wide * c.between(rng, 0.72, 0.96)
+    wall, thick = c.between(rng, 0.004, 0.006), c.between(rng, 0.0028, 0.0045)
+    look = c.pick(rng, (*c.PAINTS, c.WHITE, c.STEEL))
+    wire = c.pick(rng, (c.STEEL, c.DARK_METAL))
+    bands, deep = int(rng.integers(0, 4)), c.between(rng, 0.012, 0.30 * height)
+    straight = 0.0 if rng.random() < 0.6 else c.between(rng, 0.01, 0.05)
+    full = 0.0 if rng.random() < 0.5 else c.between(rng, 0.6, 0.97)
+    grip = c.between(rng, 0.02, 0.04) if rng.random() < 0.3 else 0.0
+
+    bottom, top = -height / 2, height / 2
+
+    def radius(y: float) -> float:
+        return narrow + (wide - narrow) * (y - bottom) / height
+
+    body = tube((0, bottom, 0), (0, top, 0), narrow, wide, wall, look, 12, bottom=0.006)
+    body.append(c.hoop((0, top, 0), (0, 1, 0), wide - wall / 2, 0.7 * wall, look))
+    for band in range(bands):
+        y = top - (band + 1) * deep / (bands + 1)
+        body.append(c.hoop((0, y, 0), (0, 1, 0), radius(y), 0.8 * wall, look))
+    if full:
+        y = bottom + full * height
+        inner = radius(y) - 1.5 * wall
+        body.append(cone((0, y - 0.006, 0), (0, y, 0), inner, inner, c.pick(rng, c.WOODS + c.PAINTS)))
+    # The wire passes the rim, which is above its hinges, and its grip the wall below them.
+    half = float(np.hypot(wide, deep)) + 0.012 + thick + (0.004 if grip else 0.0)
+    hinge = np.array([0.0, top - deep, 0.0])
+    for side in (-1, 1):
+        ear = hinge + np.array([side * radius(hinge[1]), 0, 0])
+        end = hinge + np.array([side * half, 0, 0])
+        body.append(rod(ear, end, c.between(rng, 0.004, 0.008), wire).visual_only())
+    up = np.array([0, straight, 0])
+    bow = arc(hinge + up, (-1, 0, 0), (0, 1.0, 0), half, 0.0, np.pi, 10)
+    points = [*([bow[0] - up] if straight else []), *bow, *([bow[-1] - up] if straight else [])]
+    handle = path(points, thick, wire, 8)
+    crown = hinge + up + np.array([0, half, 0])
+    if grip:
+        ends = np.array([grip, 0, 0])
+        handle.append(rod(crown - ends, crown + ends, thick + 0.004, c.pick(rng, (c.BLACK, *c.WOODS)), 10))
     return Bucket(body, handle, hinge, crown, np.array([0, top - 0.01, wide]), height)

@@ -8,8 +8,7 @@ from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _bucket
 
 
-def build(rng: np.random.Generator) -> Blueprint:
-    bucket = _bucket.draw(rng)
+def _swinging(bucket: _bucket.Bucket) -> Blueprint:
     return Blueprint(
         body=bucket.body,
         moving=bucket.handle,
@@ -22,4 +21,13 @@ def build(rng: np.random.Generator) -> Blueprint:
     )
 
 
-OBJECT_CLASS = ObjectClass("bucket_swing", 26, "revolute", build)
+def build(rng: np.random.Generator) -> Blueprint:
+    return _swinging(_bucket.draw(rng))
+
+
+def pail(rng: np.random.Generator) -> Blueprint:
+    """A pail, whose wire is hinged below its rim."""
+    return _swinging(_bucket.pail(rng))
+
+
+OBJECT_CLASS = ObjectClass("bucket_swing", 26, "revolute", build, (pail,))

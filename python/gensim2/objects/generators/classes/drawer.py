@@ -1,4 +1,4 @@
-"""A small cabinet of drawers, one of which slides, or a table with a drawer under its top."""
+"""A small cabinet of drawers, one of which slides; a table with a drawer under its top; a sideboard."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import numpy as np
 
 from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
-from gensim2.objects.shapes import Look, Solid, ball, box, rod, tray
-
-GAP = 0.002  # m around the sliding drawer
-FRONT = 0.012  # m thickness of a drawer's front
-WALL = 0.012  # m thickness of a table's aprons
+from gensim2.objects.generators.classes._drawer import FRONT, GAP, WALL, knob, sliding, small_handle
+from gensim2.objects.generators.classes._sideboard import sideboard
+from gensim2.objects.shapes import Solid, box, tray
 
 
 def _handle(rng: np.random.Generator, at: np.ndarray, width: float, height: float) -> tuple[list[Solid], float]:
@@ -25,29 +23,7 @@ def _handle(rng: np.random.Generator, at: np.ndarray, width: float, height: floa
     if kind == 1:
         return c.flat_handle(middle, length, "x", reach, c.between(rng, 0.010, 0.014), look), reach
     radius = c.between(rng, 0.012, 0.016)
-    return _knob(at, middle, radius, look), reach
-
-
-def _knob(at: np.ndarray, end: np.ndarray, radius: float, look: Look) -> list[Solid]:
-    """A round knob of ``radius`` at ``end``, on a stem from ``at``."""
-    return [rod(at, end, 0.5 * radius, look, 8), ball(end, (radius, radius, 0.7 * radius), look)]
-
-
-def _drawer(body: list[Solid], drawer: list[Solid], head: np.ndarray, inside: np.ndarray, stroke: float) -> Blueprint:
-    """A drawer that slides ``stroke`` metres towards the front, taken at ``head``."""
-    return Blueprint(
-        body=body,
-        moving=drawer,
-        joint_type="prismatic",
-        joint_origin=(0, 0, 0),
-        joint_axis=(0, 0, 1),
-        limits=(0.0, stroke),
-        keypoints={
-            "articulated_object_head": (head, "the middle of the drawer's handle"),
-            "articulated_object_inside": (inside, "the point inside the drawer to put an object"),
-        },
-        object_axis="z",
-    )
+    return knob(at, middle, radius, look), reach
 
 
 def build(rng: np.random.Generator) -> Blueprint:
@@ -95,27 +71,7 @@ def build(rng: np.random.Generator) -> Blueprint:
         else:
             body += [front, *handle]
             body.append(box((0, y, wall / 2 + 0.001), (inner_w, row_height - 2 * GAP, inner_d), c.WOODS[1], 0.0))
-    return _drawer(body, drawer, head, inside, min(stroke, inner_d - 0.03))
-
-
-def _small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tuple[list[Solid], np.ndarray]:
-    """A knob, two of them, a tab or a bar in front of ``at``, and the middle of the one to take."""
-    look = c.pick(rng, c.METALS)
-    kind = int(rng.integers(4))
-    reach, radius = c.between(rng, 0.018, 0.032), c.between(rng, 0.009, 0.015)
-    middle = at + np.array([0, 0, reach])
-    if kind == 0:
-        length = min(c.between(rng, 0.06, 0.10), 0.5 * width)
-        return c.bar_handle(middle, length, "x", reach, c.between(rng, 0.004, 0.006), look), middle
-    if kind == 1:
-        size = (c.between(rng, 0.02, 0.05), c.between(rng, 0.008, 0.014), reach)
-        return [box(at + np.array([0, 0, reach / 2]), size, look)], middle
-    aside = 0.0 if kind == 2 else c.between(rng, 0.2, 0.32) * width
-    parts: list[Solid] = []
-    for x in sorted({aside, -aside}):
-        there = np.array([x, 0, 0])
-        parts += _knob(at + there, middle + there, radius, look)
-    return parts, middle + np.array([aside, 0, 0])
+    return sliding(body, drawer, head, inside, min(stroke, inner_d - 0.03))
 
 
 def table(rng: np.random.Generator) -> Blueprint:
@@ -164,10 +120,10 @@ def table(rng: np.random.Generator) -> Blueprint:
         ),
     ]
     at = np.array([aside, y, face])
-    handles, head = _small_handle(rng, at, front)
-    return _drawer(
+    handles, head = small_handle(rng, at, front)
+    return sliding(
         body, [*slides, *handles], head, np.array([aside, y - 0.004, face - inner / 2]), min(stroke, inner - 0.03)
     )
 
 
-OBJECT_CLASS = ObjectClass("drawer", 20, "prismatic", build, (table,))
+OBJECT_CLASS = ObjectClass("drawer", 20, "prismatic", build, (table, sideboard))
