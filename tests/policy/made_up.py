@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -107,6 +109,31 @@ class MadeUpSource:
             found[KEY_ROTATIONS] = np.tile(np.eye(3), (size, count, 1, 1))
         tensors = {name: torch.from_numpy(values.astype(np.float32)) for name, values in found.items()}
         return {**tensors, SENTENCE: torch.from_numpy(sentence)}
+
+
+class FailsElsewhere(MadeUpSource):
+    """Draws no batch in a process that is not the one that made it."""
+
+    def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
+        """Return a batch, at home."""
+        if os.getpid() != self.home:
+            raise RuntimeError("CUDA out of memory")
+        return super().draw(rng, size)
+
+    home = 0
+
+
+class KilledElsewhere(MadeUpSource):
+    """Ends the process that draws its fourth step elsewhere, as the kernel does that is out of memory."""
+
+    home, drawn = 0, 0
+
+    def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
+        """Return a batch, or none ever more."""
+        self.drawn += 1
+        if os.getpid() != self.home and self.drawn == 4:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().draw(rng, size)
 
 
 def random_clip(folder: Path) -> Path:

@@ -30,6 +30,7 @@ def _command(name: str, short: str) -> click.Command:
     @options.assets
     @options.out("Folder to write to.  [default: runs/<date>-<time>]")
     @options.workers
+    @options.device
     @options.resume
     @options.json_file
     def run(small: bool, config: Path | None, out: Path | None, json_file: str | None, **given: Any) -> None:

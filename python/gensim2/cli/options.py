@@ -131,6 +131,13 @@ workers = click.option(
     callback=_workers,
     help="Simulator processes; the result does not depend on their number.",
 )
+device = click.option(
+    "--device",
+    default="auto",
+    show_default=True,
+    metavar="auto|NAME[,NAME...]",
+    help="Device of the training by PyTorch's name; several share each batch. auto is the first GPU, else the CPU.",
+)
 ray = click.option(
     "--ray",
     metavar="local|ADDRESS",

@@ -96,7 +96,7 @@ def _option(each: Any) -> dict[str, Any]:
 )
 @options.workers
 @options.moved_assets
-@click.option("--device", default="auto", show_default=True, help="Device by PyTorch's name.")
+@options.device
 @settings(PolicyConfig, TrainConfig)
 @options.json_file
 def train(
@@ -116,7 +116,7 @@ def train(
 ) -> None:
     """Train a policy on the demonstrations of rendered data sets; --out is then a checkpoint for `gensim2 evaluate`.
 
-    Ctrl-C writes the state, and --resume goes on, bit for bit on a CPU.
+    Ctrl-C writes the state, and --resume goes on, bit for bit on CPUs.
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.policy.training import train as function

@@ -12,6 +12,7 @@ from gensim2.files import check_writable, write_json
 from gensim2.observations import DepthNoise
 from gensim2.policy.checkpoint import checkpoint_folder
 from gensim2.policy.config import HEADS
+from gensim2.policy.devices import read_devices
 from gensim2.policy.evaluating import (
     CONTROL_EPISODES,
     CONTROLS,
@@ -126,6 +127,7 @@ def learn(
     out: Path,
     workers: int = 2,
     resume: bool = False,
+    device: str = "auto",
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[SceneArguments],
 ) -> LearnResult:
@@ -134,7 +136,7 @@ def learn(
     Args:
         tasks: names of library tasks, or folders that hold task.yaml and strategies/.
         policy: name of the head: ``"keypose"``, taught by plans, or one of action chunks, taught by episodes.
-        minutes: of CPU for the data and the training of each task; evaluation is not bounded.
+        minutes: of CPU for the data and the training of each task, on a GPU by the clock; evaluation is not bounded.
         multi_task: one policy for all tasks; its ``--minutes`` are those of all of them together.
         scenes: most of each task that are planned.
         episodes, control_episodes: of each task that the policy and each control are measured by.
@@ -162,6 +164,7 @@ def learn(
         out: folder; of one policy it is the checkpoint's, of several each has one in it by its task's name.
         workers: processes that plan and simulate.
         resume: go on with what the folder holds.
+        device: of the training, as :func:`~gensim2.policy.devices.read_devices` takes it.
         progress: listener.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 
@@ -174,6 +177,7 @@ def learn(
         if count is not None:
             check_counts(**{name: count})
     check_workers(TIME_LIMIT, JOBS_PER_WORKER, workers)
+    read_devices(device)
     controls = CONTROLS if controls is None else read_controls(controls)
     if policy not in HEADS:
         raise InputError(f"must be one of {', '.join(HEADS)}, is {policy!r}", field="policy")
@@ -205,7 +209,7 @@ def learn(
         beside = inputs_beside(list(named.values()), given, generated, progress, seed=seed, **scene)
     start = None if start is None else checkpoint_folder(start)
     begun = None if start is None else read_start(start, policy, given, noise)
-    how = config, training, observation_of(config, noise) if begun is None else begun.observation
+    how = config, training, observation_of(config, noise) if begun is None else begun.observation, device
     known = [] if begun is None else known_tasks(begun, scene_options(**scene).assets, progress)
     again: list[TaskInput] = []
     if start is not None and begun is not None:

@@ -12,6 +12,7 @@ from gensim2.files import write_json
 from gensim2.observations import ObservationSpec
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.devices import read_devices
 from gensim2.policy.keypose.adding import BESIDE, DATA, plan_again, take_along
 from gensim2.policy.keypose.data import Planned, plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
@@ -34,8 +35,8 @@ LEAST_STEPS, MAX_STEPS = 20, 10_000
 EPISODES, PORTION = 600, 25
 """Demonstrations of each task at most, and how many are collected before it is asked whether there is time for more."""
 
-How = tuple[PolicyConfig, TrainConfig, ObservationSpec]
-"""Network, training, and what is seen."""
+How = tuple[PolicyConfig, TrainConfig, ObservationSpec, str]
+"""Network, training, what is seen, and names of the training's devices."""
 
 
 def teach_by_plans(
@@ -60,7 +61,7 @@ def teach_by_plans(
     of_task = Counter[str]()
     for (one, _), count in zip(parts, objects, strict=True):
         of_task[one.spec.name] += count
-    limit, (config, training, spec) = DATA_SHARE * 60.0 * record.minutes / len(group), how
+    limit, (config, training, spec, device) = DATA_SHARE * 60.0 * record.minutes / len(group), how
     with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
         if again:
             planned, spent = plan_again(again, spec, folder, evaluator.executor, seed=record.seed, progress=progress)
@@ -90,10 +91,12 @@ def teach_by_plans(
         of = f" ({each.record.scene['instances']})" if beside else ""
         progress.message(f"{each.record.task}{of}: {plans}, {left_out}, {each.cpu_s:.0f} s of CPU")
     policy = _hearing(config, record, len(group)) if begun is None else begun.config
-    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out, progress)
+    _decide_steps(
+        record, key, len(group), lambda: seconds_a_step(source, policy, training, read_devices(device)), out, progress
+    )
     training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key], "seed": record.seed})
     trained = train_keypose(
-        source, folder, policy=policy, training=training, start=begun, resume=True, progress=progress
+        source, folder, policy=policy, training=training, start=begun, resume=True, device=device, progress=progress
     )
     taught = Counter[str]()
     for each in planned:
@@ -119,7 +122,7 @@ def teach_by_episodes(
     data, key = folder / DATA, key_of(folder, out)
     limit, most = DATA_SHARE * 60.0 * record.minutes, min(EPISODES, record.scenes)
     scene: dict[str, Any] = dict(record.scene)
-    config, training, spec = how
+    config, training, spec, device = how
     collected = None
     while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
         # The record holds the CPU time and the episodes of earlier calls.
@@ -148,9 +151,11 @@ def teach_by_episodes(
             raise InputError(message, field=f"tasks.{task.name}", remedy="leave it out, or give more --minutes")
     policy = _hearing(config, record, len(group))
     source = Demonstrations.open([data], policy, (), progress=progress)
-    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out, progress)
+    _decide_steps(
+        record, key, len(group), lambda: seconds_a_step(source, policy, training, read_devices(device)), out, progress
+    )
     training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key], "seed": record.seed})
-    trained = train_policy(source, policy, training, folder, resume=True, device="cpu", progress=progress)
+    trained = train_policy(source, policy, training, folder, resume=True, device=device, progress=progress)
     return {task.name: task.held for task in collected.status.tasks}, trained
 
 
@@ -191,7 +196,7 @@ def _decide_steps(
         record.steps[key] = max(LEAST_STEPS, min(int(left / each), MAX_STEPS * tasks))
         if left <= 0:
             progress.message(f"the data took all of the {record.minutes:g} minutes: the fewest steps are trained")
-        progress.message(f"training: {record.steps[key]} steps of {1000 * each:.0f} ms of CPU")
+        progress.message(f"training: {record.steps[key]} steps of {1000 * each:.0f} ms")
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))
 
 

@@ -6,32 +6,32 @@ import copy
 import hashlib
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 
 from gensim2.data.lock import FolderLock
 from gensim2.errors import InputError
-from gensim2.policy.augment import augmented, off_its_way
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.control import MAX_CLOUDS
 from gensim2.policy.curves import CURVES, Curves, read_curves
-from gensim2.policy.frames import SEEN, check_turns, inputs_of
+from gensim2.policy.devices import read_devices
+from gensim2.policy.frames import check_turns
+from gensim2.policy.gradient_step import GradientStep, training_batch
 from gensim2.policy.heads.keypose import KeyposeHead
-from gensim2.policy.network import CLOUD, PROPRIO, TEXT, PolicyNetwork, fresh_network
-from gensim2.policy.source import SENTENCE, Source
+from gensim2.policy.network import PolicyNetwork, fresh_network
+from gensim2.policy.replicas import Replicas
+from gensim2.policy.source import Source
 from gensim2.policy.text import prepare
 from gensim2.policy.train_signals import deferred_signals
 from gensim2.policy.train_state import STATE_JSON, Identity, TrainState
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 from gensim2.seeding import rng
-
-if TYPE_CHECKING:
-    import numpy as np
 
 FITTED = 1024
 """Samples that the normalization is taken from."""
@@ -95,8 +95,8 @@ def train_policy(
 ) -> TrainResult:
     """Train a policy and write its checkpoint, which holds the averaged weights of the last step.
 
-    On one CPU model and number of threads a training that was interrupted and resumed gives the same bytes as one that
-    was not.
+    On one CPU model, with one number of threads and of devices, a training that was interrupted and resumed gives the
+    same bytes as one that was not.
 
     Args:
         source: of batches.
@@ -105,7 +105,7 @@ def train_policy(
         out: folder of the checkpoint; its ``training/`` holds the state and the curves.
         start: checkpoint to go on from with other data or tasks: its weights and normalization, a fresh optimizer.
         resume: go on where an interrupted training in ``out`` was.
-        device: ``auto``, or as PyTorch names it.
+        device: as :func:`~gensim2.policy.devices.read_devices` takes it; several share each batch.
 
     Raises:
         InputError: settings and data do not go together, ``out`` holds another training, or another process has it.
@@ -129,7 +129,10 @@ def _train(
     progress: Progress,
 ) -> TrainResult:
     """Train, in a folder that no other process has."""
-    where = _device(device)
+    devices = read_devices(device)
+    if training.batch % len(devices):
+        message = f"is {training.batch}, which {len(devices)} devices cannot share"
+        raise InputError(message, field="batch", remedy=f"make it a multiple of {len(devices)}")
     if training.threads:
         torch.set_num_threads(training.threads)
     profile = robot(source.robot)
@@ -159,7 +162,7 @@ def _train(
         network.fit(training_batch(source, config, table, drawn, FITTED, training, moved))
     else:
         _start_from(network, start, source)
-    network.to(where)
+    network.to(devices[0])
     state = TrainState(network, copy.deepcopy(network).eval(), _optimizer(network, training))
     identity = _identity(source, config, training, start)
     folder = out / TRAINING
@@ -173,7 +176,7 @@ def _train(
         raise InputError("holds a policy already", file=out, remedy="choose another --out, or go on with --resume")
     out.mkdir(parents=True, exist_ok=True)
     source.some_clouds(MAX_CLOUDS).save(out)
-    loss = _run(state, source, table.to(where), config, training, folder, identity, progress)
+    loss = _run(state, source, table, config, training, folder, identity, devices, progress)
     checkpoint = PolicyCheckpoint(
         copy.deepcopy(state.average).cpu().eval(),
         source.robot,
@@ -199,27 +202,23 @@ def _run(
     training: TrainConfig,
     folder: Path,
     identity: Identity,
+    devices: Sequence[torch.device],
     progress: Progress,
 ) -> float:
     """Take all steps that are left; return the mean loss of the last stretch."""
-    loss_of = torch.compile(state.network.loss) if training.compile else state.network.loss
-    where = next(state.network.parameters()).device
-    mixed = torch.autocast(where.type, torch.bfloat16, enabled=training.amp and where.type == "cuda")
     parameters = [parameter for parameter in state.network.parameters() if parameter.requires_grad]
     curves = Curves(folder, state.step)
     state.network.train()
     progress.start("training", training.steps)
     progress.advance(state.step)
+    share = training.batch // len(devices)
+    gradients = GradientStep(state.network, source, config, training, table.to(devices[0]), share)
+    others = Replicas(state.network, source, config, training, table, share, devices[1:])
     began, spent = time.process_time(), state.cpu_s
-    with curves, deferred_signals() as stop:
+    with curves, others, deferred_signals() as stop:
         while state.step < training.steps:
-            draw = rng(training.seed, "policy/step", state.step)
-            generator = torch.Generator(where).manual_seed(int(draw.integers(2**62)))
-            batch = training_batch(source, config, table, draw, training.batch, training, generator)
-            with mixed:
-                loss = loss_of(batch, generator)
-            state.optimizer.zero_grad(set_to_none=True)
-            loss.backward()
+            others.begin(state.step)
+            loss = others.mean_with(gradients(state.step))
             norm = torch.nn.utils.clip_grad_norm_(parameters, training.clip)
             rate = learning_rate(state.step, training)
             for group in state.optimizer.param_groups:
@@ -227,8 +226,8 @@ def _run(
             state.optimizer.step()
             _average(state.average, state.network, training.ema, state.step)
             state.step += 1
-            state.cpu_s = spent + time.process_time() - began
-            state.losses.append(float(loss.detach()))
+            state.cpu_s = spent + time.process_time() - began + others.cpu_s
+            state.losses.append(loss)
             if not math.isfinite(state.losses[-1]):
                 message = f"the loss is {state.losses[-1]} at step {state.step}"
                 raise InputError(message, field="training", remedy="lower the learning rate")
@@ -255,26 +254,6 @@ def _run(
 def holds_training(folder: Path) -> bool:
     """Whether a folder holds a policy, or the state of a training."""
     return (folder / CONFIG_JSON).exists() or (folder / TRAINING / STATE_JSON).exists()
-
-
-def training_batch(
-    source: Source,
-    config: PolicyConfig,
-    table: torch.Tensor,
-    draw: np.random.Generator,
-    size: int,
-    training: TrainConfig | None = None,
-    generator: torch.Generator | None = None,
-) -> dict[str, torch.Tensor]:
-    """Return inputs and targets on the table's device; augmented where ``training`` says how."""
-    drawn = {name: value.to(table.device, non_blocking=True) for name, value in source.draw(draw, size).items()}
-    if training is not None and generator is not None:
-        if training.arm_noise > 0:
-            drawn = off_its_way(drawn, robot(source.robot), training, generator)
-        drawn = augmented(drawn, training, generator, ordered=config.encoder == "state")
-    seen = {name: drawn.pop(name) for name in SEEN}
-    inputs = inputs_of(seen, config, source.action.arm)
-    return {CLOUD: inputs.cloud, PROPRIO: inputs.proprio, TEXT: table[drawn.pop(SENTENCE)], **drawn}
 
 
 def learning_rate(step: int, training: TrainConfig) -> float:
@@ -352,23 +331,6 @@ def _identity(source: Source, config: PolicyConfig, training: TrainConfig, start
             found.update(name.encode() + value.detach().cpu().contiguous().numpy().tobytes())
         what["start"] = found.hexdigest()
     return Identity(what)
-
-
-def _device(name: str) -> torch.device:
-    """The device of a name.
-
-    Raises:
-        InputError: there is none.
-    """
-    if name == "auto":
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    try:
-        device = torch.device(name)
-        torch.zeros(1, device=device)
-    except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"cannot be used: {reason}", field="device", remedy="use cpu or auto") from error
-    return device
 
 
 def _versions() -> dict[str, str]:

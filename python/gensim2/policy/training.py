@@ -37,7 +37,7 @@ def train(
         tasks: names; none: all of the data.
         start: checkpoint to go on from, with other data or tasks; its architecture where ``settings`` say no other.
         resume: go on where an interrupted training in ``out`` was.
-        device: ``auto``, or as PyTorch names it.
+        device: as :func:`~gensim2.policy.devices.read_devices` takes it.
         dagger: rounds in which the policy is rolled out and the planner labels where it came to
             (:mod:`gensim2.policy.dagger`); each trains on for as many steps.
         dagger_episodes: of each task and round.

@@ -131,6 +131,7 @@ def run_experiment(
     assets: str | Path | None = None,
     workers: int = 2,
     resume: bool = False,
+    device: str = "auto",
     progress: Progress = NULL_PROGRESS,
 ) -> ExperimentResult:
     """Teach and measure every arm of an experiment, and write its page after each training.
@@ -142,6 +143,7 @@ def run_experiment(
         assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without one the arms of real objects are left out.
         workers: processes that plan and simulate.
         resume: go on with what the folder holds.
+        device: of the trainings, as :func:`~gensim2.policy.devices.read_devices` takes it.
         progress: listener.
 
     Raises:
@@ -169,7 +171,7 @@ def run_experiment(
         number, arm = done // len(arms), arms[done % len(arms)]
         progress.message(f"training {done + 1} of {total}: {arm.name}, seed {seed + number}")
         start = None if arm.start is None else trained[arm.start][number]
-        trained[arm.name].append(_train(arm, start, record, number, out, workers, progress))
+        trained[arm.name].append(_train(arm, start, record, number, out, workers, device, progress))
         found = tuple(_arm_result(each, trained, config) for each in arms if trained[each.name])
         result = ExperimentResult(str(out), record, found, skipped, total - done - 1)
         if result.remaining <= there:  # a resumed run has all figures of before first when it comes to where it was
@@ -296,6 +298,7 @@ def _train(
     number: int,
     out: Path,
     workers: int,
+    device: str,
     progress: Progress,
 ) -> _Training:
     config, assets = record.config, _assets(arm, record)
@@ -325,6 +328,7 @@ def _train(
         out=folder,
         workers=workers,
         resume=True,
+        device=device,
         progress=progress,
         **taught_on,
     ).learned

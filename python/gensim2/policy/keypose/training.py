@@ -71,6 +71,7 @@ def train_keypose(
     training: TrainConfig = TRAINING,
     start: PolicyCheckpoint | None = None,
     resume: bool = False,
+    device: str = "cpu",
     progress: Progress = NULL_PROGRESS,
 ) -> TrainResult:
     """Train a policy with the keypose head and write its checkpoint.
@@ -83,6 +84,7 @@ def train_keypose(
         training: how.
         start: policy to go on from, whose ways are the first of the source.
         resume: go on where an interrupted training was.
+        device: as :func:`~gensim2.policy.devices.read_devices` takes it.
 
     Raises:
         InputError: the frame is another one, or as :func:`gensim2.policy.train.train_policy`.
@@ -96,7 +98,7 @@ def train_keypose(
         Way(language=language, step=step, name=name, to_end=(language, step) in source.ways.to_end)
         for language, step, name in source.ways.tasks
     ]
-    trained = train_policy(source, config, training, out, start=start, resume=resume, device="cpu", progress=progress)
+    trained = train_policy(source, config, training, out, start=start, resume=resume, device=device, progress=progress)
     write_json(out / WAYS_JSON, WaysRecord(ways=ways).model_dump(mode="json"))
     return trained
 

@@ -1,0 +1,80 @@
+"""Batches as the network takes them, and the gradients of a share of one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+
+from gensim2.policy.augment import augmented, off_its_way
+from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.frames import SEEN, inputs_of
+from gensim2.policy.network import CLOUD, PROPRIO, TEXT, PolicyNetwork
+from gensim2.policy.source import SENTENCE, Source
+from gensim2.robots import robot
+from gensim2.seeding import rng
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+class GradientStep:
+    """Gradients of a network on its device: of the samples that it draws in a step, all of a batch or a share.
+
+    Args:
+        network: whose gradients are taken.
+        source: of batches.
+        config: of the network.
+        training: how; ``amp`` says whether a GPU computes in bfloat16.
+        table: of the sentences, on the network's device.
+        size: samples that are drawn in a step.
+        number: of the share; shares of other numbers draw other samples.
+    """
+
+    def __init__(
+        self,
+        network: PolicyNetwork,
+        source: Source,
+        config: PolicyConfig,
+        training: TrainConfig,
+        table: torch.Tensor,
+        size: int,
+        number: int = 0,
+    ) -> None:
+        self._network, self._source, self._config, self._training = network, source, config, training
+        self._table, self._size = table, size
+        self._purpose = f"policy/step/{number}" if number else "policy/step"
+        self._loss = torch.compile(network.loss) if training.compile else network.loss
+        self._bfloat16 = training.amp and table.device.type == "cuda"
+
+    def __call__(self, step: int) -> float:
+        """Leave the gradients of a step with the parameters; return the loss."""
+        draw = rng(self._training.seed, self._purpose, step)
+        where = self._table.device
+        generator = torch.Generator(where).manual_seed(int(draw.integers(2**62)))
+        batch = training_batch(self._source, self._config, self._table, draw, self._size, self._training, generator)
+        with torch.autocast(where.type, torch.bfloat16, enabled=self._bfloat16):
+            loss = self._loss(batch, generator)
+        self._network.zero_grad(set_to_none=True)
+        loss.backward()
+        return float(loss.detach())
+
+
+def training_batch(
+    source: Source,
+    config: PolicyConfig,
+    table: torch.Tensor,
+    draw: np.random.Generator,
+    size: int,
+    training: TrainConfig | None = None,
+    generator: torch.Generator | None = None,
+) -> dict[str, torch.Tensor]:
+    """Return inputs and targets on the table's device; augmented where ``training`` says how."""
+    drawn = {name: value.to(table.device, non_blocking=True) for name, value in source.draw(draw, size).items()}
+    if training is not None and generator is not None:
+        if training.arm_noise > 0:
+            drawn = off_its_way(drawn, robot(source.robot), training, generator)
+        drawn = augmented(drawn, training, generator, ordered=config.encoder == "state")
+    seen = {name: drawn.pop(name) for name in SEEN}
+    inputs = inputs_of(seen, config, source.action.arm)
+    return {CLOUD: inputs.cloud, PROPRIO: inputs.proprio, TEXT: table[drawn.pop(SENTENCE)], **drawn}

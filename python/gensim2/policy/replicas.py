@@ -1,0 +1,179 @@
+"""Data-parallel training: replicas of a network in processes of their own, each with a share of every batch."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import signal
+import time
+from collections.abc import Iterable, Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import torch
+import torch.multiprocessing
+
+from gensim2.errors import InputError
+from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.gradient_step import GradientStep
+from gensim2.policy.network import PolicyNetwork
+from gensim2.policy.source import Source
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+_CONTEXT = torch.multiprocessing.get_context("spawn")  # CUDA cannot be used in a fork
+
+
+class Replicas:
+    """Replicas of a network beside itself.
+
+    They hold no state: in each step they are given the network's weights, and the mean of all gradients is left with
+    the network, whose optimizer steps. Weights and gradients go through shared memory of the host, whatever the devices
+    are; for networks of a few million weights that takes milliseconds.
+
+    Args:
+        network: that is trained.
+        source, config, training: as for :class:`~gensim2.policy.gradient_step.GradientStep`.
+        table: of the sentences, on the CPU.
+        share: samples of a step that each takes.
+        devices: of the replicas; none: there are no others, and nothing is started.
+
+    Attributes:
+        cpu_s: CPU seconds of the replicas' steps so far.
+    """
+
+    def __init__(
+        self,
+        network: PolicyNetwork,
+        source: Source,
+        config: PolicyConfig,
+        training: TrainConfig,
+        table: torch.Tensor,
+        share: int,
+        devices: Sequence[torch.device],
+    ) -> None:
+        self.cpu_s = 0.0
+        self._network = network
+        self._replicas: list[tuple[Any, Connection, torch.Tensor]] = []
+        if not devices:
+            return
+        self._weights = torch.empty(_size(_values(network))).share_memory_()
+        model = copy.deepcopy(network).cpu()
+        for number, device in enumerate(devices, 1):
+            gradients = torch.empty(_size(_taught(network))).share_memory_()
+            mine, its = _CONTEXT.Pipe()
+            told = its, model, source, config, training, table, share, number, device, self._weights, gradients
+            process = _CONTEXT.Process(target=_replica, args=told, daemon=True)
+            process.start()
+            its.close()  # so that the pipe ends with the process
+            self._replicas.append((process, mine, gradients))
+
+    def begin(self, step: int) -> None:
+        """Let them take the gradients of a step, with the network's weights as they are."""
+        if self._replicas:
+            _write(self._weights, _values(self._network))
+        for _, pipe, _ in self._replicas:
+            with contextlib.suppress(BrokenPipeError):  # what it failed of is read below
+                pipe.send(step)
+
+    def mean_with(self, loss: float) -> float:
+        """Wait for them, and make the network's gradients the mean of all; return the mean loss.
+
+        Args:
+            loss: of the network's own share.
+
+        Raises:
+            InputError: a replica failed or was killed.
+        """
+        count = 1 + len(self._replicas)
+        taught = _taught(self._network)
+        for number, (process, pipe, gradients) in enumerate(self._replicas, 1):
+            try:
+                its_loss, cpu_s = pipe.recv()
+            except (EOFError, ConnectionResetError) as error:
+                process.join()
+                message = f"number {number + 1} was lost, its process ended with {process.exitcode}"
+                raise InputError(message, field="device", remedy="go on with --resume, or on fewer devices") from error
+            if isinstance(its_loss, str):
+                message = f"number {number + 1} cannot be used: {its_loss}"
+                raise InputError(message, field="device", remedy="use fewer devices, or a smaller batch")
+            loss, self.cpu_s, at = loss + its_loss, self.cpu_s + cpu_s, 0
+            for parameter in taught:
+                part = gradients[at : at + parameter.numel()].view_as(parameter).to(parameter.device)
+                parameter.grad = part if parameter.grad is None else parameter.grad.add_(part)
+                at += parameter.numel()
+        if count > 1:
+            torch._foreach_div_([parameter.grad for parameter in taught if parameter.grad is not None], count)
+        return loss / count
+
+    def __enter__(self) -> Replicas:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for _, pipe, _ in self._replicas:
+            with contextlib.suppress(BrokenPipeError):
+                pipe.send(None)
+            pipe.close()
+        for process, _, _ in self._replicas:
+            process.join()
+
+
+def _replica(
+    pipe: Connection,
+    network: PolicyNetwork,
+    source: Source,
+    config: PolicyConfig,
+    training: TrainConfig,
+    table: torch.Tensor,
+    share: int,
+    number: int,
+    device: torch.device,
+    weights: torch.Tensor,
+    gradients: torch.Tensor,
+) -> None:
+    """Take gradients of the steps that come by the pipe, until it ends or says None."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all; who trains ends its replicas
+    if training.threads:
+        torch.set_num_threads(training.threads)
+    try:
+        network.to(device).train()
+        take = GradientStep(network, source, config, training, table.to(device), share, number)
+        taught = _taught(network)
+        with contextlib.suppress(EOFError):  # who trains was killed
+            while (step := pipe.recv()) is not None:
+                begin, at = time.process_time(), 0
+                for value in _values(network):
+                    value.copy_(weights[at : at + value.numel()].view_as(value))
+                    at += value.numel()
+                loss = take(step)
+                _write(gradients, [torch.zeros_like(each) if each.grad is None else each.grad for each in taught])
+                pipe.send((loss, time.process_time() - begin))
+    except (RuntimeError, ValueError, OSError) as error:
+        pipe.send((f"{type(error).__name__}: {str(error).splitlines()[0]}", 0.0))
+
+
+def _values(network: torch.nn.Module) -> list[torch.Tensor]:
+    """What a replica is given: weights and buffers, but for counts."""
+    with torch.no_grad():
+        every = [*network.parameters(), *network.buffers()]
+        return [each.detach() for each in every if each.is_floating_point()]
+
+
+def _taught(network: torch.nn.Module) -> list[torch.nn.Parameter]:
+    """The weights that have gradients."""
+    return [parameter for parameter in network.parameters() if parameter.requires_grad]
+
+
+def _size(tensors: Iterable[torch.Tensor]) -> int:
+    return sum(each.numel() for each in tensors)
+
+
+def _write(flat: torch.Tensor, tensors: Iterable[torch.Tensor]) -> None:
+    """Copy tensors, one after the other, into a flat one."""
+    at = 0
+    for each in tensors:
+        flat[at : at + each.numel()].copy_(each.detach().reshape(-1))
+        at += each.numel()

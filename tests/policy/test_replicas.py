@@ -1,0 +1,95 @@
+"""Data-parallel training: gradients of the whole batch, bit for bit through interruptions, and who fails is named."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import made_up
+import pytest
+import torch
+from test_train import Interrupting, files
+
+from gensim2.errors import InputError
+from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.gradient_step import GradientStep, training_batch
+from gensim2.policy.network import fresh_network
+from gensim2.policy.replicas import Replicas
+from gensim2.policy.text import prepare
+from gensim2.policy.train import train_policy
+from gensim2.seeding import rng
+
+
+def test_gradients_are_those_of_the_whole_batch() -> None:
+    config = made_up.policy(points=made_up.POINTS)
+    source, training = made_up.MadeUpSource(config), made_up.training(dropout=0.0)
+    table = prepare(source.sentences, config)
+    network = fresh_network(config, 7, table.shape[1:], 0).train()
+    devices = [torch.device("cpu")] * 2
+    with Replicas(network, source, config, training, table, 2, devices) as others:
+        for step in (0, 7):
+            others.begin(step)
+            loss = others.mean_with(GradientStep(network, source, config, training, table, 2)(step))
+            mean = [parameter.grad.clone() for parameter in network.parameters() if parameter.grad is not None]
+            shares = []
+            for purpose in ("policy/step", "policy/step/1", "policy/step/2"):
+                draw = rng(training.seed, purpose, step)
+                generator = torch.Generator().manual_seed(int(draw.integers(2**62)))
+                shares.append(training_batch(source, config, table, draw, 2, training, generator))
+            network.zero_grad()
+            whole = network.loss(
+                {name: torch.cat([share[name] for share in shares]) for name in shares[0]}, torch.Generator()
+            )
+            whole.backward()
+            assert loss == pytest.approx(float(whole.detach()), rel=1e-5)
+            for mine, its in zip(mean, [p for p in network.parameters() if p.grad is not None], strict=True):
+                assert torch.allclose(mine, its.grad, atol=1e-6)
+            with torch.no_grad():  # the next step is of other weights
+                for parameter in network.parameters():
+                    parameter.add_(0.01)
+    assert others.cpu_s > 0
+
+
+def test_a_training_on_two_goes_on_bit_for_bit_and_is_another_than_on_one(tmp_path: Path) -> None:
+    config = made_up.policy(head="flow")
+    source = made_up.MadeUpSource(config)
+    train_policy(source, config, made_up.training(), tmp_path / "whole", device="cpu,cpu")
+    with pytest.raises(KeyboardInterrupt):
+        train_policy(source, config, made_up.training(), tmp_path / "parts", device="cpu,cpu", progress=Interrupting())
+    train_policy(source, config, made_up.training(), tmp_path / "parts", device="cpu,cpu", resume=True)
+    train_policy(source, config, made_up.training(), tmp_path / "one")
+    assert files(tmp_path / "whole") == files(tmp_path / "parts")
+    assert files(tmp_path / "whole") != files(tmp_path / "one")
+    assert PolicyCheckpoint.load(tmp_path / "whole").training.steps == 2
+
+
+def test_a_replica_that_fails_says_of_what(tmp_path: Path) -> None:
+    config = made_up.policy()
+    source = made_up.FailsElsewhere(config)
+    source.home = os.getpid()
+    with pytest.raises(InputError, match="device: number 2 cannot be used: RuntimeError: CUDA out of memory"):
+        train_policy(source, config, made_up.training(), tmp_path, device="cpu,cpu")
+
+
+def test_a_replica_that_is_killed_ends_the_training_which_goes_on_on_one(tmp_path: Path) -> None:
+    config = made_up.policy()
+    source = made_up.KilledElsewhere(config)
+    source.home = os.getpid()
+    told = made_up.training(steps=6)
+    with pytest.raises(InputError, match=r"device: number 2 was lost, its process ended with -9 .*--resume"):
+        train_policy(source, config, told, tmp_path, device="cpu,cpu")
+    assert train_policy(source, config, told, tmp_path, resume=True).steps == 6
+
+
+@pytest.mark.parametrize(
+    ("device", "message"),
+    [
+        ("cpu,cpu,cpu", "batch: is 4, which 3 devices cannot share"),
+        ("cpu,nowhere", "device: 'nowhere' cannot be used"),
+        ("", "device: '' cannot be used"),
+    ],
+)
+def test_devices_that_cannot_be(device: str, message: str, tmp_path: Path) -> None:
+    config = made_up.policy()
+    with pytest.raises(InputError, match=message):
+        train_policy(made_up.MadeUpSource(config), config, made_up.training(), tmp_path, device=device)
