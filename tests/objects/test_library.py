@@ -63,6 +63,23 @@ def test_split_is_a_partition_and_small_classes_have_no_test(library: Library) -
     assert library.split("drawer", "test") == test
 
 
+@pytest.mark.parametrize("asset_class", ["drawer", "faucet"])  # 20 and 13 of them
+def test_each_of_the_tenths_leaves_out_others_until_all_were(library: Library, asset_class: str) -> None:
+    ids = library.instances(asset_class)
+    found = [library.split(asset_class, "test", tenth) for tenth in range(10)]
+    assert {len(each) for each in found} == {2}
+    assert set().union(*found) == set(ids)
+    drawn = [each for tenth in found[: len(ids) // 2] for each in tenth]
+    assert len(set(drawn)) == len(drawn)
+    for tenth in range(1, 10):
+        assert library.choose(asset_class, f"test-{tenth}") == found[tenth]
+        assert set(library.choose(asset_class, f"train-{tenth}")) == set(ids) - set(found[tenth])
+    for word in ("test-0", "test-10", "train-"):
+        with pytest.raises(InputError, match="no instance"):
+            library.choose(asset_class, word)
+    assert library.choose("mug", "train-3") == library.instances("mug")
+
+
 def test_one_word_stands_for_instances(library: Library) -> None:
     assert library.choose("drawer", "all") == library.instances("drawer")
     assert library.choose("drawer", "test") == library.split("drawer", "test")

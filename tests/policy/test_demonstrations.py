@@ -147,8 +147,8 @@ def test_a_policy_sees_live_what_it_saw_in_training(folder: Path, checkpoint: Pa
     controller = PolicyController(str(checkpoint))
     config = controller._policy.config
     source = Demonstrations.open([folder], config)
+    from gensim2.policy.gradient_step import training_batch
     from gensim2.policy.network import CLOUD as CLOUD_INPUT
-    from gensim2.policy.train import training_batch
 
     class Fixed:
         """Draws the first frames in order."""

@@ -29,6 +29,9 @@ def test_unseen_objects_are_of_the_test_split_where_every_class_has_one() -> Non
         assert unseen_instances([taught]) == "new"
         test = taught.library.choose("drawer", "test")
         assert shared_objects([taught], "test") == [f"drawer/{each}" for each in test]
+    third = read_task_input("OpenDrawer", assets="builtin", instances="train-3")
+    assert unseen_instances([third]) == "test-3"
+    assert unseen_instances([third, many]) == "new"
     taught = read_task_input("OpenDrawer", assets="builtin", instances="new")
     with pytest.raises(InputError, match="--test-instances"):
         unseen_instances([taught, few])

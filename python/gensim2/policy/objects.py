@@ -11,12 +11,15 @@ from gensim2.rollout.inputs import TaskInput, has_instances, read_all_task_input
 
 
 def unseen_instances(given: Sequence[TaskInput]) -> str:
-    """The word for objects that no training on these tasks saw: ``test`` where all classes have such, else ``new``.
+    """The word for objects that no training on these tasks saw.
+
+    ``test`` where all classes have such, ``test-3`` where it saw ``train-3``, else ``new``.
 
     Raises:
         InputError: some class has neither.
     """
-    for word in ("test", "new"):
+    others = (one.instances.replace("train", "test") for one in given if one.instances.startswith("train-"))
+    for word in dict.fromkeys(("test", *others, "new")):
         found = [
             has_instances(one.library, thing.asset_class, word) for one in given for thing in one.spec.objects.values()
         ]

@@ -181,7 +181,7 @@ def test_objects_without_a_class_leave_out_their_measurement_alone(tmp_path: Pat
     record = ExperimentRecord(config=config, seed=0, assets=str(tmp_path))
     found, skipped = runnable(record)
     assert [each.tasks for each in found] == [("CloseBox", "OpenBox")]
-    assert [one.kind for one in _measurements(found[0], record)] == ["seen"]
+    assert [one.kind for one in _measurements(found[0], record, 0)] == ["seen"]
     assert list(skipped) == ["split/CloseBox on real objects", "split/OpenBox on real objects"]
     assert all("no class 'box_rotate'" in reason for reason in skipped.values())
 
@@ -198,9 +198,9 @@ def test_an_arm_of_both_kinds_of_objects_is_measured_on_the_folder_s_alone(
     config = ExperimentConfig.model_validate({**base, "arms": arms})
     record = ExperimentRecord(config=config, seed=0, assets=str(real_assets))
     (mixed, counted), _ = runnable(record)
-    (seen,) = _measurements(mixed, record)
+    (seen,) = _measurements(mixed, record, 0)
     assert (seen.kind, seen.assets, seen.instances) == ("seen", str(real_assets), "train")
-    assert not list(_measurements(counted, record))
+    assert not list(_measurements(counted, record, 0))
     taught: list[dict[str, Any]] = []
 
     def kept(*_: object, **given: Any) -> None:
@@ -208,11 +208,15 @@ def test_an_arm_of_both_kinds_of_objects_is_measured_on_the_folder_s_alone(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(running, "learn", kept)
-    for arm in (mixed, counted):
+    for arm, number in ((mixed, 0), (mixed, 1), (counted, 1)):
         with pytest.raises(KeyboardInterrupt):
-            running._train(arm, None, record, 0, tmp_path, 1, NULL_PROGRESS)
-    chosen = [(each["objects"], each["generated"], each.get("instances"), each["assets"]) for each in taught]
-    assert chosen == [(None, 7, "train", str(real_assets)), (7, None, None, BUILTIN)]
+            running._train(arm, None, record, number, tmp_path, 1, "cpu", NULL_PROGRESS)
+    names = ("objects", "generated", "instances", "test_instances", "assets")
+    assert [tuple(each.get(name) for name in names) for each in taught] == [
+        (None, 7, "train", "test", str(real_assets)),
+        (None, 7, "train-1", "test-1", str(real_assets)),
+        (7, None, None, "test", BUILTIN),
+    ]
 
 
 @pytest.mark.real
@@ -223,6 +227,23 @@ def test_an_arm_of_both_kinds_of_objects_without_generated_ones_is_left_out(real
     found, skipped = runnable(ExperimentRecord(config=config, seed=0, assets=str(real_assets)))
     assert not found
     assert skipped == {"mixed": "has no task that generated objects do for, beside the real ones"}
+
+
+def test_each_training_of_a_split_leaves_out_another_tenth() -> None:
+    split, counted = (
+        Arm(name="a", objects="real", tasks=("CloseBox",)),
+        Arm(name="b", objects="generated", count=9, tasks=("CloseBox",)),
+    )
+    told = ExperimentConfig(
+        title="", about="", minutes_a_task=1, scenes=1, episodes=1, control_episodes=1, tenth=9, arms=(split, counted)
+    )
+    assert [told.words(split, number) for number in range(3)] == [
+        ("train-9", "test-9"),
+        ("train", "test"),
+        ("train-1", "test-1"),
+    ]
+    assert told.words(counted, 1) == ("all", "test")
+    assert told.model_copy(update={"unseen": "new"}).words(split, 1) == ("train", "new")
 
 
 def test_tasks_without_unseen_objects_are_left_out_of_an_arm_and_named() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,10 +24,16 @@ from gensim2.seeding import rng
 
 Split = Literal["train", "test", "all"]
 SPLITS: Final = ("train", "test", "all")
-SETS: Final = (*SPLITS, "new", "random")
+TENTHS: Final = 10
+_TENTH = re.compile(r"(train|test)-([1-9])")
+SETS: Final = (
+    *SPLITS,
+    *(f"{each}-{tenth}" for each in ("train", "test") for tenth in range(1, TENTHS)),
+    "new",
+    "random",
+)
 """Words of ``--instances`` that stand for any class's objects; what is none of them is an id."""
 KINDS: Final[tuple[Kind, ...]] = ("articulated", "rigid")
-TEST_SHARE = 0.1
 SMALLEST_TO_SPLIT = 10
 BUILTIN = "builtin"
 YCB = "ycb"
@@ -152,8 +159,14 @@ class Library:
                 remedy=shelf.remedy(asset_class, instance_id),
             )
 
-    def split(self, asset_class: str, which: Split) -> tuple[str, ...]:
+    def split(self, asset_class: str, which: Split, tenth: int = 0) -> tuple[str, ...]:
         """Ids for training (90 %) or testing (10 %), by a seeded rule; a class with under 10 instances is all train.
+
+        Args:
+            asset_class: name of the class.
+            which: of both, or all.
+            tenth: which one is for testing, 0 to 9, in a drawn order; a class of under a hundred, whose tenths are
+                rounded up, begins again where it ends.
 
         Raises:
             InputError: ``which`` is ``"test"`` and the class is too small to have one; or an unknown split.
@@ -172,7 +185,8 @@ class Library:
                 )
             return ids
         order = rng(0, f"split/{asset_class}").permutation(len(ids))
-        held_out = {ids[i] for i in order[: math.ceil(TEST_SHARE * len(ids))]}
+        count = math.ceil(len(ids) / TENTHS)
+        held_out = {ids[order[place % len(ids)]] for place in range(tenth * count, (tenth + 1) * count)}
         return tuple(i for i in ids if (i in held_out) == (which == "test"))
 
     def choose(self, asset_class: str, which: str, seed: int = 0) -> tuple[str, ...]:
@@ -180,7 +194,8 @@ class Library:
 
         Args:
             asset_class: of a rigid object every word but an id of another stands for the only one.
-            which: ``train``, ``test``, ``all``, ``new`` (generated ones beyond those that ``instances`` lists),
+            which: ``train``, ``test``, ``train-1`` and ``test-1`` to ``-9`` (another tenth is for testing), ``all``,
+                ``new`` (generated ones beyond those that ``instances`` lists),
                 ``random`` (one, by the seed), a split of the release (:mod:`~gensim2.objects.library.release_splits`)
                 or an id.
             seed: of ``random``.
@@ -194,6 +209,8 @@ class Library:
             return self._shelf(asset_class).new(asset_class)
         if which in SPLITS:
             return self.split(asset_class, cast(Split, which))
+        if tenth := _TENTH.fullmatch(which):
+            return self.split(asset_class, cast(Split, tenth[1]), int(tenth[2]))
         if which == "random":
             ids = self.instances(asset_class)
             return (ids[int(rng(seed, f"choose/{asset_class}").integers(len(ids)))],)

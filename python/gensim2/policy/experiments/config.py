@@ -8,6 +8,7 @@ from typing import Annotated, Literal, get_args
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from gensim2.errors import InputError
+from gensim2.objects.library.catalogue import TENTHS
 
 Name = Literal["generalization", "breadth", "scaling"]
 NAMES: tuple[Name, ...] = get_args(Name)
@@ -67,6 +68,8 @@ class ExperimentConfig(BaseModel):
         scenes: most that are planned of each task.
         episodes, control_episodes: of each task that a policy and its blind control are measured by.
         unseen: word for the objects that no training saw.
+        tenth: of each class's objects, 0 to 9, that the first training of a split does not see; each further training
+            leaves out the next one.
         transfer: measure policies that were taught on generated objects on real ones, too.
         text, text_model: encoder of the policies' sentences, and folder or hub name of its weights; None: as
             :func:`~gensim2.policy.learning.learn` has them.
@@ -85,6 +88,7 @@ class ExperimentConfig(BaseModel):
     episodes: Count
     control_episodes: Count
     unseen: Literal["test", "new"] = "test"
+    tenth: Annotated[int, Field(ge=0, le=9)] = 0
     transfer: bool = False
     text: Literal["small", "clip", "sentence"] | None = None
     text_model: str | None = None
@@ -114,6 +118,17 @@ class ExperimentConfig(BaseModel):
             if len(start.tasks) < 2 or not set(start.tasks) < set(arm.tasks):
                 raise ValueError(f"{arm.name} has to have all tasks of {arm.start}, which are several, and others")
         return self
+
+    def words(self, arm: Arm, number: int) -> tuple[str, str]:
+        """Return the words for the objects that a training of an arm is taught on, and that it never saw.
+
+        Args:
+            arm: the arm.
+            number: of its training, from 0 on.
+        """
+        tenth = (self.tenth + number) % TENTHS if arm.is_split else 0
+        behind = f"-{tenth}" if tenth else ""
+        return f"train{behind}" if arm.is_split else "all", self.unseen if self.unseen == "new" else f"test{behind}"
 
     def start_of(self, arm: Arm) -> Arm | None:
         """Return the arm that one begins with."""

@@ -222,7 +222,9 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
             skipped[arm.name] = "needs a folder of real objects: --assets"
             continue
         left = list(arm.tasks)
-        for word in ("train" if arm.is_split else "all", record.config.unseen):
+        for word in dict.fromkeys(
+            word for number in range(record.config.seeds) for word in record.config.words(arm, number)
+        ):
             for name in list(left):
                 _check_name(arm, name)
                 try:
@@ -241,7 +243,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
     for arm in found:
         _, lacking = _transferred(arm, record)
         skipped |= {f"{arm.name}/{name} on real objects": reason for name, reason in lacking.items()}
-        for one in _measurements(arm, record):
+        for one in _measurements(arm, record, 0):  # another tenth of a class is there where one is
             _, lacking = read_task_inputs(tuple(one.tasks), seed=0, assets=one.assets, instances=one.instances)
             for name, reason in lacking.items():
                 raise InputError(f"{one.title}: {reason}", field=f"arms.{arm.name}.{name}")
@@ -305,8 +307,9 @@ def _train(
     taught = arm.added_to(config.start_of(arm))
     hears = len(arm.tasks) > 1  # of one task the sentence tells nothing
     taught_on: SceneArguments = {"assets": assets}
+    train, unseen = config.words(arm, number)
     if arm.is_split:
-        taught_on["instances"] = "train"
+        taught_on["instances"] = train
     seed = record.seed + number
     folder = out / arm.name / f"seed-{seed}"
     (learned,) = learn(
@@ -323,7 +326,7 @@ def _train(
         start=None if start is None else start.learned.folder,
         text=config.text if hears else None,
         text_model=config.text_model if hears and start is None else None,
-        test_instances=config.unseen,
+        test_instances=unseen,
         seed=seed,
         out=folder,
         workers=workers,
@@ -335,7 +338,7 @@ def _train(
     tables: dict[Kind, list[EvaluationResult]] = defaultdict(list)
     tables["unseen"].append(learned.measured.policy)
     tables["blind"] += learned.measured.controls["blind"]
-    for one in _measurements(arm, record):
+    for one in _measurements(arm, record, number):
         measured = evaluate_policy(
             folder,
             one.tasks,
@@ -388,10 +391,11 @@ class _Measurement:
     arguments: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _measurements(arm: Arm, record: ExperimentRecord) -> Iterator[_Measurement]:
+def _measurements(arm: Arm, record: ExperimentRecord, number: int) -> Iterator[_Measurement]:
     config, assets = record.config, _assets(arm, record)
+    train, unseen = config.words(arm, number)
     if arm.is_split:  # an evaluation draws from a split, and counted objects are none
-        yield _Measurement("seen", "seen", "seen objects", arm.tasks, config.episodes, assets, "train")
+        yield _Measurement("seen", "seen", "seen objects", arm.tasks, config.episodes, assets, train)
     there, _ = _transferred(arm, record)
     if there:
         yield _Measurement("real", "real", "real objects", there, config.episodes, record.assets, "all")
@@ -404,7 +408,7 @@ def _measurements(arm: Arm, record: ExperimentRecord) -> Iterator[_Measurement]:
     specs = [load_task(name) for name in arm.tasks]
     other = opposites(specs)
     paired = [task.name for task in specs if task.description in other]
-    few, unseen = config.control_episodes, config.unseen
+    few = config.control_episodes
     if paired:
         yield _Measurement("opposite", "opposite", "told the opposite", paired, few, assets, unseen, {"says": other})
     for number, says in enumerate(rephrased(specs), 1):
