@@ -63,6 +63,9 @@ experiment.add_command(
 experiment.add_command(
     _command("scaling", "Success on unseen objects by the number of objects that a policy was taught on.")
 )
+experiment.add_command(
+    _command("combinations", "One policy on things in containers that it was not taught together, by their sentences.")
+)
 
 
 def _show(result: dict[str, Any]) -> None:

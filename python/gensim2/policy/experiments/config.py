@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from gensim2.errors import InputError
 from gensim2.objects.library.catalogue import TENTHS
 
-Name = Literal["generalization", "breadth", "scaling"]
+Name = Literal["generalization", "breadth", "scaling", "combinations"]
 NAMES: tuple[Name, ...] = get_args(Name)
 
 CONFIGS = Path(__file__).parent / "configs"
@@ -74,7 +74,8 @@ class ExperimentConfig(BaseModel):
         text, text_model: encoder of the policies' sentences, and folder or hub name of its weights; None: as
             :func:`~gensim2.policy.learning.learn` has them.
         sentences: measure them told the opposite, and told the same in other words, too.
-        untaught: tasks of classes that no arm has, which they are measured on, too, told what these ask for.
+        untaught: tasks that no arm has, of other classes or of other combinations of these, which they are measured
+            on, too, told what these ask for.
         arms: in the order of the page.
     """
 

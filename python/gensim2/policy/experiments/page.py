@@ -30,7 +30,7 @@ WORDS: dict[Kind, str] = {
     "real": "real",
     "opposite": "told the opposite",
     "rephrased": "in other words",
-    "untaught": "untaught classes",
+    "untaught": "untaught tasks",
     "blind": "blind",
 }
 """Heads of columns."""

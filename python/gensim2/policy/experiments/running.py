@@ -402,7 +402,7 @@ def _measurements(arm: Arm, record: ExperimentRecord, number: int) -> Iterator[_
     embedded = {"unknown_sentences": "embed"}
     if config.untaught:
         tasks, few = config.untaught, config.control_episodes
-        yield _Measurement("untaught", "untaught", "untaught classes", tasks, few, BUILTIN, "all", embedded)
+        yield _Measurement("untaught", "untaught", "untaught tasks", tasks, few, BUILTIN, "all", embedded)
     if not config.sentences or len(arm.tasks) < 2:
         return
     specs = [load_task(name) for name in arm.tasks]
