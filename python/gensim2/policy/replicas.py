@@ -116,9 +116,9 @@ class Replicas:
         for _, pipe, _ in self._replicas:
             with contextlib.suppress(BrokenPipeError):
                 pipe.send(None)
-            pipe.close()
-        for process, _, _ in self._replicas:
+        for process, pipe, _ in self._replicas:
             process.join()
+            pipe.close()
 
 
 def _replica(
