@@ -77,6 +77,8 @@ def test_each_of_the_tenths_leaves_out_others_until_all_were(library: Library, a
     for word in ("test-0", "test-10", "train-"):
         with pytest.raises(InputError, match="no instance"):
             library.choose(asset_class, word)
+    with pytest.raises(InputError, match=r"tenth: must lie in 0\.\.9, is 10"):
+        library.split(asset_class, "test", 10)
     assert library.choose("mug", "train-3") == library.instances("mug")
 
 

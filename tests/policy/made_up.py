@@ -124,14 +124,14 @@ class FailsElsewhere(MadeUpSource):
 
 
 class KilledElsewhere(MadeUpSource):
-    """Ends the process that draws its fourth step elsewhere, as the kernel does that is out of memory."""
+    """Ends the process that draws its fourth step elsewhere, as the kernel does when it is out of memory."""
 
     home, drawn = 0, 0
 
     def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
-        """Return a batch, or none ever more."""
-        self.drawn += 1
-        if os.getpid() != self.home and self.drawn == 4:
+        """Return a batch, or die."""
+        self.drawn += os.getpid() != self.home
+        if self.drawn == 4:
             os.kill(os.getpid(), signal.SIGKILL)
         return super().draw(rng, size)
 

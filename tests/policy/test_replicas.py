@@ -1,8 +1,13 @@
-"""Data-parallel training: gradients of the whole batch, bit for bit through interruptions, and who fails is named."""
+"""Data-parallel training: gradients of the whole batch, bit for bit through interruptions, and failures are named."""
 
 from __future__ import annotations
 
+import json
 import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import made_up
@@ -15,6 +20,7 @@ from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.gradient_step import GradientStep, training_batch
 from gensim2.policy.network import fresh_network
 from gensim2.policy.replicas import Replicas
+from gensim2.policy.step_cost import seconds_a_step
 from gensim2.policy.text import prepare
 from gensim2.policy.train import train_policy
 from gensim2.seeding import rng
@@ -71,14 +77,60 @@ def test_a_replica_that_fails_says_of_what(tmp_path: Path) -> None:
         train_policy(source, config, made_up.training(), tmp_path, device="cpu,cpu")
 
 
-def test_a_replica_that_is_killed_ends_the_training_which_goes_on_on_one(tmp_path: Path) -> None:
+def test_a_replica_that_is_killed_ends_the_training_which_goes_on_from_there_on_one(tmp_path: Path) -> None:
     config = made_up.policy()
     source = made_up.KilledElsewhere(config)
     source.home = os.getpid()
-    told = made_up.training(steps=6)
-    with pytest.raises(InputError, match=r"device: number 2 was lost, its process ended with -9 .*--resume"):
+    told = made_up.training(steps=6, save_every=100)
+    with pytest.raises(InputError, match=r"device: number 2 was lost, its process ended with .*--resume"):
         train_policy(source, config, told, tmp_path, device="cpu,cpu")
+    state = json.loads((tmp_path / "training" / "state.json").read_text())
+    assert state["step"] == 3
+    before = (tmp_path / "training" / "curves.jsonl").read_text().splitlines()
     assert train_policy(source, config, told, tmp_path, resume=True).steps == 6
+    after = (tmp_path / "training" / "curves.jsonl").read_text().splitlines()
+    assert len(before) == 3
+    assert after[:3] == before
+    assert len(after) == 6
+
+
+@pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_to_all_processes_ends_the_training_once_its_state_is_written(
+    which: signal.Signals, tmp_path: Path
+) -> None:
+    script = tmp_path / "train.py"
+    script.write_text(
+        f"""import sys
+sys.path.insert(0, {str(Path(made_up.__file__).parent)!r})
+import made_up
+from pathlib import Path
+from gensim2.policy.train import train_policy
+
+if __name__ == "__main__":
+    config = made_up.policy()
+    told = made_up.training(steps=100_000, save_every=100_000)
+    train_policy(made_up.MadeUpSource(config), config, told, Path({str(tmp_path / "policy")!r}), device="cpu,cpu")
+"""
+    )
+    process = subprocess.Popen([sys.executable, str(script)], start_new_session=True, stderr=subprocess.PIPE, text=True)
+    curves = tmp_path / "policy" / "training" / "curves.jsonl"
+    until = time.monotonic() + 120
+    while not (curves.exists() and curves.read_text()):
+        assert process.poll() is None
+        assert time.monotonic() < until
+        time.sleep(0.1)
+    os.killpg(process.pid, which)
+    _, errors = process.communicate(timeout=60)
+    assert "was lost" not in errors
+    assert json.loads((tmp_path / "policy" / "training" / "state.json").read_text())["step"] > 0
+
+
+def test_the_time_of_a_step_counts_all_devices() -> None:
+    config = made_up.policy()
+    source, training = made_up.MadeUpSource(config), made_up.training()
+    one = seconds_a_step(source, config, training)
+    two = seconds_a_step(source, config, training, [torch.device("cpu")] * 2)
+    assert two > one > 0  # each has costs of its own, however small its share
 
 
 @pytest.mark.parametrize(
@@ -86,6 +138,7 @@ def test_a_replica_that_is_killed_ends_the_training_which_goes_on_on_one(tmp_pat
     [
         ("cpu,cpu,cpu", "batch: is 4, which 3 devices cannot share"),
         ("cpu,nowhere", "device: 'nowhere' cannot be used"),
+        ("cpu,meta", "device: 'cpu,meta' are of several kinds"),
         ("", "device: '' cannot be used"),
     ],
 )

@@ -26,8 +26,8 @@ from gensim2.cli.output import line, report, table
     type=click.FloatRange(0, 1e5, min_open=True),
     default=15.0,
     show_default=True,
-    help="CPU minutes for the data and the training of each policy, by the clock where a GPU trains; evaluation is not "
-    "bounded.",
+    help="CPU minutes for the data and the training of each policy; where a GPU trains, what the data leave of them is "
+    "time by the clock. Evaluation is not bounded.",
 )
 @click.option("--multi-task", is_flag=True, help="One policy for all TASKS; their sentences tell them apart.")
 @click.option(

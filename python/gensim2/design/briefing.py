@@ -12,6 +12,7 @@ from gensim2.design.unseen import seen_by_search
 from gensim2.design.views import view_of
 from gensim2.errors import InputError
 from gensim2.objects import ArticulatedObject, Library, RigidObject
+from gensim2.objects.library.catalogue import SETS
 from gensim2.objects.library.meshes import listed
 from gensim2.progress import Progress
 from gensim2.robots import robot
@@ -37,7 +38,7 @@ def robot_summary(name: str) -> RobotSummary:
 
 
 def _left_out(instances: str, classes: Sequence[str]) -> str:
-    what = f"{instances} objects" if instances in ("train", "test", "new") else f"an object {instances!r}"
+    what = f"{instances} objects" if instances in SETS else f"an object {instances!r}"
     return f"classes without {what} are left out: {listed(classes, NAMED)}"
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 
 from gensim2.errors import InputError
@@ -14,7 +16,7 @@ def read_devices(names: str) -> tuple[torch.device, ...]:
         names: ``"auto"``, the first GPU where there is one, or names of PyTorch's with commas: ``"cuda:0,cuda:1"``.
 
     Raises:
-        InputError: one cannot be used.
+        InputError: one cannot be used, or they are CPUs and GPUs.
     """
     if names == "auto":
         return (torch.device("cuda" if torch.cuda.is_available() else "cpu"),)
@@ -28,4 +30,19 @@ def read_devices(names: str) -> tuple[torch.device, ...]:
             message = f"{name.strip()!r} cannot be used: {reason}"
             raise InputError(message, field="device", remedy="use cpu or auto") from error
         found.append(device)
+    if len({device.type for device in found}) > 1:
+        raise InputError(f"{names!r} are of several kinds", field="device", remedy="give GPUs alone")
     return tuple(found)
+
+
+def share_of(batch: int, devices: Sequence[torch.device]) -> int:
+    """Return the samples of a batch that each device takes.
+
+    Raises:
+        InputError: the batch is no multiple of their number.
+    """
+    share, left = divmod(batch, len(devices))
+    if left:
+        message = f"is {batch}, which {len(devices)} devices cannot share"
+        raise InputError(message, field="batch", remedy=f"make it a multiple of {len(devices)}")
+    return share

@@ -12,7 +12,7 @@ from gensim2.files import check_writable, write_json
 from gensim2.observations import DepthNoise
 from gensim2.policy.checkpoint import checkpoint_folder
 from gensim2.policy.config import HEADS
-from gensim2.policy.devices import read_devices
+from gensim2.policy.devices import read_devices, share_of
 from gensim2.policy.evaluating import (
     CONTROL_EPISODES,
     CONTROLS,
@@ -136,7 +136,8 @@ def learn(
     Args:
         tasks: names of library tasks, or folders that hold task.yaml and strategies/.
         policy: name of the head: ``"keypose"``, taught by plans, or one of action chunks, taught by episodes.
-        minutes: of CPU for the data and the training of each task, on a GPU by the clock; evaluation is not bounded.
+        minutes: of CPU for the data and the training of each task; where a GPU trains, what the data leave of them is
+            time by the clock. Evaluation is not bounded.
         multi_task: one policy for all tasks; its ``--minutes`` are those of all of them together.
         scenes: most of each task that are planned.
         episodes, control_episodes: of each task that the policy and each control are measured by.
@@ -177,7 +178,7 @@ def learn(
         if count is not None:
             check_counts(**{name: count})
     check_workers(TIME_LIMIT, JOBS_PER_WORKER, workers)
-    read_devices(device)
+    devices = read_devices(device)
     controls = CONTROLS if controls is None else read_controls(controls)
     if policy not in HEADS:
         raise InputError(f"must be one of {', '.join(HEADS)}, is {policy!r}", field="policy")
@@ -186,6 +187,7 @@ def learn(
     file = str(settings) if isinstance(settings, Path) else None
     settings = read_flat(settings) if isinstance(settings, Path) else dict(settings or {})
     config, training = learn_configs(policy, settings, file=file)
+    share_of(training.batch, devices)
     if settings and start is not None:
         message = "is of a policy that goes on from no other, and --from has its own settings"
         raise InputError(message, file=file, field="--config", remedy="leave it out")

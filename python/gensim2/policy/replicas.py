@@ -7,22 +7,23 @@ import copy
 import signal
 import time
 from collections.abc import Iterable, Sequence
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
 
 import torch
-import torch.multiprocessing
+import torch.multiprocessing  # processes then share the memory of tensors that they are given
 
 from gensim2.errors import InputError
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.gradient_step import GradientStep
 from gensim2.policy.network import PolicyNetwork
 from gensim2.policy.source import Source
+from gensim2.processes.fork_server import ignore_interrupts
+from gensim2.processes.worker import start_process
 
-if TYPE_CHECKING:
-    from multiprocessing.connection import Connection
-
-_CONTEXT = torch.multiprocessing.get_context("spawn")  # CUDA cannot be used in a fork
+PATIENCE_S = 10.0
+"""Seconds that a replica has to end."""
 
 
 class Replicas:
@@ -30,7 +31,7 @@ class Replicas:
 
     They hold no state: in each step they are given the network's weights, and the mean of all gradients is left with
     the network, whose optimizer steps. Weights and gradients go through shared memory of the host, whatever the devices
-    are; for networks of a few million weights that takes milliseconds.
+    are; for networks of a few million weights that takes milliseconds. Each has a copy of the data in its memory.
 
     Args:
         network: that is trained.
@@ -41,6 +42,10 @@ class Replicas:
 
     Attributes:
         cpu_s: CPU seconds of the replicas' steps so far.
+
+    Raises:
+        InputError: one cannot be used.
+        WorkerStartError: no process can be started.
     """
 
     def __init__(
@@ -55,26 +60,29 @@ class Replicas:
     ) -> None:
         self.cpu_s = 0.0
         self._network = network
-        self._replicas: list[tuple[Any, Connection, torch.Tensor]] = []
+        self._replicas: list[tuple[BaseProcess, Connection, torch.Tensor]] = []
         if not devices:
             return
         self._weights = torch.empty(_size(_values(network))).share_memory_()
         model = copy.deepcopy(network).cpu()
-        for number, device in enumerate(devices, 1):
-            gradients = torch.empty(_size(_taught(network))).share_memory_()
-            mine, its = _CONTEXT.Pipe()
-            told = its, model, source, config, training, table, share, number, device, self._weights, gradients
-            process = _CONTEXT.Process(target=_replica, args=told, daemon=True)
-            process.start()
-            its.close()  # so that the pipe ends with the process
-            self._replicas.append((process, mine, gradients))
+        try:
+            for number, device in enumerate(devices, 1):
+                gradients = torch.empty(_size(_taught(network))).share_memory_()
+                arguments = model, source, config, training, table, share, number, device, self._weights, gradients
+                process, pipe = start_process(_replica, arguments)
+                self._replicas.append((process, pipe, gradients))
+            for number in range(len(devices)):
+                self._receive(number)
+        except BaseException:
+            self._end()
+            raise
 
     def begin(self, step: int) -> None:
         """Let them take the gradients of a step, with the network's weights as they are."""
         if self._replicas:
             _write(self._weights, _values(self._network))
         for _, pipe, _ in self._replicas:
-            with contextlib.suppress(BrokenPipeError):  # what it failed of is read below
+            with contextlib.suppress(BrokenPipeError):  # why it is gone is read by who waits for it
                 pipe.send(step)
 
     def mean_with(self, loss: float) -> float:
@@ -84,20 +92,12 @@ class Replicas:
             loss: of the network's own share.
 
         Raises:
-            InputError: a replica failed or was killed.
+            InputError: a replica failed or was killed; the network's weights are as they were.
         """
         count = 1 + len(self._replicas)
         taught = _taught(self._network)
-        for number, (process, pipe, gradients) in enumerate(self._replicas, 1):
-            try:
-                its_loss, cpu_s = pipe.recv()
-            except (EOFError, ConnectionResetError) as error:
-                process.join()
-                message = f"number {number + 1} was lost, its process ended with {process.exitcode}"
-                raise InputError(message, field="device", remedy="go on with --resume, or on fewer devices") from error
-            if isinstance(its_loss, str):
-                message = f"number {number + 1} cannot be used: {its_loss}"
-                raise InputError(message, field="device", remedy="use fewer devices, or a smaller batch")
+        for number, (_, _, gradients) in enumerate(self._replicas):
+            its_loss, cpu_s = self._receive(number)
             loss, self.cpu_s, at = loss + its_loss, self.cpu_s + cpu_s, 0
             for parameter in taught:
                 part = gradients[at : at + parameter.numel()].view_as(parameter).to(parameter.device)
@@ -107,23 +107,50 @@ class Replicas:
             torch._foreach_div_([parameter.grad for parameter in taught if parameter.grad is not None], count)
         return loss / count
 
+    def _receive(self, number: int) -> tuple[float, float]:
+        """Loss and CPU seconds of a replica's step; zeros once it is ready for the first.
+
+        Raises:
+            InputError: it failed or was killed.
+        """
+        process, pipe, _ = self._replicas[number]
+        try:
+            said: tuple[float, float] | str = pipe.recv()
+        except (EOFError, OSError) as error:
+            process.join(PATIENCE_S)
+            message = f"number {number + 2} was lost, its process ended with {process.exitcode}"
+            remedy = "go on with --resume, or on fewer devices; a script must train below `if __name__ == '__main__':`"
+            raise InputError(message, field="device", remedy=remedy) from error
+        if isinstance(said, str):
+            message = f"number {number + 2} cannot be used: {said}"
+            raise InputError(message, field="device", remedy="use fewer devices, or a smaller batch")
+        return said
+
     def __enter__(self) -> Replicas:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._end()
+
+    def _end(self) -> None:
+        """End all processes."""
         for _, pipe, _ in self._replicas:
-            with contextlib.suppress(BrokenPipeError):
+            with contextlib.suppress(OSError):
                 pipe.send(None)
         for process, pipe, _ in self._replicas:
-            process.join()
+            process.join(PATIENCE_S)
+            if process.is_alive():
+                process.kill()
+                process.join()
             pipe.close()
+        self._replicas = []
 
 
 def _replica(
     pipe: Connection,
-    network: PolicyNetwork,
+    model: PolicyNetwork,
     source: Source,
     config: PolicyConfig,
     training: TrainConfig,
@@ -135,13 +162,16 @@ def _replica(
     gradients: torch.Tensor,
 ) -> None:
     """Take gradients of the steps that come by the pipe, until it ends or says None."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all; who trains ends its replicas
+    ignore_interrupts()
+    for each in (signal.SIGTERM, signal.SIGHUP):  # they reach the whole group; who trains ends its replicas
+        signal.signal(each, signal.SIG_IGN)
     if training.threads:
         torch.set_num_threads(training.threads)
     try:
-        network.to(device).train()
+        network = copy.deepcopy(model).to(device).train()  # the processes share the memory of what they are given
         take = GradientStep(network, source, config, training, table.to(device), share, number)
         taught = _taught(network)
+        pipe.send((0.0, 0.0))
         with contextlib.suppress(EOFError):  # who trains was killed
             while (step := pipe.recv()) is not None:
                 begin, at = time.process_time(), 0
@@ -151,8 +181,9 @@ def _replica(
                 loss = take(step)
                 _write(gradients, [torch.zeros_like(each) if each.grad is None else each.grad for each in taught])
                 pipe.send((loss, time.process_time() - begin))
-    except (RuntimeError, ValueError, OSError) as error:
-        pipe.send((f"{type(error).__name__}: {str(error).splitlines()[0]}", 0.0))
+    except Exception as error:  # noqa: BLE001 - whatever it is, who trains says it
+        with contextlib.suppress(OSError):
+            pipe.send(f"{type(error).__name__}: {str(error).partition(chr(10))[0]}")
 
 
 def _values(network: torch.nn.Module) -> list[torch.Tensor]:

@@ -9,9 +9,11 @@ import numpy as np
 import torch
 
 from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.devices import share_of
 from gensim2.policy.gradient_step import GradientStep
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.network import fresh_network
+from gensim2.policy.replicas import Replicas
 from gensim2.policy.source import Source
 from gensim2.policy.text import prepare
 
@@ -31,18 +33,19 @@ def seconds_a_step(
 
     Args:
         source, policy, training: of the training.
-        devices: that share a batch. CPU seconds of all where the first is a CPU, else seconds by the clock.
+        devices: that share a batch. CPU seconds of all where they are CPUs, else seconds by the clock.
     """
     torch.set_num_threads(training.threads or 1)
     ways = len(source.ways) if isinstance(source, PlannedSource) else policy.ways
     config = PolicyConfig.of({**policy.to_dict(), "ways": ways, "points": source.observation.cloud.points})
-    table, where, count = prepare(source.sentences, config), devices[0], len(devices)
-    network = fresh_network(config, source.action.arm, table.shape[1:], 0).to(where).train()
-    step = GradientStep(network, source, config, training, table.to(where), max(training.batch // count, 1))
-    on_cpu, taken = where.type == "cpu", list[float]()
-    clock = time.process_time if on_cpu else time.perf_counter
-    while len(taken) < WARM_UP + PROBES or sum(taken) < PROBE_S:
-        begin = clock()
-        step(len(taken))
-        taken.append(clock() - begin)
-    return BESIDE * float(np.median(taken[WARM_UP:])) * (count if on_cpu else 1)
+    table, share = prepare(source.sentences, config), share_of(training.batch, devices)
+    network = fresh_network(config, source.action.arm, table.shape[1:], 0).to(devices[0]).train()
+    gradients = GradientStep(network, source, config, training, table.to(devices[0]), share)
+    on_cpu, taken = devices[0].type == "cpu", list[float]()
+    with Replicas(network, source, config, training, table, share, devices[1:]) as others:
+        while len(taken) < WARM_UP + PROBES or sum(taken) < PROBE_S:
+            begin = time.process_time() + others.cpu_s if on_cpu else time.perf_counter()
+            others.begin(len(taken))
+            others.mean_with(gradients(len(taken)))
+            taken.append((time.process_time() + others.cpu_s if on_cpu else time.perf_counter()) - begin)
+    return BESIDE * float(np.median(taken[WARM_UP:]))

@@ -19,7 +19,7 @@ from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.control import MAX_CLOUDS
 from gensim2.policy.curves import CURVES, Curves, read_curves
-from gensim2.policy.devices import read_devices
+from gensim2.policy.devices import read_devices, share_of
 from gensim2.policy.frames import check_turns
 from gensim2.policy.gradient_step import GradientStep, training_batch
 from gensim2.policy.heads.keypose import KeyposeHead
@@ -130,9 +130,7 @@ def _train(
 ) -> TrainResult:
     """Train, in a folder that no other process has."""
     devices = read_devices(device)
-    if training.batch % len(devices):
-        message = f"is {training.batch}, which {len(devices)} devices cannot share"
-        raise InputError(message, field="batch", remedy=f"make it a multiple of {len(devices)}")
+    share_of(training.batch, devices)
     if training.threads:
         torch.set_num_threads(training.threads)
     profile = robot(source.robot)
@@ -211,14 +209,18 @@ def _run(
     state.network.train()
     progress.start("training", training.steps)
     progress.advance(state.step)
-    share = training.batch // len(devices)
+    share = share_of(training.batch, devices)
     gradients = GradientStep(state.network, source, config, training, table.to(devices[0]), share)
     others = Replicas(state.network, source, config, training, table, share, devices[1:])
     began, spent = time.process_time(), state.cpu_s
     with curves, others, deferred_signals() as stop:
         while state.step < training.steps:
             others.begin(state.step)
-            loss = others.mean_with(gradients(state.step))
+            try:
+                loss = others.mean_with(gradients(state.step))
+            except InputError:  # a replica was lost
+                state.save(folder, identity)
+                raise
             norm = torch.nn.utils.clip_grad_norm_(parameters, training.clip)
             rate = learning_rate(state.step, training)
             for group in state.optimizer.param_groups:

@@ -165,15 +165,17 @@ class Library:
         Args:
             asset_class: name of the class.
             which: of both, or all.
-            tenth: which one is for testing, 0 to 9, in a drawn order; a class of under a hundred, whose tenths are
-                rounded up, begins again where it ends.
+            tenth: which one is for testing, 0 to 9, in a drawn order. Tenths are rounded up: a class whose number is
+                no multiple of ten begins again where the order ends.
 
         Raises:
-            InputError: ``which`` is ``"test"`` and the class is too small to have one; or an unknown split.
+            InputError: ``which`` is ``"test"`` and the class is too small to have one; or an unknown split or tenth.
         """
         ids = self.instances(asset_class)
         if which == "all":
             return ids
+        if not 0 <= tenth < TENTHS:
+            raise InputError(f"must lie in 0..{TENTHS - 1}, is {tenth}", field="tenth")
         if which not in ("train", "test"):
             raise InputError(f"no split {reprlib.repr(which)}", field="split", remedy="train, test or all")
         if len(ids) < SMALLEST_TO_SPLIT:

@@ -67,7 +67,7 @@ class ExperimentConfig(BaseModel):
         minutes_a_task: of CPU for data and training of a policy, for each of its tasks.
         scenes: most that are planned of each task.
         episodes, control_episodes: of each task that a policy and its blind control are measured by.
-        unseen: word for the objects that no training saw.
+        unseen: word for the objects that a training does not see.
         tenth: of each class's objects, 0 to 9, that the first training of a split does not see; each further training
             leaves out the next one.
         transfer: measure policies that were taught on generated objects on real ones, too.

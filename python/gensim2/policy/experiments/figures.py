@@ -12,7 +12,7 @@ from gensim2.rollout.tally import interval
 Kind = Literal["seen", "unseen", "real", "opposite", "rephrased", "untaught", "blind"]
 """What a policy is measured by: on objects that were taught on, on others, on real ones where it was taught on
 generated ones; on unseen objects told the opposite, and told the same in other words; on
-classes that no training had; on unseen objects without the cloud."""
+tasks that no training had; on unseen objects without the cloud."""
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 

@@ -15,6 +15,7 @@ from gensim2.evaluation.evaluating import EvaluationResult
 from gensim2.files import check_writable, write_json
 from gensim2.objects import open_library
 from gensim2.objects.library.catalogue import BUILTIN
+from gensim2.policy.devices import read_devices
 from gensim2.policy.evaluating import evaluate_policy
 from gensim2.policy.experiments.config import Arm, ExperimentConfig
 from gensim2.policy.experiments.figures import KINDS, Kind, Rate, TaskFigures, summary
@@ -150,6 +151,7 @@ def run_experiment(
         InputError: an argument cannot be used, the folder holds something else, or no arm can be run.
         NotRunError: some scenes or episodes could not be run.
     """
+    read_devices(device)
     library = open_library(assets)
     record = ExperimentRecord(config=config, seed=seed, assets=str(library.location))
     arms, skipped = runnable(record)
@@ -243,7 +245,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
     for arm in found:
         _, lacking = _transferred(arm, record)
         skipped |= {f"{arm.name}/{name} on real objects": reason for name, reason in lacking.items()}
-        for one in _measurements(arm, record, 0):  # another tenth of a class is there where one is
+        for one in _measurements(arm, record, 0):  # a class that has one tenth has all
             _, lacking = read_task_inputs(tuple(one.tasks), seed=0, assets=one.assets, instances=one.instances)
             for name, reason in lacking.items():
                 raise InputError(f"{one.title}: {reason}", field=f"arms.{arm.name}.{name}")
