@@ -6,7 +6,7 @@ import contextlib
 import copy
 import signal
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from types import TracebackType
@@ -80,7 +80,7 @@ class Replicas:
     def begin(self, step: int) -> None:
         """Let them take the gradients of a step, with the network's weights as they are."""
         if self._replicas:
-            _write(self._weights, _values(self._network))
+            _fill(self._weights, _values(self._network))
         for _, pipe, _ in self._replicas:
             with contextlib.suppress(BrokenPipeError):  # why it is gone is read by who waits for it
                 pipe.send(step)
@@ -98,11 +98,10 @@ class Replicas:
         taught = _taught(self._network)
         for number, (_, _, gradients) in enumerate(self._replicas):
             its_loss, cpu_s = self._receive(number)
-            loss, self.cpu_s, at = loss + its_loss, self.cpu_s + cpu_s, 0
-            for parameter in taught:
-                part = gradients[at : at + parameter.numel()].view_as(parameter).to(parameter.device)
-                parameter.grad = part if parameter.grad is None else parameter.grad.add_(part)
-                at += parameter.numel()
+            loss, self.cpu_s = loss + its_loss, self.cpu_s + cpu_s
+            for parameter, part in zip(taught, _parts(gradients, taught), strict=True):
+                there = part.to(parameter.device)
+                parameter.grad = there if parameter.grad is None else parameter.grad.add_(there)
         if count > 1:
             torch._foreach_div_([parameter.grad for parameter in taught if parameter.grad is not None], count)
         return loss / count
@@ -174,12 +173,11 @@ def _replica(
         pipe.send((0.0, 0.0))
         with contextlib.suppress(EOFError):  # who trains was killed
             while (step := pipe.recv()) is not None:
-                begin, at = time.process_time(), 0
-                for value in _values(network):
-                    value.copy_(weights[at : at + value.numel()].view_as(value))
-                    at += value.numel()
+                begin, values = time.process_time(), _values(network)
+                for value, part in zip(values, _parts(weights, values), strict=True):
+                    value.copy_(part)
                 loss = take(step)
-                _write(gradients, [torch.zeros_like(each) if each.grad is None else each.grad for each in taught])
+                _fill(gradients, [torch.zeros_like(each) if each.grad is None else each.grad for each in taught])
                 pipe.send((loss, time.process_time() - begin))
     except Exception as error:  # noqa: BLE001 - whatever it is, who trains says it
         with contextlib.suppress(OSError):
@@ -187,24 +185,28 @@ def _replica(
 
 
 def _values(network: torch.nn.Module) -> list[torch.Tensor]:
-    """What a replica is given: weights and buffers, but for counts."""
+    """Return the weights and buffers that a replica is given: all but integer counts."""
     with torch.no_grad():
         every = [*network.parameters(), *network.buffers()]
         return [each.detach() for each in every if each.is_floating_point()]
 
 
 def _taught(network: torch.nn.Module) -> list[torch.nn.Parameter]:
-    """The weights that have gradients."""
+    """Return the weights that have gradients."""
     return [parameter for parameter in network.parameters() if parameter.requires_grad]
 
 
-def _size(tensors: Iterable[torch.Tensor]) -> int:
+def _size(tensors: Sequence[torch.Tensor]) -> int:
     return sum(each.numel() for each in tensors)
 
 
-def _write(flat: torch.Tensor, tensors: Iterable[torch.Tensor]) -> None:
+def _parts(flat: torch.Tensor, tensors: Sequence[torch.Tensor]) -> list[torch.Tensor]:
+    """Return views of a flat tensor in the shapes of others, one after the other."""
+    parts = flat.split([each.numel() for each in tensors])
+    return [part.view_as(each) for part, each in zip(parts, tensors, strict=True)]
+
+
+def _fill(flat: torch.Tensor, tensors: Sequence[torch.Tensor]) -> None:
     """Copy tensors, one after the other, into a flat one."""
-    at = 0
-    for each in tensors:
-        flat[at : at + each.numel()].copy_(each.detach().reshape(-1))
-        at += each.numel()
+    for part, each in zip(_parts(flat, tensors), tensors, strict=True):
+        part.copy_(each.detach())

@@ -43,9 +43,13 @@ def seconds_a_step(
     gradients = GradientStep(network, source, config, training, table.to(devices[0]), share)
     on_cpu, taken = devices[0].type == "cpu", list[float]()
     with Replicas(network, source, config, training, table, share, devices[1:]) as others:
+
+        def clock() -> float:
+            return time.process_time() + others.cpu_s if on_cpu else time.perf_counter()
+
         while len(taken) < WARM_UP + PROBES or sum(taken) < PROBE_S:
-            begin = time.process_time() + others.cpu_s if on_cpu else time.perf_counter()
+            begin = clock()
             others.begin(len(taken))
             others.mean_with(gradients(len(taken)))
-            taken.append((time.process_time() + others.cpu_s if on_cpu else time.perf_counter()) - begin)
+            taken.append(clock() - begin)
     return BESIDE * float(np.median(taken[WARM_UP:]))

@@ -67,7 +67,7 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
 def _below(
     rng: np.random.Generator, width: float, low: float, high: float, depth: float, wood: Look, look: Look
 ) -> list[Solid]:
-    """What is below the row: a pair of doors, wide drawers that stay shut, or a shelf; y from ``low`` to ``high``."""
+    """Draw a pair of doors, wide drawers that stay shut, or a shelf below the row; y from ``low`` to ``high``."""
     kind, tall, y = int(rng.integers(3)), high - low, (low + high) / 2
     handles = int(rng.bit_generator.random_raw())
     if kind == 0:
