@@ -66,6 +66,11 @@ experiment.add_command(
 experiment.add_command(
     _command("combinations", "One policy on things in containers that it was not taught together, by their sentences.")
 )
+experiment.add_command(
+    _command(
+        "designed", "One policy for the designed tasks of one step that come with the package, and one for all of them."
+    )
+)
 
 
 def _show(result: dict[str, Any]) -> None:

@@ -16,7 +16,7 @@ from gensim2.policy import teachers
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.experiments import running
 from gensim2.policy.experiments.config import Arm, ExperimentConfig
-from gensim2.policy.experiments.running import ExperimentRecord, _measurements, run_experiment, runnable
+from gensim2.policy.experiments.running import ExperimentRecord, _measurements, run_experiment, runnable, without_others
 from gensim2.policy.keypose import data
 from gensim2.policy.learn_record import LearnRecord
 from gensim2.progress import NULL_PROGRESS
@@ -161,13 +161,16 @@ def test_an_arm_that_starts_from_one_that_cannot_be_run_is_left_out() -> None:
     assert skipped["more"] == f"starts from doors, which cannot be run: {skipped['doors/SwingDoorOpen']}"
 
 
-def test_a_task_whose_objects_cannot_be_counted_is_left_out_of_an_arm_of_counted_ones() -> None:
+def test_a_task_of_rigid_objects_alone_is_taught_beside_others_and_has_no_unseen_objects() -> None:
     base = {"title": "a", "about": "a", "minutes_a_task": 1, "scenes": 1, "episodes": 1, "control_episodes": 1}
     arm = {"name": "ten", "objects": "generated", "count": 10, "tasks": ["CloseBox", "LayTableWithAppleAndPear"]}
-    config = ExperimentConfig.model_validate({**base, "unseen": "new", "arms": [arm]})
-    (found,), skipped = runnable(ExperimentRecord(config=config, seed=0, assets=BUILTIN))
-    assert found.tasks == ("CloseBox",)
-    assert "can be counted for generated articulated objects" in skipped["ten/LayTableWithAppleAndPear"]
+    table = {**arm, "name": "table", "tasks": ["LayTableWithAppleAndPear"]}
+    config = ExperimentConfig.model_validate({**base, "unseen": "new", "arms": [arm, table]})
+    record = ExperimentRecord(config=config, seed=0, assets=BUILTIN)
+    (found,), skipped = runnable(record)
+    assert (found.name, list(found.tasks)) == ("ten", arm["tasks"])
+    assert without_others(found, record) == {"LayTableWithAppleAndPear"}
+    assert skipped == {"table": "has no task that generated objects do for"}
 
 
 def test_objects_without_a_class_leave_out_their_measurement_alone(tmp_path: Path) -> None:

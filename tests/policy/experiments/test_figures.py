@@ -49,13 +49,20 @@ def test_what_was_said_counts_tasks_that_have_an_opposite_alone() -> None:
     assert told["transfer_lost_mean"] == pytest.approx(0.1)
 
 
+def test_a_task_without_other_objects_has_no_figure_of_unseen_ones() -> None:
+    bowl = TaskFigures("PutAppleInBowl", {"unseen": Rate(3, 5), "blind": Rate(1, 5)}).as_seen()
+    assert bowl.rates == {"seen": Rate(3, 5), "blind": Rate(1, 5)}
+    told = summary([bowl, TaskFigures("CloseBox", {"unseen": Rate(10, 10)})])
+    assert (told["seen_mean"], told["unseen_mean"], told["lost_mean"], told["episodes"]) == (0.6, 1.0, None, 15)
+
+
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("small", [False, True])
 def test_every_configuration_is_of_tasks_that_there_are(name: Any, small: bool) -> None:
     config = config_of(name, small=small)
     for arm in config.arms:
         specs = [load_task(task) for task in arm.tasks]
-        assert all(task.is_single_step for task in specs) == (arm.name not in ("generated-39", "apart"))
+        assert all(task.is_single_step for task in specs) == (arm.name not in ("generated-39", "apart", "designed-115"))
         if config.sentences:
             assert opposites(specs)
             assert len(rephrased(specs)) == 2
@@ -65,6 +72,13 @@ def test_every_configuration_is_of_tasks_that_there_are(name: Any, small: bool) 
             assert all(other <= set().union(*taught) and other not in taught for other in others)
         else:
             assert not set().union(*taught) & set().union(*others)
+
+
+def test_the_experiment_of_designed_tasks_has_all_that_come_with_the_package() -> None:
+    single, whole = config_of("designed", small=False).arms
+    shelf = [load_task(name) for name in task_names("offline")]
+    assert set(whole.tasks) == {task.name for task in shelf}
+    assert set(single.tasks) == {task.name for task in shelf if task.is_single_step}
 
 
 def test_an_opposite_wants_the_other_end_of_the_same_joint() -> None:

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from gensim2.errors import InputError
 from gensim2.objects.library.catalogue import TENTHS
 
-Name = Literal["generalization", "breadth", "scaling", "combinations"]
+Name = Literal["generalization", "breadth", "scaling", "combinations", "designed"]
 NAMES: tuple[Name, ...] = get_args(Name)
 
 CONFIGS = Path(__file__).parent / "configs"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any, Literal, get_args
 
@@ -78,6 +78,11 @@ class TaskFigures:
     def rate(self, kind: Kind) -> Rate:
         """Rate of one kind; without episodes where nothing was measured."""
         return self.rates.get(kind, Rate(0, 0))
+
+    def as_seen(self) -> TaskFigures:
+        """The same, with what was measured on unseen objects counted as seen: of a task that has no others."""
+        rates = {kind: rate for kind, rate in self.rates.items() if kind not in ("seen", "unseen")}
+        return replace(self, rates={**rates, "seen": Rate.total([self.rate("seen"), self.rate("unseen")])})
 
     def to_dict(self, arm: str) -> dict[str, Any]:
         """Return it as plain data."""

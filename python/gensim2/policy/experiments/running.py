@@ -24,7 +24,7 @@ from gensim2.policy.keypose.adding import generated_input
 from gensim2.policy.learning import Learned, learn
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION, read_record
-from gensim2.rollout.counted_objects import with_objects
+from gensim2.rollout.counted_objects import articulated
 from gensim2.rollout.inputs import read_task_input, read_task_inputs
 from gensim2.scenes.config import SceneArguments
 from gensim2.tasks.library import load_task
@@ -174,7 +174,7 @@ def run_experiment(
         progress.message(f"training {done + 1} of {total}: {arm.name}, seed {seed + number}")
         start = None if arm.start is None else trained[arm.start][number]
         trained[arm.name].append(_train(arm, start, record, number, out, workers, device, progress))
-        found = tuple(_arm_result(each, trained, config) for each in arms if trained[each.name])
+        found = tuple(_arm_result(each, trained, record) for each in arms if trained[each.name])
         result = ExperimentResult(str(out), record, found, skipped, total - done - 1)
         if result.remaining <= there:  # a resumed run has all figures of before first when it comes to where it was
             told, there = result.to_dict(), result.remaining
@@ -230,15 +230,14 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
             for name in list(left):
                 _check_name(arm, name)
                 try:
-                    given = read_task_input(name, assets=_assets(arm, record), instances=word)
-                    if arm.count is not None and not arm.is_split and word == "all":
-                        with_objects(given, arm.count, record.seed)
+                    read_task_input(name, assets=_assets(arm, record), instances=word)
                 except InputError as error:
                     skipped[f"{arm.name}/{name}"] = error.message
                     left.remove(name)
         arm = arm.model_copy(update={"tasks": tuple(left)})
-        if left and arm.count is not None and arm.is_split and not _has_generated(arm, record):
-            skipped[arm.name] = "has no task that generated objects do for, beside the real ones"
+        if left and arm.count is not None and not _has_generated(arm, record):
+            beside = ", beside the real ones" if arm.is_split else ""
+            skipped[arm.name] = f"has no task that generated objects do for{beside}"
             continue
         if arm.added_to(record.config.start_of(arm)):
             found.append(arm)
@@ -253,7 +252,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
 
 
 def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
-    """Whether a task that an arm is taught can be taught on generated objects, too."""
+    """Whether a task that an arm is taught can be taught on any number of generated objects."""
     assert arm.count is not None
     for name in arm.added_to(record.config.start_of(arm)):
         try:
@@ -262,6 +261,12 @@ def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
             continue
         return True
     return False
+
+
+def without_others(arm: Arm, record: ExperimentRecord) -> frozenset[str]:
+    """Tasks of an arm that have no objects but those that it is taught on: those of rigid ones, one of each class."""
+    given = {name: read_task_input(name, assets=_assets(arm, record)) for name in arm.tasks}
+    return frozenset(name for name, each in given.items() if not articulated(each))
 
 
 def _check_name(arm: Arm, name: str) -> None:
@@ -359,19 +364,22 @@ def _train(
     return _Training(learned, 0.0 if start is None else start.before_s + start.learned.cpu_s, tables)
 
 
-def _arm_result(arm: Arm, trained: Mapping[str, Sequence[_Training]], config: ExperimentConfig) -> ArmResult:
+def _arm_result(arm: Arm, trained: Mapping[str, Sequence[_Training]], record: ExperimentRecord) -> ArmResult:
     """Figures of an arm over its trainings so far."""
     here = trained[arm.name]
     tables: dict[Kind, list[EvaluationResult]] = defaultdict(list)
     for each in here:
         for kind, found in each.tables.items():
             tables[kind] += found
+    same = without_others(arm, record)
+
+    def figures(name: str) -> TaskFigures:
+        counts = {kind: rate for kind in KINDS if (rate := _rate(tables[kind], name)).episodes}
+        return TaskFigures(name, counts).as_seen() if name in same else TaskFigures(name, counts)
+
     return ArmResult(
         arm,
-        tuple(
-            TaskFigures(name, {kind: rate for kind in KINDS if (rate := _rate(tables[kind], name)).episodes})
-            for name in (*arm.tasks, *config.untaught)
-        ),
+        tuple(map(figures, (*arm.tasks, *record.config.untaught))),
         tuple(str(each.learned.folder) for each in here),
         sum(sum(each.learned.demonstrations.values()) for each in here),
         sum(each.learned.cpu_s for each in here),
