@@ -113,7 +113,7 @@ from gensim2.cli.output import line, report, table
 @click.option(
     "--test-instances",
     default=None,
-    metavar="all|train|test|new|ID",
+    metavar="all|train[-K]|test[-K]|new|ID",
     help="Objects to evaluate on.  [default: new where --objects are learned from; else, and with --from a policy that "
     "was taught on listed objects, test where each class has ten or more objects, else new]",
 )
@@ -123,7 +123,7 @@ from gensim2.cli.output import line, report, table
 @click.option(
     "--instances",
     default=None,
-    metavar="all|train|test|new|ID",
+    metavar="all|train[-K]|test[-K]|new|ID",
     help="Objects to learn from, in place of --objects.",
 )
 @options.physics

@@ -244,7 +244,7 @@ instances = click.option(
     "instances",
     default="all",
     show_default=True,
-    metavar="all|train|test|new|random|ID",
+    metavar="all|train[-K]|test[-K]|new|random|ID",
     help="Objects to draw from; train and test are nine tenths and one, train-1 and test-1 to -9 those of other "
     "tenths, new are generated ones beyond the listed ones, random is one of the listed, drawn by --seed.",
 )
