@@ -85,6 +85,7 @@ def test_a_strategy_goes_through_data_and_pickles() -> None:
         ({**OPEN, "contact_speed": 0.0}, "contact_speed", "0.001"),
         ({**OPEN, "contact_speed": "slow"}, "contact_speed", "number"),
         ({**OPEN, "opening": 7}, "opening", "0.5"),
+        ({**OPEN, "makes_room": 7}, "makes_room", "name"),
     ],
 )
 def test_what_cannot_be_read_is_refused_by_field(data: dict[str, Any], field: str, words: str) -> None:
@@ -122,6 +123,44 @@ def test_another_objects_keypoints_have_its_name_before_them() -> None:
 def test_steps_that_cannot_be_are_refused(steps: list[Any], field: str, words: str) -> None:
     with pytest.raises(InputError, match=words) as caught:
         check(task(steps=steps))
+    assert caught.value.field == field
+
+
+PUSH = {**OPEN, "gripper": "closed", "makes_room": "drawer"}
+
+
+def grasping(*ways: str, of: str = "ball") -> list[Any]:
+    return [{"name": "grasp", "object": of, "strategies": list(ways)}]
+
+
+def test_a_strategy_that_makes_room_moves_another_object_than_the_steps() -> None:
+    check(task(steps=grasping("grasp", "push")), push=PUSH)
+    push = parse_strategy(PUSH)
+    assert isinstance(push, KeypointStrategy)
+    assert push.makes_room == "drawer"
+    assert push.to_dict() == PUSH
+    assert push.as_step().to_dict() == {**OPEN, "gripper": "closed"}
+    assert parse_strategy({"grasp": "antipodal"}).makes_room is None
+
+
+@pytest.mark.parametrize(
+    ("steps", "moved", "field", "words"),
+    [
+        (grasping("push"), "drawer", "steps.grasp.strategies", "none does the step"),
+        (grasping("grasp", "push"), "ball", "makes_room", "no other object"),
+        (grasping("grasp", "push"), "dog", "makes_room", "no other object"),
+        (grasping("open", "push", of="drawer"), "drawer", "makes_room", "no other object"),
+        (
+            [*grasping("grasp"), {"name": "in", "object": "drawer", "tool": "ball", "strategies": ["place", "push"]}],
+            "drawer",
+            "makes_room",
+            "holds something",
+        ),
+    ],
+)
+def test_what_makes_no_room_is_refused(steps: list[Any], moved: str, field: str, words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        check(task(steps=steps), push={**PUSH, "makes_room": moved})
     assert caught.value.field == field
 
 

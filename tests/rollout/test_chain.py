@@ -10,11 +10,12 @@ from drawer_task import STRATEGIES, TASK
 from table_scenes import placed, resting, table_scene
 
 from gensim2.objects import open_library
+from gensim2.planning.predict import with_joint
 from gensim2.planning.scene import Scene
 from gensim2.planning.step_plan import StepPlan
 from gensim2.planning.steps import StepPlanner
 from gensim2.rollout.chain import MAX_ROUNDS, ChainController
-from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.criteria import DistanceGripperRigid, all_hold
 from gensim2.tasks.spec import TaskSpec
 
 from .kinematic_world import PANDA, KinematicWorld
@@ -197,3 +198,35 @@ def test_what_a_grasp_foresees_is_tried_first_in_the_next_step(
     assert [(each.step, each.strategy) for each in foreseen] == [("place", 0)]
     assert formers["place"] == [foreseen[0].plan]
     assert formers["open"] == formers["close"] == [None]
+
+
+@pytest.mark.parametrize("start", [0.2, 1.0])
+def test_what_bars_a_grasp_is_moved_away_first(scene: Scene, start: float) -> None:
+    """The ball lies beneath the drawer where this is open, and free where it is not."""
+    closed = with_joint(scene, "drawer", at(scene, 0.2))
+    front = with_joint(scene, "drawer", at(scene, 1.0)).objects["drawer"].keypoints["articulated_object_head"]
+    x, y = (scene.T_world_base @ np.append(front, 1.0))[:2]
+    drawer = open_library("builtin").load_articulated("drawer", "5")
+    ball = open_library("builtin").load_rigid("golf_ball")
+    below = table_scene({"drawer": placed(drawer, 0.02, 0.02, 0.2), "ball": resting(ball, x + 0.02, y)})
+    world = KinematicWorld(with_joint(below, "drawer", at(closed, start)), "ball", WIDTH)
+    step = TASK.steps[1].model_copy(
+        update={
+            "strategies": ("push", "grasp"),
+            "done": (DistanceGripperRigid(type="distance_gripper_rigidbody", rigid="ball"),),
+        }
+    )
+    controller = chain(
+        task=TASK.model_copy(update={"steps": (step,)}), push={**STRATEGIES["close"], "makes_room": "drawer"}
+    )
+    world.run(controller)
+    plans = [(plan.strategy, plan.status) for plan in controller.history[0].plans]
+    made = [("grasp", "no_grasp"), ("push", "solved")] if start == 1.0 else []
+    assert plans == [*made, ("grasp", "solved")]
+    assert world.holds
+
+
+def at(scene: Scene, openness: float) -> float:
+    joint = scene.objects["drawer"].joint
+    assert joint is not None
+    return joint.lower + openness * (joint.upper - joint.lower)

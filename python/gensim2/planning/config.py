@@ -13,7 +13,7 @@ import gensim2_kpam as kpam
 from gensim2.errors import InputError
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.planning.steps import StepPlanner
-from gensim2.planning.strategies import GraspStrategy, PullStrategy, Strategy, named
+from gensim2.planning.strategies import MAKES_ROOM, GraspStrategy, PullStrategy, Strategy, named
 from gensim2.robots import RobotProfile
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
@@ -59,6 +59,9 @@ def check_strategies(
             if name not in strategies:
                 raise InputError(f"there is no strategy {name!r}", field=f"steps.{step.name}.strategies")
             _check(planner, scene, step, strategies[name], (files or {}).get(name))
+        if all(strategies[name].makes_room is not None for name in step.strategies):
+            field = f"steps.{step.name}.strategies"
+            raise InputError("all of them make room, and none does the step", field=field, remedy="add one that does")
 
 
 def _check(planner: StepPlanner, scene: Scene, step: Step, strategy: Strategy, file: Path | str | None) -> None:
@@ -73,6 +76,12 @@ def _check(planner: StepPlanner, scene: Scene, step: Step, strategy: Strategy, f
             raise InputError(f"the hand holds {step.tool}", file=file, field="grasp", remedy="a step without tool")
         return
     held = None if step.tool == HAND else step.tool
+    if strategy.makes_room is not None:
+        moved = scene.objects.get(strategy.makes_room)
+        if moved is None or moved.is_rigid or moved.name == step.object or held is not None:
+            what = "is moved by a hand that holds something" if held else "is no other object of the task with a joint"
+            raise InputError(f"{strategy.makes_room!r} {what}", file=file, field=MAKES_ROOM)
+        step, strategy = step.model_copy(update={"object": moved.name}), strategy.as_step()
     try:
         planner.problem(_with_held(scene, held), step, strategy)
     except kpam.ProblemError as error:

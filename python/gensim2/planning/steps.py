@@ -80,8 +80,13 @@ class StepPlanner:
             explain: whether the plan says what became of every pose that was tried.
 
         Returns:
-            One without a motion and with the status ``"invalid"`` where the strategy does not fit these objects.
+            One without a motion and with the status ``"invalid"`` where the strategy does not fit these objects, or
+            makes room for the step and does not do it.
         """
+        if strategy.makes_room is not None:
+            return StepPlan(
+                INVALID, f"makes room by moving {strategy.makes_room}, and is no way to do it", None, None, None
+            )
         try:
             if isinstance(strategy, GraspStrategy):
                 return self._grasp(scene, step, strategy, following, lost)
@@ -101,6 +106,35 @@ class StepPlanner:
             whole = found.plan
             return replace(planned, status=whole.status, reason=whole.reason, touches=found.touches, whole=whole)
         return replace(self._planned(scene, step, strategy, found.problem, found.plan), touches=found.touches)
+
+    def make_room(
+        self,
+        scene: Scene,
+        step: Step,
+        strategy: KeypointStrategy,
+        ways: Sequence[Strategy],
+        following: Sequence[Ways] = (),
+    ) -> StepPlan | None:
+        """Plan a motion that moves another object out of the way of a step.
+
+        Args:
+            scene: as it stands; on it none of ``ways`` can be planned.
+            step: which is to be possible afterwards.
+            strategy: one that makes room.
+            ways: to do the step.
+            following: the steps after it, as for :meth:`plan`.
+
+        Returns:
+            None where there is no such motion, or where none of the ways can be planned on the scene that it foresees.
+        """
+        if strategy.makes_room is None:
+            raise ValueError("the strategy does not make room")
+        aside = step.model_copy(update={"object": strategy.makes_room})
+        moved = self.plan(scene, aside, strategy.as_step())
+        if not moved.is_solved or moved.after is None:
+            return None
+        able = any(self.plan(moved.after, step, way, following=following).is_solved for way in ways)
+        return moved if able else None
 
     def _letting_go(self, scene: Scene, step: Step, strategy: KeypointStrategy, found: Reach) -> Reach | None:
         """The longest part of a motion, after which the hand lets go as after the whole; None where there is none."""
@@ -267,7 +301,7 @@ class StepPlanner:
     def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
         """By which of the strategies, the first, a step can be planned on a scene that is foreseen, and how."""
         for number, strategy in enumerate(strategies):
-            if not isinstance(strategy, KeypointStrategy):
+            if not isinstance(strategy, KeypointStrategy) or strategy.makes_room is not None:
                 continue
             try:
                 problem = self.problem(scene, step, strategy, {"allow_partial": False})

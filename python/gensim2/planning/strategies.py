@@ -15,7 +15,10 @@ import gensim2_kpam as kpam
 from gensim2.errors import InputError
 
 PLANNER_FIELDS = {"contact_speed": (0.001, 10.0), "opening": (0.001, 0.5)}
-"""Fields of a config that are the planner's, not the solver's, and the range of each."""
+"""Numbers of a config that are the planner's, not the solver's, and the range of each."""
+
+MAKES_ROOM = "makes_room"
+"""Field of a config by which another object than the step's is moved."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,8 @@ class KeypointStrategy:
 
     Attributes:
         config: plain data; beside the solver's fields ``contact_speed``, the greatest speed (m/s) of the point that
-            touches, from the actuation on, and ``opening``, the distance of the pads (m) on the way to a grasp.
+            touches, from the actuation on, ``opening``, the distance of the pads (m) on the way to a grasp, and
+            ``makes_room``, the object that it moves in place of the step's.
     """
 
     config: Mapping[str, Any]
@@ -35,13 +39,24 @@ class KeypointStrategy:
     @cached_property
     def solver_config(self) -> kpam.SolverConfig:
         """The solver's fields, validated."""
-        return kpam.SolverConfig({name: value for name, value in self.config.items() if name not in PLANNER_FIELDS})
+        others = {*PLANNER_FIELDS, MAKES_ROOM}
+        return kpam.SolverConfig({name: value for name, value in self.config.items() if name not in others})
 
     @property
     def contact_speed(self) -> float | None:
         """Greatest speed of the point that touches, m/s; None: as fast as the arm may."""
         speed: float | None = self.config.get("contact_speed")
         return speed
+
+    @property
+    def makes_room(self) -> str | None:
+        """Name of the object that it moves out of the way of the step, which it does not do; None: it does the step."""
+        name: str | None = self.config.get(MAKES_ROOM)
+        return name
+
+    def as_step(self) -> KeypointStrategy:
+        """The same as a way to do a step on the object that it moves."""
+        return KeypointStrategy({name: value for name, value in self.config.items() if name != MAKES_ROOM})
 
     @property
     def opening(self) -> float | None:
@@ -73,6 +88,10 @@ class _FoundGrasp(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     grasp: Literal["antipodal"]
+
+    @property
+    def makes_room(self) -> None:
+        """It does the step."""
 
     @property
     def fingers(self) -> kpam.Gripper:
@@ -167,6 +186,9 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
         value = data.get(name)
         if value is not None and not (isinstance(value, int | float) and least <= value <= most):
             raise InputError(f"must be a number in {least:g}..{most:g}, is {value!r}", file=file, field=name)
+    moved = data.get(MAKES_ROOM)
+    if moved is not None and not (isinstance(moved, str) and moved):
+        raise InputError(f"must be an object's name, is {moved!r}", file=file, field=MAKES_ROOM)
     try:
         _ = strategy.solver_config
     except kpam.KpamError as error:

@@ -52,7 +52,8 @@ class ChainController:
     A step is planned on the scene as it stands at its turn. It is planned again, from the robot's present state and
     velocity, where its object drifts before it is touched or the fingers close on nothing; where what is held is lost,
     the step that took it up has its turn again; where a motion has ended and the step is not done, it is tried once
-    more and then by the next strategy. Plans are counted, and bounded by ``MAX_ROUNDS`` a step. A hand that is near
+    more and then by the next strategy; where none can be planned, what is in the way is moved by a strategy that makes
+    room. Plans are counted, and bounded by ``MAX_ROUNDS`` a step. A hand that is near
     what it has acted on when the last step is done goes back to the rest posture (:mod:`gensim2.rollout.retreat`).
 
     Args:
@@ -167,7 +168,7 @@ class ChainController:
                     deviation = None  # noted, and nothing follows from it
                 if deviation is None and not run.is_over:
                     return self._follow(run, observation)
-                done = deviation is None and turn.is_done(observation.measurement)
+                done = deviation is None and not run.makes_room and turn.is_done(observation.measurement)
                 if deviation is None and not done and self._waited < self._profile.steps(WAIT_SECONDS):
                     self._waited += 1
                     return self._last
@@ -335,7 +336,26 @@ class ChainController:
             if plan.is_best:
                 break
         self._running = best_of(found)
+        if self._running is None and held is None and (self._from_rest or not self._is_under_way(observation)):
+            self._running = self._make_room(scene, observation.step)
         return self._running is not None
+
+    def _make_room(self, scene: Scene, at_step: int) -> ChainPlan | None:
+        """Plan to move what is in the way of the present step; None where nothing is, or it cannot be moved."""
+        turn, step = self._turn(), self._step
+        following = self._following()
+        ways = [self._strategies[name] for name in self._doing(step)]
+        for name in () if self._one_plan else step.strategies:
+            strategy = self._strategies[name]
+            if strategy.makes_room is None or turn.tries.get(name, 0) >= MAX_TRIES:
+                continue
+            planned = self._planner.make_room(scene, step, strategy, ways, following)
+            if planned is not None:
+                turn.plans.append(
+                    ChainPlan(name, planned, scene, at_step, self._trigger, self._profile, makes_room=True)
+                )
+                return turn.plans[-1]
+        return None
 
     @property
     def _holds(self) -> str | None:
@@ -351,8 +371,12 @@ class ChainController:
 
     def _untried(self, turn: ChainTurn) -> list[str]:
         """Strategies that were not executed to the end often enough in this turn, in order of preference."""
-        strategies = turn.step.strategies[:1] if self._one_plan else turn.step.strategies
-        return [name for name in strategies if turn.tries.get(name, 0) < MAX_TRIES]
+        names = self._doing(turn.step)[: 1 if self._one_plan else None]
+        return [name for name in names if turn.tries.get(name, 0) < MAX_TRIES]
+
+    def _doing(self, step: Step) -> list[str]:
+        """Strategies that do a step, in order of preference; not those that make room for it."""
+        return [name for name in step.strategies if self._strategies[name].makes_room is None]
 
     def _foreseen(self, name: str) -> kpam.Plan | None:
         """The plan of the present step by a strategy that the grasp foresaw by which the hand holds something."""
@@ -362,18 +386,20 @@ class ChainController:
         return grasp.plan if self._step.strategies[grasp.strategy] == name else None
 
     def _plan(self, scene: Scene, name: str, at_step: int, warm_start: kpam.Plan | None) -> ChainPlan:
-        later = self._task.steps[self._at + 1 :]
-        following: list[Ways] = [(step, [self._strategies[each] for each in step.strategies]) for step in later]
         planned = self._planner.plan(
             scene,
             self._step,
             self._strategies[name],
-            following=following,
+            following=self._following(),
             warm_start=warm_start,
             lost=self._lost.get(self._step.object, ()),
         )
-        room = room_for_hand(planned.after, self._step, later)
+        room = room_for_hand(planned.after, self._step, self._task.steps[self._at + 1 :])
         return ChainPlan(name, planned, scene, at_step, self._trigger, self._profile, room)
+
+    def _following(self) -> list[Ways]:
+        later = self._task.steps[self._at + 1 :]
+        return [(step, [self._strategies[each] for each in step.strategies]) for step in later]
 
     def _plan_ahead(self, scene: Scene) -> list[list[ChainPlan]]:
         """The plans of every step, a whole one last, up to the first step that has none."""
@@ -381,7 +407,7 @@ class ChainController:
         for number, step in enumerate(self._task.steps):
             self._at = number
             plans: list[ChainPlan] = []
-            for name in step.strategies:
+            for name in self._doing(step):
                 plans.append(self._plan(scene, name, 0, None))
                 if plans[-1].is_best:
                     break

@@ -33,6 +33,7 @@ class ChainPlan:
         trigger: why.
         profile: whose simulated drives execute it.
         room: for the hand about what the next step takes, m; at most ``ROOM``.
+        makes_room: whether it moves another object for the step, which it does not do.
         ran: actions of it that were given.
     """
 
@@ -43,6 +44,7 @@ class ChainPlan:
     trigger: str
     profile: RobotProfile
     room: float = ROOM
+    makes_room: bool = False
     ran: int = 0
 
     @property
