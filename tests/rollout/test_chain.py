@@ -223,6 +223,9 @@ def test_what_bars_a_grasp_is_moved_away_first(scene: Scene, start: float) -> No
     plans = [(plan.strategy, plan.status) for plan in controller.history[0].plans]
     made = [("grasp", "no_grasp"), ("push", "solved")] if start == 1.0 else []
     assert plans == [*made, ("grasp", "solved")]
+    assert ["makes_room" in plan.detail for plan in controller.history[0].plans] == [
+        name == "push" for name, _ in plans
+    ]
     assert world.holds
 
 

@@ -62,6 +62,11 @@ def test_what_a_plan_lacks(plan: PlanRecord, cause: Cause) -> None:
     assert (episode.control_steps == 0) == (plan.ran == 0)
 
 
+def test_room_that_was_made_in_vain_is_not_to_blame() -> None:
+    plans = [_plan("no_grasp"), _plan("solved", 30, makes_room=True), _plan("no_grasp")]
+    assert _open(glide(REACH, GRIP), plans).cause is Cause.NO_GRASP
+
+
 def test_a_later_strategy_makes_good_what_an_earlier_lacked() -> None:
     """The first has no pose; the second is followed, and to blame for what comes of it."""
     plans = [_plan("actuation_infeasible"), _plan("solved", 30)]

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from gensim2.planning.scene import Scene
 from gensim2.planning.step_plan import StepPlan
+from gensim2.planning.strategies import MAKES_ROOM
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import Action
 from gensim2.rollout.record import PlanRecord
@@ -86,7 +87,7 @@ class ChainPlan:
             at_step=self.at_step,
             trigger=self.trigger,
             ran=self.ran,
-            detail=planned.detail(),
+            detail=planned.detail() | ({MAKES_ROOM: True} if self.makes_room else {}),
         )
 
 

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gensim2.planning.step_plan import INVALID, NO_GRASP
+from gensim2.planning.strategies import MAKES_ROOM
 from gensim2.rollout.controller import ACTUATION, Event
 from gensim2.rollout.measured_faults import (
     distance_apart,
@@ -189,10 +190,10 @@ def _has_motion(plan: PlanRecord) -> bool:
 
 
 def _fault_of_plans(plans: Sequence[PlanRecord]) -> Fault | None:
-    """Return the fault of the plan that was followed last, or made last where none was followed."""
+    """Return the fault of the plan that was followed last, or made last where none was followed but to make room."""
     if not plans:
         return None
-    followed = [plan for plan in plans if plan.ran]
+    followed = [plan for plan in plans if plan.ran and not plan.detail.get(MAKES_ROOM)]
     plan = followed[-1] if followed else plans[-1]
     if plan.status == "solved":
         return None
