@@ -18,7 +18,7 @@ from typing import Any
 from markdown_tables import line, runs_to_take_in
 
 from gensim2.files import write_atomic, write_json
-from gensim2.policy.experiments.figures import KINDS, Kind, Rate, difference
+from gensim2.policy.experiments.figures import KINDS, Kind, Rate, TaskFigures, summary
 from gensim2.policy.experiments.page import WORDS
 
 FIGURES = Path(__file__).with_name("experiments.json")
@@ -57,12 +57,17 @@ ABOUT = ["seed", "commit", "tasks", "trainings", "taught by", "CPU min", "lost o
 
 
 def _about(arm: Arm) -> list[str]:
-    seen, unseen = (_rate(arm["tasks"].values(), kind) for kind in ("seen", "unseen"))
+    told = summary(
+        [
+            TaskFigures(name, {kind: Rate(**rate) for kind, rate in counts.items()})
+            for name, counts in arm["tasks"].items()
+        ]
+    )
     lost = ""
-    if seen.episodes and unseen.episodes:
-        gap, (low, high) = difference(seen, unseen)
+    if told["lost_mean"] is not None:  # of tasks that were measured on both
+        gap, (low, high) = told["lost_mean"], told["lost_interval"]
         lost = f"{100 * gap:+.1f} ({100 * low:+.1f} to {100 * high:+.1f}) points"
-    taught = sum("unseen" in counts for counts in arm["tasks"].values())
+    taught = sum(bool({"seen", "unseen"} & set(counts)) for counts in arm["tasks"].values())
     return [
         str(arm["seed"]),
         arm["commit"],
