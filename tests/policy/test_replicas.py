@@ -102,7 +102,7 @@ def test_a_signal_to_all_processes_ends_the_training_once_its_state_is_written(
     script.write_text(
         f"""import signal
 import sys
-# What ran the tests (nohup, a shell in the background) may ignore it, and its children with it.
+# Child processes inherit ignored signals; nohup ignores SIGHUP.
 signal.signal({which.value}, signal.default_int_handler if {which.value} == signal.SIGINT else signal.SIG_DFL)
 sys.path.insert(0, {str(Path(made_up.__file__).parent)!r})
 import made_up

@@ -190,7 +190,7 @@ class ChainController:
             self._waited = 0
             if self._begin(observation):
                 self._from_rest = False
-            elif self._from_rest or not self._is_under_way(observation):
+            elif self._is_calm(observation):
                 return None
             else:
                 self._from_rest = True
@@ -300,6 +300,10 @@ class ChainController:
         waits = self._waited < self._profile.steps(CALM_SECONDS)
         return waits and (moves or falls or (self._from_rest and self._is_under_way(observation)))
 
+    def _is_calm(self, observation: PrivilegedObservation) -> bool:
+        """Whether waiting for the arm and the joint to come to rest is of no use: it was done, or both are at rest."""
+        return self._from_rest or not self._is_under_way(observation)
+
     def _is_under_way(self, observation: PrivilegedObservation) -> bool:
         """Whether the arm moves, or the joint of what the step acts on."""
         return self._swings(observation) or bool(np.abs(observation.qvel).max() > CALM_ARM)
@@ -336,7 +340,7 @@ class ChainController:
             if plan.is_best:
                 break
         self._running = best_of(found)
-        if self._running is None and held is None and (self._from_rest or not self._is_under_way(observation)):
+        if self._running is None and held is None and not self._one_plan and self._is_calm(observation):
             self._running = self._make_room(scene, observation.step)
         return self._running is not None
 
@@ -345,7 +349,7 @@ class ChainController:
         turn, step = self._turn(), self._step
         following = self._following()
         ways = [self._strategies[name] for name in self._doing(step)]
-        for name in () if self._one_plan else step.strategies:
+        for name in step.strategies:
             strategy = self._strategies[name]
             if strategy.makes_room is None or turn.tries.get(name, 0) >= MAX_TRIES:
                 continue

@@ -18,7 +18,7 @@ HASHED = 8
 
 def can_be_counted(given: TaskInput) -> bool:
     """Whether a task has articulated objects that are generated, so that there are as many as are wanted."""
-    return given.scene.assets == BUILTIN and bool(articulated(given))
+    return given.scene.assets == BUILTIN and bool(_articulated(given))
 
 
 def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
@@ -29,7 +29,7 @@ def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
     """
     if not can_be_counted(given):
         raise InputError(f"{given.spec.name}: can be counted for generated articulated objects", field="objects")
-    chosen = frozenset((name, _drawn(given, kind, count, seed)) for name, kind in articulated(given).items())
+    chosen = frozenset((name, _drawn(given, kind, count, seed)) for name, kind in _articulated(given).items())
     scene = given.scene.options.with_task(given.spec, chosen)
     return replace(given, scene=scene, instances=f"{count}{_COUNTED}{seed}")
 
@@ -49,7 +49,7 @@ def all_with_objects(given: Sequence[TaskInput], count: int, seed: int) -> list[
 def number_of_objects(given: TaskInput) -> int:
     """Number of different objects that the scenes of a task draw from, of those with a joint where it has some."""
     chosen = given.scene.instances
-    classes = articulated(given) or {name: thing.asset_class for name, thing in given.spec.objects.items()}
+    classes = _articulated(given) or {name: thing.asset_class for name, thing in given.spec.objects.items()}
     drawn = dict(chosen) if isinstance(chosen, frozenset) else dict.fromkeys(classes, chosen)
     found = set[tuple[str, str]]()
     for name, asset_class in classes.items():
@@ -73,12 +73,12 @@ def hashes(given: TaskInput) -> list[str]:
     chosen = given.scene.instances
     if not is_counted(given.instances) or not isinstance(chosen, frozenset):
         return []
-    kinds, ids = articulated(given), dict(chosen)
+    kinds, ids = _articulated(given), dict(chosen)
     some = [(kinds[name], int(number)) for name in sorted(ids) for number in ids[name][:HASHED]]
     return [blueprint_hash(kind, number, blueprint(kind, number)) for kind, number in some]
 
 
-def articulated(given: TaskInput) -> dict[str, str]:
+def _articulated(given: TaskInput) -> dict[str, str]:
     """Classes of a task's objects with a joint, by name."""
     classes = {name: thing.asset_class for name, thing in given.spec.objects.items()}
     return {name: each for name, each in classes.items() if given.library.kind(each) == "articulated"}

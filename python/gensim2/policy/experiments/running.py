@@ -24,7 +24,6 @@ from gensim2.policy.keypose.adding import generated_input
 from gensim2.policy.learning import Learned, learn
 from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION, read_record
-from gensim2.rollout.counted_objects import articulated
 from gensim2.rollout.inputs import read_task_input, read_task_inputs
 from gensim2.scenes.config import SceneArguments
 from gensim2.tasks.library import load_task
@@ -265,8 +264,12 @@ def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
 
 def without_others(arm: Arm, record: ExperimentRecord) -> frozenset[str]:
     """Tasks of an arm that have no objects but those that it is taught on: those of rigid ones, one of each class."""
-    given = {name: read_task_input(name, assets=_assets(arm, record)) for name in arm.tasks}
-    return frozenset(name for name, each in given.items() if not articulated(each))
+    library, tasks = open_library(_assets(arm, record)), map(load_task, arm.tasks)
+    return frozenset(
+        task.name
+        for task in tasks
+        if all(library.kind(thing.asset_class) == "rigid" for thing in task.objects.values())
+    )
 
 
 def _check_name(arm: Arm, name: str) -> None:
