@@ -169,6 +169,9 @@ fn bad_input_names_its_field() {
     assert_eq!(field(options(|o| o.approach = -0.1)), "options.approach");
     assert_eq!(field(options(|o| o.clearance = 1.0)), "options.clearance");
     assert_eq!(field(options(|o| o.up = Some([0.0; 3]))), "options.up");
+    for tilt in [[-0.1, 1.0], [1.0, 0.9], [0.0, 4.0], [f64::NAN, 1.0]] {
+        assert_eq!(field(options(|o| o.tilt = tilt)), "options.tilt");
+    }
     let flat: Vec<_> = (0..4).map(|i| Point3::new(f64::from(i % 2), f64::from(i / 2), 0.0)).collect();
     let flat = body(Role::Target, vec![Convex::hull(&flat).unwrap()], Pose::identity());
     let error = grasps(&flat, &[], &GraspOptions::default()).unwrap_err();
@@ -260,4 +263,17 @@ fn a_knob_is_found_where_every_part_is_sampled_equally_often() {
         let between = grasp.object_hand * Point3::from(gripper().grip().translation.vector);
         assert!((between - Point3::new(0.0, 0.065, 0.0)).amax() < 0.03, "{between}");
     }
+}
+
+#[test]
+fn as_many_grasps_lean_as_are_asked_for() {
+    // Of what stands like a block, a hundred grasps from above are better than the best from the side.
+    let object = cuboid([0.02, 0.02, 0.05], Pose::translation(0.4, 0.0, 0.05));
+    let leaning = |grasp: &Grasp| (0.6..=1.6).contains(&grasp.quality.tilt);
+    let all = found(&object, &[table()], &options(|o| o.count = 60));
+    assert_eq!(all.len(), 60);
+    assert!(all.iter().filter(|grasp| leaning(grasp)).count() < 20);
+    let some = found(&object, &[table()], &options(|o| (o.count, o.tilt) = (60, [0.6, 1.6])));
+    assert_eq!(some.len(), 60);
+    assert!(some.iter().all(leaning));
 }

@@ -48,7 +48,7 @@ def grasps_of(
     strategy: GraspStrategy,
     lost: Sequence[Array] = (),
 ) -> list[kpam.Grasp]:
-    """Grasps of a rigid object as it lies among all else, best first, those that lean too far or too little left out.
+    """Grasps of a rigid object as it lies among all else, best first, of those that lean as far as is asked for.
 
     They are sought and ranked by the strategy's friction: by that of a slippery scene alone, what is a little askew
     would count for more than where the centre of mass lies. What the scene's own friction does not hold comes behind;
@@ -69,9 +69,9 @@ def grasps_of(
             "friction": strategy.friction,
             "approach": strategy.approach,
             "up": np.linalg.inv(scene.T_world_base)[:3, 2],
+            "tilt": (strategy.least_tilt, strategy.tilt),
         },
     )
-    leaning = [grasp for grasp in found if strategy.least_tilt <= grasp.quality["tilt"] <= strategy.tilt]
     slips = (scene.grip_friction(name) or strategy.friction) < strategy.friction
     late = [
         (
@@ -79,9 +79,9 @@ def grasps_of(
             margin_of(grasp, scene, name, strategy) < HELD,
             int(lever_of(grasp, scene.objects[name], profile) / LEVER_STEP) if slips else 0,
         )
-        for grasp in leaning
+        for grasp in found
     ]
-    ranked = [grasp for _, grasp in sorted(zip(late, leaning, strict=True), key=lambda pair: pair[0])]
+    ranked = [grasp for _, grasp in sorted(zip(late, found, strict=True), key=lambda pair: pair[0])]
     return ranked[: strategy.candidates]
 
 

@@ -44,6 +44,9 @@ pub struct GraspOptions {
     /// Direction against gravity, base frame; null where there is none. Grasps from above and near the centre of mass
     /// are better then.
     pub up: Option<[f64; 3]>,
+    /// Least and largest angle (rad) between the approach and straight down, where there is a down. Grasps outside are
+    /// not tried, and do not count as found.
+    pub tilt: [f64; 2],
 }
 
 impl Default for GraspOptions {
@@ -57,6 +60,7 @@ impl Default for GraspOptions {
             approach: 0.1,
             clearance: 0.001,
             up: Some([0.0, 0.0, 1.0]),
+            tilt: [0.0, std::f64::consts::PI],
         }
     }
 }
@@ -161,6 +165,10 @@ impl GraspOptions {
         }
         if !(0.0..=clearance::FAR).contains(&self.clearance) {
             return fail("clearance", format!("must lie in 0 to {} m, not {}", clearance::FAR, self.clearance));
+        }
+        let [least, most] = self.tilt;
+        if !(0.0 <= least && least <= most && most <= std::f64::consts::PI) {
+            return fail("tilt", format!("must be two angles in 0 to pi rad, the lesser one first, not {:?}", self.tilt));
         }
         Ok(())
     }

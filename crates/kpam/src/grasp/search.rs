@@ -176,8 +176,8 @@ impl Search<'_> {
         out
     }
 
-    /// Directions at right angles to a closing axis, straight down first and without those from below, where there is
-    /// a down.
+    /// Directions at right angles to a closing axis, straight down first, where there is a down, without those from below
+    /// and those that lean more or less than is asked for.
     fn approaches(&self, axis: &Vector3<f64>) -> Vec<Vector3<f64>> {
         let down = self.physics.up.and_then(|up| (axis * up.dot(axis) - up).try_normalize(0.05));
         let side = if axis.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() };
@@ -187,7 +187,11 @@ impl Search<'_> {
             rotation_about(axis, angle) * first
         });
         match self.physics.up {
-            Some(up) => turned.filter(|z| z.dot(&up) < 0.3).collect(),
+            Some(up) => {
+                let [least, most] = self.options.tilt;
+                let leans = |z: &Vector3<f64>| (least..=most).contains(&angle(&-up, z));
+                turned.filter(|z| z.dot(&up) < 0.3 && leans(z)).collect()
+            }
             None => turned.collect(),
         }
     }
