@@ -125,4 +125,4 @@ class GraspOptions(TypedDict, total=False):
     up: npt.ArrayLike | None
     """Direction (3,) against gravity in the base frame ([0, 0, 1]); None: no gravity."""
     tilt: npt.ArrayLike
-    """Least and largest angle (2,) between the approach and straight down, rad ([0, pi])"""
+    """Least and largest angle (2,) between the approach and straight down, rad ([0, pi])."""

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 import gensim2_kpam as kpam
 from gensim2.errors import InputError
@@ -125,6 +125,14 @@ class GraspStrategy(_FoundGrasp):
     least_tilt: Annotated[float, Field(ge=0, le=1.6)] = 0.0
     friction: Annotated[float, Field(gt=0, le=5)] = 1.0
     candidates: Annotated[int, Field(ge=1, le=1000)] = 24
+
+    @field_validator("least_tilt")
+    @classmethod
+    def _leaves_a_tilt(cls, least: float, info: ValidationInfo) -> float:
+        most = info.data.get("tilt", least)  # not there where it is wrong itself
+        if least > most:
+            raise ValueError(f"must be at most tilt, {most} rad")
+        return least
 
     @property
     def let_go(self) -> None:
