@@ -80,8 +80,13 @@ def instant(
     speed: tuple[float, float] = (0.0, 0.0),
     cup: Sequence[float] = (0.3, 0.4, 0.05, 1.0, 0.0, 0.0, 0.0),
 ) -> Measurement:
-    """One instant of the drawer, the ball and a cup that is not to be touched."""
-    at, place = np.asarray(ball, dtype=np.float64), np.asarray(hand, dtype=np.float64)
+    """One instant of the drawer, the ball and a cup that is not to be touched.
+
+    ``ball`` is its position, or its pose; ``joint_speed`` and ``speed`` are what a physics engine says of the drawer
+    and the ball, which need not be how they move.
+    """
+    lies = np.array([*ball, 1.0, 0.0, 0.0, 0.0] if len(ball) == 3 else ball, dtype=np.float64)
+    at, place = lies[:3], np.asarray(hand, dtype=np.float64)
     standing = np.asarray(cup, dtype=np.float64)
     moved = openness * WAY
     return Measurement(
@@ -92,7 +97,7 @@ def instant(
             "ball": {"head": at},
             "cup": {"head": standing[:3]},
         },
-        poses={"ball": np.array([*at, 1.0, 0.0, 0.0, 0.0]), "cup": standing},
+        poses={"ball": lies, "cup": standing},
         speeds={"ball": np.array(speed), "cup": np.zeros(2)},
         gripper={"tool_head": place, "tool_tail": place + np.array([0.0, 0.0, 0.03])},
         finger_opening=opening,

@@ -147,8 +147,8 @@ def run(
     lacking: StrictMisses = {StrictMiss.NOT_HELD: {}}
     by_itself: NoOpResult | None = None
     if ended and goal and stable and settled and not truncated:
-        later = motion.measure_at(ended + steps_in(LASTING_SECONDS))
-        lacking = strict_misses(world, trace[0], _at_actuation(trace, events), later)
+        before, later = motion.measure_about(ended + steps_in(LASTING_SECONDS))
+        lacking = strict_misses(world, trace[0], _at_actuation(trace, events), before, later)
         by_itself = no_op_baseline(world, seed, options=options) if still is None else still()
     held = by_itself is not None and by_itself.stable and not by_itself.success
     outcome = Outcome(
@@ -244,12 +244,17 @@ class _Motion:
         """Recording, if one was asked for."""
         return self._recorder.finish() if self._recorder is not None and self.steps else None
 
-    def measure_at(self, step: int) -> Measurement:
-        """Hold the last command until so many control steps have gone by; they are not part of the episode."""
+    def measure_about(self, step: int) -> tuple[Measurement, Measurement]:
+        """Hold the last command until so many control steps have gone by, and measure before and after the last.
+
+        They are not part of the episode.
+        """
         assert self._action is not None
+        before, after = self.trace[-2:]
         for _ in range(self.steps, step):
             self._world.step(self._action)
-        return self._world.measure() if step > self.steps else self.trace[-1]
+            before, after = after, self._world.measure()
+        return before, after
 
 
 def _at_actuation(trace: Sequence[Measurement], events: Sequence[Event]) -> Measurement | None:

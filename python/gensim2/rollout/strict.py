@@ -37,7 +37,7 @@ OTHERS_DISTANCE, OTHERS_TILT = 0.03, math.radians(20.0)
 
 
 def strict_misses(
-    world: World, start: Measurement, at_actuation: Measurement | None, later: Measurement
+    world: World, start: Measurement, at_actuation: Measurement | None, before: Measurement, later: Measurement
 ) -> StrictMisses:
     """Return the reasons for which an episode whose goal held is not strict.
 
@@ -46,6 +46,7 @@ def strict_misses(
         start: measured before the first control step.
         at_actuation: measured when the hand was first at an actuation pose; None where the controller knows of none,
             whose episodes are not judged by what moved before.
+        before: measured one control step earlier.
         later: measured now.
     """
     task = world.task
@@ -60,7 +61,7 @@ def strict_misses(
             misses[StrictMiss.NOT_RETREATED] = {"distances": near}
     if not all_hold(task.success, later):
         misses[StrictMiss.NOT_LASTING] = {}
-    if speeds := _moving(world, later):
+    if speeds := _moving(world, before, later):
         misses[StrictMiss.MOVING] = {"speeds": speeds}
     if at_actuation is not None and (disturbed := _disturbed(start, at_actuation)):
         misses[StrictMiss.DISTURBED] = {"objects": disturbed}
@@ -82,20 +83,24 @@ def _from_gripper(measured: Measurement, name: str) -> float:
     return float(np.linalg.norm(gripper[:, None] - points[None], axis=2).min())
 
 
-def _moving(world: World, measured: Measurement) -> dict[str, float]:
-    """Speed of everything that is not at rest: m/s, or rad/s where it is the turning that is too fast."""
-    moving = {}
-    for name, share in measured.joint_speed.items():
+def _moving(world: World, before: Measurement, later: Measurement) -> dict[str, float]:
+    """Speed of everything that is not at rest: m/s, or rad/s where it is the turning that is too fast.
+
+    It is what was moved in a control step, not the speed that PhysX reports: of what is pressed into something, or
+    lies on the facets of a hull, that is what its solver pushes back in each step, 0.1 rad/s or 25 cm/s of bodies that
+    do not move at all.
+    """
+    moving, rate = {}, world.profile.control_hz
+    for name, moved in changes(before, later).items():
         joint = world.initial_state.objects[name].model.joint
-        assert joint is not None, "what has an openness has a joint"
-        speed = abs(share) * (joint.upper - joint.lower)
-        if not speed < (LINEAR_SPEED if joint.type == "prismatic" else ANGULAR_SPEED):
-            moving[name] = speed
-    for name, (linear, angular) in measured.speeds.items():
-        if not linear < LINEAR_SPEED:
-            moving[name] = float(linear)
-        elif not angular < ANGULAR_SPEED:
-            moving[name] = float(angular)
+        if joint is not None:
+            speed = rate * abs(moved.openness) * (joint.upper - joint.lower)
+            if not speed < (LINEAR_SPEED if joint.type == "prismatic" else ANGULAR_SPEED):
+                moving[name] = speed
+        elif not rate * moved.distance < LINEAR_SPEED:
+            moving[name] = rate * moved.distance
+        elif not rate * moved.turn < ANGULAR_SPEED:
+            moving[name] = rate * moved.turn
     return moving
 
 
