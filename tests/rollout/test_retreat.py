@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -65,3 +66,23 @@ def test_a_hand_that_is_to_stay_stays() -> None:
         if episode.held:
             assert StrictMiss.NOT_LET_GO in episode.strict_misses
             assert np.isfinite(episode.control_steps)
+
+
+def test_a_hand_whose_rest_posture_is_barred_backs_off(env: HeadlessEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where a door has come to stand where the arm rests: what is planned to there is planned into it."""
+    planned = chain.planned_retreat
+
+    def barred(world: Any, scene: Any, names: Any, near: bool, profile: Any) -> Any:
+        below = np.array(profile.reset_qpos) + np.array([0.0, 1.2, *[0.0] * (len(profile.reset_qpos) - 2)])
+        assert world.of(scene).in_collision(below)
+        return planned(world, scene, names, near, replace(profile, reset_qpos=tuple(below)))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(chain, "planned_retreat", lambda *_: None)
+        without = [result.episode for result in _episodes(env)]
+    monkeypatch.setattr(chain, "planned_retreat", barred)
+    for result, before in zip(_episodes(env), without, strict=True):
+        episode = result.episode
+        assert episode.held
+        assert StrictMiss.NOT_RETREATED not in episode.strict_misses
+        assert before.control_steps < episode.control_steps

@@ -63,6 +63,8 @@ def planned_retreat(
 ) -> Retreat | None:
     """Plan a motion to the rest posture that touches nothing; a hand in contact leaves it first, straight.
 
+    Where no such motion is found, the straight way away from what it acted on is all of it.
+
     Args:
         world: of the episode.
         scene: as it stands.
@@ -88,6 +90,8 @@ def planned_retreat(
     home = solver.plan_to(last, goal, velocity_scale=SPEED, acceleration_scale=SPEED).trajectory
     if home is not None:
         rows += list(home.sample_every(1.0 / profile.control_hz)[1:])
+    elif not rows:  # a door may stand open where the arm rests
+        rows = _straight_out(solver, q, profile)
     if not rows:
         return None
     positions = np.array(rows)[:, columns]
