@@ -17,10 +17,11 @@ class Measurement:
 
     Attributes:
         openness: of each articulated object: (q - lower) / (upper - lower); may leave 0..1 by the joint's give.
-        joint_speed: of each articulated object, openness per second.
+        joint_speed: of each articulated object, openness per second, as physics reports it: of what is pressed into
+            something it may be far from how it moves.
         keypoints: of each object, by name and in the object's own order: (3,) m.
         poses: (7,) of each rigid object: x, y, z, qw, qx, qy, qz.
-        speeds: (2,) of each rigid object: m/s and rad/s.
+        speeds: (2,) of each rigid object: m/s and rad/s, as physics reports them.
         gripper: tool keypoints of the robot: (3,) m.
         finger_opening: distance between the fingers' pads, m.
         start_positions: of each rigid object, (3,) where the origin of its frame was put at the reset.
