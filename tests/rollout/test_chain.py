@@ -133,6 +133,25 @@ def test_what_is_lost_on_the_way_is_taken_up_again(world: KinematicWorld) -> Non
     assert all_hold(TASK.success, world.measure())
 
 
+def test_what_is_lost_where_it_is_to_go_is_left_there(world: KinematicWorld) -> None:
+    def lose(world: KinematicWorld) -> None:
+        inside = world.measure().point("drawer")
+        away = world.scene.T_world_base[:3, :3] @ world.center() + world.scene.T_world_base[:3, 3] - inside
+        if world.holds and np.linalg.norm(away[:2]) < 0.06:
+            pose = world.scene.objects["ball"].T_base_object.copy()
+            pose[:3, 3] -= world.scene.T_world_base[:3, :3].T @ (away + [0.0, 0.0, 0.03])
+            world.holds = False
+            world.put(pose)
+            world.mischief = lambda _: None
+
+    world.mischief = lose
+    controller = chain()
+    world.run(controller)
+    assert "grasp lost" in [event.what for event in controller.events]
+    assert [name for name, _ in triggers(controller)] == ["open", "grasp", "place", "close"]
+    assert all_hold(TASK.success, world.measure())
+
+
 def test_fingers_that_close_on_nothing_open_and_try_again(world: KinematicWorld) -> None:
     controller = chain()
 

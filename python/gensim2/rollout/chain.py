@@ -23,6 +23,8 @@ from gensim2.rollout.retreat import Retreat, is_near, planned_retreat
 from gensim2.rollout.room import room_for_hand
 from gensim2.rollout.strict import is_about_the_gripper
 from gensim2.rollout.watch import Held, has_drifted, taken
+from gensim2.tasks.criteria import DistanceArticulatedRigid, all_hold
+from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 Array = npt.NDArray[np.float64]
@@ -188,6 +190,8 @@ class ChainController:
                 self._waited += 1
                 return self._stay(observation)
             self._waited = 0
+            if self._is_there_already(observation.measurement):
+                continue
             if self._begin(observation):
                 self._from_rest = False
             elif self._is_calm(observation):
@@ -372,6 +376,21 @@ class ChainController:
             before = [i for i in range(self._at) if self._task.steps[i].object == self._step.tool]
             if before:
                 self._at, self._trigger = before[-1], Cause.GRASP_LOST.value
+
+    def _is_there_already(self, measured: Measurement) -> bool:
+        """Give the turn to what comes after an object was put down, where a lost one has come to lie as the goal asks.
+
+        The hand may not get at it there: a cup that slipped out of it over a box lies in that box.
+        """
+        if self._trigger != Cause.GRASP_LOST:
+            return False
+        name, steps = self._step.object, self._task.steps
+        asked = [c for c in self._task.success if isinstance(c, DistanceArticulatedRigid) and c.rigid == name]
+        after = max((i + 1 for i in range(self._at, len(steps)) if steps[i].tool == name), default=len(steps))
+        if not asked or after == len(steps) or not all_hold(asked, measured):
+            return False
+        self._at, self._trigger = after, START
+        return True
 
     def _untried(self, turn: ChainTurn) -> list[str]:
         """Strategies that were not executed to the end often enough in this turn, in order of preference."""
