@@ -139,7 +139,7 @@ def test_what_is_lost_where_it_is_to_go_is_left_there(world: KinematicWorld) -> 
         away = world.scene.T_world_base[:3, :3] @ world.center() + world.scene.T_world_base[:3, 3] - inside
         if world.holds and np.linalg.norm(away[:2]) < 0.06:
             pose = world.scene.objects["ball"].T_base_object.copy()
-            pose[:3, 3] -= world.scene.T_world_base[:3, :3].T @ (away + [0.0, 0.0, 0.03])
+            pose[:3, 3] -= world.scene.T_world_base[:3, :3].T @ np.add(away, [0.0, 0.0, 0.03])
             world.holds = False
             world.put(pose)
             world.mischief = lambda _: None
