@@ -385,7 +385,7 @@ class ChainController:
         if self._trigger != Cause.GRASP_LOST:
             return False
         name, steps = self._step.object, self._task.steps
-        asked = [c for c in self._task.success if isinstance(c, DistanceArticulatedRigid) and c.rigid == name]
+        asked = tuple(c for c in self._task.success if isinstance(c, DistanceArticulatedRigid) and c.rigid == name)
         after = max((i + 1 for i in range(self._at, len(steps)) if steps[i].tool == name), default=len(steps))
         if not asked or after == len(steps) or not all_hold(asked, measured):
             return False
