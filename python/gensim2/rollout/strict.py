@@ -92,8 +92,9 @@ def _moving(world: World, before: Measurement, later: Measurement) -> dict[str, 
     """
     moving, rate = {}, world.profile.control_hz
     for name, moved in changes(before, later).items():
-        joint = world.initial_state.objects[name].model.joint
-        if joint is not None:
+        if name in later.openness:
+            joint = world.initial_state.objects[name].model.joint
+            assert joint is not None, "what has an openness has a joint"
             speed = rate * abs(moved.openness) * (joint.upper - joint.lower)
             if not speed < (LINEAR_SPEED if joint.type == "prismatic" else ANGULAR_SPEED):
                 moving[name] = speed

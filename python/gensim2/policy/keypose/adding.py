@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -18,12 +19,13 @@ from gensim2.observations import ObservationSpec
 from gensim2.policy.checkpoint import BUILTIN, PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.keypose.data import RECORD, Planned, PlannedRecord, plan_scenes, read_planned
 from gensim2.policy.keypose.teaching import pulls_last
-from gensim2.policy.keypose.training import WAYS_JSON, read_ways
+from gensim2.policy.keypose.training import WAYS_JSON, Way, read_ways
 from gensim2.progress import Progress
 from gensim2.record_files import read_record
 from gensim2.rollout.counted_objects import all_with_objects, is_counted, with_objects
 from gensim2.rollout.inputs import TaskInput, read_task_input, scene_options
 from gensim2.scenes.config import SceneArguments
+from gensim2.tasks.strategies import with_strategies
 
 if TYPE_CHECKING:
     from gensim2.processes import Executor
@@ -100,20 +102,29 @@ def tasks_to_plan_again(
         scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are not asked for.
 
     Raises:
-        InputError: the library has other strategies of a task than taught the policy.
+        InputError: the library lacks a strategy that taught the policy.
     """
     if not is_packaged(start):
         return []
     generated: dict[str, Any] = {**scene, "assets": GENERATED, "instances": "all"}
     found = [pulls_last(read_task_input(name, seed=seed, **generated)) for name in begun.data.tasks]
     ways = read_ways(start, begun)
-    for one in found:
-        here = [(number, name) for number, step in enumerate(one.spec.steps) for name in step.strategies]
-        was = [(way.step, way.name) for way in ways if way.language == one.spec.description]
-        if here != was:
-            message = f"{one.spec.name} was taught by {_names(was)}, the library has {_names(here)}"
-            raise InputError(message, file=start / WAYS_JSON, field="ways", remedy=REMEDY)
-    return all_with_objects(found, objects, seed)
+    taught = [_as_taught(one, [way for way in ways if way.language == one.spec.description], start) for one in found]
+    return all_with_objects(taught, objects, seed)
+
+
+def _as_taught(one: TaskInput, ways: Sequence[Way], start: Path) -> TaskInput:
+    """The task done by the strategies that taught the policy; the library may have more by now."""
+    here = [(number, name) for number, step in enumerate(one.spec.steps) for name in step.strategies]
+    was = [(way.step, way.name) for way in ways]
+    if not set(was) <= set(here) or len({number for number, _ in was}) < len(one.spec.steps):
+        message = f"{one.spec.name} was taught by {_names(was)}, the library has {_names(here)}"
+        raise InputError(message, file=start / WAYS_JSON, field="ways", remedy=REMEDY)
+    by = {
+        step.name: {name: one.strategies[name] for at, name in was if at == number}
+        for number, step in enumerate(one.spec.steps)
+    }
+    return replace(one, scene=replace(one.scene, task=with_strategies(one.spec, by)))
 
 
 def _names(ways: Sequence[tuple[int, str]]) -> str:
