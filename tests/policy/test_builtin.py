@@ -95,7 +95,7 @@ def test_the_library_s_strategies_are_those_that_taught_it(monkeypatch: pytest.M
     for one in again:
         taught = [(way.step, way.name) for way in ways if way.language == one.spec.description]
         assert [(number, name) for number, step in enumerate(one.spec.steps) for name in step.strategies] == taught
-    other = [way.model_copy(update={"name": "another"}) for way in read_ways(folder, policy)]
+    other = [way.model_copy(update={"name": "another"}) for way in ways]
     monkeypatch.setattr(adding, "read_ways", lambda *_: other)
     with pytest.raises(InputError, match="CloseBox was taught by another, another, the library has close_box, "):
         tasks_to_plan_again(folder, policy, 3, seed=0)

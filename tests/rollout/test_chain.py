@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -116,6 +117,15 @@ def test_without_looking_the_pushed_object_is_missed(world: KinematicWorld) -> N
     assert {trigger for _, trigger in triggers(controller)} == {"start"}
 
 
+def losing(world: KinematicWorld, lose: Callable[[KinematicWorld], None]) -> ChainController:
+    """Run an episode in which the hand loses what it holds, as it notices."""
+    world.mischief = lose
+    controller = chain()
+    world.run(controller)
+    assert "grasp lost" in [event.what for event in controller.events]
+    return controller
+
+
 def test_what_is_lost_on_the_way_is_taken_up_again(world: KinematicWorld) -> None:
     def lose(world: KinematicWorld) -> None:
         if world.holds and world.center()[2] > 0.1 and world.measure().openness["drawer"] > 0.9:
@@ -125,10 +135,7 @@ def test_what_is_lost_on_the_way_is_taken_up_again(world: KinematicWorld) -> Non
             world.put(pose)
             world.mischief = lambda _: None
 
-    world.mischief = lose
-    controller = chain()
-    world.run(controller)
-    assert "grasp lost" in [event.what for event in controller.events]
+    controller = losing(world, lose)
     assert [name for name, _ in triggers(controller)].count("grasp") == 2
     assert all_hold(TASK.success, world.measure())
 
@@ -144,10 +151,7 @@ def test_what_is_lost_where_it_is_to_go_is_left_there(world: KinematicWorld) -> 
             world.put(pose)
             world.mischief = lambda _: None
 
-    world.mischief = lose
-    controller = chain()
-    world.run(controller)
-    assert "grasp lost" in [event.what for event in controller.events]
+    controller = losing(world, lose)
     assert [name for name, _ in triggers(controller)] == ["open", "grasp", "place", "close"]
     assert all_hold(TASK.success, world.measure())
 
