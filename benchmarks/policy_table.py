@@ -165,9 +165,10 @@ def short(rows: Sequence[Row]) -> str:
     seconds = [row["data_cpu_s"] + row["training_cpu_s"] for row in plain]
     rates = [row["held"] / row["episodes"] for row in plain]
     return (
-        f"{len(plain)} tasks, each learned from nothing in {min(seconds)} to {max(seconds)} s of CPU, data included, "
-        f"and measured on objects that it never saw: {mean(rates):.2f} `held` ({held} of {episodes} episodes, "
-        f"{low:.3f} to {high:.3f}), the worst {worst['name']} {min(rates):.2f}; without the cloud {blind} of {of}.\n"
+        f"Policies of {len(plain)} single-step tasks, each trained in {min(seconds)} to {max(seconds)} s of CPU time "
+        f"with data, succeed on unseen objects in {held} of {episodes} episodes ({mean(rates):.2f}; 95 % interval "
+        f"{low:.3f} to {high:.3f}). The worst is {worst['name']} with {min(rates):.2f}. With the point cloud blanked "
+        f"out, {blind} of {of} episodes succeed.\n"
     )
 
 

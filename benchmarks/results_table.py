@@ -7,9 +7,9 @@
 
 Rows of switches are on scenes of their own and stand in `switches.json` beside this file, where new ones take the place
 of those of the same scenes and physics.
-With `--into`, what stands between `<!-- figures: all -->` (or `claims`, `short`, `switches`) and `<!-- /figures -->` in
-a file is written anew. A cell holds the share of episodes that fulfil paper / held (with its 95 % interval) / strict;
-in the short table held alone, or paper in the original's physics, as the paper counts.
+`--into` rewrites the text between `<!-- figures: all -->` (or `claims`, `short`, `means`, `switches`) and
+`<!-- /figures -->` in a file. A cell holds the success rates paper / held (with its 95 % interval) / strict. The tables
+`short` and `means` hold one rate: held, or paper under the original's physics.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ MEASURED_TASKS = {"single-step": 24, "long-horizon": 15}
 MIN_EPISODES = 5
 """Of an object for its share to be named."""
 SWITCHES = Path(__file__).with_name("switches.json")
-MARKED = re.compile(r"(<!-- figures: (all|claims|short|switches) -->\n).*?(<!-- /figures -->)", re.DOTALL)
+MARKED = re.compile(r"(<!-- figures: (all|claims|short|means|switches) -->\n).*?(<!-- /figures -->)", re.DOTALL)
 
 Cell = Callable[[Figure], str]
 
@@ -60,6 +60,19 @@ def everything(rows: Sequence[Figure]) -> str:
 def short(rows: Sequence[Figure]) -> str:
     """The paper's protocol alone, one verdict a cell: held in the default physics, paper in the original's."""
     return _tables([row for row in rows if row.condition.is_plain], _one_verdict, averages=_average_of_one)
+
+
+def means(rows: Sequence[Figure]) -> str:
+    """Return the mean success rates under the paper's protocol, one row per type of task."""
+    plain = [row for row in rows if row.condition.is_plain]
+    tables = {kind: [row for row in plain if _type(row.task) == kind] for kind in TYPES}
+    found = [
+        (kind, _table(kind, members, _one_verdict, _average_of_one, columns=_columns(plain)).splitlines())
+        for kind, members in tables.items()
+        if members
+    ]
+    head = [each.replace(f"{kind} task", "tasks") for kind, lines in found[:1] for each in lines[:2]]
+    return "\n".join([*head, *(lines[-1].replace("mean", kind, 1) for kind, lines in found)]) + "\n"
 
 
 def switches(rows: Sequence[Figure]) -> str:
@@ -194,12 +207,22 @@ def _tables(rows: Sequence[Figure], cell: Cell, averages: Callable[[Sequence[Fig
     for kind in TYPES:
         members = [row for row in rows if _type(row.task) == kind]
         if members:
-            found.append(_table(kind, members, cell, averages))
+            found.append(_table(kind, members, cell, averages, columns=_columns(members)))
     return "\n".join(found)
 
 
-def _table(kind: str, rows: Sequence[Figure], cell: Cell, averages: Callable[[Sequence[Figure]], str]) -> str:
-    columns = [where for where in WHERE if any(_where(row) == where for row in rows)]
+def _columns(rows: Sequence[Figure]) -> list[tuple[str, str]]:
+    return [where for where in WHERE if any(_where(row) == where for row in rows)]
+
+
+def _table(
+    kind: str,
+    rows: Sequence[Figure],
+    cell: Cell,
+    averages: Callable[[Sequence[Figure]], str],
+    *,
+    columns: Sequence[tuple[str, str]],
+) -> str:
     by_place = {(row.task, *_where(row)): row for row in rows}
     tasks = sorted({row.task for row in rows}, key=_rank)
     lines = [
@@ -261,7 +284,7 @@ def _average_of_three(rows: Sequence[Figure]) -> str:
 
 
 def _average_of_one(rows: Sequence[Figure]) -> str:
-    return f"{_mean(_counting(row) / row.episodes for row in rows)} (of {len(rows)})"
+    return f"{_mean(_counting(row) / row.episodes for row in rows)} (of {len(rows)})" if rows else ""
 
 
 def _mean(rates: Iterable[float]) -> str:
@@ -279,6 +302,7 @@ def renewed(text: str, rows: Sequence[Figure]) -> str:
         "all": everything,
         "claims": claims,
         "short": short,
+        "means": means,
         "switches": lambda _: switches(measured_switches()),
     }
     found, count = MARKED.subn(lambda match: f"{match[1]}\n{makers[match[2]](rows)}\n{match[3]}", text)

@@ -122,6 +122,15 @@ def test_the_short_table_counts_as_the_paper_in_its_physics_and_what_holds_in_ou
     assert not any("wide" in line for line in lines)
 
 
+def test_the_table_of_means_has_one_row_per_type_and_the_same_columns_for_both(made: Any) -> None:
+    lines = made.means(ROWS).splitlines()
+    assert lines[0] == "| tasks | default, generated | default, real | original, real | paper | its release |"
+    assert lines[2:] == [
+        "| single-step |  | 0.90 (of 2) | 0.96 (of 1) | 0.76 |  |",
+        "| long-horizon | 0.50 (of 1) |  |  | 0.56 |  |",
+    ]
+
+
 def test_a_document_keeps_all_but_what_stands_between_the_marks(made: Any) -> None:
     text = "# A\n\n<!-- figures: short -->\nbefore\n<!-- /figures -->\nb\n<!-- figures: all -->\n<!-- /figures -->\nc\n"
     new = made.renewed(text, ROWS)
