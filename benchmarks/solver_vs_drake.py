@@ -18,6 +18,7 @@ import statistics
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -126,24 +127,27 @@ class Drake:
         from pydrake.solvers import MathematicalProgram
 
         begin = time.process_time()
-        times = waypoint_times(problem, keyframes[-1].time)
+        times = waypoint_times(problem, [keyframe.time for keyframe in keyframes])
         program = MathematicalProgram()
         q = program.NewContinuousVariables(len(times), 9, "q")
         current = np.asarray(problem["q_current"])
-        program.AddBoundingBoxConstraint(current, current, q[0])
+        program.AddConstraint(np.sum((q[0] - current) ** 2) == 0)
         weights = np.diag([10.0] + [1.0] * 7 + [10.0])
         block = 2.0 * np.block([[weights, -weights], [-weights, weights]])
-        for one, two in pairwise(q):
-            program.AddQuadraticCost(block, np.zeros(18), np.concatenate([one, two]), True)
+        matrix = np.zeros((q.size, q.size))
+        for first in range(0, q.size - 9, 9):
+            matrix[first : first + 18, first : first + 18] += block
+        program.AddQuadraticCost(matrix, np.zeros(q.size), q.ravel(), True)
+        contexts = [self.plant.CreateDefaultContext() for _ in times]
         for keyframe in keyframes:
             index = int(np.argmin(np.abs(times - keyframe.time)))
             position, turn = keyframe.pose[:3, 3], RotationMatrix.ProjectToRotationMatrix(keyframe.pose[:3, :3])
             program.AddConstraint(
-                PositionConstraint(self.plant, self.world, position, position, self.hand, np.zeros(3), self.context),
+                PositionConstraint(self.plant, self.world, position, position, self.hand, np.zeros(3), contexts[index]),
                 q[index],
             )
             program.AddConstraint(
-                OrientationConstraint(self.plant, self.world, turn, self.hand, RotationMatrix(), 0.03, self.context),
+                OrientationConstraint(self.plant, self.world, turn, self.hand, RotationMatrix(), 0.03, contexts[index]),
                 q[index],
             )
         start = problem["start_time"]
@@ -156,10 +160,20 @@ class Drake:
         return (np.asarray(result.GetSolution(q)) if result.is_success() else None), spent
 
 
-def waypoint_times(problem: dict[str, Any], end: float) -> Array:
-    """The original's waypoints: one a second, two a second from the last pre-actuation keyframe on."""
-    dense_from = problem["pre_actuation_times"][-1] if problem["pre_actuation_times"] else 0.0
-    return np.concatenate([np.arange(problem["start_time"], dense_from), np.arange(dense_from, end + 0.25, 0.5)])
+def waypoint_times(problem: dict[str, Any], keyframe_times: Sequence[float]) -> Array:
+    """Return the times of the original's waypoints in seconds, shape (N,).
+
+    Every keyframe is a waypoint. Between keyframes there is about one waypoint per second until the actuation, and two
+    per second afterwards.
+    """
+    times = [problem["start_time"], *keyframe_times]
+    parts = [
+        np.linspace(
+            begin, end, max(1, int((end - begin) * (1 if end < problem["actuation_time"] else 2))), endpoint=False
+        )
+        for begin, end in pairwise(times)
+    ]
+    return np.concatenate([*parts, times[-1:]])
 
 
 def solve_in_drake(drake: Drake, arm: Arm, problem: dict[str, Any], anchors: Array) -> Timing:
