@@ -1,4 +1,4 @@
-"""Tables of experiments in docs/generalization.md, from the JSON of `gensim2 experiment NAME --json FILE`.
+"""Table of experiments in docs/results/generalization.md, from the JSON of `gensim2 experiment NAME --json FILE`.
 
     python benchmarks/experiment_table.py FILE... --commit HASH   # takes the arms of these runs in, and writes tables
     python benchmarks/experiment_table.py                         # writes the tables from the figures that there are
@@ -22,8 +22,9 @@ from gensim2.policy.experiments.figures import KINDS, Kind, Rate, TaskFigures, s
 from gensim2.policy.experiments.page import WORDS
 
 FIGURES = Path(__file__).with_name("experiments.json")
-PAGE = Path(__file__).parents[1] / "docs" / "generalization.md"
-CURVE = PAGE.parent / "images" / "objects_curve.png"
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE = DOCS / "results" / "generalization.md"
+CURVE = DOCS / "images" / "objects_curve.png"
 MARKED = re.compile(r"(<!-- experiments -->\n).*?(<!-- /experiments -->)", re.DOTALL)
 KEPT = ("name", "objects", "count", "demonstrations", "cpu_s")
 
@@ -44,13 +45,9 @@ def arms_of(found: Mapping[str, Any], commit: str) -> list[Arm]:
     ]
 
 
-def tables(arms: Sequence[Arm]) -> str:
-    """Return a table with a row an arm, and one for each arm with a row a task."""
-    parts = [_table("arm", [(arm["name"], _about(arm), list(arm["tasks"].values())) for arm in arms], ABOUT)]
-    for arm in arms:
-        rows: list[tuple[str, list[str], list[Any]]] = [(name, [], [counts]) for name, counts in arm["tasks"].items()]
-        parts.append(f"**{arm['name']}**, seed {arm['seed']}\n\n{_table('task', rows, [])}")
-    return "\n".join(parts)
+def table(arms: Sequence[Arm]) -> str:
+    """Return the table of success rates with one row per arm."""
+    return _table("arm", [(arm["name"], _about(arm), list(arm["tasks"].values())) for arm in arms], ABOUT)
 
 
 ABOUT = ["seed", "commit", "tasks", "trainings", "taught by", "CPU min", "lost on unseen"]
@@ -137,7 +134,7 @@ def main() -> None:
     arms = [known[key] for key in sorted(known, key=lambda key: (_natural(key[0]), key[1]))]
     write_json(FIGURES, {"schema_version": 1, "arms": arms})
     draw(arms, CURVE)
-    write_atomic(PAGE, MARKED.sub(lambda match: f"{match[1]}{tables(arms)}{match[2]}", PAGE.read_text()))
+    write_atomic(PAGE, MARKED.sub(lambda match: f"{match[1]}{table(arms)}{match[2]}", PAGE.read_text()))
 
 
 if __name__ == "__main__":

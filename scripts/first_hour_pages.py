@@ -137,7 +137,7 @@ class Command:
 
 def pages() -> list[Path]:
     """Return the pages in the order in which a reader meets them."""
-    others = (sorted(ROOT.glob(each)) for each in ("docs/*.md", "crates/*/README.md", "plugins/*/README.md"))
+    others = (sorted(ROOT.glob(each)) for each in ("docs/**/*.md", "crates/*/README.md", "plugins/*/README.md"))
     return [ROOT / "README.md", *itertools.chain(*others), ROOT / "CONTRIBUTING.md"]
 
 

@@ -107,7 +107,7 @@ def offences(root: Path) -> tuple[list[Offence], Counter[str]]:
             text = path.read_text(encoding="utf-8")
             count[suffix] += docstrings(text, suffix)
             found += read(text, path.relative_to(root))
-    pages = (path for path in sorted((root / "docs").glob("*.md")) if path.name != SENTENCES)
+    pages = (path for path in sorted((root / "docs").rglob("*.md")) if path.name != SENTENCES)
     for path in (root / "README.md", *pages):
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
             found += _speakers(line, path.relative_to(root), number)
