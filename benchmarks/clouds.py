@@ -1,6 +1,6 @@
 """Cost of collision checks and plans among points, beside the boxes that the points cover.
 
-    python benchmarks/clouds.py [--points 500 2000 10000 20000 50000] [--queries 20]
+    python benchmarks/clouds.py [--points 500 2000 10000 20000 50000] [--queries 20] [--stray METRES]
 
 A shelf and a table of boxes; points drawn evenly over their faces, of 5 mm radius. The same joint-to-joint queries are
 planned among the boxes and among the points, in turn. Prints CPU milliseconds to build the scene, microseconds a check
@@ -70,6 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--points", type=int, nargs="+", default=[500, 2000, 10_000, 20_000, 50_000])
     parser.add_argument("--queries", type=int, default=20)
+    parser.add_argument("--stray", type=float, help="add one point this far (m) from the base")
     options = parser.parse_args(arguments)
     robot = robots.robot("panda").model
     draw = rng(0, "clouds", 0)
@@ -91,6 +92,8 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"{'boxes':>8}: check {check:6.2f} us, plan {plan:7.2f} ms, {solved} of {len(goals)}")
     for count in options.points:
         points = strewn(count, draw)
+        if options.stray is not None:
+            points = np.concatenate([points, [[options.stray, 0.0, 0.0]]])
         body = kpam.Body("cloud", "rigid", [kpam.Shape.point_cloud(points, RADIUS)], np.eye(4))
         build = statistics.median(spent(partial(built, robot, body)) for _ in range(5))
         check, among, solved = figures(kpam.Scene(robot, [body]))

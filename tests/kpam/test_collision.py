@@ -64,3 +64,29 @@ def test_points_of_the_robot_itself_are_no_obstacle(panda: kpam.Robot) -> None:
     near = away[marks & (from_ball > 0.101)]
     one = [kpam.Body(str(k), "rigid", [kpam.Shape.sphere(0.11, p)], np.eye(4)) for k, p in enumerate(near[:20])]
     assert all(kpam.Scene(panda, [ball]).in_collision(q) for ball in one)
+
+
+@pytest.mark.parametrize("distance", [1.0, 3.0, 30.0, 900.0])
+def test_stray_points_hide_no_collision(panda: kpam.Robot, distance: float) -> None:
+    """Stray points are out of reach, so a cloud collides with the arm exactly where it does without them."""
+    draw = np.random.default_rng(int(distance))
+    points = draw.uniform([-0.8, -0.8, 0], [0.8, 0.8, 1.2], (60, 3))
+    strays = draw.normal(size=(5, 3))
+    strays *= (2.5 + distance) / np.linalg.norm(strays, axis=1, keepdims=True)
+    rows = draw.uniform(panda.lower, panda.upper, (1000, len(panda.lower)))
+
+    def hits(cloud: np.ndarray) -> np.ndarray:
+        body = kpam.Body("cloud", "rigid", [kpam.Shape.point_cloud(cloud, 0.01)], np.eye(4))
+        return np.asarray(kpam.Scene(panda, [body]).in_collision(rows))
+
+    clean = hits(points)
+    assert 0.1 < clean.mean() < 0.9
+    np.testing.assert_array_equal(hits(np.concatenate([points, strays])), clean)
+
+
+@pytest.mark.parametrize("distance", [1.1e3, 1e12, 1e38])
+def test_points_beyond_a_kilometre_are_refused(distance: float) -> None:
+    shape = kpam.Shape.point_cloud([[0.5, 0.0, 0.5], [distance, 0.0, 0.0]], 0.01)
+    with pytest.raises(kpam.ProblemError, match="within 1000 m") as error:
+        kpam.Body("cloud", "rigid", [shape], np.eye(4))
+    assert error.value.field == "shapes[1]"

@@ -46,7 +46,7 @@ fn arm(rough: &[[f64; 3]]) -> Robot {
 fn brute(a: &Convex, at: &Pose, b: &Convex) -> f64 {
     let moved = a.moved(at);
     let (p, q) = (Corners::of(moved.points()), Corners::of(b.points()));
-    signed_distance((&p, moved.radius()), (&q, b.radius()), &mut (b.center() - moved.center()), 100.0).unwrap().distance
+    signed_distance((&p, moved.radius()), (&q, b.radius()), &mut (b.center() - moved.center()), 1e5).unwrap().distance
 }
 
 fn coordinates(reach: f64) -> impl Strategy<Value = [f64; 3]> {
@@ -62,11 +62,14 @@ proptest! {
         places in prop::collection::vec((coordinates(0.9), coordinates(3.0)), 6),
         loose in prop::collection::vec(coordinates(0.2), 5..40),
         cloud in prop::collection::vec(coordinates(0.8), 40..200),
+        strays in prop::collection::vec((coordinates(1.0), 0.0..3.0f64), 0..4),
     ) {
         let robot = arm(&rough);
         let at: Vec<Pose> = places.iter().map(|(t, r)| pose(*t, *r)).collect();
         let none = Pose::identity();
-        let balls: Vec<Convex> = cloud.iter().map(|p| Convex::ball(0.01, Point3::from(*p)).unwrap()).collect();
+        let far = strays.iter().map(|(p, decades)| p.map(|x| x * 10f64.powf(*decades)));
+        let balls: Vec<Convex> =
+            cloud.iter().copied().chain(far).map(|p| Convex::ball(0.01, Point3::from(p)).unwrap()).collect();
         let bodies: Vec<(Vec<Convex>, Pose)> = vec![
             (vec![Convex::cuboid([0.3, 0.1, 0.02], &none).unwrap()], at[0]),
             (vec![Convex::cylinder(0.05, 0.3, &none).unwrap()], at[1]),
@@ -114,7 +117,9 @@ proptest! {
                     prop_assert!(wanted < 0.0 || most[group][body][lane] >= wanted - 0.01 - 1e-9, "{body} {wanted}");
                     // What measures single pairs says the same as brute force.
                     for keep in [0.0, 0.01, 0.05] {
-                        let others: Vec<Other> = if body == 5 { vec![Other::Cloud(0)] } else {
+                        let others: Vec<Other> = if body == 5 {
+                            (0..2).map(Other::Cloud).filter(|cloud| screen.body(*cloud) == Some(5)).collect()
+                        } else {
                             (elements..elements + shapes.len()).map(Other::Element).collect()
                         };
                         let kept = others.iter().all(|o| screen.keeps(group, *o, &poses, keep));

@@ -132,6 +132,16 @@ impl Body {
 
     fn check(&self) -> Result<(), ProblemError> {
         rigid("pose", &self.pose)?;
+        let extent = |shape: &Convex| shape.center().coords.norm() + shape.bound();
+        if let Some((k, shape)) = self.shapes.iter().enumerate().find(|(_, shape)| extent(shape) > FARTHEST) {
+            let message = format!(
+                "extends {:.4e} m from the origin of body {:?}; shapes must lie within {FARTHEST} m: check the unit, or \
+                 drop stray points",
+                extent(shape),
+                self.name
+            );
+            return Err(ProblemError::new(format!("shapes[{k}]"), message));
+        }
         self.keypoints.iter().try_for_each(|(name, p)| place(&format!("keypoints[{name:?}]"), p))
     }
 }
@@ -164,7 +174,7 @@ impl BodyBuilder {
     /// The body.
     ///
     /// # Errors
-    /// A pose that is not rigid, or a place that is not within 1,000 m.
+    /// A pose that is not rigid, or a place or shape that is not within 1,000 m.
     pub fn build(self) -> Result<Body, ProblemError> {
         let Self { name, role, shapes, pose, keypoints } = self;
         let body = Body { name, role, shapes: shapes.into(), pose, keypoints };

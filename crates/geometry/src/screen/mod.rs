@@ -31,6 +31,9 @@ pub const LANES: usize = crate::lanes::WIDTH;
 const TREE: usize = 20;
 /// Error of single precision (m), a metre of the robot's size.
 const SLACK: f64 = 1e-5;
+/// Points of a cloud that are this much (m) beyond the robot's reach get a grid of their own, so that stray points
+/// neither coarsen the grid of the others nor cost its precision.
+const BEYOND: f64 = 1.0;
 
 /// A ball in single precision.
 #[derive(Debug, Clone, Copy)]
@@ -163,8 +166,8 @@ impl Screen {
     ) -> Self {
         let posing = Posing::new(robot, |l| groups.iter().any(|g| g.link == l));
         let joints = robot.joints();
-        let travel = |j: usize| joints[j].lower().abs().max(joints[j].upper().abs()).min(10.0);
-        let slack = SLACK * (1.0 + posing.size(travel));
+        let travel = |j: usize| joints[j].lower().abs().max(joints[j].upper().abs());
+        let slack = SLACK * (1.0 + posing.size(|j| travel(j).min(10.0)));
         let mut balls: Vec<Sphere> = Vec::new();
         let mut clusters = Vec::with_capacity(groups.len());
         for group in groups {
@@ -196,6 +199,9 @@ impl Screen {
             cluster.corners = Piece::corners_around(own);
         }
         let measure = Measure::new(pieces);
+        let extent = |cluster: &Cluster| Point3::from(cluster.around.center.map(f64::from)).coords.norm();
+        let reach =
+            posing.size(travel) + clusters.iter().map(|c| extent(c) + f64::from(c.around.radius)).fold(0.0, f64::max);
         let mut out = Self {
             posing,
             revolute: joints.iter().map(|j| j.kind() == JointKind::Revolute).collect(),
@@ -214,7 +220,14 @@ impl Screen {
         for (body, (shapes, pose)) in bodies.into_iter().enumerate() {
             out.bodies = body + 1;
             match as_cloud(shapes, pose) {
-                Some((points, radius)) => out.clouds.push(PointGrid::new(body, &points, radius)),
+                Some((points, radius)) => {
+                    let gap = |p: &Point3<f64>| p.coords.norm() - reach - radius;
+                    let (near, far): (Vec<_>, Vec<_>) = points.into_iter().partition(|p| gap(p) < BEYOND);
+                    for part in [near, far].into_iter().filter(|part| !part.is_empty()) {
+                        let least = part.iter().map(gap).fold(f64::INFINITY, f64::min);
+                        out.clouds.push(PointGrid::new(body, &part, radius, least));
+                    }
+                }
                 None => {
                     for shape in shapes {
                         let placed = shape.moved(pose);

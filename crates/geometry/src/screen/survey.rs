@@ -115,6 +115,9 @@ impl Screen {
                 return false;
             }
             for (c, cloud) in self.clouds.iter().enumerate() {
+                if cloud.gap >= furthest + f64::from(reach) {
+                    continue;
+                }
                 if !self.against_cloud(group, c, row[cloud.body], batch, reach, visit) {
                     return false;
                 }
