@@ -13,7 +13,7 @@ from gensim2.cli import main as cli
 from gensim2.deploy.devices import ArmState, Frame
 from gensim2.deploy.fit_noise import NoiseFile, Recording, fit, read_noise
 from gensim2.deploy.log import Log
-from gensim2.deploy.replay import camera_to_dict
+from gensim2.deploy.log_messages import About, LoggedCamera
 from gensim2.deploy.simulated_cameras import simulated_cameras
 from gensim2.errors import InputError
 from gensim2.observations import D435, DepthNoise
@@ -75,7 +75,8 @@ def test_too_few_pictures_are_refused() -> None:
 def test_a_log_becomes_a_file_that_others_take(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     camera = next(each for each in simulated_cameras(robot("panda"), 160, 120) if each.name == "left")
     noise = replace(STILL, disparity_sigma=0.15)
-    log = Log(tmp_path / "log", {"robot": "panda", "cameras": [camera_to_dict(camera)]})
+    about = About(robot="panda", language="shut", observation={"cameras": ["left"]}, cameras=[LoggedCamera.of(camera)])
+    log = Log(tmp_path / "log", about)
     for number in range(300):
         log.state(ArmState(0.01 * number, np.zeros(9), np.zeros(9), 0.0))
     depths = recorded(noise, 20).depths

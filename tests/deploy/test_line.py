@@ -19,8 +19,10 @@ from gensim2.deploy.faults import Fault
 from gensim2.deploy.journal import NoJournal
 from gensim2.deploy.limits import Sent
 from gensim2.deploy.line import Line
+from gensim2.deploy.log_messages import SentMessage
+from gensim2.deploy.log_reader import messages
 from gensim2.deploy.mind import Answer, Begin, Question
-from gensim2.deploy.replay import messages, replay
+from gensim2.deploy.replay import replay
 from gensim2.deploy.run import run
 from gensim2.deploy.session import Devices, Ended, Layout, Session
 from gensim2.deploy.simulated_cameras import simulated_cameras
@@ -46,7 +48,7 @@ def test_a_plan_closes_boxes_through_the_line_and_the_log_replays(tmp_path: Path
     assert again.different == ()
     assert again.missing == 0
     assert again.clouds == again.questions > 50
-    topics = Counter(topic for topic, _, _ in messages(tmp_path))
+    topics = Counter(topic for topic, _ in messages(tmp_path))
     assert topics["/sent"] > 500
     assert topics["/camera/left"] == topics["/camera/right"] > 50
     assert {"/about", "/arm", "/answer", "/question", "/watch", "/clocks"} <= set(topics)
@@ -56,7 +58,7 @@ def test_an_episode_that_is_cut_off_in_motion_comes_to_rest(tmp_path: Path) -> N
     found = run("CloseBox", speed=0.3, seed=1, episodes=1, minutes=0.1, log=tmp_path, force=400.0, **SMALL)
     assert found["state"] == "idle", found["reason"]
     assert found["limits_passed"] == 0
-    sent = [arrays["q"] for topic, _, arrays in messages(tmp_path) if topic == "/sent"]
+    sent = [message.q for _, message in messages(tmp_path) if isinstance(message, SentMessage)]
     steps = np.abs(np.diff(sent, axis=0)).max(axis=1)
     assert steps.max() > 1e-4, "it never moved: this tests nothing"
     assert steps[-1] < 1e-6
@@ -91,7 +93,7 @@ def test_a_fault_holds_or_stops_within_a_period(tmp_path: Path, fault: str, stat
     assert said in found["reason"]
     assert found["detected_to_stopped_ms"] <= 100.0 + 1e-6
     assert found["limits_passed"] == 0
-    changes = [plain for topic, plain, _ in messages(tmp_path) if topic == "/watch"]
+    changes = [message for topic, message in messages(tmp_path) if topic == "/watch"]
     assert changes or fault == "disk-full"
     assert replay(tmp_path).different == ()
 

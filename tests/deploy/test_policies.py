@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from gensim2.deploy.faults import Fault
-from gensim2.deploy.replay import messages, replay
+from gensim2.deploy.log_messages import AnswerMessage
+from gensim2.deploy.log_reader import messages
+from gensim2.deploy.replay import replay
 from gensim2.deploy.run import run
 from gensim2.observations import CloudSettings, Observation, ObservationSpec
 from gensim2.policy.checkpoint import CheckpointError
@@ -57,11 +59,11 @@ def test_a_policy_drives_the_arm_within_its_limits(checkpoint: Path, tmp_path: P
     # What it asks for is nonsense: it may be refused, and is limited.
     assert found["state"] == "idle" or "refused" in found["reason"] or "force" in found["reason"], found["reason"]
     assert found["limits_passed"] == 0
-    asked = [arrays for topic, _, arrays in messages(tmp_path / "log") if topic == "/answer"]
+    asked = [message for _, message in messages(tmp_path / "log") if isinstance(message, AnswerMessage)]
     assert len(asked) >= 2, (found["state"], found["reason"], found["episodes"], found["seconds"])
-    assert asked[0]["seen/point_cloud"].shape == (made_up.POINTS, 6)
-    assert np.isfinite(asked[0]["actions"]).all()
-    assert asked[0]["actions"].shape[1] == 8
+    assert asked[0].seen["point_cloud"].shape == (made_up.POINTS, 6)
+    assert np.isfinite(asked[0].actions).all()
+    assert asked[0].actions.shape[1] == 8
     again = replay(tmp_path / "log")
     assert again.different == ()
     assert again.clouds == again.questions == len(asked)

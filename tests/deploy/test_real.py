@@ -22,10 +22,12 @@ from gensim2.deploy.clocks import SimulatedClock
 from gensim2.deploy.config import CameraSource, Delays, LineConfig
 from gensim2.deploy.devices import ArmState
 from gensim2.deploy.drivers.logged import LoggedCameras
+from gensim2.deploy.log_messages import PictureMessage
+from gensim2.deploy.log_reader import about_of, messages
 from gensim2.deploy.mind import Answer
 from gensim2.deploy.opening import prepare
 from gensim2.deploy.real import open_cameras
-from gensim2.deploy.replay import about_of, messages, replay
+from gensim2.deploy.replay import replay
 from gensim2.deploy.run import run
 from gensim2.deploy.session import PATIENCE
 from gensim2.deploy.simulated_cameras import simulated_cameras
@@ -92,8 +94,8 @@ def test_a_dry_run_reaches_the_drivers_and_moves_nothing_and_a_run_does(body: Fa
     assert found["state"] == "idle", found["reason"]
     assert (found["episodes"], found["success"], found["limits_passed"]) == (1, None, 0)
     assert body.sent == []
-    kinds = [(topic, plain) for topic, plain, _ in messages(tmp_path / "log")]
-    assert {plain["serial"] for topic, plain in kinds if topic == "/camera/left"} == {"827112070000"}
+    kinds = list(messages(tmp_path / "log"))
+    assert {each.serial for _, each in kinds if isinstance(each, PictureMessage)} == {"827112070000"}
     assert {topic for topic, _ in kinds} >= {"/arm", "/answer", "/sent", "/watch"}
     with pytest.raises(InputError, match="--calibration"):
         run("CloseBox", **given)
@@ -122,8 +124,8 @@ def test_cameras_that_are_to_be_calibrated_are_logged_without_clouds(body: FakeB
     assert not prepare(read_task_input("CloseBox", assets="builtin"), LineConfig.split(given)[0]).seen.modalities
     found = run("CloseBox", minutes=0.01, log=tmp_path, **given)
     assert found["state"] == "idle", found["reason"]
-    assert [camera["name"] for camera in about_of(tmp_path)["cameras"]] == ["left"]
-    assert about_of(tmp_path)["observation"]["cameras"] == ["left"]
+    assert [camera.name for camera in about_of(tmp_path).cameras] == ["left"]
+    assert about_of(tmp_path).observation["cameras"] == ["left"]
 
 
 def test_words_that_cannot_be_used_are_told() -> None:
@@ -347,9 +349,9 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def pictures(folder: Path, name: str) -> list[tuple[float, bytes]]:
     return [
-        (plain["captured"], arrays["depth"].tobytes() + arrays["colors"].tobytes())
-        for topic, plain, arrays in messages(folder)
-        if topic == f"/camera/{name}"
+        (message.captured, message.depth.tobytes() + message.colors.tobytes())
+        for _, message in messages(folder)
+        if isinstance(message, PictureMessage) and message.camera == name
     ]
 
 
@@ -358,8 +360,8 @@ def test_a_log_is_played_as_cameras_again_and_again(log: Path, tmp_path: Path) -
     given: dict[str, Any] = {"policy": STILL, "assets": "builtin", "speed": 1.0, "dry": True, "rules": PATIENT}
     found = run("CloseBox", cameras=f"recording:left={log},front={file}", minutes=0.05, log=tmp_path / "again", **given)
     assert found["state"] == "idle", found["reason"]
-    about = {name: about_of(folder)["cameras"] for name, folder in (("then", log), ("now", tmp_path / "again"))}
-    assert about["now"] == [each for name in ("left", "front") for each in about["then"] if each["name"] == name]
+    about = {name: about_of(folder).cameras for name, folder in (("then", log), ("now", tmp_path / "again"))}
+    assert about["now"] == [each for name in ("left", "front") for each in about["then"] if each.name == name]
     for name in ("left", "front"):
         then, now = pictures(log, name), pictures(tmp_path / "again", name)
         assert len(now) > len(then) > 3, "it has begun again"
@@ -398,7 +400,7 @@ def test_logs_that_cannot_be_played_are_told(log: Path, tmp_path: Path) -> None:
     for word, said in (
         ("recording:left=nowhere.mcap", "no such recording"),
         (f"recording:left={tmp_path / 'none'}", "holds no log"),
-        (f"recording:left={tmp_path / 'cut.mcap'}", "cut.mcap.*damaged"),
+        (f"recording:left={tmp_path / 'cut.mcap'}", "cut.mcap.*holds no message"),
         (f"recording:left={log},right=right.db3", "some are logs.*of one kind"),
     ):
         with pytest.raises(InputError, match=said):

@@ -72,26 +72,34 @@ class Fault:
 
 
 class FullDisk:
-    """A disk that can be full: then a file that is written to has only the room that the log kept aside.
-
-    Args:
-        reserve: the file that keeps it.
+    """A disk that can be full: then one write fails, and after it there is the room that the log kept aside.
 
     Attributes:
         full: whether it is.
     """
 
-    def __init__(self, reserve: Path) -> None:
-        self.full, self._reserve = False, reserve
+    def __init__(self) -> None:
+        self.full = False
+        self._room: int | None = None
 
     def open(self, path: Path) -> BinaryIO:
         """A new file on this disk."""
         return cast(BinaryIO, _FileOnFullDisk(self, path))
 
-    @property
-    def has_room(self) -> bool:
-        """Whether anything more can be written."""
-        return not self.full or not self._reserve.exists()
+    def take(self, size: int) -> None:
+        """Take room for ``size`` bytes.
+
+        Raises:
+            OSError: there is none.
+        """
+        if not self.full:
+            return
+        if self._room is None or self._room < size:
+            from gensim2.deploy.log import RESERVE
+
+            self._room = RESERVE if self._room is None else self._room
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self._room -= size
 
 
 class _FileOnFullDisk(io.FileIO):
@@ -100,6 +108,5 @@ class _FileOnFullDisk(io.FileIO):
         self._disk = disk
 
     def write(self, data: Any) -> int:
-        if not self._disk.has_room:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self._disk.take(len(data))
         return super().write(data) or 0

@@ -95,9 +95,9 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
     Raises:
         InputError: there is no log, or the arm stood nowhere long enough.
     """
-    from gensim2.deploy.replay import about_of, camera_of
+    from gensim2.deploy.log_reader import about_of
 
-    cameras = {each["name"]: camera_of(each) for each in about_of(log)["cameras"]}
+    cameras = {each.name: each.camera() for each in about_of(log).cameras}
     recordings = []
     for standing in read_standing(log, MAX_PICTURES):
         for name, frames in standing.frames.items():

@@ -1,14 +1,17 @@
 """Everything that was seen, asked, answered, sent and decided, in MCAP files that are whole whatever happens.
 
 Files are closed at a set size and begun anew; the oldest go when the folder's share of the disk is used up. Room to
-close a file is kept aside from the start, so that a full disk ends the log and not what it holds.
+close a file is kept aside from the start, in a file without a name, so that a full disk ends the log and not what it
+holds, and a killed run leaves nothing but its log.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import queue
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -20,9 +23,10 @@ import numpy as np
 
 from gensim2.deploy.devices import ArmState, Frame
 from gensim2.deploy.limits import Sent
+from gensim2.deploy.log_messages import About
 from gensim2.deploy.mind import Answer, Question
-from gensim2.deploy.packing import pack
-from gensim2.errors import InputError, MissingExtraError
+from gensim2.deploy.packing import MAX_MESSAGE, pack
+from gensim2.errors import InputError, MissingExtraError, WriteError
 
 ENCODING = "gensim2-pack"
 SEGMENT = 256 << 20
@@ -34,6 +38,8 @@ DAYS = 30.0
 RESERVE = 8 << 20
 """Bytes that are kept aside to close a file on a full disk: more than a chunk and all indices."""
 CHUNK = 1 << 20
+MAX_SECONDS = 1e9
+"""Times from which on, like negative ones, a message has the stamp 0; its own field keeps the time."""
 BEHIND = 2000
 """Messages that may wait to be written."""
 
@@ -58,7 +64,11 @@ class _Whole:
         self.trouble: str | None = None
 
     def write(self, data: Any) -> int:
-        """All of the bytes; what was half written is taken back and written again in the room kept aside."""
+        """Write all of the bytes; take back a half-written block and write it again in the reserved space.
+
+        Raises:
+            OSError: the reserved space is used up too, or the file was removed.
+        """
         block = bytes(data)
         try:
             self._put(block)
@@ -69,6 +79,8 @@ class _Whole:
             self._file.seek(self._length)
             self._put(block)
         self._length += len(block)
+        if os.fstat(self._file.fileno()).st_nlink == 0:  # its blocks are lost when it is closed
+            raise FileNotFoundError(errno.ENOENT, "the file was removed")
         return len(block)
 
     def _put(self, block: bytes) -> None:
@@ -96,7 +108,7 @@ class Log:
 
     Args:
         folder: of the run; made, must be empty.
-        about: what a replay needs to know.
+        about: the first message of each file.
         max_bytes: bytes of all files together.
         segment: bytes of one.
         opener: opens files.
@@ -106,13 +118,14 @@ class Log:
 
     Raises:
         InputError: the folder is not empty.
+        WriteError: the folder cannot be written to, or is full.
         MissingExtraError: mcap is not installed.
     """
 
     def __init__(
         self,
         folder: Path,
-        about: Mapping[str, Any],
+        about: About,
         *,
         max_bytes: int = MAX_BYTES,
         segment: int = SEGMENT,
@@ -122,20 +135,26 @@ class Log:
             from mcap.writer import CompressionType, Writer
         except ImportError as error:
             raise MissingExtraError("mcap", "robot") from error
-        how: dict[str, Any] = {"chunk_size": CHUNK, "compression": CompressionType.LZ4}
+        how: dict[str, Any] = {"chunk_size": CHUNK, "compression": CompressionType.LZ4, "enable_data_crcs": True}
         self._new_writer: Callable[[Any], Any] = partial(Writer, **how)
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.glob("*.mcap")):
-            raise InputError("holds a log already", file=folder, remedy="choose another folder with --out")
-        self.folder, self._about, self._opener = folder, dict(about), opener
+        self.folder, self._about, self._opener = folder, about.model_dump(mode="json"), opener
         self._max_bytes, self._segment = max_bytes, segment
         self.trouble: str | None = None
-        self._reserve = folder / ".reserve"
-        with self._reserve.open("wb") as kept:
-            os.posix_fallocate(kept.fileno(), 0, RESERVE)
         self._begun = 0
+        taken = InputError("holds a log already", file=folder, remedy="choose another folder with --out")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if any(folder.glob("*.mcap")):
+                raise taken
+            self._reserve = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 - closed at the end
+            os.posix_fallocate(self._reserve.fileno(), 0, RESERVE)
+            self._open_next()
+        except FileExistsError as error:  # a file in the folder's place, or another run was quicker
+            raise taken if folder.is_dir() else WriteError("is not a folder", file=folder) from error
+        except OSError as error:
+            remedy = "make room, or choose another folder with --out"
+            raise WriteError(f"cannot write: {error.strerror or error}", file=folder, remedy=remedy) from error
         self._queue: queue.Queue[tuple[str, float, bytes] | None] = queue.Queue(BEHIND)
-        self._open_next()
         self._thread = threading.Thread(target=self._write_all, name="log", daemon=True)
         self._thread.start()
 
@@ -199,8 +218,12 @@ class Log:
     def _put(self, topic: str, time: float, plain: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
         if self.trouble is not None:
             return
+        data = pack(plain, arrays)
+        if len(data) > MAX_MESSAGE:
+            self.trouble = f"a message of {topic} has {len(data) >> 20} MiB, more than {MAX_MESSAGE >> 20}"
+            return
         try:
-            self._queue.put_nowait((topic, time, pack(plain, arrays)))
+            self._queue.put_nowait((topic, time, data))
         except queue.Full:
             self.trouble = f"{BEHIND} messages wait: the disk is too slow"
 
@@ -215,8 +238,7 @@ class Log:
             except queue.Full:  # what writes is behind, or has ended: then nothing takes what waits
                 continue
         self._thread.join()
-        with contextlib.suppress(OSError):  # the disk may be gone
-            self._reserve.unlink(missing_ok=True)
+        self._reserve.close()
 
     def _write_all(self) -> None:
         try:
@@ -233,7 +255,7 @@ class Log:
     def _write(self, topic: str, time: float, data: bytes) -> None:
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(topic, ENCODING, 0)
-        stamp = max(0, int(1e9 * time))  # a clock that jumps may say anything
+        stamp = int(1e9 * time) if 0.0 <= time < MAX_SECONDS else 0  # a clock that jumps may say anything
         self._writer.add_message(self._channels[topic], stamp, data, stamp)
         if self._file.trouble is not None:
             self.trouble = self._file.trouble
@@ -245,7 +267,7 @@ class Log:
     def _open_next(self) -> None:
         self._path = self.folder / f"log_{self._begun:06d}.mcap"
         self._begun += 1
-        self._file = _Whole(self._path, self._opener, lambda: self._reserve.unlink(missing_ok=True))
+        self._file = _Whole(self._path, self._opener, self._reserve.close)
         self._writer: Any = self._new_writer(self._file)
         self._writer.start(profile="gensim2", library="gensim2")
         self._channels: dict[str, int] = {}

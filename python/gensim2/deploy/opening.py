@@ -9,9 +9,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from gensim2.deploy.arm import Arm
 from gensim2.deploy.arm_limits import ArmLimits, Array
@@ -26,11 +26,11 @@ from gensim2.deploy.faults import Fault, FullDisk
 from gensim2.deploy.fit_noise import read_noise
 from gensim2.deploy.journal import Journal, Journals, NoJournal
 from gensim2.deploy.line import Line
+from gensim2.deploy.log_messages import About, LoggedCamera
 from gensim2.deploy.mind import MindSpec, looked_at
 from gensim2.deploy.real import ByHand, open_arm, open_cameras
 from gensim2.deploy.remote.client import RemoteController
 from gensim2.deploy.remote.protocol import is_url
-from gensim2.deploy.replay import camera_to_dict
 from gensim2.deploy.session import Devices, OpenMind
 from gensim2.deploy.watch import Watch, WatchRules
 from gensim2.errors import InputError
@@ -166,7 +166,7 @@ class Opened:
 
     line: Line
     devices: Devices
-    about: dict[str, Any]
+    about: About
     disk: FullDisk | None
 
 
@@ -212,7 +212,7 @@ def opened(
             serials = {**serials, **calibrated_serials(prepared.calibration)}
         about = _about(prepared, believed)
         journals: list[Journal] = []
-        disk = None if log is None else FullDisk(log / ".reserve")
+        disk = None if log is None else FullDisk()
         if log is not None and disk is not None:
             from gensim2.deploy.log import Log
 
@@ -258,21 +258,25 @@ def _serials(cameras: tuple[Camera, ...], real: ProcessCameras | None) -> Mappin
     return simulated_serials(cameras) if real is None else real.serials
 
 
-def _about(prepared: Prepared, believed: tuple[Camera, ...]) -> dict[str, Any]:
+def _about(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
     config, given, controller = prepared.config, prepared.given, prepared.controller
-    return {
-        "task": given.spec.name,
-        "language": given.spec.description,
-        "robot": given.scene.robot,
-        "controller": controller.to_dict() if config.policy is not None else {"target": controller.target},
-        "arm": config.arm,
-        "speed": config.speed,
-        "margin": config.margin,
-        "seed": config.seed,
-        "pixels": PIXELS,
-        "observation": looked_at(prepared.seen, believed).to_dict(),
-        "cameras": [camera_to_dict(camera) for camera in believed],
-    }
+    try:
+        return About(
+            task=given.spec.name,
+            language=given.spec.description,
+            robot=given.scene.robot,
+            controller=controller.to_dict() if config.policy is not None else {"target": controller.target},
+            arm=config.arm,
+            speed=config.speed,
+            margin=config.margin,
+            seed=config.seed,
+            pixels=PIXELS,
+            observation=looked_at(prepared.seen, believed).to_dict(),
+            cameras=[LoggedCamera.of(camera) for camera in believed],
+        )
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(str(first["msg"]).lower(), field=".".join(str(part) for part in first["loc"])) from error
 
 
 def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:

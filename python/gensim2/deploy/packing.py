@@ -5,16 +5,24 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, Field, ValidationError
 
 from gensim2.errors import InputError
 
-_TYPES = ("uint8", "uint16", "int16", "int32", "int64", "float32", "float64", "bool")
-_LARGEST = 1 << 28
+MAX_MESSAGE = 1 << 26
 """Bytes of one message at most."""
+
+_Type = Literal["uint8", "uint16", "int16", "int32", "int64", "float32", "float64", "bool"]
+_Shape = Annotated[list[Annotated[int, Field(ge=0, le=MAX_MESSAGE, strict=True)]], Field(max_length=8)]
+
+
+class _Head(BaseModel):
+    plain: dict[str, Any]
+    arrays: dict[str, tuple[_Type, _Shape]]
 
 
 def pack(plain: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
@@ -33,16 +41,25 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     """
     try:
         (length,) = struct.unpack_from("<I", data)
-        head = json.loads(data[4 : 4 + length])
+        head = _Head.model_validate(json.loads(data[4 : 4 + length], parse_int=_whole))
         arrays, at = {}, 4 + length
-        for name, (kind, shape) in head["arrays"].items():
-            count = int(np.prod(shape, dtype=np.int64))
-            if kind not in _TYPES or min(shape, default=0) < 0 or count > _LARGEST:
-                raise ValueError(f"array {name!r} cannot be so")
+        for name, (kind, shape) in head.arrays.items():
+            count = 1
+            for size in shape:
+                count = min(count * size, len(data) + 1)  # no more than there can be: zeros may follow
             arrays[name] = np.frombuffer(data, dtype=kind, count=count, offset=at).reshape(shape)
             at += arrays[name].nbytes
         if at != len(data):
             raise ValueError(f"{len(data) - at} bytes are left over")
-        return head["plain"], arrays
-    except (struct.error, ValueError, KeyError, TypeError, AttributeError) as error:
+        return head.plain, arrays
+    except ValidationError as error:
+        raise InputError(f"is damaged: {error.errors()[0]['msg'].lower()}", field="message") from error
+    except (struct.error, ValueError, RecursionError) as error:
         raise InputError(f"is damaged: {error}", field="message") from error
+
+
+def _whole(digits: str) -> int:
+    """Refuse whole numbers of over 64 bits, which floats and arrays cannot hold."""
+    if len(digits) > 20 or not -(2**63) <= (value := int(digits)) < 2**64:
+        raise ValueError("a whole number of over 64 bits")
+    return value

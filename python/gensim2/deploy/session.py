@@ -19,6 +19,7 @@ from gensim2.deploy.faults import Fault, FullDisk
 from gensim2.deploy.keys import Keys
 from gensim2.deploy.limits import RefusedError
 from gensim2.deploy.line import Line, Mind
+from gensim2.deploy.log_messages import About
 from gensim2.deploy.watch import State
 from gensim2.errors import GenSim2Error
 from gensim2.progress import Progress
@@ -417,7 +418,7 @@ class Session:
 
     # ------------------------------------------------------------------ report
 
-    def report(self, about: dict[str, Any], log: Path | None) -> dict[str, Any]:
+    def report(self, about: About, log: Path | None) -> dict[str, Any]:
         """Return the result as plain data."""
         self._count_passed()
         line, figures = self._line, self._line.figures
@@ -426,7 +427,7 @@ class Session:
         judged = [each for each in self._outcomes if each is not None]
         return {
             "schema_version": 1,
-            **{name: about[name] for name in ("task", "robot", "controller", "speed", "margin", "seed")},
+            **about.model_dump(include={"task", "robot", "controller", "speed", "margin", "seed"}),
             "state": str(line.watch.state),
             "reason": line.watch.reason,
             "detected_to_stopped_ms": halt.get("detected_to_stopped_ms"),

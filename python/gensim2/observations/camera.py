@@ -8,7 +8,16 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.errors import InputError, brief
+
 Array = npt.NDArray[np.float64]
+
+MAX_SIDE = 8192
+"""Largest width and height of a picture, pixels."""
+MAX_DISTANCE = 100.0
+"""Largest distance of a camera from the origin of its frame, m."""
+MIN_FOCAL, MAX_INTRINSIC = 0.1, 1e6
+"""Smallest focal length and largest magnitude of an intrinsic parameter, pixels."""
 
 
 def pinhole(width: int, height: int, fov: float) -> Array:
@@ -29,6 +38,9 @@ class Camera:
         far: metres ahead beyond which nothing is seen.
         link: of the robot, that carries it; None: it stands still.
         depth_scale, depth_bias: true depth is the measured one times the first, plus the second (m): calibration.
+
+    Raises:
+        InputError: a value has the wrong shape or is out of range; names the attribute.
     """
 
     name: str
@@ -40,6 +52,28 @@ class Camera:
     link: str | None = None
     depth_scale: float = 1.0
     depth_bias: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (1 <= self.width <= MAX_SIDE and 1 <= self.height <= MAX_SIDE):
+            said = f"must be 1 to {MAX_SIDE} pixels each, are {brief(self.width)} and {brief(self.height)}"
+            raise self._refusal(said, "width, height")
+        K, T = self.intrinsic, self.T_base_camera
+        focal = (np.diagonal(K)[:2] >= MIN_FOCAL).all() if K.shape == (3, 3) else False
+        if not focal or not (np.abs(K) <= MAX_INTRINSIC).all() or K[1, 0] != 0.0 or (K[2] != [0.0, 0.0, 1.0]).any():
+            said = f"must be [[fx, s, cx], [0, fy, cy], [0, 0, 1]] in pixels, none over {MAX_INTRINSIC:g}"
+            raise self._refusal(f"{said}, fx and fy at least {MIN_FOCAL}", "intrinsic")
+        if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9:
+            raise self._refusal("must be a (4, 4) pose whose last row is 0, 0, 0, 1", "T_base_camera")
+        turn = T[:3, :3]
+        if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
+            raise self._refusal("must turn without scaling or mirroring", "T_base_camera")
+        if np.abs(T[:3, 3]).max() > MAX_DISTANCE:
+            raise self._refusal(f"must lie within {MAX_DISTANCE:g} m of the origin of its frame", "T_base_camera")
+        if not (0.0 < self.far < np.inf and 0.0 < self.depth_scale < np.inf and np.isfinite(self.depth_bias)):
+            raise self._refusal("must be finite, the first two positive", "far, depth_scale, depth_bias")
+
+    def _refusal(self, said: str, attribute: str) -> InputError:
+        return InputError(said, field=f"camera {self.name}: {attribute}")
 
     @staticmethod
     def looking(name: str, eye: npt.ArrayLike, target: npt.ArrayLike, *, width: int, height: int, fov: float) -> Camera:

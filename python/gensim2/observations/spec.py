@@ -71,6 +71,13 @@ class ObservationSpec:
         Raises:
             InputError: there is no such setting, or it cannot be so.
         """
+        try:
+            return ObservationSpec._of(values)
+        except (TypeError, ValueError, OverflowError) as error:  # a value of another type than its setting's
+            raise InputError(f"cannot be so: {error}", field="observation") from error
+
+    @staticmethod
+    def _of(values: ObservationSpec | Mapping[str, Any] | None) -> ObservationSpec:
         if isinstance(values, ObservationSpec):
             return values
         if not isinstance(values, Mapping | None):

@@ -14,7 +14,8 @@ from gensim2.deploy.arm_limits import CYCLE, ArmLimits, Array
 from gensim2.deploy.calibration.surfaces import ArmView
 from gensim2.deploy.clocks import Clock
 from gensim2.deploy.devices import CameraDriver, Frame
-from gensim2.deploy.replay import frame_of, messages
+from gensim2.deploy.log_messages import ArmMessage, PictureMessage
+from gensim2.deploy.log_reader import messages
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.observations import Camera
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -33,6 +34,10 @@ PATIENCE = 60.0
 PICTURES = 5
 """Of each camera and pose; their median counts."""
 TRIES = 10_000
+MAX_BYTES = 1 << 30
+"""Bytes of the pictures that are read of a log."""
+MAX_POSES = 200
+"""Poses that are read of a log."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,40 +168,71 @@ class _Walk:
 def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
     """Poses in which the arm of a log stood while every camera took a picture, so many of each at most.
 
+    The log is read twice, first for the times and then for the pictures, so that only these are in memory.
+
     Raises:
-        InputError: there is no log, it is damaged, or the arm stood nowhere.
+        InputError: there is no log, it is damaged, the arm stood nowhere, or in more poses than fit into memory.
     """
-    times, joints, speeds, frames = [], [], [], list[Frame]()
-    for topic, plain, arrays in messages(folder):
-        if topic == "/arm":
-            times.append(plain["time"])
-            joints.append(arrays["q"])
-            speeds.append(float(np.abs(arrays["v"]).max()))
-        elif topic.startswith("/camera/"):
-            frames.append(frame_of(plain, arrays))
-    names = {frame.camera for frame in frames}
-    found: list[Station] = []
-    for q, shown in _stood(np.array(times), joints, np.array(speeds), frames):
-        if set(shown) == names and all(np.abs(q - each.q).max() > ARRIVED for each in found):
-            found.append(Station(q, {name: tuple(each[:pictures]) for name, each in shown.items()}))
+    times, joints, speeds, taken = [], [], [], list[_Taken]()
+    for _, message in messages(folder):
+        if isinstance(message, ArmMessage):
+            times.append(message.time)
+            joints.append(message.q)
+            speeds.append(float(np.abs(message.v).max()))
+        elif isinstance(message, PictureMessage):
+            size = message.depth.nbytes + message.colors.nbytes
+            taken.append(_Taken(len(taken), message.camera, message.captured, size))
+    if len({len(q) for q in joints}) > 1:
+        raise InputError("the arm has other numbers of joints", file=folder, field="/arm")
+    names, wanted = {each.camera for each in taken}, set[int]()
+    found: list[tuple[Array, dict[str, list[_Taken]]]] = []
+    size = 0
+    for q, shown in _stood(np.array(times), joints, np.array(speeds), taken):
+        if set(shown) == names and all(np.abs(q - each).max() > ARRIVED for each, _ in found):
+            kept = {name: each[:pictures] for name, each in shown.items()}
+            found.append((q, kept))
+            wanted |= {each.index for some in kept.values() for each in some}
+            size += sum(each.size for some in kept.values() for each in some)
+            if size > MAX_BYTES or len(found) > MAX_POSES:
+                said = f"the arm stands in {len(found)} poses or more, {size >> 20} MiB of pictures"
+                raise InputError(f"{said}: too many", file=folder, remedy="make a shorter log")
     if not found:
         raise InputError("the arm stands nowhere while all cameras look", file=folder)
-    return found
+    pictures_only = (message for _, message in messages(folder) if isinstance(message, PictureMessage))
+    frames = {number: message.frame() for number, message in enumerate(pictures_only) if number in wanted}
+    return [
+        Station(q, {name: tuple(frames[each.index] for each in some) for name, some in shown.items()})
+        for q, shown in found
+    ]
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """A picture of a log that is not in memory: its place among the pictures, and its bytes."""
+
+    index: int
+    camera: str
+    captured: float
+    size: int
 
 
 def _stood(
-    times: npt.NDArray[np.float64], joints: list[Array], speeds: npt.NDArray[np.float64], frames: list[Frame]
-) -> list[tuple[Array, dict[str, list[Frame]]]]:
+    times: npt.NDArray[np.float64], joints: list[Array], speeds: npt.NDArray[np.float64], taken: list[_Taken]
+) -> list[tuple[Array, dict[str, list[_Taken]]]]:
     """Joints and pictures of each stretch of time in which the arm stood."""
-    found: list[tuple[Array, dict[str, list[Frame]]]] = []
+    order = np.argsort(times, kind="stable")
+    times = times[order]
+    moved = np.concatenate([[0], np.cumsum(~(speeds[order] <= STILL))])  # states, in time, that move or say no number
+    found: list[tuple[Array, dict[str, list[_Taken]]]] = []
     open_until = -np.inf
-    for frame in sorted(frames, key=lambda each: each.captured):
-        around = np.flatnonzero(np.abs(times - frame.captured) <= UNMOVED_SECONDS)
-        if len(around) < 2 or speeds[around].max() > STILL:
+    for picture in sorted(taken, key=lambda each: each.captured):
+        first = int(np.searchsorted(times, picture.captured - UNMOVED_SECONDS, "left"))
+        end = int(np.searchsorted(times, picture.captured + UNMOVED_SECONDS, "right"))
+        if end - first < 2 or moved[end] > moved[first]:
             open_until = -np.inf
             continue
-        if frame.captured > open_until:
-            found.append((joints[around[len(around) // 2]], {}))
-        open_until = frame.captured + 1.0
-        found[-1][1].setdefault(frame.camera, []).append(frame)
+        if picture.captured > open_until:
+            found.append((joints[order[first + (end - first) // 2]], {}))
+        open_until = picture.captured + 1.0
+        found[-1][1].setdefault(picture.camera, []).append(picture)
     return found

@@ -19,7 +19,7 @@ from gensim2.deploy.calibration.mesh import MAX_VIEWS, calibrate
 from gensim2.deploy.calibration.poses import Station, draw_poses, read_standing, take
 from gensim2.deploy.calibration.surfaces import RobotSurface
 from gensim2.deploy.clocks import SimulatedClock
-from gensim2.deploy.replay import about_of, camera_of
+from gensim2.deploy.log_reader import about_of
 from gensim2.errors import InputError
 from gensim2.observations import Camera
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -105,8 +105,8 @@ def calibrate_log(
         MissingExtraError: what is needed is not installed.
     """
     about, standing = about_of(log), read_standing(log)
-    profile = robot(about["robot"])
-    cameras = [camera_of(each) for each in about["cameras"]]
+    profile = robot(about.robot)
+    cameras = [each.camera() for each in about.cameras]
     chosen = [camera for camera in cameras if (camera.link is not None) == carried]
     if not chosen:
         raise InputError("there is no camera of that kind", file=log, field="cameras")

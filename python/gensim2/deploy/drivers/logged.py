@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from gensim2.deploy.devices import Frame
-from gensim2.deploy.replay import about_of, camera_of, frame_of, messages
+from gensim2.deploy.log_messages import PictureMessage
+from gensim2.deploy.log_reader import about_of, messages
 from gensim2.errors import InputError, near
 from gensim2.observations import Camera
 
@@ -45,10 +46,10 @@ class LoggedCameras:
             field = f"cameras.{name}"
             if not path.exists():
                 raise InputError("there is no such recording", file=path, field=field)
-            known = {each["name"]: each for each in about_of(path)["cameras"]}
+            known = {each.name: each for each in about_of(path).cameras}
             if name not in known:
                 raise InputError(f"there is no camera {name!r}", file=path, field=field, remedy=near(name, known))
-            found.append(camera_of(known[name]))
+            found.append(known[name].camera())
         self.cameras = tuple(found)
         self._number = dict.fromkeys(self._logs, 0)
         self._begin(time.monotonic())
@@ -97,9 +98,9 @@ def _pictures(path: Path, name: str) -> Iterator[Frame]:
         InputError: there is none, or the log is damaged.
     """
     empty = True
-    for topic, plain, arrays in messages(path):
-        if topic == f"/camera/{name}":
+    for _, message in messages(path):
+        if isinstance(message, PictureMessage) and message.camera == name:
             empty = False
-            yield frame_of(plain, arrays)
+            yield message.frame()
     if empty:
         raise InputError("has no picture of it", file=path, field=f"cameras.{name}")
