@@ -155,7 +155,7 @@ def test_a_calibration_from_poses_to_a_run(tmp_path: Path, capfd: pytest.Capture
     old["cameras"]["left"]["pose"] = [[each[1], each[0], each[2], each[3]] for each in pose]
     file.write_text(json.dumps(old))
     assert cli.run([*run, *small, "--calibration", str(file)]) == 2
-    assert "mirrored" in capfd.readouterr().err
+    assert "mirroring" in capfd.readouterr().err
 
 
 def written(path: Path) -> Calibration:
@@ -204,3 +204,36 @@ def test_a_calibration_of_something_else_is_refused(
     now = written(path).made + timedelta(days=ahead)
     with pytest.raises(InputError, match=said):
         read_calibration(path, robot_name, cameras, days=days, now=now)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"intrinsic": [[200.0, 0.0, 80.0], [0.0, 200.0], [0.0, 0.0, 1.0]]}, "inhomogeneous"),
+        ({"intrinsic": [[200.0, 0.0, 80.0], [0.0, 200.0, 60.0]]}, "intrinsic"),
+        ({"intrinsic": [[-200.0, 0.0, 80.0], [0.0, 200.0, 60.0], [0.0, 0.0, 1.0]]}, "intrinsic.*fx and fy"),
+        ({"intrinsic": [[0.0, 0.0, 80.0], [0.0, 200.0, 60.0], [0.0, 0.0, 1.0]]}, "intrinsic.*fx and fy"),
+        ({"intrinsic": [[1e-320, 0.0, 80.0], [0.0, 200.0, 60.0], [0.0, 0.0, 1.0]]}, "intrinsic.*fx and fy"),
+        ({"intrinsic": [[1e9, 0.0, 80.0], [0.0, 200.0, 60.0], [0.0, 0.0, 1.0]]}, "intrinsic.*none over"),
+        ({"intrinsic": [[200.0, 0.0, 80.0], [0.0, 200.0, 60.0], [0.0, 1.0, 1.0]]}, "intrinsic"),
+        ({"pose": [[1.0, 0.0, 0.0, 1e9], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]}, "100 m"),
+        ({"pose": [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]}, "pose"),
+        ({"pose": [[1.0], []]}, "inhomogeneous"),
+        ({"pose": (2.0 * np.eye(4)).tolist()}, "last row"),
+        ({"width": 10**7}, "8192 pixels"),
+        ({"height": 0}, "8192 pixels"),
+        ({"links_mm": {"hand": "x"}}, "links_mm"),
+        ({"scale": 10**400}, "scale"),
+    ],
+)
+def test_a_calibration_of_no_camera_is_refused_by_field(tmp_path: Path, change: dict[str, object], said: str) -> None:
+    path = tmp_path / "c.json"
+    plain = json.loads(written(path).model_dump_json())
+    plain["cameras"]["left"] |= change
+    path.write_text(json.dumps(plain))
+    with pytest.raises(InputError, match=f"cameras.left.*{said}"):
+        read_calibration(path, "panda", CAMERAS[:1])
+    for made in ("0001-01-01T00:00:00+14:00", "9999-12-31T23:59:59-14:00", "2026-01-01T00:00:00"):
+        path.write_text(json.dumps({**json.loads(written(path).model_dump_json()), "made": made}))
+        with pytest.raises(InputError, match="made"):
+            read_calibration(path, "panda", CAMERAS[:1])

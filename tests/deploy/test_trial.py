@@ -76,6 +76,8 @@ def test_the_simulator_lays_out_what_a_person_is_told() -> None:
         ({"placements": {"box": {"at": [0.5]}}}, "placements.box.at"),
         ({"placements": {"box": {"at": [0.5, 0.0], "openness": [0.6, 0.5]}}}, "must not be the greater"),
         ({"colour": "red"}, "colour"),
+        ({"placements": {"box": {"at": [1e308, 0.0]}}}, "placements.box.at.0"),
+        ({"placements": {"box": {"at": [0.5, -4.0]}}}, "placements.box.at.1"),
     ],
 )
 def test_a_protocol_that_cannot_be_used_names_file_and_field(tmp_path: Path, change: dict[str, Any], said: str) -> None:
@@ -129,9 +131,26 @@ def test_what_is_gone_on_with_must_be_the_same_and_a_line_that_was_cut_off_is_no
     assert set(folder.trials) == {0}
     folder.add(record(1, False, "why"))
     assert [each.number for each in read_trials(tmp_path)] == [0, 1]
-    (tmp_path / "trials.jsonl").write_text("nonsense\n")
-    with pytest.raises(InputError, match="line 1"):
+    whole = (tmp_path / "trials.jsonl").read_text()
+    for change, said in (
+        ("nonsense\n", "line 1"),
+        (whole.replace("1.0", "1e999"), "line 1"),
+        (whole + whole, "line 3.*repeats trial 0"),
+        ("[" * 10**5 + "\n", "line 1"),
+        ('{"number": \ud800}\n', "line 1"),
+    ):
+        (tmp_path / "trials.jsonl").write_bytes(change.encode("utf-8", "surrogatepass"))
+        with pytest.raises(InputError, match=said):
+            read_trials(tmp_path)
+    (tmp_path / "trials.jsonl").write_text(whole + '{"cut": ')
+    assert len(read_trials(tmp_path)) == 2
+    assert (tmp_path / "trials.jsonl").read_text() == whole + '{"cut": ', "a reader writes nothing"
+    (tmp_path / "trials.jsonl").unlink()
+    os.mkfifo(tmp_path / "trials.jsonl")
+    with pytest.raises(InputError, match="is a pipe"):
         read_trials(tmp_path)
+    (tmp_path / "asked.json").write_text(asked(line={}).model_dump_json())
+    assert row_of(asked(line={}), [])["arm"] == ""
 
 
 class Scripted:

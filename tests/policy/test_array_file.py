@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 
 from gensim2.errors import InputError
 from gensim2.policy.array_file import read_arrays, write_arrays
+from gensim2.policy.control import CLOUDS, Shuffled
 
 
 def test_arrays_come_back_and_every_cut_is_one_error(tmp_path: Path) -> None:
@@ -32,5 +35,38 @@ def test_nothing_is_unpickled(tmp_path: Path) -> None:
 
 
 def test_what_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.npz: is not there"):
+    with pytest.raises(InputError, match=r"none\.npz: cannot be read: No such file"):
         read_arrays(tmp_path / "none.npz")
+
+
+def test_what_would_wait_or_take_memory_is_refused_before_it_does(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / CLOUDS)
+    with pytest.raises(InputError, match="is a pipe"):
+        Shuffled.of(tmp_path)
+    (tmp_path / CLOUDS).unlink()
+    np.savez_compressed(tmp_path / CLOUDS, points=np.zeros(2**28, np.uint8), colours=np.zeros(1, np.uint8))
+    with pytest.raises(InputError, match="have over 64 MiB"):
+        Shuffled.of(tmp_path)
+    with zipfile.ZipFile(tmp_path / "lies.npz", "w") as archive, archive.open("points.npy", "w") as stream:
+        header = {"descr": "<f4", "fortran_order": False, "shape": (10**12, 3)}
+        np.lib.format.write_array_header_1_0(stream, header)
+    with pytest.raises(InputError, match=r"shape \(1000000000000, 3\)"):
+        read_arrays(tmp_path / "lies.npz")
+
+
+@pytest.mark.parametrize(
+    ("points", "colours", "said"),
+    [
+        (np.zeros((4, 3), np.float32), np.zeros((4, 3), np.uint8), r"must be \(S, N, 3\)"),
+        (np.zeros((0, 4, 3), np.float32), np.zeros((0, 4, 3), np.uint8), r"must be \(S, N, 3\)"),
+        (np.zeros((2, 4, 3), np.float32), np.zeros((1, 4, 3), np.uint8), "alike"),
+        (np.full((2, 4, 3), np.nan, np.float32), np.zeros((2, 4, 3), np.uint8), "finite"),
+        (np.zeros((2, 4, 3), np.int64), np.zeros((2, 4, 3), np.uint8), "finite numbers"),
+    ],
+)
+def test_clouds_that_cannot_be_shown_are_refused(
+    tmp_path: Path, points: np.ndarray, colours: np.ndarray, said: str
+) -> None:
+    write_arrays(tmp_path / CLOUDS, {"points": points, "colours": colours})
+    with pytest.raises(InputError, match=said):
+        Shuffled.of(tmp_path)

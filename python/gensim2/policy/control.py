@@ -17,6 +17,8 @@ from gensim2.seeding import rng
 CLOUDS = "clouds.npz"
 """Clouds of scenes that were trained on, beside a checkpoint."""
 MAX_CLOUDS = 64
+MAX_BYTES = 2**26
+"""Bytes of their file: 64 clouds of the most points have 47 MB."""
 
 Sees = Literal["all", "nothing", "other"]
 """Ablation of the cloud: none, all points at the base's origin, or the cloud of another scene."""
@@ -44,10 +46,16 @@ class Shuffled:
         path, remedy = folder / CLOUDS, "train the policy again"
         if not path.exists():
             raise InputError("holds no clouds of other scenes", file=folder, remedy=remedy)
-        arrays = read_arrays(path)
+        arrays = read_arrays(path, MAX_BYTES)
         if not {"points", "colours"} <= arrays.keys():
             raise InputError("is damaged: points or colours are not in it", file=path, remedy=remedy)
-        return Shuffled(arrays["points"], arrays["colours"])
+        points, colours = arrays["points"], arrays["colours"]
+        if points.dtype.kind != "f" or colours.dtype != np.uint8 or not np.isfinite(points).all():
+            raise InputError("must be finite numbers and uint8", file=path, field="points, colours", remedy=remedy)
+        if points.ndim != 3 or points.shape != colours.shape or points.shape[2] != 3 or not points.size:
+            said = f"must be (S, N, 3) alike, are {points.shape} and {colours.shape}"
+            raise InputError(said, file=path, field="points, colours", remedy=remedy)
+        return Shuffled(points, colours)
 
     def save(self, folder: Path) -> None:
         """Write them beside a checkpoint.

@@ -20,7 +20,7 @@ DAYS = 7.0
 """Age from which on a calibration is stale, where nothing else is said."""
 REMEDY = "make it anew with gensim2 robot calibrate"
 
-_Row = Annotated[list[Annotated[float, Field(allow_inf_nan=False)]], Field(min_length=4, max_length=4)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class CameraCalibration(BaseModel):
@@ -42,24 +42,22 @@ class CameraCalibration(BaseModel):
     serial: str
     method: Literal["mesh", "board"]
     link: str | None
-    pose: Annotated[list[_Row], Field(min_length=4, max_length=4)]
-    width: Annotated[int, Field(gt=0)]
-    height: Annotated[int, Field(gt=0)]
-    intrinsic: list[list[float]]
+    pose: list[list[_Finite]]
+    width: int
+    height: int
+    intrinsic: list[list[_Finite]]
     scale: Annotated[float, Field(gt=0.5, lt=2.0)] = 1.0
     bias: Annotated[float, Field(gt=-0.5, lt=0.5)] = 0.0
     residual_mm: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
     held_out_mm: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-    links_mm: dict[str, float] = {}
+    links_mm: dict[str, _Finite] = {}
 
     @model_validator(mode="after")
-    def _is_a_pose(self) -> CameraCalibration:
-        T = np.array(self.pose)
-        turn = T[:3, :3]
-        if np.abs(T[3] - [0, 0, 0, 1]).max() > 1e-9 or np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6:
-            raise ValueError("the pose is none")
-        if np.linalg.det(turn) < 0:
-            raise ValueError("the pose is mirrored")
+    def _is_a_camera(self) -> CameraCalibration:
+        try:
+            Camera("calibrated", self.width, self.height, np.array(self.intrinsic), np.array(self.pose))
+        except InputError as error:
+            raise ValueError(str(error)) from error
         return self
 
 
@@ -80,9 +78,11 @@ class Calibration(BaseModel):
     cameras: dict[str, CameraCalibration]
 
     @model_validator(mode="after")
-    def _has_a_zone(self) -> Calibration:
+    def _is_dated(self) -> Calibration:
         if self.made.tzinfo is None:
             raise ValueError("made says no time zone")
+        if not 2000 <= self.made.year < 9999:  # others cannot be compared in every time zone
+            raise ValueError("made is no date of a calibration")
         return self
 
     def write(self, path: Path) -> None:

@@ -20,6 +20,8 @@ from gensim2.yaml_files import read_yaml
 FOLDER = Path(__file__).parents[1] / "protocols"
 """Of those that come with the package."""
 Text = Annotated[str, Field(min_length=1, max_length=400)]
+Metres = Annotated[float, Field(ge=-3, le=3)]
+"""Distance from the robot's base that an arm may reach, m."""
 Shares = tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]]
 
 
@@ -35,7 +37,7 @@ class Placement(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    at: tuple[float, float]
+    at: tuple[Metres, Metres]
     x: Offset = (-0.1, 0.1)
     y: Offset = (-0.1, 0.1)
     yaw: Annotated[float, Field(ge=-180, le=180)] = 30.0

@@ -6,13 +6,14 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from gensim2.errors import InputError, WriteError
 from gensim2.files import write_atomic, write_json
-from gensim2.record_files import read_record
+from gensim2.foreign.tree import MAX_RECORD, read_regular, why
+from gensim2.record_files import parse_record, read_record
 from gensim2.rollout.tally import interval
 
 ASKED, LINES, TABLE, RESULT = "asked.json", "trials.jsonl", "table.md", "table.json"
@@ -41,6 +42,11 @@ class Asked(BaseModel):
     line: dict[str, Any]
     scene: dict[str, Any]
 
+    @property
+    def arm(self) -> str:
+        """The arm of the line."""
+        return str(self.line.get("arm", ""))
+
 
 class Trial(BaseModel):
     """One trial.
@@ -59,7 +65,7 @@ class Trial(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    number: int
+    number: Annotated[int, Field(ge=0)]
     placements: dict[str, dict[str, Any]]
     success: bool
     cause: str | None
@@ -67,8 +73,11 @@ class Trial(BaseModel):
     goal: bool | None
     state: str
     reason: str
-    seconds: float
+    seconds: Annotated[float, Field(allow_inf_nan=False)]
     at: str
+
+
+_TRIAL = TypeAdapter(Trial)
 
 
 class TrialFolder:
@@ -100,41 +109,48 @@ class TrialFolder:
         self.trials = {each.number: each for each in read_trials(folder)}
 
     def add(self, trial: Trial) -> None:
-        """Keep a trial, whatever comes after.
+        """Keep a trial, whatever comes after; a last line that was cut off is overwritten.
 
         Raises:
             WriteError: it cannot be written.
         """
+        path = self._folder / LINES
         try:
-            with (self._folder / LINES).open("ab") as stream:
+            with path.open("ab+") as stream:
+                stream.truncate(len(_whole_lines(read_regular(path, MAX_RECORD))))
                 stream.write(trial.model_dump_json().encode() + b"\n")
                 stream.flush()
                 os.fsync(stream.fileno())
         except OSError as error:
-            raise WriteError(f"cannot write: {error.strerror}", file=self._folder / LINES) from error
+            raise WriteError(f"cannot write: {error.strerror or error}", file=path) from error
         self.trials[trial.number] = trial
 
 
 def read_trials(folder: Path) -> list[Trial]:
-    """Trials of a folder; a last line that was cut off is left out, and away.
+    """Trials of a folder; a last line that was cut off is left out.
 
     Raises:
-        InputError: a line before the last is damaged.
+        InputError: the file cannot be read, or a line before the last is damaged or repeats a trial.
     """
     path = folder / LINES
-    if not path.exists():
+    try:
+        data = read_regular(path, MAX_RECORD)
+    except FileNotFoundError:
         return []
-    data = path.read_bytes()
-    whole = data[: data.rfind(b"\n") + 1]
-    if len(whole) < len(data):  # the machine went away while it was written
-        write_atomic(path, whole.decode(errors="replace"))
-    found = []
-    for number, row in enumerate(whole.splitlines(), 1):
-        try:
-            found.append(Trial.model_validate_json(row))
-        except ValueError as error:
-            raise InputError("is damaged", file=path, field=f"line {number}", remedy=REMEDY) from error
-    return found
+    except OSError as error:
+        raise InputError(why(error), file=path, remedy=REMEDY) from error
+    found: dict[int, Trial] = {}
+    for number, row in enumerate(_whole_lines(data).splitlines(), 1):
+        trial = parse_record(row, _TRIAL, path, REMEDY, f"line {number}")
+        if trial.number in found:
+            raise InputError(f"repeats trial {trial.number}", file=path, field=f"line {number}", remedy=REMEDY)
+        found[trial.number] = trial
+    return list(found.values())
+
+
+def _whole_lines(data: bytes) -> bytes:
+    """Return all but a last line that was cut off while it was written."""
+    return data[: data.rfind(b"\n") + 1]
 
 
 def row_of(asked: Asked, trials: Sequence[Trial]) -> dict[str, Any]:
@@ -143,7 +159,7 @@ def row_of(asked: Asked, trials: Sequence[Trial]) -> dict[str, Any]:
     return {
         "task": asked.task,
         "policy": asked.policy,
-        "arm": asked.line["arm"],
+        "arm": asked.arm,
         "trials": len(trials),
         "successes": successes,
         "rate": successes / len(trials) if trials else None,
