@@ -1,0 +1,479 @@
+"""Damaged logs, calibrations, trials, protocols and noise files, and what their readers make of them.
+
+``python tests/fuzz/logs.py --inputs 5000 --files 2000`` damages as many logs, and as many of the other files together.
+Each is read in a process of its own with 1 GiB of memory and 5 s of CPU, beside modules that tell when they are
+imported. One is either accepted as what was written, or refused in one line; nothing else is written, and no code runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import io
+import json
+import os
+import shutil
+import socket
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+from mutate import LONGEST_MESSAGE, Kind, damaged, damaged_value
+
+from gensim2.deploy.calibration.file import Calibration, CameraCalibration, calibrated, read_calibration
+from gensim2.deploy.calibration.poses import read_standing
+from gensim2.deploy.devices import ArmState, Frame
+from gensim2.deploy.drivers.logged import LoggedCameras
+from gensim2.deploy.eyes import Eyes, Sight, inputs
+from gensim2.deploy.fit_noise import NoiseFile, fit_log, read_noise
+from gensim2.deploy.log import ENCODING, Log
+from gensim2.deploy.log_messages import About, LoggedCamera
+from gensim2.deploy.log_reader import messages
+from gensim2.deploy.mind import Answer, Question
+from gensim2.deploy.packing import pack, unpack
+from gensim2.deploy.replay import replay
+from gensim2.deploy.simulated_cameras import simulated_cameras
+from gensim2.deploy.trial.protocol import read_protocol
+from gensim2.deploy.trial.record import Asked, Trial, TrialFolder, read_trials, row_of
+from gensim2.errors import InputError
+from gensim2.foreign.process import Bounds, isolated
+from gensim2.observations import D435, Camera, ObservationSpec
+from gensim2.progress import NULL_PROGRESS
+from gensim2.record_files import read_record
+from gensim2.robots import robot
+from gensim2.yaml_files import dump_yaml, read_yaml
+
+MEMORY = 2**30
+SLOWEST = 5  # s of CPU
+HANGS = 300.0  # s by the clock
+
+FILE = "log_000000.mcap"
+CANARIES = ("notes.py", "panda.py", "mcap.py", "sitecustomize.py")
+"""Modules beside each input; a name in data may be one of them."""
+NAMES = ("notes.py", "notes:robot", "./panda.py", "os:system", "../notes.py", "mcap")
+MODULES = ("logs", "gensim2.raycast.caster", "scipy.spatial.transform", "mcap.writer")
+
+
+@cache
+def camera_of() -> Camera:
+    """The camera of all good files."""
+    return replace(simulated_cameras(robot("panda"), 32, 24)[0], name="left")
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A good file, and what reads it.
+
+    Attributes:
+        name: of the kind of input.
+        file: to be damaged, relative to the folder.
+        kind: of its content.
+        read: takes the folder; returns what it found there, as plain data.
+    """
+
+    name: str
+    file: str
+    kind: Kind
+    read: Callable[[Path], Any]
+
+
+def good_folder(folder: Path) -> None:
+    """Fill a folder with a log, a calibration, trials, a protocol and a noise file, all good, and the canaries."""
+    _write_log(folder / "log")
+    camera = camera_of()
+    one = CameraCalibration(
+        serial="1",
+        method="mesh",
+        link=None,
+        pose=camera.T_base_camera.tolist(),
+        width=camera.width,
+        height=camera.height,
+        intrinsic=camera.intrinsic.tolist(),
+        residual_mm=1.0,
+        held_out_mm=1.5,
+        links_mm={"panda_hand": 1.0},
+    )
+    Calibration(made=datetime.now(UTC), robot="panda", cameras={"left": one}).write(folder / "calibration.json")
+    (folder / "noise.json").write_text(NoiseFile(noise=vars(D435), told={"lost": 300}).model_dump_json(indent=1))
+    protocol = read_protocol("CloseBox").model_dump(mode="json")
+    (folder / "protocol.yaml").write_text(dump_yaml(protocol))
+    asked = Asked(task="CloseBox", policy="p", seed=0, protocol=protocol, line={"arm": "simulated"}, scene={"n": 1})
+    trials = TrialFolder(folder / "trials", asked, resume=False)
+    for number in range(4):
+        placed = {name: vars(each) for name, each in read_protocol("CloseBox").place(0, number).items()}
+        words: dict[str, Any] = {"by": "person", "goal": None, "state": "idle", "reason": "over", "at": "2027-01-01"}
+        success = number % 2 == 0
+        cause = None if success else "it slipped"
+        trials.add(Trial(number=number, placements=placed, success=success, cause=cause, seconds=1.5, **words))
+    for place in (folder, folder / "log", folder / "trials"):
+        for name in CANARIES:
+            (place / name).write_text(f"open({str(folder.parent / 'code-ran')!r}, 'w').close()\nrobot = None\n")
+
+
+def _write_log(folder: Path) -> None:
+    """Write a log of an arm that stands before a box, asked twice; its observations can be made anew."""
+    camera, profile = camera_of(), robot("panda")
+    spec = ObservationSpec.of({"cameras": ["left"], "points": 64, "candidates": 0, "robot": "all"})
+    about = About(
+        robot="panda",
+        language="Close the box.",
+        observation=spec.to_dict(),
+        cameras=[LoggedCamera.of(camera)],
+        pixels=1000,
+    )
+    log = Log(folder, about)
+    eyes = Eyes(spec, profile, (camera,), about.language, 1000)
+    draw, q = np.random.default_rng(0), np.array(profile.reset_qpos)
+    for number in range(12):
+        moment = 0.1 * number
+        for cycle in range(5):
+            log.state(ArmState(moment + 0.02 * cycle, q, 0.0 * q, 1.5))
+        depth = draw.integers(300, 500, (camera.height, camera.width)).astype(np.uint16)
+        colors = draw.integers(0, 255, (camera.height, camera.width, 3)).astype(np.uint8)
+        frame = Frame("left", number, moment + 0.01, depth, colors, "1")
+        log.frame(frame)
+        log.clocks(moment, 0.0, {"left": 0.01})
+        if number in (4, 8):
+            sight = Sight(number, q, 0.0 * q, 1.0, (frame,), {"left": q})
+            log.question(moment, Question(number, sight, 2))
+            seen = inputs(eyes.observe(sight))
+            log.answer(moment, Answer(number, np.zeros((2, 8), np.float32), seen=seen, cloud_ms=1.0))
+    log.change(1.2, "idle", "episode over")
+    log.close()
+
+
+# --------------------------------------------------------------------- readers
+
+
+def _content(folder: Path) -> list[str]:
+    """Digest of each message of the log."""
+    found = []
+    for topic, message in messages(folder / "log"):
+        arrays = [value for value in vars(message).values() if isinstance(value, np.ndarray)]
+        told = hashlib.sha256(f"{topic}{message!r}".encode("utf-8", "backslashreplace"))
+        for array in arrays:
+            told.update(array.tobytes())
+        found.append(told.hexdigest())
+    return found
+
+
+def _refusing(read: Callable[[], object]) -> None:
+    """What one reader refuses another may take."""
+    try:
+        read()
+    except InputError as error:
+        check_message(str(error))
+
+
+def read_log(folder: Path) -> list[str]:
+    """Read a log in every way that there is; return digests of its messages."""
+    log = folder / "log"
+    found = _content(folder)
+    with tempfile.TemporaryDirectory() as out:
+        _refusing(lambda: replay(log))
+        _refusing(lambda: read_standing(log))
+        _refusing(lambda: fit_log(log, Path(out) / "noise.json"))
+        _refusing(lambda: LoggedCameras([camera_of()], {"left": log}).poll())
+    return found
+
+
+def _read_calibration(folder: Path) -> Any:
+    found = read_calibration(folder / "calibration.json", "panda", [camera_of()], days=1000.0)
+    assert all(np.isfinite(camera.rays).all() for camera in calibrated([camera_of()], found))
+    return found.model_dump(mode="json", exclude={"made"})
+
+
+def _read_trials(folder: Path) -> Any:
+    trials = read_trials(folder / "trials")
+    row_of(read_record(folder / "trials" / "asked.json", Asked, "-"), trials)
+    return [each.model_dump(mode="json") for each in trials]
+
+
+def _read_asked(folder: Path) -> Any:
+    found = read_record(folder / "trials" / "asked.json", Asked, "-")
+    row_of(found, read_trials(folder / "trials"))
+    return found.model_dump(mode="json")
+
+
+def _read_protocol(folder: Path) -> Any:
+    found = read_protocol(str(folder / "protocol.yaml"))
+    for number in range(3):
+        for name, placed in found.place(0, number).items():
+            assert np.isfinite([placed.x, placed.y, *placed.offset]).all()
+            placed.told(name)
+    return found.model_dump(mode="json")
+
+
+def _read_noise(folder: Path) -> Any:
+    noise = read_noise(folder / "noise.json")
+    noise.on(np.ones((24, 32), np.float32), np.random.default_rng(0), np.zeros((24, 32, 3), np.uint8))
+    return {"noise": vars(noise)}
+
+
+LOG = Subject("log", f"log/{FILE}", "binary", read_log)
+FILES = (
+    Subject("calibration", "calibration.json", "json", _read_calibration),
+    Subject("trials", "trials/trials.jsonl", "lines", _read_trials),
+    Subject("asked", "trials/asked.json", "json", _read_asked),
+    Subject("protocol", "protocol.yaml", "yaml", _read_protocol),
+    Subject("noise", "noise.json", "json", _read_noise),
+)
+
+
+# ---------------------------------------------------------------------- damage
+
+
+def _pick(values: Sequence[Any], generator: np.random.Generator) -> Any:
+    return values[int(generator.integers(len(values)))]
+
+
+def damage(path: Path, kind: Kind, generator: np.random.Generator) -> str:
+    """Damage one file; say how: ``"bytes"`` where it must still be what it was."""
+    chance = generator.random()
+    if chance < 0.04:
+        return _replaced(path, generator)
+    if path.suffix == ".mcap" and chance < 0.6:
+        return _rewritten(path, generator)
+    path.write_bytes(damaged(path.read_bytes(), kind, generator))
+    return "bytes"
+
+
+def _replaced(path: Path, generator: np.random.Generator) -> str:
+    content = path.read_bytes()
+    path.unlink()
+
+    def bound() -> None:
+        with socket.socket(socket.AF_UNIX) as server:
+            server.bind(str(path))
+
+    def sparse() -> None:
+        path.write_bytes(content)
+        os.truncate(path, 2**40)
+
+    ways: dict[str, Callable[[], object]] = {
+        "gone": lambda: None,
+        "a pipe": lambda: os.mkfifo(path),
+        "a socket": bound,
+        "a folder": path.mkdir,
+        "a device": lambda: path.symlink_to("/dev/zero"),
+        "a link to itself": lambda: path.symlink_to(path.name),
+        "a terabyte": sparse,
+        "zeros": lambda: path.write_bytes(bytes(2**20)),
+    }
+    told: str = _pick(list(ways), generator)
+    ways[told]()
+    return told
+
+
+def _rewritten(path: Path, generator: np.random.Generator) -> str:
+    """Damage messages of a log and write it anew, whole, as a stranger would who knows how."""
+    found: list[tuple[str, bytes]] = list(_packed(path))
+    for _ in range(int(generator.integers(1, 4))):
+        place = int(generator.integers(len(found))) if generator.random() < 0.7 else 0
+        topic, data = found[place]
+        try:
+            plain, arrays = unpack(data)
+        except InputError:  # damaged before
+            continue
+        way = int(generator.integers(8))
+        if way == 0:
+            topic = _pick(("", "/about", "/camera/left", "/camera/", "/arm", "x" * 10**5, "/camera/../x"), generator)
+        elif way == 1 and arrays:
+            name = _pick(list(arrays), generator)
+            arrays[name] = _array(arrays[name], generator)
+        elif way == 2 and arrays:
+            name = _pick(list(arrays), generator)
+            arrays[_pick(("", "q", "posed/right", "seen/x", f"{name}/{name}"), generator)] = arrays.pop(name)
+        elif way == 3 and "robot" in plain:
+            plain["robot"] = _pick(NAMES, generator)
+        elif way == 4:
+            found.insert(int(generator.integers(len(found) + 1)), found[place])
+            continue
+        else:
+            plain = damaged_value(plain, generator)
+        try:
+            found[place] = topic, pack(plain, arrays)
+        except (TypeError, ValueError):
+            found[place] = topic, damaged(data, "binary", generator)
+    stream = io.BytesIO()
+    compression = _pick(list(CompressionType), generator)
+    writer = Writer(stream, compression=compression, enable_data_crcs=True, use_chunking=bool(generator.random() < 0.9))
+    writer.start()
+    channels: dict[str, int] = {}
+    for topic, data in found:
+        if topic not in channels:
+            channels[topic] = writer.register_channel(topic, ENCODING, 0)
+        writer.add_message(channels[topic], 0, data, 0)
+    writer.finish()
+    path.write_bytes(stream.getvalue())
+    return "rewritten"
+
+
+def _packed(path: Path) -> Sequence[tuple[str, bytes]]:
+    from gensim2.deploy.log_reader import _packed as packed
+
+    return list(packed(path))
+
+
+def _array(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+    ways: tuple[Callable[[], np.ndarray], ...] = (
+        lambda: values[:0],
+        lambda: values.reshape(-1),
+        lambda: np.concatenate([values, values]),
+        lambda: values[..., None],
+        lambda: values.astype(np.int64),
+        lambda: values.astype(np.float32),
+        lambda: np.full(values.shape, np.nan),
+        lambda: np.full(values.shape, np.inf),
+        lambda: np.full(values.shape, 1e308),
+        lambda: np.zeros_like(values),
+        lambda: np.full(values.shape, np.iinfo(np.int64).max),
+        lambda: np.zeros((4000, 4000), np.uint8),
+        lambda: np.zeros(10**6, values.dtype),
+    )
+    return _pick(ways, generator)()
+
+
+# --------------------------------------------------------------------- verdict
+
+
+def check_message(message: str) -> None:
+    """One line, not too long."""
+    assert len(message.splitlines()) == 1, f"not one line: {message!r}"
+    assert len(message) <= LONGEST_MESSAGE, f"{len(message)} characters"
+    assert message.isprintable(), repr(message)
+
+
+def _reading(subject: Subject, folder: Path, _: object) -> Any:
+    return subject.read(folder)
+
+
+def _state(folder: Path) -> dict[str, tuple[int, int]]:
+    """Names, sizes and times of everything in a folder."""
+    return {
+        str(path.relative_to(folder)): (path.lstat().st_size, path.lstat().st_mtime_ns)
+        for path in folder.rglob("*")
+        if not path.is_dir()
+    }
+
+
+def attempt(good: Path, subject: Subject, scratch: Path, generator: np.random.Generator) -> tuple[str, bool]:
+    """Damage a copy of one file and read it; return how it was damaged, and whether it was accepted.
+
+    Raises:
+        AssertionError: it was neither accepted as what it is nor refused in one line, took too much, or did something.
+        RuntimeError: whatever else its reader raised.
+    """
+    folder = scratch / "input"
+    shutil.copytree(good, folder)
+    told = damage(folder / subject.file, subject.kind, generator)
+    before, began = _state(folder), time.monotonic()
+    bounds = Bounds(MEMORY, SLOWEST, (2**30, 2**30))
+    try:
+        found = isolated(_reading, (subject, folder), folder, bounds, NULL_PROGRESS, MODULES)
+        said = None
+    except InputError as error:
+        said = str(error)
+    if said is not None:
+        check_message(said)
+        ended = [each for each in ("MiB of memory", "library that reads it died", "of CPU to read") if each in said]
+        assert not ended, f"{told}: {said}"
+    assert time.monotonic() - began < HANGS, f"{told}: took {time.monotonic() - began:.0f} s"
+    assert _state(folder) == before, f"{told}: {set(_state(folder).items()) ^ set(before.items())}"
+    assert not (good.parent / "code-ran").exists(), f"{told}: code ran"
+    if said is None:
+        check_accepted(found, good, folder, subject, told)
+    return told, said is None
+
+
+def check_accepted(found: Any, good: Path, folder: Path, subject: Subject, told: str) -> None:
+    """What was accepted is what the file holds, or what it was before it was damaged."""
+    if subject is LOG and told == "bytes":
+        whole = _content(good)
+        assert found == whole[: len(found)], f"{told}: accepted, and another"
+        assert len(found) == len(whole) or (folder / subject.file).read_bytes()[-8:] != b"\x89MCAP0\r\n", told
+    elif subject.kind in ("json", "yaml"):
+        path = folder / subject.file
+        held = read_yaml(path) if subject.kind == "yaml" else json.loads(path.read_bytes())
+        assert _agrees(held, found), f"{told}: {held} is read as {found}"
+
+
+def _agrees(held: Any, found: Any) -> bool:
+    """Whether all that a file holds is in what was read of it; a range may be one number."""
+    if isinstance(held, dict):
+        return all(_agrees(value, found.get(name)) for name, value in held.items() if name not in ("made", "told"))
+    if isinstance(held, list):
+        return len(held) == len(found) and all(_agrees(*pair) for pair in zip(held, found, strict=True))
+    if isinstance(found, list):
+        return found == [-held, held]
+    return bool(held == found) or found is None
+
+
+@dataclass
+class Tally:
+    """How many ended how."""
+
+    ended: Counter[str]
+    faults: int = 0
+
+
+def run(
+    good: Path, subjects: Sequence[Subject], numbers: range, seed: int, scratch: Path, say: Callable[[str], object]
+) -> Tally:
+    """Try so many damaged files, kinds in turn; faults are said and counted."""
+    tally = Tally(Counter())
+    for number in numbers:
+        subject = subjects[number % len(subjects)]
+        place = scratch / f"try{number}"
+        place.mkdir(parents=True)
+        try:
+            told, accepted = attempt(good, subject, place, np.random.default_rng([seed, number]))
+        except Exception as error:  # noqa: BLE001 - any other is what is looked for
+            tally.faults += 1
+            say(f"{subject.name} {number}: {type(error).__name__}: {str(error)[-1500:]}")
+        else:
+            outcome = "accepted" if accepted else "refused"
+            tally.ended[f"{subject.name}, {told if told in ('bytes', 'rewritten') else 'replaced'}: {outcome}"] += 1
+        shutil.rmtree(place, ignore_errors=True)
+        (good.parent / "code-ran").unlink(missing_ok=True)
+    return tally
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where one input is neither accepted nor refused in one line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--inputs", type=int, default=5000, help="logs")
+    parser.add_argument("--files", type=int, default=2000, help="calibrations, trials, protocols and noise files")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="number of the first input")
+    options = parser.parse_args(arguments)
+    # The server that forks takes its path from here alone: it imports this module once, and not each process.
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    faults = 0
+    with tempfile.TemporaryDirectory() as name:
+        good = Path(name).resolve() / "good"
+        good_folder(good)
+        for subjects, count in (((LOG,), options.inputs), (FILES, options.files)):
+            began = time.monotonic()
+            numbers = range(options.first, options.first + count)
+            tally = run(good, subjects, numbers, options.seed, good.parent / "tries", partial(print, file=sys.stderr))
+            faults += tally.faults
+            print(f"{count} inputs, {tally.faults} faults, {time.monotonic() - began:.0f} s in all")
+            for outcome, number in sorted(tally.ended.items()):
+                print(f"  {outcome} {number}")
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    import logs  # by its name, as the server that forks imports it
+
+    sys.exit(logs.main())
