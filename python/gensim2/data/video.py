@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import itertools
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -171,12 +173,48 @@ def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
         env.close()
 
 
-def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float) -> None:
-    """Write (H, W, 3) pictures as an mp4: H.264, which browsers play. Sides are even numbers of pixels."""
+def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *, exact: bool = False) -> None:
+    """Write pictures as an mp4 in H.264 and check that the encoder has finished it.
+
+    Args:
+        path: of the file.
+        frames: (H, W, 3), all of one size, one at least.
+        frames_per_second: of the video.
+        exact: keep the size, with a key frame at every second one, so that a frame is found without those before it;
+            see :func:`pixel_format`. Otherwise sides are scaled to multiples of 16, which all browsers play.
+
+    Raises:
+        OSError: the encoder ended early, as on a full disk.
+    """
+    import imageio_ffmpeg
+
+    rest = iter(frames)
+    first = next(rest)
+    shape: dict[str, Any] = {"macro_block_size": 1, "output_params": ["-g", "2"]}
+    if not exact:  # "faststart": a browser shows the first frame before it has the whole file
+        shape = {"codec": "libx264", "quality": 7, "output_params": ["-movflags", "+faststart"]}
+    shape["pixelformat"] = pixel_format(*first.shape[:2]) if exact else "yuv420p"
     # ImageIO's plugin types do not say that a writer can append.
-    # "faststart": a browser shows the first frame before it has the whole file.
-    start: dict[str, Any] = {"pixelformat": "yuv420p", "output_params": ["-movflags", "+faststart"]}
-    writer: Any = imageio.get_writer(path, fps=frames_per_second, codec="libx264", quality=7, **start)
+    writer: Any = imageio.get_writer(path, fps=frames_per_second, ffmpeg_log_level="quiet", **shape)
+    count = 0
     with writer:
-        for frame in frames:
-            writer.append_data(frame)
+        for frame in itertools.chain([first], rest):
+            try:
+                writer.append_data(frame)
+            except OSError as error:
+                raise OSError(errno.EIO, _ENDED_EARLY) from error
+            count += 1
+    try:  # the writer does not look at the encoder's exit status
+        found = imageio_ffmpeg.count_frames_and_secs(str(path))[0]
+    except RuntimeError as error:
+        raise OSError(errno.EIO, _ENDED_EARLY) from error
+    if found != count:
+        raise OSError(errno.EIO, _ENDED_EARLY)
+
+
+def pixel_format(height: int, width: int) -> str:
+    """Return the pixel format of a video that keeps its size: half the colours need even sides."""
+    return "yuv420p" if height % 2 == 0 and width % 2 == 0 else "yuv444p"
+
+
+_ENDED_EARLY = "the video encoder ended early"

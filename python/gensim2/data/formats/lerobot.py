@@ -211,15 +211,14 @@ class LeRobotWriter:
     def _film(self, camera: str, pictures: Array, number: int) -> dict[str, Any]:
         """Write one episode of a camera; what the episode's row says of it."""
         try:
-            import imageio.v2 as imageio
+            from gensim2.data.video import write_video
         except ImportError as error:
             raise MissingExtraError("imageio", "sim") from error
         chunk, file = divmod(number, FILES_PER_CHUNK)
         with replacing(
             self._root / "videos" / camera / f"{PATH.format(chunk_index=chunk, file_index=file)}.mp4"
         ) as path:
-            # A key picture every second one: a frame is found without decoding what is before it.
-            imageio.mimwrite(path, list(pictures), fps=self._fps, macro_block_size=1, output_params=["-g", "2"])
+            write_video(path, pictures, self._fps, exact=True)
         return {
             f"videos/{camera}/chunk_index": chunk,
             f"videos/{camera}/file_index": file,
@@ -249,13 +248,15 @@ class LeRobotWriter:
             names = list(feature.names) if feature.names is not None else None
             described[name] = {"dtype": feature.dtype, "shape": list(feature.shape), "names": names}
             if feature.is_video:
+                from gensim2.data.video import pixel_format  # a part of the extra for pictures
+
                 height, width, channels = feature.shape
                 described[name]["info"] = {
                     "video.height": height,
                     "video.width": width,
                     "video.channels": channels,
                     "video.codec": "h264",
-                    "video.pix_fmt": "yuv420p",
+                    "video.pix_fmt": pixel_format(height, width),
                     "video.is_depth_map": False,
                     "video.fps": self._fps,
                     "has_audio": False,
