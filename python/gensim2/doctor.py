@@ -218,7 +218,8 @@ def _python() -> Check:
 
 
 def _rust() -> Check:
-    cargo = shutil.which("cargo") or shutil.which("cargo", path=str(Path.home() / ".cargo" / "bin"))
+    installed = os.path.expanduser("~/.cargo/bin")  # noqa: PTH111 - raises nothing where there is no home folder
+    cargo = shutil.which("cargo") or shutil.which("cargo", path=installed)
     if cargo is None:
         return Check("Rust", "limited", "no cargo", "only needed to build from source: https://rustup.rs")
     found = subprocess.run([cargo, "--version"], capture_output=True, text=True, check=False)

@@ -11,7 +11,7 @@ import re
 import secrets
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,29 @@ _TEMPORARY = re.compile(r"^\..+\.[0-9a-f]{16}\.tmp(\.\w+)?$")
 
 
 def cache_dir() -> Path:
-    """Folder of everything that can be made again: ``$GENSIM2_CACHE``, else the user's cache folder."""
-    return Path(os.environ.get("GENSIM2_CACHE") or user_cache_dir("gensim2"))
+    """Return the folder of everything that can be made again: ``$GENSIM2_CACHE``, else the user's cache folder.
+
+    Raises:
+        InputError: the variable is not set, and the account has no home folder.
+    """
+    return user_folder("GENSIM2_CACHE", lambda: user_cache_dir("gensim2"))
+
+
+def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
+    """Return the folder that a variable names, else one below the user's home folder.
+
+    Args:
+        variable: name of the environment variable.
+        default: finds the other folder; a ``RuntimeError`` of its says that there is no home folder.
+
+    Raises:
+        InputError: the variable is not set, and the account has no home folder.
+    """
+    try:
+        return Path(os.environ.get(variable) or default())
+    except RuntimeError as error:
+        remedy = f"set {variable} to a folder, or HOME"
+        raise InputError("this account has no home folder", field=variable, remedy=remedy) from error
 
 
 @contextlib.contextmanager
@@ -170,7 +191,7 @@ def write_atomic(path: Path, data: str | bytes) -> None:
         WriteError: the folder cannot be written to, or is full.
     """
     with replacing(path) as temporary:
-        temporary.write_bytes(data.encode() if isinstance(data, str) else data)
+        temporary.write_bytes(_encoded(data))
 
 
 def write_output(path: Path, data: str | bytes) -> None:
@@ -183,11 +204,16 @@ def write_output(path: Path, data: str | bytes) -> None:
     """
     try:
         if is_special(path):
-            write_through(path, data.encode() if isinstance(data, str) else data)
+            write_through(path, _encoded(data))
             return
     except OSError as error:
         raise InputError(f"cannot write: {error.strerror}", file=path, remedy="choose another") from error
     write_atomic(path, data)
+
+
+def _encoded(data: str | bytes) -> bytes:
+    """Return the bytes of a text in UTF-8; bytes of a path that are no UTF-8 are shown as escapes."""
+    return data.encode(errors="backslashreplace") if isinstance(data, str) else data
 
 
 def append(path: Path, text: str) -> None:
@@ -197,8 +223,8 @@ def append(path: Path, text: str) -> None:
         WriteError: it cannot be written to, or no room is left.
     """
     try:
-        with path.open("a", encoding="utf-8") as stream:
-            stream.write(text)
+        with path.open("ab") as stream:
+            stream.write(_encoded(text))
     except OSError as error:
         raise WriteError(f"cannot write: {error.strerror}", file=path, remedy="make room, and go on") from error
 

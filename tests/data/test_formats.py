@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import h5py
+import imageio.v2 as imageio
 import numpy as np
 import pyarrow.parquet
 import pytest
@@ -184,6 +185,27 @@ def test_exports_hold_what_the_robot_knows_of_itself_and_what_cameras_and_ids_ar
         for entry in seen["episodes"]:
             assert seen["tables"][entry["table"]]["2"] == ["box", f"lid_{entry['index'] % 2}"]
     assert import_(tmp_path / "z", tmp_path / "back", "zarr") == len(seen["episodes"])
+
+
+def test_pictures_of_odd_sides_are_exported_as_they_are(dataset: DataSet, tmp_path: Path) -> None:
+    store = dataset.task("CloseBox")
+    for row in (row for row in store.rows() if row.held):
+        spec = ObservationSpec(("rgb",), ("left",)).to_dict()
+        arrays = {
+            "cameras/left/rgb": np.full((row.control_steps + 1, 73, 97, 3), 90, np.uint8),
+            "cameras/left/intrinsic": np.diag([70.0, 70.0, 1.0]),
+            "cameras/left/T_base_camera": np.eye(4),
+        }
+        write_observation(store.observation_path(row.index), {"episode_digest": row.episode_digest, **spec}, arrays)
+    count = export(dataset.path, tmp_path / "l", "lerobot", Selection(tasks=("CloseBox",)))
+    (feature,) = [
+        each for each in json.loads((tmp_path / "l/meta/info.json").read_text())["features"].values() if "info" in each
+    ]
+    assert (feature["shape"], feature["info"]["video.pix_fmt"]) == ([73, 97, 3], "yuv444p")
+    films = sorted((tmp_path / "l/videos").rglob("*.mp4"))
+    assert len(films) == count > 0
+    assert {np.shape(imageio.mimread(path))[1:] for path in films} == {(73, 97, 3)}
+    assert import_(tmp_path / "l", tmp_path / "back", "lerobot") == count
 
 
 def test_a_selection_takes_what_it_says(dataset: DataSet, tmp_path: Path) -> None:

@@ -111,6 +111,9 @@ def _leave(code: int) -> NoReturn:
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; ``arguments`` defaults to the process's own."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a path may hold bytes that the terminal's encoding has not
+            stream.reconfigure(errors="backslashreplace")
     try:
         with stopping_signals():
             outcome = cli.main(args=arguments, prog_name="gensim2", standalone_mode=False)

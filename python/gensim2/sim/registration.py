@@ -99,9 +99,15 @@ def make_vec_env(
     from mani_skill.utils.wrappers import CPUGymWrapper
 
     id, given = _id_and_arguments(task)
-    return gym.make_vec(
+    envs = gym.make_vec(
         id, num_envs, vectorization_mode, dict(vector_kwargs or {}), wrappers=[CPUGymWrapper], **given, **kwargs
     )
+    spec = envs.unwrapped.spec
+    assert spec is not None, "gymnasium describes what it makes"
+    for name in ("max_episode_steps", "disable_env_checker"):  # gymnasium's own describes each environment so, not all
+        if kwargs.get(name) is not None:
+            setattr(spec, name, kwargs[name])
+    return envs
 
 
 def _id_and_arguments(task: str | TaskSpec | Mapping[str, Any]) -> tuple[str, dict[str, Any]]:

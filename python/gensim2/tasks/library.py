@@ -21,6 +21,7 @@ from typing import Any
 from platformdirs import user_data_path
 
 from gensim2.errors import InputError, near
+from gensim2.files import user_folder
 from gensim2.foreign.archive import open_archive, read_member
 from gensim2.tasks import version_1
 from gensim2.tasks.parse import parse_task
@@ -46,7 +47,7 @@ def user_library() -> Path | None:
     None where the variable says ``none``: nothing is read there and nothing kept.
     """
     given = os.environ.get(LIBRARY_VARIABLE)
-    return None if given == NO_LIBRARY else Path(given or user_data_path("gensim2") / "tasks")
+    return None if given == NO_LIBRARY else user_folder(LIBRARY_VARIABLE, lambda: user_data_path("gensim2") / "tasks")
 
 
 def _user_shelf() -> Traversable | None:

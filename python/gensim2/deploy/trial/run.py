@@ -17,7 +17,7 @@ from gensim2.deploy.session import Ended, Layout, Session
 from gensim2.deploy.trial.person import Person
 from gensim2.deploy.trial.protocol import Placed, Protocol, reset_options
 from gensim2.deploy.trial.record import Asked, Trial, TrialFolder, write_table
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.errors import GenSim2Error, InputError, WriteError
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.inputs import read_task_input
@@ -71,6 +71,7 @@ def trial(
 
     Raises:
         InputError: an argument cannot be used, or the folder holds other trials.
+        WriteError: a trial cannot be kept; the arm has come to rest.
         TrialsEndedError: the line stopped before an episode began, or a real arm is to be seen to.
         KeyboardInterrupt: a signal asked to stop; the arm has come to rest.
     """
@@ -108,6 +109,8 @@ def trial(
                 session.run(math.inf, course.layouts(), goal_ends=ends, ended=course.ended)
             if interrupted:
                 raise KeyboardInterrupt
+            if course.unwritten is not None:
+                raise course.unwritten
             watch = there.line.watch
             if course.current is None:
                 continue
@@ -145,6 +148,7 @@ class _Course:
         self._trials = trials
         self.seeds = scene_seeds(self._seed, protocol.task, "trial", trials)
         self.current: _Current | None = None
+        self.unwritten: WriteError | None = None
 
     def pending(self) -> list[int]:
         """Numbers of the trials that are left."""
@@ -201,7 +205,11 @@ class _Course:
             seconds=round(seconds, 3),
             at=datetime.now(UTC).isoformat(timespec="seconds"),
         )
-        self._kept.add(found)
+        try:
+            self._kept.add(found)
+        except WriteError as error:
+            self.unwritten = error
+            raise
         self.current = None
         done = self._kept.trials.values()
         self._progress.message(f"trial {found.number + 1}: {'yes' if success else cause}")

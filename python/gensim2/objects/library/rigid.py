@@ -17,6 +17,7 @@ from gensim2.objects.library.cache import source_digest
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.info import is_number, numbers, read_info
 from gensim2.objects.library.shelf import RigidShelf
+from gensim2.objects.library.sources import maniskill_data
 from gensim2.objects.library.urdf import plain_name
 from gensim2.objects.rigid import RigidObject
 from gensim2.objects.types import Hulls, Source
@@ -191,5 +192,4 @@ def known_mass(name: str, scale: float) -> float | None:
 
 def maniskill_ycb() -> Path:
     """Return the folder of ManiSkill's YCB download: ``$MS_ASSET_DIR/data/assets/mani_skill2_ycb``."""
-    root = Path(os.environ.get("MS_ASSET_DIR") or Path.home() / ".maniskill")
-    return root / "data" / "assets" / "mani_skill2_ycb"
+    return maniskill_data() / "assets" / "mani_skill2_ycb"
