@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from gensim2 import files
 from gensim2.errors import InputError
-from gensim2.files import remove_temporaries, replacing, write_atomic, write_json
+from gensim2.files import append, remove_temporaries, replacing, write_atomic, write_json
 
 
 def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
@@ -79,3 +80,24 @@ def test_leftovers_of_killed_writers_are_removed_and_nothing_else(tmp_path: Path
         (tmp_path / "a" / name).write_text("x")
     remove_temporaries(tmp_path)
     assert sorted(entry.name for entry in (tmp_path / "a").iterdir()) == [".lock", ".notes.tmp", "data.tmp"]
+
+
+def test_bytes_of_a_path_that_are_no_text_are_shown_as_escapes(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"W\xe4g") / "a.html"
+    write_atomic(path, f"<p>{path.parent.name}</p>")
+    append(path, path.parent.name)
+    assert path.read_text() == "<p>W\\udce4g</p>W\\udce4g"
+
+
+def test_a_folder_of_an_account_without_a_home_is_one_error_that_names_the_variable(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def homeless() -> str:
+        raise RuntimeError("could not determine the home directory")
+
+    monkeypatch.delenv("GENSIM2_CACHE", raising=False)
+    monkeypatch.setattr(files, "user_cache_dir", lambda _: homeless())
+    with pytest.raises(InputError, match="GENSIM2_CACHE: this account has no home folder.*set GENSIM2_CACHE"):
+        files.cache_dir()
+    monkeypatch.setenv("GENSIM2_CACHE", "/somewhere")
+    assert files.cache_dir() == Path("/somewhere")

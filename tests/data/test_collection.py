@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from disks import can_mount, on_disk
 from kill_runs import SCRIPT_ENVIRONMENT, contents, differences
 
 from gensim2.data import DataSet
@@ -297,18 +298,12 @@ def test_the_command_says_one_line_where_a_worker_cannot_write(tmp_path: Path, u
     assert_same(tmp_path / "set", undisturbed)
 
 
-def can_mount() -> bool:
-    words = ["unshare", "--mount", "mount", "-t", "tmpfs", "none", "/mnt"]
-    return shutil.which("unshare") is not None and subprocess.run(words, capture_output=True).returncode == 0
-
-
 @pytest.mark.skipif(not can_mount(), reason="mounts a file system of its own")
 @pytest.mark.parametrize(
     ("mounted", "said"), [("size=32k", "No space left on device"), ("ro", "Read-only file system")]
 )
 def test_the_command_says_one_line_on_a_full_or_read_only_disk(tmp_path: Path, mounted: str, said: str) -> None:
-    script = f'mount -t tmpfs -o {mounted} none "$0" && shift 0 && exec "$@"'
-    done = collecting(tmp_path / "set", None, "unshare", "--mount", "sh", "-c", script, str(tmp_path))
+    done = collecting(tmp_path / "set", None, *on_disk(mounted, tmp_path))
     assert done.returncode == 2
     last = done.stderr.splitlines()[-1]
     assert last.startswith("gensim2: ")

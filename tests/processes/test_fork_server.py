@@ -45,3 +45,16 @@ def test_ctrl_c_while_modules_are_imported_leaves_no_traceback_and_no_server(tmp
         program.kill()
     assert out.split() == ["started", "interrupted"]
     assert err == ""
+
+
+def test_a_script_that_comes_through_a_pipe_has_workers(tmp_path: Path) -> None:
+    script = """
+from gensim2.processes import WorkerPool, enumerated
+if __name__ == "__main__":
+    with WorkerPool(1) as pool:
+        print([outcome.unwrap() for outcome in pool.map_unordered(abs, enumerated([(-3,)]))])
+"""
+    done = subprocess.run(
+        [sys.executable, "-"], input=script, capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert (done.stdout, done.returncode) == ("[3]\n", 0), done.stderr

@@ -184,6 +184,14 @@ def test_several_are_a_vector_environment_of_arrays(mode: str) -> None:
     several.close()
 
 
+def test_a_vector_environment_is_described_as_its_environments_are() -> None:
+    several = gensim2.make_vec_env("CloseBox", 2, "sync", assets="builtin", obs_mode="state", max_episode_steps=3)
+    assert several.spec is not None
+    assert several.spec.max_episode_steps == 3
+    assert [each.spec.max_episode_steps for each in several.envs] == [3, 3]  # type: ignore[attr-defined]
+    several.close()
+
+
 def test_a_vector_environment_refuses_odd_modes_and_numbers() -> None:
     with pytest.raises(InputError, match="vectorization_mode: must be async or sync"):
         gensim2.make_vec_env("CloseBox", 2, "gpu")

@@ -22,6 +22,7 @@ from gensim2.design.pictures import LazyPicture
 from gensim2.errors import GenSim2Error
 from gensim2.objects import open_library
 from gensim2.planning.strategies import KeypointStrategy
+from gensim2.processes.fork_server import forget_piped_script
 from gensim2.robots import robot
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.spec import TaskSpec
@@ -75,6 +76,7 @@ class SceneViews:
 @cache
 def _painter() -> ProcessPoolExecutor:
     """The process that draws; started when the first picture is looked at."""
+    forget_piped_script()
     return ProcessPoolExecutor(max_workers=1, mp_context=multiprocessing.get_context("spawn"))
 
 

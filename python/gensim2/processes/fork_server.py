@@ -6,7 +6,9 @@ import atexit
 import contextlib
 import os
 import signal
+import sys
 from multiprocessing import forkserver, resource_tracker
+from pathlib import Path
 
 _registered_in: int | None = None
 """The process that ends its server when it ends; one that is forked of it does not."""
@@ -19,6 +21,7 @@ def start_fork_server() -> None:
     group, would end it with a traceback. The signal is blocked while it starts, not ignored: the caller gets it after.
     """
     global _registered_in
+    forget_piped_script()
     if _registered_in != os.getpid():
         _registered_in = os.getpid()
         atexit.register(_end_server, _registered_in)
@@ -28,6 +31,14 @@ def start_fork_server() -> None:
         forkserver.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def forget_piped_script() -> None:
+    """Forget the name of a script that came through a pipe: each worker would look for a file called ``<stdin>``."""
+    main = sys.modules["__main__"]
+    path = getattr(main, "__file__", None)
+    if path is not None and not Path(path).is_file():
+        del main.__file__
 
 
 def _end_server(registered: int) -> None:
