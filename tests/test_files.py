@@ -97,7 +97,7 @@ def test_a_folder_of_an_account_without_a_home_is_one_error_that_names_the_varia
 
     monkeypatch.delenv("GENSIM2_CACHE", raising=False)
     monkeypatch.setattr(files, "user_cache_dir", lambda _: homeless())
-    with pytest.raises(InputError, match="GENSIM2_CACHE: this account has no home folder.*set GENSIM2_CACHE"):
+    with pytest.raises(InputError, match=r"GENSIM2_CACHE: this account has no home folder.*set GENSIM2_CACHE"):
         files.cache_dir()
     monkeypatch.setenv("GENSIM2_CACHE", "/somewhere")
     assert files.cache_dir() == Path("/somewhere")

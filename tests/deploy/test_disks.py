@@ -51,7 +51,7 @@ def test_a_run_on_a_small_disk_ends_in_one_line_and_its_log_is_whole(
     assert (found["state"], found["limits_passed"]) == ("holding", 0)
     assert said in found["reason"]
     assert unclosed(kept / "log") == []
-    assert sum(1 for _ in messages(kept / "log")) > 100
+    assert sum(1 for _ in messages(kept / "log")) > 20
 
 
 class Filling:
@@ -78,13 +78,11 @@ def test_a_trial_that_cannot_be_kept_ends_the_trials_and_the_others_stay(tmp_pat
     still = ControllerSpec("gensim2.policy.no_op:NoOpPolicy", {"arm": 7})
     line: dict[str, Any] = {"assets": "builtin", "simulated_clock": True, "pixels": (64, 48), "speed": 1.0}
     try:
-        with pytest.raises(WriteError, match="cannot write") as error:
+        with pytest.raises(WriteError, match=r"trials.jsonl: cannot write"):
             trial(read_protocol("CloseBox"), out=tmp_path, trials=3, person=person, policy=still, **line)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert person.asked == 2, "the trials go on"
-    reasons = [error.value, error.value.__context__]
-    assert any("trials.jsonl" in str(each) for each in reasons), reasons
     assert [each.number for each in read_trials(tmp_path / "CloseBox")] == [0]
     found = trial(
         read_protocol("CloseBox"), out=tmp_path, trials=2, verdict="simulator", resume=True, policy=still, **line
