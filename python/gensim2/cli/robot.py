@@ -167,6 +167,8 @@ def _show_replay(result: dict[str, Any]) -> None:
         line(name)
     if result["missing"]:
         line(f"{result['missing']} questions ask for pictures that are gone")
+    for name in result["unclosed"]:
+        line(f"{name} has no end: its run was killed, and what it holds was compared")
 
 
 @robot.command("check", cls=options.Command, short_help="Say whether everything is there to drive an arm.")
