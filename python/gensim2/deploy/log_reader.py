@@ -188,6 +188,7 @@ def _expanded(chunk: Chunk, path: Path) -> bytes:
     size = chunk.uncompressed_size
     if size > MAX_CHUNK:
         raise _damaged(path, f"a chunk expands to {size / 2**20:.0f} MiB, more than {MAX_CHUNK / 2**20:.0f}")
+    found: bytes
     with read_by_library(path, _REMEDY, "is damaged"):
         if chunk.compression == "lz4":
             found = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
