@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "kill"))
 
 import fake_world
 
-from gensim2.data.records import Verification
+from gensim2.data.records import RUN_SCHEMA_VERSION, PipelineResult, RunRecord, Verification
 from gensim2.data.runfolder import TaskFolder
+from gensim2.design.base import Candidate, CandidateResult, StageResult
+from gensim2.design.designs import Design, write_design
 from gensim2.files import write_json
+from gensim2.rollout.config import RolloutOptions
 from gensim2.rollout.record import Cause
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.criteria import ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
+from gensim2.tasks.strategies import StepStrategies
 
 CONFIG = {
     "task_name": "OpenDemo",
@@ -52,40 +56,27 @@ def add_task(run_dir: Path, name: str, held: int, *, parent: str = "tasks", epis
         for i in range(episodes)
     )
     files.write_verification(Verification(fresh, 0.7, "new"))
-    write_json(files.path / "design.json", design())
+    write_design(files.path, design())
     environment = {"env_id": f"gensim2.sim:GenSim2-{name}-v1"}
     recorded = {"env_info": environment, "episodes": [{"episode_id": i} for i in range(3)]}
     write_json(files.path / "trajectory.json", recorded)
 
 
-def design() -> dict[str, Any]:
+def design() -> Design:
     """A search with a winner, also-rans, and some that could not be planned."""
-    candidates = []
+    steps: StepStrategies = {"open": {"designed": CONFIG}}
+    results = []
     for index in range(20):
-        stages: list[dict[str, Any]] = [
-            {"name": "plan", "episodes": 4, "successes": 4 if index < 10 else 0, "causes": {}}
-        ]
+        stages = [StageResult("plan", 4, 1.0 if index < 10 else 0.0, {})]
         if index < 10:
-            stages.append({"name": "physics", "episodes": 2, "successes": 2 if index < 3 else 0, "causes": {}})
+            stages.append(StageResult("physics", 2, 1.0 if index < 3 else 0.0, {}))
         if index < 3:
-            stages.append({"name": "physics", "episodes": 6, "successes": 6 - 2 * index, "causes": {}})
-        candidates.append(
-            {
-                "index": index,
-                "label": f"hook candidate {index}: tip along the joint's y, 0.1 m before",
-                "steps": {"open": {"designed": CONFIG}},
-                "provenance": {},
-                "stages": stages,
-                "cause": None if index == 0 else "object did not move",
-            }
-        )
-    return {
-        "schema_version": 3,
-        "candidates": candidates,
-        "chosen": 0,
-        "steps": {"open": {"designed": CONFIG}},
-        "notes": ["10 of 20 plan"],
-    }
+            stages.append(
+                StageResult("physics", 6, 1.0 - index / 3, {"object did not move": 2 * index} if index else {})
+            )
+        label = f"hook candidate {index}: tip along the joint's y, 0.1 m before"
+        results.append(CandidateResult(Candidate(label, steps, {}), tuple(stages)))
+    return Design(tuple(results), steps, ("10 of 20 plan",))
 
 
 def run_folder(run_dir: Path) -> Path:
@@ -93,34 +84,30 @@ def run_folder(run_dir: Path) -> Path:
     add_task(run_dir, "OpenDemo", 18)
     add_task(run_dir, "CloseDemo", 15)
     add_task(run_dir, "LiftDemo", 3, parent="rejected")
-    result = {
-        "tasks": [],
-        "rejected": [{"name": "TurnDemo", "class": "faucet", "reason": "no candidate could be planned"}],
-        "notes": ["3 tasks were asked for; 4 were tried and 2 held"],
-    }
-    write_json(
-        run_dir / "run.json",
-        {
-            "schema_version": 4,
-            "arguments": {
-                "command": "run-pipeline",
-                "seed": 0,
-                "assets": "builtin",
-                "physics": "default",
-                "robot": "panda",
-                "open_loop": False,
-                "randomization": "paper",
-            },
-            "identity": {"objects": "0123456789abcdef"},
-            "command_line": ["run-pipeline", "--num-tasks", "3"],
-            "started": "2026-01-01T10:00:00+0000",
-            "finished": "2026-01-01T10:04:00+0000",
-            "versions": {"python": "3.11.7", "gensim2": "0.1.0"},
-            "platform": "Linux",
-            "assets": {"box_rotate/0": "ab12"},
-            "licenses": {"box_rotate/0": "Apache-2.0"},
-            "result": result,
-            "resumed": 0,
-        },
+    result = PipelineResult(
+        run_dir=str(run_dir),
+        tasks=(),
+        rejected=({"name": "TurnDemo", "class": "faucet", "reason": "no candidate could be planned"},),
+        notes=("3 tasks were asked for; 4 were tried and 2 held",),
     )
+    record = RunRecord(
+        schema_version=RUN_SCHEMA_VERSION,
+        arguments={
+            "command": "run-pipeline",
+            "seed": 0,
+            **SceneOptions("builtin").to_record(),
+            **RolloutOptions().to_record(),
+        },
+        identity={"objects": "0123456789abcdef"},
+        command_line=["run-pipeline", "--num-tasks", "3"],
+        started="2026-01-01T10:00:00+0000",
+        finished="2026-01-01T10:04:00+0000",
+        versions={"python": "3.11.7", "gensim2": "0.1.0"},
+        platform="Linux",
+        assets={"box_rotate/0": "ab12"},
+        licenses={"box_rotate/0": "Apache-2.0"},
+        result=result.to_dict(),
+        resumed=0,
+    )
+    write_json(run_dir / "run.json", record.model_dump())
     return run_dir

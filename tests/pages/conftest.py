@@ -6,7 +6,6 @@ import dataclasses
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import browser as opened
@@ -26,16 +25,31 @@ from gensim2.data.runfolder import TaskFolder
 from gensim2.data.video import Film
 from gensim2.design import shelf, tasks_gallery
 from gensim2.design.report import write_report
-from gensim2.inspection import gallery, pictures
+from gensim2.evaluation.benchmark_table import TaskRow
+from gensim2.evaluation.evaluating import EvaluationResult
+from gensim2.inspection import pictures
+from gensim2.inspection.checks import Finding
 from gensim2.inspection.gallery import build_gallery
+from gensim2.inspection.validate import ObjectReport
 from gensim2.objects import Library
+from gensim2.objects.library.shelf import Shelf
+from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
 from gensim2.observations.cameras import observation_cameras
 from gensim2.observations.cloud import to_steps
-from gensim2.policy.experiments.page import WORDS
+from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
+from gensim2.policy.curves import Curves
+from gensim2.policy.evaluating import PolicyResult
+from gensim2.policy.experiments.config import Arm, ExperimentConfig
+from gensim2.policy.experiments.figures import KINDS, Rate, TaskFigures
 from gensim2.policy.experiments.page import write_page as write_experiment
+from gensim2.policy.experiments.running import ArmResult, ExperimentRecord, ExperimentResult
+from gensim2.policy.learn_record import LearnRecord
+from gensim2.policy.learning import Learned, LearnResult
 from gensim2.policy.page import write_page as write_learned
+from gensim2.policy.train import TRAINING, TrainResult
 from gensim2.robots import robot
 from gensim2.rollout import worker
+from gensim2.scenes.config import SceneOptions
 from gensim2.sim import rendering
 from gensim2.tasks.library import load_strategies, load_task
 
@@ -77,42 +91,48 @@ def objects_page(library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(pictures, "Studio", lambda size: None)
     monkeypatch.setattr(pictures, "turntable", lambda studio, model, views: stripes(3, views))
     monkeypatch.setattr(pictures, "rigid_turntable", lambda studio, model, views: stripes(1, views))
-    finding = {"check": "overlap of the meshes while the joint moves, mm", "value": 2.5, "limit": 1.0}
+    finding = Finding("overlap of the meshes while the joint moves, mm", 2.5, 1.0)
     found = tmp_path / "findings.json"
-    found.write_text(json.dumps({"objects": [{"class": "switch", "id": "0", "findings": [finding]}]}))
+    found.write_text(json.dumps({"objects": [ObjectReport("switch", "0", (finding,), 1.0).to_dict()]}))
     classes = ["switch", "suitcase_rotate", "mug", "cracker_box"]
     return build_gallery([library], tmp_path / "objects", classes=classes, findings=[found]).index
 
 
-class HostileLibrary:
-    """A stand-in for a folder of a stranger: one generated object under names, warnings and a licence of his own."""
+class HostileShelf(Shelf):
+    """One generated object under hostile names, with a hostile licence, description and warnings."""
 
-    name = "<b>lib</b>".replace("/", "\u2044")
+    kind: Kind = "articulated"
+    source: Source = "real"
+    license = HOSTILE[0]
 
-    def __init__(self, library: Library) -> None:
-        self._model = library.load("switch", "0")
+    def __init__(self, model: ArticulatedObject) -> None:
+        self._model = model
 
-    def __getattr__(self, name: str) -> Any:
-        return {
-            "kind": lambda asset_class: "articulated",
-            "instances": lambda asset_class, *_: HOSTILE,
-            "license_of": lambda asset_class: HOSTILE[0],
-            "describe": lambda asset_class: HOSTILE[1],
-            "load": lambda asset_class, id: dataclasses.replace(
-                self._model, asset_class=asset_class, id=id, warnings=HOSTILE
-            ),
-        }[name]
+    def classes(self) -> tuple[str, ...]:
+        return HOSTILE
+
+    def instances(self, asset_class: str) -> tuple[str, ...]:
+        return HOSTILE
+
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject:
+        return dataclasses.replace(self._model, asset_class=asset_class, id=instance_id, warnings=HOSTILE)
+
+    def describe(self, asset_class: str) -> str:
+        return HOSTILE[1]
+
+    def joint_type(self, asset_class: str) -> str:
+        return HOSTILE[2]
 
 
 @pytest.fixture
 def hostile_page(library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The gallery of a stranger's objects."""
+    """The gallery of an untrusted folder of objects."""
     drawn = Image.new("RGB", (176 * 8, 88 * 3), (90, 120, 160))
     monkeypatch.setattr(pictures, "Studio", lambda size: None)
     monkeypatch.setattr(pictures, "turntable", lambda studio, model, views: drawn)
-    stranger: Any = HostileLibrary(library)
-    monkeypatch.setattr(gallery, "wanted_classes", lambda libraries, classes: [(stranger, HOSTILE)])
-    return build_gallery([stranger], tmp_path / "hostile").index
+    shelf = HostileShelf(library.load_articulated("switch", "0"))
+    hostile = Library("<b>lib</b>".replace("/", "\u2044"), str(tmp_path), [shelf])
+    return build_gallery([hostile], tmp_path / "hostile").index
 
 
 @pytest.fixture
@@ -134,53 +154,75 @@ def tasks_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def experiment_page(tmp_path: Path) -> Path:
-    """The page of an experiment of two arms, everything measured of one of them."""
-
-    def rates(*kinds: str) -> dict[str, Any]:
-        found = {f"{kind}_mean": 0.8 if kind in kinds else None for kind in WORDS}
-        found |= {f"{kind}_interval": [0.7, 0.9] if kind in kinds else None for kind in WORDS}
-        return {**found, "lost_mean": None, "lost_interval": None, "episodes": 100}
-
-    tasks = [{"arm": "generated-24", "name": name, **rates(*WORDS)} for name in ("OpenDrawer", LONG)]
-    about = {"tasks": ["OpenDrawer", LONG], "count": None, "demonstrations": 900, "cpu_s": 60.0}
-    arms = [{"name": "generated-24", **about, **rates(*WORDS)}, {"name": "real-5", **about, **rates("unseen")}]
-    told = {"out": str(tmp_path), "title": "One policy for two tasks", "about": "Two arms.", "seed": 3, "seeds": 1}
-    write_experiment({**told, "arms": arms, "tasks": tasks, "skipped": {}, "episodes": 400})
-    return tmp_path / "report.html"
+    """The page of an experiment of two arms; the first one has figures of every kind."""
+    names = ("OpenDrawer", LONG)
+    arms = (
+        Arm(name="generated-24", objects="generated", count=24, tasks=names),
+        Arm(name="real-5", objects="real", tasks=names),
+    )
+    config = ExperimentConfig(
+        title="One policy for two tasks",
+        about="Two arms.",
+        seeds=2,
+        minutes_a_task=1.0,
+        scenes=900,
+        episodes=100,
+        control_episodes=30,
+        arms=arms,
+    )
+    results = []
+    for arm, kinds in zip(arms, (KINDS, ("unseen",)), strict=True):
+        figures = TaskFigures(names[0], dict.fromkeys(kinds, Rate(80, 100)))
+        tasks = (figures, dataclasses.replace(figures, name=LONG))
+        results.append(ArmResult(arm, tasks, (str(tmp_path / arm.name),), demonstrations=900, cpu_s=60.0))
+    record = ExperimentRecord(config=config, seed=3, assets="real")
+    skipped = {"more": "needs a folder of real objects: --assets"}
+    result = ExperimentResult(str(tmp_path), record, tuple(results), skipped, remaining=2)
+    return write_experiment(result.to_dict())
 
 
 @pytest.fixture
 def learned_page(tmp_path: Path) -> Path:
-    """The page of a policy for many tasks, with a film; the result is made up, as far as the page asks."""
+    """The page of a policy for many tasks, with a film, curves and failed episodes."""
     names = ("OpenDrawer", "CloseBox", "OpenBox", LONG)
-    controls = {f"{name}_mean": 0.1 if name == "blind" else None for name in ("blind", "shuffled", "no_op", "expert")}
-    measures = {"held_mean": 0.9, "interval": [0.8, 0.95], "demonstrations": 400, "steps": 900, "cpu_s": 80.0}
-    told = [
-        {"name": n, **measures, **controls, "causes": {"stopped short": 1}, "episodes": 12, "control_episodes": 30}
-        for n in names
-    ]
     draw_film(tmp_path / "video_2.mp4", tmp_path / "still.png")
-    rows = []
-    for name in names:
-        task = load_task(name)
-        episodes = [fake_world.episode_of(task, seed, held=seed % 4 > 0) for seed in range(12)]
-        rows.append(SimpleNamespace(task=task, episodes=episodes))
-    curves = "".join(json.dumps({"step": step, "loss": 9.0 / step}) + "\n" for step in range(25, 900, 25))
-    (tmp_path / "training").mkdir()
-    (tmp_path / "training" / "curves.jsonl").write_text(curves)
-    measured = SimpleNamespace(
-        policy=SimpleNamespace(rows=rows, videos={"CloseBox": (str(tmp_path / "video_2.mp4"),)}),
-        rows=lambda control: {name: {"episodes": 30} for name in names},
+
+    def table(episodes: int) -> EvaluationResult:
+        rows = []
+        for task in map(load_task, names):
+            found = (fake_world.episode_of(task, seed, held=seed % 4 > 0) for seed in range(episodes))
+            rows.append(TaskRow(task, runs=1, episodes=tuple(found)))
+        return EvaluationResult(
+            run_dir=str(tmp_path),
+            controller={},
+            arguments={},
+            versions={},
+            rows=tuple(rows),
+            skipped={},
+            speeds={},
+            videos={"CloseBox": [str(tmp_path / "video_2.mp4")]},
+            cpu_s=9.0,
+        )
+
+    (tmp_path / TRAINING).mkdir()
+    curves = Curves(tmp_path / TRAINING, 0)
+    for step in range(25, 900, 25):
+        curves.add(step=step, loss=9.0 / step)
+    record = LearnRecord(
+        tasks=names,
+        policy="keypose",
+        minutes=15.0,
+        multi_task=True,
+        seed=7,
+        scenes=2000,
+        scene=SceneOptions("builtin").to_record(),
+        settings={"encoder": "state"},
     )
-    one = SimpleNamespace(folder=tmp_path, demonstrations=dict.fromkeys(names, 400), measured=measured)
-    record = {"policy": "keypose", "seed": 7, "multi_task": True}
-    result: Any = SimpleNamespace(
-        out=str(tmp_path),
-        learned=(one,),
-        record=SimpleNamespace(model_dump=lambda: record),
-        to_dict=lambda: {"tasks": told, "seen_objects": []},
-    )
-    return write_learned(result)
+    checkpoint = PolicyCheckpoint.load(checkpoint_folder("builtin"))
+    trained = TrainResult(tmp_path, checkpoint, loss=0.01, steps=900, cpu_s=80.0, parameters=1)
+    measured = PolicyResult(table(12), {"blind": (table(8),)})
+    learned = Learned(tmp_path, dict.fromkeys(names, 400), data_cpu_s=40.0, trained=trained, measured=measured)
+    return write_learned(LearnResult(str(tmp_path), record, "new", (), (learned,)))
 
 
 @pytest.fixture

@@ -10,9 +10,11 @@ import pytest
 
 from gensim2.errors import InputError
 from gensim2.policy.experiments import NAMES, config_of, read_experiment
+from gensim2.policy.experiments.config import Arm, ExperimentConfig
 from gensim2.policy.experiments.figures import Rate, TaskFigures, difference, summary
 from gensim2.policy.experiments.language import opposites, rephrased
 from gensim2.policy.experiments.page import figure, write_page
+from gensim2.policy.experiments.running import ArmResult, ExperimentRecord, ExperimentResult
 from gensim2.tasks.library import load_task, task_names
 
 
@@ -136,12 +138,11 @@ def test_a_field_that_cannot_be_so_is_named(tmp_path: Path, text: str, field: st
     assert caught.value.field == field
 
 
-def _arm(name: str, count: int | None, mean: float) -> dict[str, Any]:
+def _arm(name: str, count: int | None, mean: float) -> ArmResult:
     rates: dict[Any, Rate] = {"unseen": Rate(round(10 * mean), 10), "blind": Rate(0, 5)}
     task = TaskFigures("OpenBox", rates if count else {"seen": Rate(9, 10), **rates})
-    about = {"name": name, "count": count, "tasks": ["OpenBox"], "demonstrations": 7, "cpu_s": 3.0}
-    about["checkpoints"] = ["policy"]
-    return {**about, **summary([task]), "rows": [task.to_dict(name)]}
+    arm = Arm(name=name, objects="generated", count=count, tasks=("OpenBox",))
+    return ArmResult(arm, (task,), ("policy",), demonstrations=7, cpu_s=3.0)
 
 
 def test_what_is_lost_is_counted_over_tasks_that_have_both() -> None:
@@ -153,27 +154,28 @@ def test_what_is_lost_is_counted_over_tasks_that_have_both() -> None:
 
 def test_the_page_shows_every_arm_with_its_error_bar(tmp_path: Path) -> None:
     arms = [_arm("few", 10, 0.5), _arm("many", 1000, 0.9), _arm("middle", 100, 0.8)]
-    drawn = figure(arms)
+    drawn = figure([arm.to_dict() for arm in arms])
     x = {name["words"]: name["x"] for name in drawn["names"]}
     assert x["100 objects"] - x["10 objects"] == pytest.approx(x["1000 objects"] - x["100 objects"], abs=0.2)
     assert len(drawn["marks"]) == 6  # unseen and blind: nothing was measured on seen objects
     for mark in drawn["marks"]:
         assert mark["high"] < mark["y"] <= mark["low"]  # rows count downwards
-    tasks = [row for arm in arms for row in arm["rows"]]
-    told = {
-        "out": str(tmp_path),
-        "title": "Few & many",
-        "about": "",
-        "seed": 0,
-        "seeds": 1,
-        "remaining": 0,
-        **summary([]),
-    }
-    page = write_page({**told, "arms": arms, "tasks": tasks, "skipped": {"real": "needs a folder"}}).read_text()
+    config = ExperimentConfig(
+        title="Few & many",
+        about="",
+        minutes_a_task=1.0,
+        scenes=1,
+        episodes=10,
+        control_episodes=5,
+        arms=tuple(each.arm for each in arms),
+    )
+    record = ExperimentRecord(config=config, seed=0, assets="builtin")
+    result = ExperimentResult(str(tmp_path), record, tuple(arms), {"real": "needs a folder"}, remaining=0)
+    page = write_page(result.to_dict()).read_text()
     assert "Few &amp; many" in page
     assert len(re.findall("<circle", page)) == 6
     assert "needs a folder" in page
-    both = figure([_arm("a", None, 0.5), _arm("b", None, 0.9)])
+    both = figure([_arm("a", None, 0.5).to_dict(), _arm("b", None, 0.9).to_dict()])
     assert [mark["words"] for mark in both["marks"]] == [
         "a, seen: 0.90",
         "a, unseen: 0.50",
