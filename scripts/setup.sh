@@ -97,7 +97,8 @@ if changed extension "$extension" || [ ! -x "$venv/bin/gensim2" ] ||
 fi
 
 if [ ! -e "$venv/.gensim2-vulkan" ]; then
-    "$python" -m gensim2.doctor vulkan || scripts/install_vulkan.sh
+    "$python" -m gensim2.doctor vulkan || scripts/system_packages.sh vulkan ||
+        say "everything but pictures and videos works without a Vulkan driver"
     touch "$venv/.gensim2-vulkan"
 fi
 if [ ! -e "$venv/.gensim2-sandbox" ]; then

@@ -110,7 +110,7 @@ def doctor(
 def vulkan() -> Check:
     """Whether SAPIEN finds a driver to draw pictures with; takes about a second."""
     name = "Vulkan driver"
-    remedy = "run scripts/install_vulkan.sh or install Mesa 24.3 or newer; all but pictures works without"
+    remedy = "run scripts/system_packages.sh vulkan or install Mesa 24.3 or newer; all but pictures works without"
     if importlib.util.find_spec("sapien") is None:
         return Check(name, "limited", "not tried: SAPIEN is not installed", "pip install 'gensim2[sim]'")
     try:

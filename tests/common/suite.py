@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+from typing import TypeVar
+
+import pytest
 
 TESTS = Path(__file__).parents[1]
 
@@ -101,6 +105,10 @@ PARTLY_FAST = (
 #: Needs real objects, whose preparation takes seconds each.
 SLOW_ROOMS = ("real",)
 
+#: Skips that continuous integration (``CI=true``) accepts, with the reason why its machine cannot run the test.
+#: A key is the path of a file below ``tests/``, or the id of a class or a test in one. Any other skip fails there.
+SKIPPED_IN_CI: dict[str, str] = {}
+
 #: Files that take longest, begun first so that no core waits for one of them at the end.
 LONGEST = (
     "kill/test_kills.py",
@@ -137,3 +145,19 @@ LONGEST = (
 def place(file: Path) -> str:
     """Path of a test file relative to the folder of all tests."""
     return file.relative_to(TESTS).as_posix() if file.is_relative_to(TESTS) else file.as_posix()
+
+
+Report = TypeVar("Report", pytest.TestReport, pytest.CollectReport)
+
+
+def fail_unlisted_skip(report: Report) -> Report:
+    """Return the report of a test or a module, a failure if continuous integration does not accept its skip."""
+    if os.environ.get("CI") != "true" or not report.skipped or hasattr(report, "wasxfail"):
+        return report
+    name = report.nodeid.removeprefix("tests/")
+    if not any(name == listed or name.startswith((f"{listed}::", f"{listed}[")) for listed in SKIPPED_IN_CI):
+        reason = str(report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr)
+        remedy = "install what the test needs, or add the skip to SKIPPED_IN_CI in tests/common/suite.py"
+        report.outcome = "failed"
+        report.longrepr = f"skipped in CI: {reason.removeprefix('Skipped: ')}; {remedy}"
+    return report
