@@ -1,12 +1,11 @@
-"""Docstrings and names beside the field's words: offenders, and 1 where there are more than the bar allows.
+"""List docstrings and comments that break a rule of writing, and names that are assigned twice.
 
     python scripts/words.py            # counts, and what is over the bar
     python scripts/words.py --all      # every offender
 
 An offender is a docstring (of Rust, a doc comment) that opens with What, How, Where or Who in place of an imperative or
-a noun phrase; a text with an indefinite person or a word of the house in it, in the pages too; a public name
-(of a module, class, function, parameter, field, constant or command-line option) that says in everyday words what the
-field has a term for; a class whose name another one has for something else.
+a noun phrase; a text, in the pages too, with an indefinite person in it; a name that a module or a class assigns twice,
+so that the second value silently replaces the first.
 """
 
 from __future__ import annotations
@@ -26,38 +25,6 @@ ROOT = Path(__file__).parents[1]
 OPENING = re.compile(r"(What|How|Where|Who|Whose)\b")
 #: Indefinite persons, in place of whom a text says which value is unknown, or which part of the program acts.
 SPEAKERS = re.compile(r"\b([Nn]obody|[Ss]omebody)\b")
-#: Words of the house that no text has.
-HOUSE = re.compile(r"\b([Ss]till[- ]arm|judged against each other)\b")
-#: Public names that are gone, as patterns of the whole name, and the field's terms for them.
-NAMES = {
-    "Lane": "HeadlessEnv",
-    "Standing": "SceneAccessMixin",
-    "Later": "LazyMapping",
-    "Setup": "InitialState",
-    "Instance": "ArticulatedObject",
-    "(still_arm|Still[A-Z].*|StandStill|still_episode)": "no-op baseline",
-    "Ours": "default",
-    "every_so_many": "uniform_stride",
-    "close_to_others": "inlier_mask",
-    "former(_.*)?": "warm_start",
-    "starts": "num_seeds",
-    "descents": "num_refinements",
-    "harvest": "extra_seeds",
-    "(Judged|judged_pairs)": "checked pairs",
-    "never_judged": "disabled_collisions",
-    "(be_)?hasty": "early_exit",
-    "Cast": "CollisionObjects",
-    "Course": "Schedule",
-    "(Leg|LegWorld|WorldLeg|leg)": "segment",
-    "(Lead|leads)": "start transition",
-    "law": "time_scaling",
-    "(most|MOST)(_.*)?": "max",
-    "bad": "violation",
-    "price": "penalty",
-}
-_NAMED = re.compile("|".join(f"(?:{pattern})" for pattern in NAMES))
-#: Classes of which there is one.
-ONCE = {"Observation", "InitialState", "Placed", "Provenance", "Picture", "Plan", "Robot"}
 #: This script's own test, which is made of offenders.
 TEST = "test_words.py"
 #: Page of tasks' sentences, which are a user's.
@@ -69,14 +36,6 @@ SUFFIXES = {"py": (".py", ".pyi"), "rs": (".rs",)}
 PYTHON = ("python", "scripts", "benchmarks", "examples", "plugins", "tests")
 RUST = ("crates", "fuzz")
 _DOC_COMMENT = re.compile(r"^\s*//[/!] ?(.*)$")
-_RUST_NAME = re.compile(
-    r"^\s*pub(?:\([\w ]+\))? (?:(?:const |struct |enum |fn |trait |type |mod )+(\w+)|(\w+):)", re.MULTILINE
-)
-_RUST_SIGNATURE = re.compile(
-    r"^\s*pub(?:\([\w ]+\))? (?:const )?fn \w+[^(]*\(([^{;]*?)\) *(?:->|\{|where)", re.MULTILINE
-)
-_IN_CODE = re.compile(r"`(?:--)?(\w+)`")
-_RUST_PARAMETER = re.compile(r"\b(\w+): ")
 
 
 @dataclass(frozen=True)
@@ -84,7 +43,7 @@ class Offence:
     """One place.
 
     Attributes:
-        kind: ``"opening"``, ``"speaker"``, ``"house"``, ``"name"`` or ``"twice"``.
+        kind: ``"opening"``, ``"speaker"`` or ``"twice"``.
         path: of the file, from the root.
         line: counted from 1.
         text: the words.
@@ -111,21 +70,24 @@ def offences(root: Path) -> tuple[list[Offence], Counter[str]]:
     for path in (root / "README.md", *pages):
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
             found += _speakers(line, path.relative_to(root), number)
-            for name in _IN_CODE.findall(line):
-                found += _named(name, path.relative_to(root), number)
-    return [*found, *twice(root)], count
+    return found, count
 
 
-def twice(root: Path) -> Iterator[Offence]:
-    """Yield public classes that share a name of :data:`ONCE`."""
-    known: dict[str, Path] = {}
-    for path in sorted((root / "python").rglob("*.py*")):
-        if path.suffix not in SUFFIXES["py"]:
+def _twice(tree: ast.AST, path: Path) -> Iterator[Offence]:
+    """Yield names that the body of a module or a class assigns twice."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Module | ast.ClassDef):
             continue
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ClassDef) and node.name in ONCE and known.setdefault(node.name, path) != path:
-                where = known[node.name].relative_to(root)
-                yield Offence("twice", path.relative_to(root), node.lineno, f"{node.name} is also in {where}")
+        known: dict[str, int] = {}
+        for entry in node.body:
+            if not isinstance(entry, ast.Assign | ast.AnnAssign) or entry.value is None:
+                continue
+            targets = entry.targets if isinstance(entry, ast.Assign) else [entry.target]
+            nested = (target.elts if isinstance(target, ast.Tuple) else [target] for target in targets)
+            for name in (each.id for several in nested for each in several if isinstance(each, ast.Name)):
+                if name in known:
+                    yield Offence("twice", path, entry.lineno, f"{name} was assigned in line {known[name]}")
+                known[name] = entry.lineno
 
 
 def docstrings(text: str, suffix: str) -> int:
@@ -140,9 +102,7 @@ def of_python(text: str, path: Path) -> Iterator[Offence]:
         yield from _of_text(said, path, line)
     for line, said in _comments(text, "#"):
         yield from _speakers(said, path, line)
-    yield from _named(path.stem, path, 1)
-    for line, name in _python_names(tree):
-        yield from _named(name, path, line)
+    yield from _twice(tree, path)
 
 
 def of_rust(text: str, path: Path) -> Iterator[Offence]:
@@ -152,40 +112,6 @@ def of_rust(text: str, path: Path) -> Iterator[Offence]:
     for line, said in _comments(text, "//"):
         if not said.startswith(("/", "!")):
             yield from _speakers(said, path, line)
-    yield from _named(path.stem, path, 1)
-    for found in _RUST_NAME.finditer(text):
-        yield from _named(found[1] or found[2], path, text.count("\n", 0, found.end()) + 1)
-    for found in _RUST_SIGNATURE.finditer(text):
-        for parameter in _RUST_PARAMETER.finditer(found[1]):
-            yield from _named(parameter[1], path, text.count("\n", 0, found.start(1) + parameter.start()) + 1)
-
-
-def _named(name: str, path: Path, line: int) -> Iterator[Offence]:
-    if _NAMED.fullmatch(name):
-        term = next(term for pattern, term in NAMES.items() if re.fullmatch(pattern, name))
-        yield Offence("name", path, line, f"{name}: {term}")
-
-
-def _python_names(tree: ast.AST) -> Iterator[tuple[int, str]]:
-    """Yield public names: of definitions, their parameters, fields, constants and options of the command line."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ClassDef):
-            yield node.lineno, node.name
-        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            yield node.lineno, node.name
-            if node.name == "__init__" or not node.name.startswith("_"):
-                each = node.args
-                for one in (*each.posonlyargs, *each.args, *each.kwonlyargs, each.vararg, each.kwarg):
-                    if one is not None:
-                        yield one.lineno, one.arg
-        elif isinstance(node, ast.Call):
-            for given in node.args:
-                if isinstance(given, ast.Constant) and isinstance(given.value, str) and given.value.startswith("--"):
-                    yield given.lineno, given.value[2:].replace("-", "_")
-        if isinstance(node, ast.ClassDef | ast.Module):
-            for entry in node.body:
-                targets = entry.targets if isinstance(entry, ast.Assign) else [getattr(entry, "target", None)]
-                yield from ((entry.lineno, target.id) for target in targets if isinstance(target, ast.Name))
 
 
 def _of_text(said: str, path: Path, line: int) -> Iterator[Offence]:
@@ -195,9 +121,8 @@ def _of_text(said: str, path: Path, line: int) -> Iterator[Offence]:
 
 
 def _speakers(said: str, path: Path, line: int) -> Iterator[Offence]:
-    for kind, pattern in (("speaker", SPEAKERS), ("house", HOUSE)):
-        for found in pattern.finditer(said):
-            yield Offence(kind, path, line, said[max(0, found.start() - 40) : found.end() + 40].replace("\n", " "))
+    for found in SPEAKERS.finditer(said):
+        yield Offence("speaker", path, line, said[max(0, found.start() - 40) : found.end() + 40].replace("\n", " "))
 
 
 def _python_docs(tree: ast.AST) -> Iterator[tuple[int, str]]:
@@ -241,9 +166,7 @@ def main() -> int:
         if every or each.kind != "opening":
             print(f"{each.path}:{each.line}: {each.kind}: {each.text}")
     kinds = Counter(each.kind for each in found)
-    names = kinds["name"] + kinds["twice"]
-    texts = kinds["speaker"] + kinds["house"]
-    print(f"{names} public names that the field has a term for, {texts} texts in the house's words")
+    print(f"{kinds['twice']} names assigned twice, {kinds['speaker']} texts with an indefinite person")
     wrong = kinds.total() > kinds["opening"]
     for suffix, language in (("py", "Python"), ("rs", "Rust")):
         opening = sum(each.kind == "opening" and each.path.suffix in SUFFIXES[suffix] for each in found)

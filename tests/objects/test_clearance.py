@@ -10,7 +10,7 @@ import pytest
 from gensim2.objects.library.prepare import creased, prepare
 from gensim2.objects.meshwork.clearance import Motion, cut_by_plane, decompose_pair
 from gensim2.objects.meshwork.convexes import Array, Block, depth_inside
-from gensim2.objects.meshwork.decompose import Faces, connected_pieces, decompose
+from gensim2.objects.meshwork.decompose import MAX_HULLS, MAX_HULLS_FOR_CLEARANCE, Faces, connected_pieces, decompose
 from gensim2.objects.meshwork.overlap import Overlap, links_overlap
 from gensim2.objects.meshwork.voidspace import VoidSpace
 from gensim2.objects.model import LinkGeometry, Model
@@ -91,6 +91,22 @@ def test_a_sheet_does_not_cover_its_own_hole() -> None:
     blocks = [Block.of(hull) for hull in hulls]
     assert depth_inside(np.array([[0.0, 0.0, 0.0005], [0.1, 0.1, 0.0005]]), blocks).max() == 0
     assert (depth_inside(np.array([[0.175, 0.0, 0.0005], [0.0, 0.175, 0.0005]]), blocks) > 0).all()
+
+
+def test_a_link_of_many_pieces_has_40_hulls_and_up_to_60_where_the_other_link_passes() -> None:
+    size, step = 0.007, 0.015
+    pieces = [mesh((x, y, 0.0), (x + size, y + size, size)) for x in step * np.arange(10) for y in step * np.arange(8)]
+    assert len(decompose(pieces).hulls) == MAX_HULLS == 40
+    grid = np.arange(0.0, 0.2, 0.002)
+    between = np.array([(x, y, size / 2) for x in grid for y in grid])
+
+    def clear(pieces: list[Part]) -> VoidSpace:
+        space = VoidSpace(pieces)
+        space.keep_clear(between[space.is_free(between)])
+        return space
+
+    assert len(decompose(pieces, clear(pieces)).hulls) == MAX_HULLS_FOR_CLEARANCE == 60
+    assert len(decompose(pieces[:50], clear(pieces[:50])).hulls) == 50
 
 
 def test_cut_by_plane() -> None:

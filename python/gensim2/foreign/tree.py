@@ -54,17 +54,16 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def read_regular(path: Path, max_bytes: int) -> bytes:
-    """Content of a regular file of at max_bytes ``max_bytes`` bytes.
+    """Read a regular file no larger than ``max_bytes``.
 
     Raises:
-        NotRegularError, TooLargeError: it is none, or larger.
-        OSError: it cannot be read.
+        NotRegularError, TooLargeError: the path is not a regular file, or the file is larger.
+        OSError: the file cannot be read.
     """
     with open_regular(path) as stream:
         size = os.fstat(stream.fileno()).st_size
-        content = (
-            b"" if size > max_bytes else stream.read(size + 1)
-        )  # not max_bytes: as much memory would be taken first
+        # Python allocates what `read` is asked for, so ask for the size of the file and not for max_bytes.
+        content = b"" if size > max_bytes else stream.read(size + 1)
         while size < len(content) <= max_bytes and (block := stream.read(_BLOCK)):  # it grows, or has no size (/proc)
             content += block
     if max(size, len(content)) > max_bytes:
@@ -227,7 +226,7 @@ class ForeignTree:
 
 
 def shortened(text: str) -> str:
-    """The beginning of a text, of at max_bytes 100 characters."""
+    """Return a text cut to 100 characters."""
     return text if len(text) <= 100 else f"{text[:97]}..."
 
 

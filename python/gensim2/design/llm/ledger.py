@@ -67,10 +67,10 @@ class Ledger:
         self._lock = threading.Lock()
 
     def reserve(self, max_cost: float | None) -> None:
-        """Set aside what a question may cost at max_cost (USD), until :meth:`settle`.
+        """Reserve up to ``max_cost`` USD for the next request, until :meth:`settle`.
 
         Raises:
-            BudgetSpent: that is not left.
+            BudgetSpent: the rest of the budget is smaller.
         """
         with self._lock:
             spent, max_cost = self.account.cost or 0.0, max_cost or 0.0

@@ -28,7 +28,7 @@ THINNEST = 0.003  # m: thinner pieces are thickened; physics cannot cook or hold
 SMALLEST = 0.001  # m: pieces smaller than this in every direction are dropped
 MAX_VERTICES = 64
 MAX_HULLS = 40  # a link
-MAX_HULLS = 60  # a link, where fewer would stand in the other link's way
+MAX_HULLS_FOR_CLEARANCE = 60  # a link, where fewer would stand in the other link's way
 FREE_SHARE = 0.01  # of a hull's volume that it may fill
 FREE_VOLUME = 1e-6  # m³ that a hull may fill at most, where the number of hulls allows
 PATCH_ANGLE = np.cos(np.radians(15))
@@ -274,7 +274,7 @@ class _Merger:
                 continue
             if cost > allowance(volume, self.space.cell) and len(self.alive) <= limit:
                 continue
-            if cost >= NEEDED_VOLUME and len(self.alive) <= MAX_HULLS:
+            if cost >= NEEDED_VOLUME and len(self.alive) <= MAX_HULLS_FOR_CLEARANCE:
                 continue
             union = self._unions.pop((a, b))
             for k in (a, b):
@@ -317,7 +317,8 @@ def decompose(
     Args:
         pieces: (vertices (N, 3) in metres, faces (M, 3)).
         space: the space around them; None: it is worked out.
-        limit: most hulls, if need be at the price of filled space.
+        limit: maximum number of hulls; beyond it, merged hulls may fill a cavity. They fill space that the other link
+            needs only beyond ``MAX_HULLS_FOR_CLEARANCE``.
     """
     if not pieces:
         return Decomposition([], 0, 0)

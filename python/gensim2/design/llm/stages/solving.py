@@ -197,7 +197,7 @@ class Example:
 
 
 def examples_for(job: Job, known: Sequence[Known]) -> list[Example]:
-    """Configs of tasks that are there, those max_count like the step first (tool, goal, class); no two of one class."""
+    """Return the ``EXAMPLES`` stored configs most similar to the step (tool, goal, class), one a class."""
     own = job.things[job.step.object]
     kinds = [criterion.type for criterion in job.step.done]
     ranked: list[tuple[tuple[bool, ...], str, Example, str]] = []
