@@ -1,6 +1,6 @@
 # `make help` lists the targets.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast lint format figures api docs wheels lock clean
+.PHONY: help setup demo test fast lint format figures api docs wheels lock audit clean
 
 FIGURES_OUT ?= runs/figures
 DEMO_OUT ?= runs/demo
@@ -37,7 +37,7 @@ api: setup ## write the API pages of the solver to dist/api
 		--output-directory dist/api gensim2_kpam
 
 docs: setup ## the documentation as a site in dist/site: guides, command line, Python, tables, search; links checked
-	@PATH=$$PATH:.tools/bin VIRTUAL_ENV=$$PWD/.venv uv pip install --quiet -r pyproject.toml --extra docs -c requirements.lock
+	@PATH=$$PATH:.tools/bin VIRTUAL_ENV=$$PWD/.venv uv pip install --quiet --no-deps --require-hashes -r requirements-docs.lock
 	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --quiet
 	@.venv/bin/python scripts/check_site.py dist/site
 
@@ -49,10 +49,15 @@ wheels: setup ## wheels and source distributions of gensim2 and gensim2-kpam in 
 	@cd crates/python && $(VIRTUAL_ENV)/bin/maturin build --quiet --release --sdist --out $(CURDIR)/dist/wheels
 	@ls -1 dist/wheels
 
-lock: ## pin what pyproject.toml asks for in requirements.lock, keeping pins that still fit
-	@PATH=$$PATH:.tools/bin uv pip compile pyproject.toml --extra sim --extra dev --universal --python-version 3.11 \
-		--fork-strategy fewest --no-emit-index-url --custom-compile-command "make lock" --quiet \
-		--output-file requirements.lock
+LOCK = PATH=$$PATH:.tools/bin uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest \
+	--generate-hashes --no-emit-index-url --custom-compile-command "make lock" --quiet
+
+lock: ## pin what pyproject.toml asks for in requirements.lock and requirements-docs.lock, keeping pins that still fit
+	@$(LOCK) --extra sim --extra dev --output-file requirements.lock
+	@$(LOCK) --extra docs --constraints requirements.lock --output-file requirements-docs.lock
+
+audit: ## known faults, licences and sources of all dependencies; skips, with one line, what needs an unreachable network
+	@scripts/audit.sh
 
 figures: setup ## run anew what made the figures (FIGURES_OUT, days of one core), with real objects in ASSETS; then the tables
 	@.venv/bin/python scripts/figures.py --remake $(FIGURES_OUT) --assets $(ASSETS) --page $(FIGURES_OUT)/by_instance.html

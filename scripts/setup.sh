@@ -82,7 +82,7 @@ if changed packages "$packages"; then
     find_uv "$python"
     say "installing the pinned packages (several GB the first time)"
     # The lock is complete: resolving again could only disagree with it.
-    "$uv" pip install --quiet --no-deps --python "$python" -r requirements.lock
+    "$uv" pip install --quiet --no-deps --require-hashes --python "$python" -r requirements.lock
     stamp packages "$packages"
 fi
 

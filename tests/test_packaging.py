@@ -18,12 +18,12 @@ from solver_wheel import readme_lines
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 SOLVER = tomllib.loads((ROOT / "crates/python/pyproject.toml").read_text())["project"]
-LOCK = (ROOT / "requirements.lock").read_text()
+LOCK, DOCS_LOCK = ((ROOT / name).read_text() for name in ("requirements.lock", "requirements-docs.lock"))
 
 
 def _pins() -> dict[str, Version]:
     """Those that hold for the Python that runs this."""
-    lines = re.findall(r"^[A-Za-z0-9_.-]+==.+$", LOCK, flags=re.MULTILINE)
+    lines = re.findall(r"^([A-Za-z0-9_.-]+==.+?)(?: \\)?$", LOCK, flags=re.MULTILINE)
     pins = [pin for pin in map(Requirement, lines) if pin.marker is None or pin.marker.evaluate()]
     return {pin.name.lower().replace("_", "-"): Version(next(iter(pin.specifier)).version) for pin in pins}
 
@@ -40,9 +40,19 @@ def test_every_requirement_is_pinned(extra: str | None) -> None:
         assert requirement.specifier.contains(pin), line
 
 
-def test_pins_name_no_host() -> None:
-    assert "://" not in LOCK
-    assert "--index-url" not in LOCK
+@pytest.mark.parametrize("lock", [LOCK, DOCS_LOCK], ids=["all", "docs"])
+def test_pins_name_no_host_and_have_hashes(lock: str) -> None:
+    assert "://" not in lock
+    assert "--index-url" not in lock
+    assert len(re.findall(r"^\S+==", lock, flags=re.MULTILINE)) > 40
+    assert re.findall(r"^\S+==.*\n(?!    --hash=sha256:[0-9a-f]{64})", lock, flags=re.MULTILINE) == []
+
+
+@pytest.mark.parametrize("file", ["Makefile", "scripts/setup.sh"])
+def test_locks_are_installed_with_their_hashes(file: str) -> None:
+    lines = re.findall(r"^.*pip install .*\.lock$", (ROOT / file).read_text(), flags=re.MULTILINE)
+    assert lines
+    assert all("--require-hashes" in line for line in lines)
 
 
 def test_one_version_everywhere() -> None:
