@@ -4,7 +4,7 @@
 
 No model is asked: a script on loopback answers with strategies of our library (`tests/common`), so this says nothing
 of how good anybody's tasks are, but every stage, picture, search, episode and replay is real. It proposes to open a
-drawer, put a golf ball into it and close it; that is taken apart, written as code in the sandbox, planned, tried and
+drawer, put a golf ball into it and close it; that is taken apart, written as code, planned, tried and
 verified, and then once more from the recorded answers. Whether the task is kept is up to physics. Needs a Vulkan
 driver, and minutes of CPU on a software one.
 """

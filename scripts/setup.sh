@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Make .venv/ ready: pinned packages, the Rust extension, gensim2 itself, a Vulkan driver for pictures, a sandbox.
+# Make .venv/ ready: pinned packages, the Rust extension, gensim2 itself, a Vulkan driver for pictures.
 #
 # Every step leaves a stamp in .venv/ and is skipped while what it was made from is unchanged. An existing .venv/ is
 # adopted; nothing in it is removed. Environment:
@@ -100,9 +100,5 @@ if [ ! -e "$venv/.gensim2-vulkan" ]; then
     "$python" -m gensim2.doctor vulkan || scripts/system_packages.sh vulkan ||
         say "everything but pictures and videos works without a Vulkan driver"
     touch "$venv/.gensim2-vulkan"
-fi
-if [ ! -e "$venv/.gensim2-sandbox" ]; then
-    command -v bwrap >/dev/null 2>&1 || scripts/install_bubblewrap.sh
-    touch "$venv/.gensim2-sandbox"
 fi
 say "ready: .venv/bin/gensim2"

@@ -96,7 +96,6 @@ def doctor(
         vulkan,
         ray_casting,
         _video,
-        sandbox,
         lambda: language_model(model, base_url, config),
         *(partial(extra, name, *each) for name, each in EXTRAS.items()),
         lambda: _assets(assets),
@@ -167,21 +166,6 @@ def extra(name: str, which: str, packages: Sequence[str], without: str) -> Check
 
 def _versions(packages: Sequence[str]) -> str:
     return ", ".join(f"{each} {importlib.metadata.version(each)}" for each in packages)
-
-
-def sandbox() -> Check:
-    """Whether generated task code can be run here, which is tried out, and behind how many walls."""
-    from gensim2.design.sandbox import NoSandboxError
-    from gensim2.design.sandbox import sandbox as tried
-
-    try:
-        found = tried()
-    except NoSandboxError as error:
-        return Check(
-            "Sandbox", "limited", "none: generated task code is refused", f"{error.why}; all else works without"
-        )
-    remedy = f"a second wall: {found.without}" if found.without else ""
-    return Check("Sandbox", "ok", found.in_words, remedy)
 
 
 def language_model(model: str | None = None, base_url: str | None = None, config: Path | None = None) -> Check:

@@ -20,7 +20,6 @@ def test_all_that_is_promised_is_looked_at() -> None:
         "Vulkan driver",
         "Ray casting",
         "ffmpeg",
-        "Sandbox",
         "Language model",
         "Data sets",
         "Ray",

@@ -32,7 +32,7 @@ _OPTIONS = (
         help="Answers to a question before it is dropped, and rounds of better configs after physics.  [default: 3]",
     ),
     click.option("--visual", is_flag=True, help="Show the model pictures of object and actuation pose."),
-    click.option("--code", is_flag=True, help="Ask for each task as code, too, which runs in a sandbox."),
+    click.option("--code", is_flag=True, help="Ask for each task as code, too, which is interpreted."),
     click.option("--review", is_flag=True, help="Ask on the terminal of each proposal whether it is wanted."),
     click.option("--prompts", type=_FILE, metavar="DIR", help="Prompts of your own, by the names of ours."),
     click.option("--record", type=_FILE, metavar="DIR", help="Keep every answer of the model here, for a replay."),

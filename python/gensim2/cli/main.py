@@ -22,7 +22,7 @@ FOUND_WRONG, BAD_INPUT, NOT_RUN = 1, 2, 3
 #: Modules that come with an extra; a light installation has none of them.
 EXTRAS = {
     **dict.fromkeys(("embreex", "fpsample", "imageio", "mani_skill", "PIL", "sapien", "torch"), "sim"),
-    **dict.fromkeys(("httpx2", "json_repair", "openai", "pyseccomp"), "llm"),
+    **dict.fromkeys(("httpx2", "json_repair", "openai"), "llm"),
     **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
     "ray": "ray",
     "viser": "viz",

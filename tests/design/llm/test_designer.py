@@ -97,13 +97,7 @@ def test_long_tasks_are_put_together_from_what_is_known(server: ModelServer, bri
     assert "open_drawer_from_inside" in candidate.steps["open"]
 
 
-def test_a_task_comes_by_way_of_code_in_a_sandbox(server: ModelServer, brief: Brief) -> None:
-    from gensim2.design.sandbox import NoSandboxError, sandbox
-
-    try:
-        sandbox()
-    except NoSandboxError as error:
-        pytest.skip(str(error))
+def test_a_task_comes_by_way_of_code(server: ModelServer, brief: Brief) -> None:
     model = GoodModel(LONG)
     hostile = "```python\nimport os\nos.system('touch /tmp/owned')\n```"
     server.script = lambda asked: hostile if asked.stage == "code" and not asked.again else model(asked)

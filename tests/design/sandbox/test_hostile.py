@@ -1,188 +1,175 @@
-"""Hostile programs, before each of the two layers apart: the allow-list, and the box with the allow-list off."""
+"""Hostile programs: refused by the allow-list, and powerless in the interpreter without the allow-list."""
 
 from __future__ import annotations
 
-import json
-import os
-import signal
-import socket
-import subprocess
+import ast
 import sys
+import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
-from hostile_programs import PROGRAMS, Hostile
 
-from gensim2.design.sandbox import Sandbox, TaskCodeError, run_task_code, sandbox
-from gensim2.design.sandbox.box import INSIDE, Limits
+from gensim2.design.sandbox import TaskCodeError, run_task_code
+from gensim2.design.sandbox.allow_list import Refused
+from gensim2.design.sandbox.interpreter import interpret
 
-SECRET = "the word is xyzzy"
-SMALL = Limits(wall_s=5.0, cpu_s=1, memory=160 * 2**20, answer=2**18)
-#: A machine may be busy; a program that no limit holds runs for ever.
-LONGEST_S = 60.0
+HEAD = """from task_code import Object, Task, articulated_open
+class Odd(Task):
+    description = "open it"
+    def __init__(self):
+        self.thing = Object("drawer")
+"""
+LINE = HEAD.count("\n") + 1
+#: Seconds that the longest of these programs may take on a busy machine; one that is not bounded takes for ever.
+LONGEST_S = 20.0
+
+#: Programs by name: the source, a part of the answer, and the line that it names.
+PROGRAMS: dict[str, tuple[str, str, int]] = {
+    # Files, network, processes
+    "write a file": ("open('/tmp/new', 'w').write('x')", "call of .'write'", 1),
+    "read a secret": ("raise ValueError(open('/etc/passwd').read())", "a raise", 1),
+    "delete a file": ("import os\nos.remove('/tmp/x')", "import 'os'", 1),
+    "rename a file": ("from os import rename\nrename('a', 'b')", "import from 'os'", 1),
+    "make a folder": ("__import__('os').mkdir('/tmp/deep')", "call of .'mkdir'", 1),
+    "raw system calls": ("import ctypes\nctypes.CDLL(None).fork()", "'ctypes'", 1),
+    "rewrite the language itself": ("import task_code\nopen(task_code.__file__, 'a')", "import 'task_code'", 1),
+    "fetch a page": ("import urllib.request as r\nr.urlopen('http://127.0.0.1')", "'urllib.request'", 1),
+    "fork bomb": ("import os\nwhile True: os.fork()", "a while", 2),
+    "run a shell": (HEAD + "        x = os.system('touch /tmp/owned')\n", "call of .'system'", LINE),
+    "a signal to its parent": ("import os\nos.kill(1, 10)", "'os'", 1),
+    # Ways out of the language
+    "from a tuple to everything": (HEAD + "        x = ().__class__.__base__\n", "'__base__' of anything but", LINE),
+    "subclasses": ("for c in ().__class__.__subclasses__(): pass", "'__subclasses__'", 1),
+    "a dunder of self": (HEAD + "        x = self.__dict__\n", "self.'__dict__' is not allowed", LINE),
+    "a dunder assigned": (HEAD + "        self.__class__ = Object\n", "self.'__class__' is not allowed", LINE),
+    "a dunder of the class": (HEAD + "        __slots__ = 1\n", "the name '__slots__' cannot be assigned", LINE),
+    "globals of a method": (HEAD + "        x = self.step.__globals__\n", "'__globals__' of anything but self", LINE),
+    "by a format": (HEAD + "        x = '{0.__init__}'.format(self)\n", "call of .'format'", LINE),
+    "by a name": (HEAD + "        x = __builtins__\n", "the name '__builtins__' is not allowed", LINE),
+    "by builtins": ("__builtins__['eval']('1')", "anything but a name", 1),
+    "by super": (HEAD + "        x = super().__setattr__('a', 1)\n", "super().__init__() only", LINE),
+    "by a method that is replaced": (HEAD + "        self.step = Object\n", "self.step cannot be assigned", LINE),
+    "by a name that is replaced": (HEAD + "        self = Object\n", "the name 'self' cannot be assigned", LINE),
+    "by a decorator": ("@print\nclass A: pass", "a decorator", 2),
+    "by a metaclass": ("class A(metaclass=print): pass", "derived from Task", 1),
+    "by letters that look alike": ("ｅｘｅｃ('import os')", "'exec'", 1),
+    "by a lambda in a default": ("def f(x=(lambda: open('a', 'w'))()): pass", "a function", 1),
+    "by an annotation": (HEAD + "        x: eval('1') = 1\n", "an assignment with a type", LINE),
+    "by a match": (HEAD + "        match self:\n            case Object(): pass\n", "a match", LINE),
+    "by an index": (HEAD + "        x = [1][0]\n", "an index", LINE),
+    "by an assignment in an expression": (HEAD + "        self.step(a := 'x', self.thing)\n", "inside an expr", LINE),
+    "by arguments in a dict": (HEAD + "        self.step(**{'name': 'x'})\n", "** in a call", LINE),
+    "by a type as a value": (HEAD + "        self.step('a', Object)\n", "a task holds no value of type type", 0),
+    "by a method as a value": (HEAD + "        self.step('a', self.step)\n", "no value of type method", 0),
+    # Time and memory
+    "endless loop": ("while True: pass", "a while", 1),
+    "memory bomb": ("x = ['x' * 2**20 for _ in iter(int, 1)]", "assignment outside", 1),
+    "a number without end": (HEAD + "        x = 9 ** 9 ** 9\n", "the operator Pow", LINE),
+    "a shift": (HEAD + "        x = 1 << 99999999\n", "the operator LShift", LINE),
+    "a huge text": (HEAD + "        self.description = 'x' * 10**8\n", "arithmetic with anything but numbers", LINE),
+    "a huge list": (HEAD + "        x = [1] * 10**8\n", "arithmetic with anything but numbers", LINE),
+    "a long program": (HEAD + "        self.goal()\n" * 8_000, "more than 100000", 0),
+    "many parts": (HEAD + "        self.goal(1)\n" * 1_000, "more than 5000 parts", 1),
+    "a deep expression": ("x = " + "-" * 50_000 + "1", "cannot be parsed", 1),
+    "a deep sum": (HEAD + "        x = 1" + " + 1" * 200 + "\n", "nested too deeply", LINE),
+    "deep attributes": (HEAD + "        x = self" + ".a" * 5_000 + "\n", "nested too deeply", LINE),
+    "deep calls": (HEAD + "        x = Object" + "()" * 400 + "\n", "nested too deeply", LINE),
+    "deep brackets": ("x = " + "(" * 40_000 + ")" * 40_000, "too many nested parentheses", 1),
+    "deep lists": (HEAD + "        x = " + "[" * 60 + "]" * 60 + "\n", "nested too deeply", LINE),
+    "a list that holds another many times": (
+        HEAD
+        + "        a = [1, 2]\n"
+        + "        a = [a, a, a, a, a, a, a, a, a, a]\n" * 20
+        + "        self.step('a', self.thing, done=a)\n",
+        "holds more than 100000 values",
+        0,
+    ),
+    "a list in a list in a list": (
+        HEAD + "        a = 1\n" + "        a = [a]\n" * 500 + "        self.goal(a)\n",
+        "values are nested too deeply",
+        0,
+    ),
+    "a long text many times": (
+        HEAD + f"        a = '{'x' * 90_000}'\n" + "        self.goal(a, a, a, a, a)\n" * 10,
+        "holds more than 100000 values",
+        0,
+    ),
+    "a long name": (HEAD + f"        self.step({'a' * 90_000}=1)\n", "TypeError: Task.step() got", LINE),
+}
 
 
-@dataclass
-class Witnesses:
-    """What a program may not touch, and how it was before."""
-
-    folder: Path
-    server: socket.socket
-    signals: list[int]
-
-    @property
-    def places(self) -> dict[str, object]:
-        """What a program is aimed at."""
-        port = self.server.getsockname()[1]
-        return {"folder": self.folder, "secret": self.folder / "secret", "port": port, "parent": os.getpid()}
-
-    def seen(self) -> list[str]:
-        """What happened to them."""
-        time.sleep(0.01)  # a signal is delivered
-        found = [f"signal {number}" for number in self.signals]
-        if sorted(path.name for path in self.folder.iterdir()) != ["secret"]:
-            found.append("the folder has changed")
-        secret = self.folder / "secret"
-        if not secret.exists() or secret.read_text() != SECRET or secret.stat().st_mode & 0o777 != 0o600:
-            found.append("the secret has changed")
-        try:
-            self.server.accept()
-            found.append("a connection")
-        except BlockingIOError:
-            pass
-        if _snapshot() != self.before:
-            found.append("the sandbox's own files have changed")
-        if left := self._left_behind():
-            found.append(f"processes {left}")
-        return found
-
-    def __post_init__(self) -> None:
-        self.before, self.there = _snapshot(), _of_boxes()
-
-    def _left_behind(self) -> list[str]:
-        """Processes of a box that were not there before and stay: what was killed takes a moment."""
-        for _ in range(200):
-            if not (found := _of_boxes() - self.there):
-                break
-            time.sleep(0.01)
-        return sorted(found)
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_program_is_refused_by_name_and_line_in_bounded_time(name: str) -> None:
+    source, words, line = PROGRAMS[name]
+    begin = time.monotonic()
+    with pytest.raises(TaskCodeError) as caught:
+        run_task_code(source)
+    assert time.monotonic() - begin < LONGEST_S
+    where = f"line {line}: " if line else ""
+    assert any(each.startswith(where) and words in each for each in caught.value.problems), caught.value.problems
+    assert len(str(caught.value)) < 10_000
 
 
-def _snapshot() -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in INSIDE.glob("*.py")}
+def test_a_program_is_read_in_a_thread_with_a_small_stack() -> None:
+    """Designers read programs in worker threads."""
+    found: list[str] = []
 
+    def read() -> None:
+        for source, _, _ in PROGRAMS.values():
+            with pytest.raises(TaskCodeError):
+                run_task_code(source)
+        found.append("all")
 
-def _of_boxes() -> set[str]:
-    """Processes of a box that are this one's children or orphans, as those are whose maker was killed meanwhile."""
-    return {folder.name for folder in Path("/proc").glob("[0-9]*") if _is_of_a_box(folder)}
-
-
-def _is_of_a_box(folder: Path) -> bool:
+    before = threading.stack_size(2 * 2**20)
     try:
-        command = (folder / "cmdline").read_bytes()
-        parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
-    except OSError:
-        return False  # it has just ended
-    return b"inside/main.py" in command and parent in (1, os.getpid())
+        thread = threading.Thread(target=read)
+        thread.start()
+        thread.join()
+    finally:
+        threading.stack_size(before)
+    assert found == ["all"]
+
+
+_events: list[str] | None = None
+
+
+def _note(event: str, _: object) -> None:
+    if _events is not None:
+        _events.append(event)
 
 
 @pytest.fixture
-def witnesses(tmp_path: Path) -> Iterator[Witnesses]:
-    folder = tmp_path / "witnesses"
-    folder.mkdir()
-    (folder / "secret").touch(mode=0o600)
-    (folder / "secret").write_text(SECRET)
-    signals: list[int] = []
-    before = signal.signal(signal.SIGUSR1, lambda number, _: signals.append(number))
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        server.setblocking(False)
-        yield Witnesses(folder, server, signals)
-    signal.signal(signal.SIGUSR1, before)
+def events() -> Iterator[list[str]]:
+    """Names of what Python reports to auditors meanwhile: files, imports, processes, sockets, compiled code."""
+    global _events
+    if _note not in _hooks:
+        sys.addaudithook(_note)
+        _hooks.append(_note)
+    _events = []
+    yield _events
+    _events = None
 
 
-def walls() -> list[Sandbox]:
-    """The sandbox of this machine as it is, and where that has two walls, the inner one alone."""
-    found = sandbox()
-    whole = Sandbox(found.bubblewrap, SMALL)
-    return [whole] if found.bubblewrap is None else [whole, Sandbox(None, SMALL)]
+_hooks: list[object] = []
 
 
-@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.name)
-def test_the_box_alone_lets_nothing_out(program: Hostile, witnesses: Witnesses) -> None:
-    for box in walls():
-        begin = time.monotonic()
-        ended = box.run(program.aimed_at(**witnesses.places), {}, checked=False)
-        assert time.monotonic() - begin < LONGEST_S
-        assert witnesses.seen() == []
-        assert len(ended.answer) <= SMALL.answer
-        assert SECRET.encode() not in ended.answer
-        assert b'"task":' not in ended.answer or program.name == "a forged answer"
-
-
-@pytest.fixture(scope="module")
-def problems() -> dict[str, list[tuple[int, str]]]:
-    """What the allow-list says of each program; in another process, as some are too deep for their reader."""
-    listed = subprocess.run(
-        [sys.executable, "-I", "-c", _LISTING, str(INSIDE)],
-        input=json.dumps({program.name: program.source for program in PROGRAMS}),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return dict(json.loads(listed.stdout))
-
-
-_LISTING = """
-import json, sys
-sys.path.insert(0, sys.argv[1])
-import allow_list, task_code
-found = {}
-for name, source in json.load(sys.stdin).items():
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_the_interpreter_alone_does_nothing_but_make_values(name: str, events: list[str]) -> None:
+    """Without the allow-list a construct ends the program, or makes values of the language."""
     try:
-        found[name] = allow_list.problems(source, task_code.__all__, task_code.METHODS)
-    except SyntaxError as error:
-        found[name] = [[1, error.msg]]
-print(json.dumps(found))
-"""
+        tree = ast.parse(PROGRAMS[name][0])
+    except (SyntaxError, RecursionError, MemoryError):
+        return  # nothing to interpret
+    events.clear()
+    try:
+        fields = interpret(tree)
+    except (Refused, TaskCodeError, RecursionError):
+        fields = {}
+    assert events == []
+    assert all(type(value) in (str, int, list, dict) for value in fields.values())
 
 
-@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.name)
-def test_the_allow_list_alone_refuses_by_name_and_line(
-    program: Hostile, problems: dict[str, list[tuple[int, str]]]
-) -> None:
-    found = problems[program.name]
-    assert any(line == program.line and program.refused in words for line, words in found), found
-
-
-def test_a_forged_answer_is_checked_as_a_file_is(witnesses: Witnesses) -> None:
-    forged = next(program for program in PROGRAMS if program.name == "a forged answer")
-    with pytest.raises(TaskCodeError) as caught:
-        run_task_code(forged.source, _Unchecked(sandbox().bubblewrap, SMALL))
-    assert caught.value.kind == "invalid"
-
-
-class _Unchecked(Sandbox):
-    """For this test: the allow-list is off."""
-
-    def run(self, source: str, criteria: dict[str, list[str]], *, checked: bool = True) -> object:  # type: ignore[override]
-        return super().run(source, criteria, checked=False)
-
-
-@pytest.mark.parametrize(
-    ("name", "seen"),
-    [
-        ("write a file", "the folder has changed"),
-        ("delete a file", "the secret has changed"),
-        ("connect", "a connection"),
-        ("run a shell", "the folder has changed"),
-        ("a signal to its parent", "signal 10"),
-    ],
-)
-def test_the_witnesses_would_tell(name: str, seen: str, witnesses: Witnesses) -> None:
-    """Without the box: these programs work, and what they do is seen."""
-    program = next(program for program in PROGRAMS if program.name == name)
-    subprocess.run([sys.executable, "-c", program.aimed_at(**witnesses.places)], check=False)
-    assert seen in witnesses.seen()
+def test_the_witness_notices(events: list[str]) -> None:
+    exec("import ctypes.util; open('/dev/null').close()")
+    assert {"exec", "open"} <= set(events)

@@ -19,6 +19,7 @@ from gensim2.design.llm.stages.proposal import Wish
 from gensim2.design.llm.stages.solving import Config, Job
 from gensim2.design.llm.templating import Prompts
 from gensim2.design.llm.world import World
+from gensim2.design.sandbox import task_code
 from gensim2.robots import robot
 from gensim2.tasks.spec import HAND, ObjectSpec, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
@@ -195,16 +196,10 @@ class LLMDesigner:
         return self._as_code(found.task, brief) if self.asking.code else found.task
 
     def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
-        """The task by way of generated code in a sandbox; as it is where there is no sandbox."""
-        from gensim2.design.sandbox import NoSandboxError, run_task_code, task_code
-
-        try:
-            known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
-            references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]
-            found, _ = self.talk.ask(code_stage.code(self.prompts, task, references, run_task_code))
-        except NoSandboxError as error:
-            self._notes.append(f"generated code is refused: {error}")
-            return task
+        """Return the task as the model writes it in code."""
+        known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
+        references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]
+        found, _ = self.talk.ask(code_stage.code(self.prompts, task, references))
         names = {step.name: step.strategies for step in task.steps}
         steps = tuple(step.model_copy(update={"strategies": names[step.name]}) for step in found.steps)
         # Where the code says nothing of an object's place, it stands where it was to stand.

@@ -1,30 +1,28 @@
-"""Task code of a task that there is: what whoever is to write some is shown for an example."""
+"""Write a stored task as task code, an example for a model that is to write some."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from gensim2.design.sandbox.code import criterion_arguments
+from gensim2.design.sandbox.allow_list import MODULE
+from gensim2.design.sandbox.language import CRITERIA, METHODS, SETTINGS
 from gensim2.errors import InputError
 from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.spec import HAND, ObjectSpec, Step, TaskSpec
 
-MODULE = "task_code"
 WIDTH = 100
-MEMBERS = {"step", "goal", "description", "max_episode_steps"}
-"""Attributes of a ``Task``."""
 
 
 def task_code(task: TaskSpec) -> str:
-    """A program that describes a task, in the language of ``inside/task_code.py``.
+    """Return a program that describes a task, in the language of ``language.py``.
 
-    :func:`~gensim2.design.sandbox.run_task_code` makes the same task of it, but for its provenance.
+    :func:`~gensim2.design.sandbox.run_task_code` makes the same task of the program, without its provenance.
 
     Raises:
-        InputError: an object is called as something that every such program has.
+        InputError: an object has the name of a method or setting of every program.
     """
-    for name in MEMBERS.intersection(task.objects):
+    for name in sorted({*METHODS, *SETTINGS}.intersection(task.objects)):
         raise InputError(f"task code has no room for an object called {name!r}", field="objects")
     body = ["# Its objects: each is called as the attribute that it is given to, and loaded by its class."]
     for name, thing in task.objects.items():
@@ -35,7 +33,7 @@ def task_code(task: TaskSpec) -> str:
     if task.goal is not None:
         body += ["", "# Success: what must hold at the end, all of it."]
         body += _call("self.goal", [_criterion(one, task) for one in task.goal])
-    offered = ("Object", "Place", "Randomization", *criterion_arguments())
+    offered = ("Object", "Place", "Randomization", *CRITERIA)
     used = [name for name in offered if any(f"{name}(" in line for line in body)]
     return "\n".join(
         [

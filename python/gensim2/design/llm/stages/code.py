@@ -1,13 +1,14 @@
-"""The task as code: a generated class, which runs in a sandbox and has to come to the same task."""
+"""Ask for a task as code, which is interpreted and must describe the same task."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from gensim2.design.llm.conversations import Ask, Wrong
 from gensim2.design.llm.extraction import Data
 from gensim2.design.llm.templating import Prompts
+from gensim2.design.sandbox import run_task_code
 from gensim2.tasks.spec import TaskSpec
 
 #: Tasks whose code is shown for reference.
@@ -19,17 +20,13 @@ MAX_CHARACTERS = 20_000
 _BLOCK = re.compile(r"```[^\n]*\n(.*?)```", re.DOTALL)
 
 
-def code(
-    prompts: Prompts,
-    task: TaskSpec,
-    references: Sequence[tuple[str, str]],
-    run: Callable[[str], TaskSpec],
-) -> Ask[TaskSpec]:
+def code(prompts: Prompts, task: TaskSpec, references: Sequence[tuple[str, str]]) -> Ask[TaskSpec]:
     """Ask for a task's class.
 
     Args:
-        references: name and code of tasks that are there.
-        run: what a class says, from a sandbox.
+        prompts: texts of the questions.
+        task: the task that the code must describe.
+        references: names and code of stored tasks.
     """
     text = prompts.text(
         "code",
@@ -39,22 +36,22 @@ def code(
         task=_told(task),
     )
     schema = {"type": "object", "properties": {"code": {"type": "string"}}, "required": ["code"]}
-    return Ask("code", task.name, "", text, schema, lambda data: read_code(data, task, run), prose=True)
+    return Ask("code", task.name, "", text, schema, lambda data: read_code(data, task), prose=True)
 
 
-def read_code(data: Sequence[Data], task: TaskSpec, run: Callable[[str], TaskSpec]) -> TaskSpec:
-    """The task that a generated class stands for, which must be ``task``; its objects may stand elsewhere.
+def read_code(data: Sequence[Data], task: TaskSpec) -> TaskSpec:
+    """Return the task that a generated class describes: ``task``, with objects that may be placed elsewhere.
 
     Raises:
-        Wrong: there is no code, or it says something else.
-        InputError: the sandbox refuses the code, or it fails there.
+        Wrong: the code is too long or describes another task.
+        TaskCodeError: the code cannot be used.
     """
     text = str(data[0]["text"])
     blocks = _BLOCK.findall(text)
     source = max(blocks, key=len) if blocks else text
     if len(source) > MAX_CHARACTERS:
         raise Wrong([f"the code is longer than {MAX_CHARACTERS} characters"])
-    found = run(source)
+    found = run_task_code(source)
     problems = [
         f"{what} is {was!r} and must be {wanted!r}"
         for what, was, wanted in (

@@ -1,12 +1,16 @@
-"""Allow-list of generated task code, checked on its syntax tree. Needs Python only; runs inside the sandbox.
+"""Check generated task code against an allow-list of syntax nodes.
 
-Everything that is not listed is refused and named with its line: there is no list of what is bad.
+A construct that is not on the list is refused and named with its line; there is no list of forbidden constructs.
 """
+
+from __future__ import annotations
 
 import ast
 import math
+import operator
 import re
-from collections.abc import Collection, Iterable
+import warnings
+from collections.abc import Callable, Collection
 
 MODULE = "task_code"
 TOO_MANY_BITS = "a whole number of more than 64 bits"
@@ -15,9 +19,11 @@ BASE = "Task"
 
 LONGEST_SOURCE = 100_000
 MAX_NODES = 5_000
+#: Levels of the syntax tree; a task needs about 15.
+MAX_DEPTH = 50
 MAX_PROBLEMS = 10
 
-#: Of the tree's own bookkeeping, and what has no part that could be wrong.
+#: Nodes without a field to check.
 PLAIN = (
     ast.Module,
     ast.Expr,
@@ -33,9 +39,16 @@ PLAIN = (
     ast.operator,
     ast.unaryop,
 )
-OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.UAdd, ast.USub)
+OPERATORS: dict[type[ast.AST], Callable[..., int | float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+}
 CONSTANTS = (str, int, float, bool, type(None))
-#: Plain words for nodes of the tree.
+#: Words for nodes whose class name says too little.
 SPOKEN = {
     ast.JoinedStr: "an f-string",
     ast.ListComp: "a list comprehension",
@@ -48,9 +61,9 @@ SPOKEN = {
     ast.Subscript: "an index",
     ast.IfExp: "a conditional expression",
 }
-#: A whole number from here on is none that a task has a use for.
+#: Bound of whole numbers.
 LARGEST = 2**63
-#: Characters of a line that may be what is nested too deeply.
+#: A line of more characters is blamed where Python does not say which line is nested too deeply.
 LONG_LINE = 200
 NOT_IN_TEXT = re.compile("[\0\ud800-\udfff]")
 NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -58,33 +71,38 @@ CLASS_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
 
 
 class Refused(Exception):
-    """A construct that is not on the list."""
+    """A construct is not allowed."""
 
     def __init__(self, node: ast.AST | None, words: str) -> None:
         super().__init__(words)
-        self.node, self.words = node, words
+        self.line: int = getattr(node, "lineno", 1)
+        self.words = words
 
 
-def problems(source: str, offered: Iterable[str], methods: Iterable[str]) -> list[tuple[int, str]]:
-    """List what a program may not do, by line, at most ten; an empty list allows it to run.
+def checked(
+    source: str, offered: Collection[str], methods: Collection[str]
+) -> tuple[ast.Module, list[tuple[int, str]]]:
+    """Parse a program and list its constructs that are not allowed.
 
     Args:
         source: the program.
-        offered: names that may be imported.
-        methods: of ``self`` that may be called.
+        offered: names that it may import.
+        methods: methods of ``self`` that it may call.
 
     Returns:
-        Pairs of a line and a sentence.
+        The syntax tree, and at most ten pairs of a line and a sentence; with an empty list the program is allowed.
 
     Raises:
-        SyntaxError: it is no Python, or too long or too deep for it.
+        SyntaxError: the program is not Python, or too long or nested too deeply for the parser.
     """
     if len(source) > LONGEST_SOURCE:
         raise SyntaxError(f"has {len(source)} characters, more than {LONGEST_SOURCE}")
     if (odd := NOT_IN_TEXT.search(source)) is not None:
         raise at_line(f"a character that no text has ({odd[0]!r})", source.count("\n", 0, odd.start()) + 1)
     try:
-        tree = ast.parse(source)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # such as of an unknown escape in a description
+            tree = ast.parse(source)
     except SyntaxError as error:
         if "integer string conversion" in str(error.msg):
             raise at_line(TOO_MANY_BITS, error.lineno) from error
@@ -93,64 +111,72 @@ def problems(source: str, offered: Iterable[str], methods: Iterable[str]) -> lis
         raise at_line("cannot be parsed: it is nested too deeply", longest_line(source)) from error
     except ValueError as error:
         raise SyntaxError(f"cannot be parsed: {error}") from error
-    return Reader(frozenset(offered), frozenset(methods)).read(tree)
+    return tree, Reader(offered, methods).read(tree)
 
 
 def at_line(words: str, line: int | None) -> SyntaxError:
-    """A syntax error of our own at a line."""
+    """Return a syntax error at a line."""
     return SyntaxError(words, (None, line, None, None))
 
 
 def longest_line(source: str) -> int | None:
-    """Number of the longest line, where one is long enough to be to blame for depth."""
+    """Return the number of the longest line; None if every line is short."""
     lengths = [len(line) for line in source.split("\n")]
     return lengths.index(max(lengths)) + 1 if max(lengths) > LONG_LINE else None
 
 
 class Reader:
-    """Looks at one program."""
+    """Checks the syntax tree of one program."""
 
     def __init__(self, offered: Collection[str], methods: Collection[str]) -> None:
         self.offered, self.methods = offered, methods
         self.found: list[tuple[int, str]] = []
         self.known = {"self"}
-        self.numbers: dict[ast.AST, int | float] = {}
 
     def read(self, tree: ast.Module) -> list[tuple[int, str]]:
-        nodes, parents = self.listed(tree)
-        if len(nodes) > MAX_NODES:
-            return [(1, f"the program has more than {MAX_NODES} parts")]
-        for node in nodes:  # by line, so that a name is known after it was given
+        try:
+            nodes, parents = self.listed(tree)
+        except Refused as refused:
+            return [(refused.line, refused.words)]
+        for node in nodes:  # by line, so that a name is known once it is assigned
             try:
                 self.look(node, parents.get(node))
             except Refused as refused:
-                self.found.append((getattr(refused.node, "lineno", 1), refused.words))
+                self.found.append((refused.line, refused.words))
         classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
         if len(classes) != 1:
             self.found.append((1, f"there must be one class, derived from {BASE}; there are {len(classes)}"))
         return sorted(set(self.found))[:MAX_PROBLEMS]
 
     def listed(self, tree: ast.Module) -> tuple[list[ast.AST], dict[ast.AST, ast.AST]]:
-        """All nodes in the order of the program, and their parents; no recursion, so that depth does no harm."""
+        """Return all nodes in the order of the program, and their parents, without recursion.
+
+        Raises:
+            Refused: there are too many nodes, or they are nested too deeply.
+        """
         nodes: list[ast.AST] = []
         parents: dict[ast.AST, ast.AST] = {}
-        waiting: list[ast.AST] = [tree]
-        while waiting and len(nodes) <= MAX_NODES:
-            node = waiting.pop()
+        waiting: list[tuple[ast.AST, int]] = [(tree, 0)]
+        while waiting:
+            node, depth = waiting.pop()
             nodes.append(node)
+            if len(nodes) > MAX_NODES:
+                raise Refused(None, f"the program has more than {MAX_NODES} parts")
+            if depth > MAX_DEPTH:
+                raise Refused(node, "it is nested too deeply")
             children = list(ast.iter_child_nodes(node))
-            if isinstance(node, ast.Assign):  # what is given is read before the name that it is given to
+            if isinstance(node, ast.Assign):  # the value is evaluated before the name exists
                 children = [node.value, *node.targets]
             for child in children:
                 parents.setdefault(child, node)
-            waiting.extend(reversed(children))
+            waiting.extend((child, depth + 1) for child in reversed(children))
         return nodes, parents
 
     def look(self, node: ast.AST, parent: ast.AST | None) -> None:
         method = getattr(self, f"look_at_{type(node).__name__}", None)
         if method is not None:
             method(node, parent)
-        elif isinstance(node, (ast.operator, ast.unaryop)) and not isinstance(node, OPERATORS):
+        elif isinstance(node, (ast.operator, ast.unaryop)) and type(node) not in OPERATORS:
             raise Refused(parent, f"the operator {type(node).__name__} is not allowed")
         elif not isinstance(node, PLAIN):
             at = node if hasattr(node, "lineno") else parent
@@ -174,7 +200,7 @@ class Reader:
             raise Refused(parent, f"import {_short(node.name)} is not allowed, only from {MODULE} import ...")
 
     def look_at_Import(self, node: ast.Import, parent: ast.AST | None) -> None:
-        """Its names are told one by one."""
+        """Do nothing: ``look_at_alias`` names each module."""
 
     def look_at_ClassDef(self, node: ast.ClassDef, parent: ast.AST | None) -> None:
         if not isinstance(parent, ast.Module):
@@ -204,7 +230,7 @@ class Reader:
             raise Refused(node, "an assignment must be to one name")
 
     def look_at_Attribute(self, node: ast.Attribute, parent: ast.AST | None) -> None:
-        if _is_super_init(node, parent):
+        if is_super_init(node, parent):
             return
         if not (isinstance(node.value, ast.Name) and node.value.id == "self"):
             raise Refused(node, f"the attribute {_short(node.attr)} of anything but self is not allowed")
@@ -227,11 +253,14 @@ class Reader:
         called = node.func
         if any(keyword.arg is None for keyword in node.keywords):
             raise Refused(node, "** in a call is not allowed")
+        named = [keyword.arg for keyword in node.keywords]
+        if (again := next((name for name in named if named.count(name) > 1), None)) is not None:
+            raise Refused(node, f"the argument {_short(str(again))} is given twice")
         if isinstance(called, ast.Name) and called.id == "super":
             if not (isinstance(parent, ast.Attribute) and parent.attr == "__init__") or node.args or node.keywords:
                 raise Refused(node, "super is allowed in super().__init__() only")
         elif isinstance(called, ast.Attribute):
-            if _is_super_init(called, node):
+            if is_super_init(called, node):
                 if node.args or node.keywords:
                     raise Refused(node, "super().__init__() takes nothing")
             elif called.attr not in self.methods:
@@ -255,51 +284,42 @@ class Reader:
             raise Refused(node, "the keys of a dict must be text")
 
     def look_at_UnaryOp(self, node: ast.UnaryOp, parent: ast.AST | None) -> None:
-        self.look_at_number(node)
+        number(node)
 
     def look_at_BinOp(self, node: ast.BinOp, parent: ast.AST | None) -> None:
-        self.look_at_number(node)
-
-    def look_at_number(self, node: ast.UnaryOp | ast.BinOp) -> None:
-        """Arithmetic is for numbers: text and lists grow when they are multiplied, and so do numbers."""
-        for part in (node.operand,) if isinstance(node, ast.UnaryOp) else (node.left, node.right):
-            number = isinstance(part, ast.Constant) and type(part.value) in (int, float)
-            if not (number or isinstance(part, (ast.UnaryOp, ast.BinOp)) or _is_name(part, "pi")):
-                raise Refused(node, "arithmetic with anything but numbers is not allowed")
-        try:
-            self.number(node)
-        except RecursionError as error:
-            raise Refused(node, "an expression is nested too deeply") from error
-
-    def number(self, node: ast.AST) -> int | float:
-        """Evaluate arithmetic, within the bounds of numbers."""
-        if node in self.numbers:
-            return self.numbers[node]
-        if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.UAdd, ast.USub)):
-            found = self.number(node.operand)
-            found = -found if isinstance(node.op, ast.USub) else found
-        elif isinstance(node, ast.BinOp) and isinstance(node.op, OPERATORS):
-            found = computed(node, self.number(node.left), self.number(node.right))
-        elif isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
-            found = node.value
-        else:  # pi, or what is refused where it stands
-            found = math.pi
-        check_number(node, found)
-        self.numbers[node] = found
-        return found
+        number(node)
 
     def offer(self) -> str:
         return ", ".join(f"self.{name}" for name in sorted(self.methods))
 
 
-def computed(node: ast.BinOp, left: int | float, right: int | float) -> int | float:
-    """One step of arithmetic."""
+def number(node: ast.AST) -> int | float:
+    """Evaluate arithmetic on numbers; text and lists would grow when they are multiplied.
+
+    Raises:
+        Refused: a part is not a number, or a result is out of bounds.
+    """
+    found: int | float
+    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
+        found = node.value
+    elif _is_name(node, "pi"):
+        found = math.pi
+    elif isinstance(node, (ast.UnaryOp, ast.BinOp)):
+        found = _computed(node)
+    else:
+        raise Refused(node, "arithmetic with anything but numbers is not allowed")
+    check_number(node, found)
+    return found
+
+
+def _computed(node: ast.UnaryOp | ast.BinOp) -> int | float:
+    parts = (node.operand,) if isinstance(node, ast.UnaryOp) else (node.left, node.right)
+    values = [number(part) for part in parts]
+    compute = OPERATORS.get(type(node.op))
+    if compute is None:
+        raise Refused(node, f"the operator {type(node.op).__name__} is not allowed")
     try:
-        if isinstance(node.op, ast.Div):
-            return left / right
-        if isinstance(node.op, ast.Mult):
-            return left * right
-        return left + right if isinstance(node.op, ast.Add) else left - right
+        return compute(*values)
     except ZeroDivisionError as error:
         raise Refused(node, "a division by zero") from error
     except OverflowError as error:
@@ -307,7 +327,7 @@ def computed(node: ast.BinOp, left: int | float, right: int | float) -> int | fl
 
 
 def check_number(node: ast.AST, number: int | float) -> None:
-    """Refuse what JSON cannot hold or no task can use."""
+    """Refuse a number that JSON cannot hold or that no task can use."""
     if isinstance(number, float):
         if not math.isfinite(number):
             raise Refused(node, NOT_FINITE)
@@ -315,8 +335,8 @@ def check_number(node: ast.AST, number: int | float) -> None:
         raise Refused(node, TOO_MANY_BITS)
 
 
-def _is_super_init(node: ast.Attribute, parent: ast.AST | None) -> bool:
-    """Whether it is the attribute in ``super().__init__()``."""
+def is_super_init(node: ast.Attribute, parent: ast.AST | None) -> bool:
+    """Return whether a node is the attribute in ``super().__init__()``."""
     called = node.value
     is_super = isinstance(called, ast.Call) and _is_name(called.func, "super")
     return node.attr == "__init__" and is_super and isinstance(parent, ast.Call) and parent.func is node
@@ -327,7 +347,7 @@ def _is_name(node: ast.AST, name: str) -> bool:
 
 
 def _spoken(node: ast.AST) -> str:
-    """A kind of node as people say it."""
+    """Return the name of a kind of node in plain words."""
     if type(node) in SPOKEN:
         return SPOKEN[type(node)]
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(node).__name__).lower()

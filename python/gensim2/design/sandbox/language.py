@@ -1,0 +1,236 @@
+"""Values of the language in which task code is written, and the fields of the task that they make.
+
+A class derived from ``Task`` names its objects (``self.drawer = Object("drawer")``), its steps (``self.step``) and
+what must hold at the end (``self.goal``). Criteria are functions called as the types of
+:mod:`gensim2.tasks.criteria`. The reader of the fields checks the values.
+"""
+
+from __future__ import annotations
+
+import math
+import typing
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from gensim2.tasks.criteria import Criterion
+from gensim2.tasks.spec import HAND
+
+#: Methods of ``self``.
+METHODS = ("step", "goal")
+#: Attributes of ``self`` and of the class that are fields of the task.
+SETTINGS = ("description", "max_episode_steps")
+#: Values of a task, and characters of its text: a list may hold another many times, and that one a third.
+MAX_SIZE = 100_000
+#: Values inside each other.
+MAX_DEPTH = 50
+
+
+class Fields:
+    """Fields by name; an omitted field keeps its default.
+
+    Raises:
+        TypeError: a field is unknown or given twice; lists the known fields.
+    """
+
+    names: tuple[str, ...] = ()
+
+    def __init__(self, *values: Any, **named: Any) -> None:
+        self.given = arguments(type(self).__name__, self.names, values, named)
+
+
+class Place(Fields):
+    """Placement of an object: ``on`` "table" or another object, ``at`` (x, y) in m, ``yaw`` in rad."""
+
+    names = ("on", "at", "yaw")
+
+
+class Randomization(Fields):
+    """Ranges of the scene: ``x`` and ``y`` in m (a number or a pair), ``yaw`` in rad, openness from 0 to 1."""
+
+    names = ("x", "y", "yaw", "openness_mean", "openness_spread")
+
+
+class Object(Fields):
+    """Object of an asset class; the attribute of the task that it is assigned to names it."""
+
+    names = ("asset_class", "instances", "place", "randomization")
+    name: str | None = None
+
+
+class Task:
+    """Task under construction: the value of ``self``.
+
+    Args:
+        members: attributes of the class.
+
+    Attributes:
+        own: attributes assigned to ``self``.
+    """
+
+    def __init__(self, members: Mapping[str, Any] | None = None) -> None:
+        self._members = {**dict.fromkeys(SETTINGS), **(members or {})}
+        self.own: dict[str, Any] = {}
+        self._steps: list[dict[str, Any]] = []
+        self._goal: list[Any] | None = None
+
+    def get(self, name: str) -> Any:
+        """Return an attribute.
+
+        Raises:
+            AttributeError: there is none of this name.
+        """
+        for known in (self.own, self._members, {"step": self.step, "goal": self.goal}):
+            if name in known:
+                return known[name]
+        raise AttributeError(f"self has no attribute {name!r}")
+
+    def set(self, name: str, value: Any) -> None:
+        """Assign an attribute; an object takes its name.
+
+        Raises:
+            ValueError: the object has another name already, or the name means something else.
+        """
+        if isinstance(value, Object):
+            if name in SETTINGS:
+                raise ValueError(f"an object cannot be called {name!r}")
+            if value.name not in (None, name):
+                raise ValueError(f"one object cannot be both {value.name!r} and {name!r}")
+            value.name = name
+        self.own[name] = value
+
+    def step(
+        self, name: str, object: Any, tool: Any = HAND, strategies: Sequence[str] | None = None, done: Any = ()
+    ) -> None:
+        """Add an actuation pose with its motions.
+
+        Args:
+            name: unique in the task.
+            object: the object that the step acts on.
+            tool: "hand", or the grasped object whose keypoints replace those of the hand.
+            strategies: names of alternative strategies; default: one with the name of the step.
+            done: criteria of the step's success.
+        """
+        names = [name] if strategies is None else strategies
+        step = {"name": name, "object": object, "tool": tool, "strategies": names, "done": listed(done)}
+        self._steps.append(step)
+
+    def goal(self, *criteria: Any) -> None:
+        """Set the criteria that must all hold at the end; default: those of the last step's ``done``."""
+        self._goal = self._goal or []
+        for given in criteria:
+            self._goal += listed(given)
+
+    def fields(self, name: str, docstring: str | None) -> dict[str, Any]:
+        """Return the task's fields as :func:`gensim2.tasks.parse.parse_task` reads them.
+
+        Args:
+            name: name of the class.
+            docstring: its description, unless it has an attribute for that.
+
+        Raises:
+            ValueError: a value cannot be written as plain data.
+        """
+        given = {**self._members, **self.own}
+        objects = {key: value for key, value in self.own.items() if isinstance(value, Object)}
+        fields: dict[str, Any] = {
+            "schema_version": 2,
+            "name": name,
+            "description": given["description"] or (docstring or "").strip(),
+            "objects": {key: _object(value) for key, value in objects.items()},
+            "steps": self._steps,
+        }
+        if self._goal is not None:
+            fields["goal"] = self._goal
+        if given["max_episode_steps"] is not None:
+            fields["max_episode_steps"] = given["max_episode_steps"]
+        found: dict[str, Any] = _Plain().of(fields)
+        return found
+
+
+def listed(value: Any) -> list[Any]:
+    """Return a list or tuple as a list, and any other value as a list of one."""
+    return list(value) if isinstance(value, (list, tuple)) else [value]
+
+
+def arguments(function: str, names: Sequence[str], values: Iterable[Any], named: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments by name, as Python binds them, without those that are None.
+
+    Raises:
+        TypeError: an argument is unknown or given twice.
+    """
+    values = list(values)
+    takes = f"{function}() takes {', '.join(names)}"
+    if len(values) > len(names):
+        raise TypeError(f"{takes}; {len(values)} were given")
+    found = dict(zip(names, values, strict=False))
+    for name, value in named.items():
+        if name not in names:
+            raise TypeError(f"{takes}; not {name!r}")
+        if name in found:
+            raise TypeError(f"{takes}; {name!r} was given twice")
+        found[name] = value
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _criterion(kind: str, names: tuple[str, ...]) -> Callable[..., dict[str, Any]]:
+    """Return the function that makes a criterion of one type."""
+
+    def make(*values: Any, **named: Any) -> dict[str, Any]:
+        return {"type": kind, **arguments(kind, names, values, named)}
+
+    return make
+
+
+#: Functions that make criteria, by type.
+CRITERIA = {
+    model.model_fields["type"].default: _criterion(
+        model.model_fields["type"].default, tuple(name for name in model.model_fields if name != "type")
+    )
+    for model in typing.get_args(typing.get_args(Criterion)[0])
+}
+#: What a program may import, by name.
+OFFERED: dict[str, Any] = {
+    "Object": Object,
+    "Place": Place,
+    "Randomization": Randomization,
+    "Task": Task,
+    "pi": math.pi,
+    **CRITERIA,
+}
+
+
+def _object(value: Object) -> dict[str, Any]:
+    fields = dict(value.given)
+    return {"class": fields.pop("asset_class", None), **fields}
+
+
+class _Plain:
+    """Turns values into plain data of bounded size: an object is its name, a value with fields is its fields."""
+
+    def __init__(self) -> None:
+        self._size = 0
+
+    def of(self, value: Any, depth: int = 0) -> Any:
+        """Return plain data.
+
+        Raises:
+            ValueError: the value is too large or too deep, holds an object without a name, or is not data.
+        """
+        self._size += 1 + (len(value) if isinstance(value, str) else 0)
+        if self._size > MAX_SIZE:
+            raise ValueError(f"the task holds more than {MAX_SIZE} values and characters")
+        if depth > MAX_DEPTH:
+            raise ValueError("values are nested too deeply")
+        if isinstance(value, Object):
+            if value.name is None:
+                raise ValueError("an object is used that was not given a name: self.name = Object(...)")
+            return value.name
+        if isinstance(value, Fields):
+            return self.of(value.given, depth)
+        if isinstance(value, dict):
+            return {self.of(key, depth): self.of(inner, depth + 1) for key, inner in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [self.of(inner, depth + 1) for inner in value]
+        if value is None or isinstance(value, (str, int, float)):
+            return value
+        raise ValueError(f"a task holds no value of type {type(value).__name__}")
