@@ -50,8 +50,6 @@ def main(arguments: list[str] | None = None) -> int:
             "--base-url",
             server.url,
             *asking,
-            "--record",
-            str(options.out / "tape"),
         ]
         done = gensim2(["run-pipeline", *common, *asked, "--out", str(options.out / "run")])
     _keep_pictures(server, options.out / "pictures")
@@ -59,7 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
     used = resource.getrusage(resource.RUSAGE_SELF).ru_utime + resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     print(f"CPU so far: {used:.0f} s")
     again = gensim2(
-        ["run-pipeline", *common, "--replay", str(options.out / "tape"), "--out", str(options.out / "again")]
+        ["run-pipeline", *common, "--replay", str(options.out / "run"), "--out", str(options.out / "again")]
     )
     first, second = (
         WHEN_AND_WHERE.sub("", (options.out / name / "report.html").read_text()) for name in ("run", "again")

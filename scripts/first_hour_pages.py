@@ -68,7 +68,7 @@ STANDS_FOR = {"TASK": "CloseBox", "NAME": "CloseBox", "CLASS": "drawer", "RAD": 
 #: ``tests/test_first_hour.py`` looks whether they are there.
 NEEDS: dict[str, str] = {
     r"--designer (?!offline)": "a language model; tests/design/runs/test_models.py has one of its own",
-    r"--record tape|--replay tape": "a language model's answers; tests/design/runs/test_models.py",
+    r"--replay runs/": "a language model's answers; tests/design/runs/test_models.py",
     r"--ray head": "a cluster; tests/processes/test_ray.py has one, benchmarks/ray_two_nodes.py one of two nodes",
     r"^(pip|export|cargo|maturin) |^make ": "sets up or builds the clone itself: part of its own checks",
     r"^python (benchmarks|scripts)/": "measures or writes files of the clone: its options are looked up in its source",

@@ -35,8 +35,7 @@ _OPTIONS = (
     click.option("--code", is_flag=True, help="Ask for each task as code, too, which is interpreted."),
     click.option("--review", is_flag=True, help="Ask on the terminal of each proposal whether it is wanted."),
     click.option("--prompts", type=_FILE, metavar="DIR", help="Prompts of your own, by the names of ours."),
-    click.option("--record", type=_FILE, metavar="DIR", help="Keep every answer of the model here, for a replay."),
-    click.option("--replay", type=_FILE, metavar="DIR", help="Take every answer from here, and ask no model."),
+    click.option("--replay", type=_FILE, metavar="RUN", help="Use the answers of this run folder, and ask no model."),
     click.option("--model-config", "config", type=_FILE, metavar="FILE", help="How the model is asked (YAML)."),
     click.option(
         "--base-url", metavar="URL", help="OpenAI-compatible endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]"
@@ -58,7 +57,7 @@ _FOR_ALL = ("mode", "review")
 _ASKING = ("mode", "trials", "max_rounds", "visual", "code")
 
 NAMES = (
-    *_ASKING, "review", "prompts", "record", "replay", "config", "base_url", "temperature", "budget", "price_in",
+    *_ASKING, "review", "prompts", "replay", "config", "base_url", "temperature", "budget", "price_in",
     "price_out", "concurrency",
 )  # fmt: skip
 """Parameters of the options."""

@@ -48,7 +48,6 @@ def model_designer(
     scene: SceneOptions,
     *,
     prompts: Path | None = None,
-    record: Path | None = None,
     replay: Path | None = None,
     config: Path | None = None,
     review: Callable[[TaskSpec], bool] | None = None,
@@ -61,8 +60,7 @@ def model_designer(
         asking: what for.
         scene: of the run; for what the model is shown.
         prompts: folder with prompts of one's own.
-        record: folder that gets every answer, for a replay.
-        replay: folder that all answers come from; no model is asked. It says which model, and ``asking``.
+        replay: run folder whose answers are used; no model is asked. The folder names the model and ``asking``.
         config: YAML file with fields of :class:`~gensim2.design.llm.ModelOptions`.
         review: asked of every proposal; None: no one is asked.
         **options: fields of :class:`~gensim2.design.llm.ModelOptions`, which go before the file's; None: not given.
@@ -72,20 +70,19 @@ def model_designer(
         MissingExtraError: the extra ``llm`` is not installed.
     """
     from gensim2.design.llm import AnswerStore, Asking, LLMDesigner, Model, Prompts, model_options
+    from gensim2.design.llm.store import recorded_answers
 
-    if record is not None and replay is not None:
-        raise InputError("a run is recorded or replayed, not both", field="replay")
     texts = Prompts(prompts)
     if replay is None:
         given = model_options(config, model=model, **options)
     else:
+        replay = recorded_answers(replay)
         recorded = AnswerStore(replay).model()
         if recorded.prompts != texts.digest:
             remedy = "replay with the --prompts of the run that was recorded"
             raise InputError("was recorded with other prompts", file=replay, remedy=remedy)
         given, asking = recorded.options, Asking.read(recorded.asking, replay)
-    cache = None if replay is not None else cache_dir() / "answers"
-    asked = Model(given, texts.digest, asdict(asking), cache=cache, record=record, replay=replay)
+    asked = Model(given, texts.digest, asdict(asking), cache=cache_dir() / "answers", replay=replay)
     views = None
     if asking.visual:
         from gensim2.design.views import SceneViews

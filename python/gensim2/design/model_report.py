@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from gensim2.design.llm.log import MODEL_FOLDER, ConversationRecord, read_log
-from gensim2.design.llm.store import MODEL_JSON, AnswerRecord, AnswerStore
+from gensim2.design.llm.log import ConversationRecord, read_log
+from gensim2.design.llm.store import MODEL_FOLDER, MODEL_JSON, AnswerRecord, AnswerStore
 
 #: Characters of an answer that are shown; the rest is counted.
 SHOWN_ANSWER = 20_000

@@ -28,7 +28,7 @@ from gensim2.design.llm.client import Client
 from gensim2.design.llm.extraction import mappings
 from gensim2.design.llm.questions import Answer, Message, Question
 from gensim2.design.llm.secret import HIDDEN, Secret
-from gensim2.design.llm.store import AnswerStore
+from gensim2.design.llm.store import AnswerStore, recorded_answers
 from gensim2.design.llm.templating import Prompts
 from gensim2.errors import InputError, ModelError
 from gensim2.scenes.config import SceneOptions
@@ -164,9 +164,6 @@ def test_a_folder_holds_the_answers_of_one_endpoint(serve: Serve, tmp_path: Path
     Model(options(first)).open(tmp_path / "run")
     with pytest.raises(InputError, match=r"endpoint: holds answers of .*, not "):
         Model(options(second)).open(tmp_path / "run")
-    Model(options(first), record=tmp_path / "tape")
-    with pytest.raises(InputError, match="endpoint"):
-        Model(options(second), record=tmp_path / "tape")
 
 
 def test_a_folder_without_an_endpoint_is_gone_on_with(serve: Serve, tmp_path: Path) -> None:
@@ -179,6 +176,35 @@ def test_a_folder_without_an_endpoint_is_gone_on_with(serve: Serve, tmp_path: Pa
     file.write_text(json.dumps(kept))
     Model(options(server)).open(tmp_path / "run")
     assert Model(options(server), replay=tmp_path / "run").options.model == "m"
+
+
+#: What version 0.2.0 wrote with --record.
+RECORD_OF_0_2_0 = {
+    "model.json": {
+        "schema_version": 1, "model": "m", "temperature": None, "max_tokens": 4096, "price_in": None, "price_out": None,
+        "budget": None, "prompts": "", "asking": {"mode": "explore", "trials": 2},
+    },
+    "answers/{}.json": {
+        "schema_version": 1, "stage": "test", "subject": "Task", "messages": [{"role": "user", "text": "?"}],
+        "text": "as recorded", "problem": None, "tokens_in": 5, "tokens_out": 3, "counted": True, "retries": 0,
+        "cost": None, "spent": None,
+    },
+}  # fmt: skip
+
+
+def test_a_record_of_version_0_2_0_is_replayed(tmp_path: Path) -> None:
+    digest = QUESTION.digest("m", None, 4096)[:32]
+    for name, content in RECORD_OF_0_2_0.items():
+        file = tmp_path / "tape" / name.format(digest)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(content))
+    assert recorded_answers(tmp_path / "tape") == tmp_path / "tape"
+    recorded = AnswerStore(tmp_path / "tape").model()
+    assert Asking.read(recorded.asking, tmp_path / "tape").trials == 2
+    replayed = Model(recorded.options, replay=tmp_path / "tape")
+    replayed.open(tmp_path / "run" / "model")
+    assert replayed.answer(QUESTION).text == "as recorded"
+    assert recorded_answers(tmp_path / "run") == tmp_path / "run" / "model"
 
 
 # Row 4: the key comes back
@@ -251,13 +277,13 @@ def test_a_key_in_an_answer_is_in_no_file(serve: Serve, tmp_path: Path) -> None:
     ]
     for number, body in enumerate(bodies):
         asked = replace(QUESTION, sample=(number,))
-        model = Model(options(serve(reply(body))), cache=tmp_path / "cache", record=tmp_path / f"tape{number}")
+        model = Model(options(serve(reply(body))), cache=tmp_path / "cache")
         model.open(tmp_path / f"run{number}")
         answer = model.answer(asked)
         assert kept_of_key(repr(answer)) == []
         assert HIDDEN in f"{answer.text} {answer.problem}"
     files = [path for path in tmp_path.rglob("*") if path.is_file()]
-    assert len(files) >= 8
+    assert len(files) == 3 * 2 + 2, "model.json and an answer of each run, and those of the cache"
     assert [path for path in files if kept_of_key(path.read_text())] == []
 
 
@@ -313,10 +339,10 @@ def test_half_a_character_is_mended_before_it_is_stored(serve: Serve, tmp_path: 
     body = completion("half \ud800 a character, a whole \U0001f600 one")
     assert b"\\ud800" in body
     for run in ("one", "two"):
-        model = Model(options(serve(reply(body))), cache=tmp_path / "cache", record=tmp_path / f"{run}-tape")
+        model = Model(options(serve(reply(body))), cache=tmp_path / "cache")
         model.open(tmp_path / run)
         assert model.answer(QUESTION).text == "half \ufffd a character, a whole \U0001f600 one"
-        again = Model(options(serve(reply(body))), replay=tmp_path / f"{run}-tape")
+        again = Model(options(serve(reply(body))), replay=tmp_path / run)
         assert again.answer(QUESTION).text == model.answer(QUESTION).text
 
 
@@ -359,20 +385,22 @@ def test_a_poisoned_entry_of_the_cache_is_asked_again_and_replaced(serve: Serve,
     assert entry.read_bytes() == whole
 
 
-def test_a_pipe_in_the_cache_or_in_a_tape_is_never_opened(serve: Serve, tmp_path: Path) -> None:
+def test_a_pipe_in_the_cache_or_in_a_run_is_never_opened(serve: Serve, tmp_path: Path) -> None:
     server = serve(reply(completion()))
-    Model(options(server), cache=tmp_path / "cache", record=tmp_path / "tape").answer(QUESTION)
-    for folder in ("cache", "tape"):
+    model = Model(options(server), cache=tmp_path / "cache")
+    model.open(tmp_path / "run")
+    model.answer(QUESTION)
+    for folder in ("cache", "run"):
         (entry,) = (tmp_path / folder / "answers").iterdir()
         entry.unlink()
         os.mkfifo(entry)
     assert Model(options(server), cache=tmp_path / "cache").answer(QUESTION).text == "fine"
     with pytest.raises(InputError, match="is not a regular file"):
-        Model(options(server), replay=tmp_path / "tape").answer(QUESTION)
-    (tmp_path / "tape" / "model.json").unlink()
-    os.mkfifo(tmp_path / "tape" / "model.json")
+        Model(options(server), replay=tmp_path / "run").answer(QUESTION)
+    (tmp_path / "run" / "model.json").unlink()
+    os.mkfifo(tmp_path / "run" / "model.json")
     with pytest.raises(InputError, match="is not a regular file"):
-        AnswerStore(tmp_path / "tape").model()
+        AnswerStore(tmp_path / "run").model()
 
 
 # Row 7: deadlines, numbers, redirects
@@ -427,11 +455,12 @@ def test_wild_counts_of_tokens_are_estimated(serve: Serve, tmp_path: Path, count
     word = b"1" + b"0" * 5000 if count == "10**5000" else json.dumps(count).encode()
     body = completion().replace(b'"prompt_tokens": 5', b'"prompt_tokens": ' + word)
     server = serve(reply(body))
-    model = Model(options(server, price_in=1e6, price_out=1e6), cache=tmp_path / "cache", record=tmp_path / "tape")
+    model = Model(options(server, price_in=1e6, price_out=1e6))
+    model.open(tmp_path)
     answer = model.answer(QUESTION)
     assert not answer.counted
     assert 0 < answer.tokens_in < 1000
-    assert Model(options(server), replay=tmp_path / "tape").answer(QUESTION) == answer
+    assert Model(options(server), replay=tmp_path).answer(QUESTION) == answer
 
 
 @pytest.mark.parametrize("word", [b"NaN", b"Infinity", b"-Infinity", b"1e999"])
@@ -525,7 +554,7 @@ def test_a_proxy_that_is_none_is_one_error(monkeypatch: pytest.MonkeyPatch) -> N
     ],
 )
 def test_a_damaged_record_is_one_error(serve: Serve, tmp_path: Path, field: str, value: object) -> None:
-    Model(options(serve(reply(completion()))), record=tmp_path)
+    Model(options(serve(reply(completion())))).open(tmp_path)
     file = tmp_path / "model.json"
     file.write_text(json.dumps({**json.loads(file.read_text()), field: value}))
 
@@ -554,11 +583,11 @@ def test_a_pipe_among_prompts_is_never_opened(tmp_path: Path) -> None:
 
 
 def test_a_run_is_replayed_with_its_own_prompts_only(serve: Serve, tmp_path: Path) -> None:
-    Model(options(serve(reply(completion()))), Prompts().digest, record=tmp_path / "tape")
+    Model(options(serve(reply(completion()))), Prompts().digest).open(tmp_path / "run" / "model")
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "system.md.j2").write_text("Be brief.")
-    with pytest.raises(InputError, match=r"tape: was recorded with other prompts .*--prompts"):
-        model_designer(None, Asking(), SceneOptions("builtin"), prompts=tmp_path / "own", replay=tmp_path / "tape")
+    with pytest.raises(InputError, match=r"run.*: was recorded with other prompts .*--prompts"):
+        model_designer(None, Asking(), SceneOptions("builtin"), prompts=tmp_path / "own", replay=tmp_path / "run")
 
 
 def test_the_boundary_leaves_plain_data_as_it_is() -> None:

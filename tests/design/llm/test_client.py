@@ -211,20 +211,26 @@ def test_a_question_is_asked_once_in_a_run_and_in_all_runs(server: ModelServer, 
 
 
 def test_a_run_is_recorded_and_replayed_without_a_model(server: ModelServer, tmp_path: Path) -> None:
-    asked = Model(options(server), record=tmp_path / "tape").answer(question())
-    replayed = Model(options(server), replay=tmp_path / "tape")
+    model = Model(options(server))
+    model.open(tmp_path / "run")
+    asked = model.answer(question())
+    replayed = Model(options(server), replay=tmp_path / "run")
     assert replayed.answer(question()) == asked
-    with pytest.raises(InputError, match=r"tape.*holds no answer to this question of the stage test"):
+    replayed.open(tmp_path / "again")
+    assert replayed.answer(question()) == asked
+    assert Model(options(server), replay=tmp_path / "again").answer(question()) == asked, "a replay is replayed"
+    with pytest.raises(InputError, match=r"run.*holds no answer to this question of the stage test"):
         replayed.answer(question("# Test\nanother"))
-    (file,) = (tmp_path / "tape" / "answers").iterdir()
+    (file,) = (tmp_path / "run" / "answers").iterdir()
     file.write_text(file.read_text()[:-20])
     with pytest.raises(InputError, match="is damaged"):
-        replayed.answer(question())
+        Model(options(server), replay=tmp_path / "run").answer(question())
 
 
 def test_the_budget_ends_asking_before_it_is_overdrawn(server: ModelServer, tmp_path: Path) -> None:
     given = options(server, price_in=10.0, price_out=10.0, max_tokens=100, budget=0.0012)
-    model = Model(given, record=tmp_path / "tape")
+    model = Model(given)
+    model.open(tmp_path)
     for number in range(2):
         model.answer(question(f"# Test\nquestion {number}"))
     third = question("# Test\nquestion 2")
@@ -235,7 +241,10 @@ def test_the_budget_ends_asking_before_it_is_overdrawn(server: ModelServer, tmp_
     assert 0 < cost <= 0.0012
     assert server.requests == 2
     with pytest.raises(BudgetSpent):
-        Model(given, replay=tmp_path / "tape").answer(third)
+        Model(given, replay=tmp_path).answer(third)
+    richer = Model(options(server, price_in=10.0, price_out=10.0, max_tokens=100, budget=1.0))
+    richer.open(tmp_path)
+    assert richer.answer(third).problem is None, "a resumed run with more to spend asks"
 
 
 @pytest.mark.parametrize(

@@ -83,7 +83,7 @@ def run(
 ) -> PipelineResult:
     options = {"base_url": server.url, "retries": 1, "timeout": 5.0} if "replay" not in given else {}
     settings = {
-        name: given.pop(name) for name in ("record", "replay", "budget", "price_in", "price_out") if name in given
+        name: given.pop(name) for name in ("replay", "budget", "price_in", "price_out") if name in given
     }
     asked = model_designer("test-model", asking or Asking(trials=2), SceneOptions("builtin"), **options, **settings)
     fields = {"num_tasks": 2, "from_empty": True, "verify": 2, "episodes": 0, "video": False, "assets": "builtin"}
@@ -97,10 +97,10 @@ def page(out: Path) -> str:
 
 
 def test_a_recorded_run_is_replayed_to_the_same_report_without_a_model(server: ModelServer, tmp_path: Path) -> None:
-    first = run(server, tmp_path / "run", record=tmp_path / "tape", price_in=1.0, price_out=2.0)
+    first = run(server, tmp_path / "run", price_in=1.0, price_out=2.0)
     assert len(first.tasks) == 2
     asked = server.requests
-    again = run(server, tmp_path / "again", replay=tmp_path / "tape")
+    again = run(server, tmp_path / "again", replay=tmp_path / "run")
     assert server.requests == asked
     drop = ("run_dir", "cpu_s")
     assert _without(again.to_dict(), drop) == _without(first.to_dict(), drop)
@@ -111,7 +111,7 @@ def test_a_recorded_run_is_replayed_to_the_same_report_without_a_model(server: M
     assert re.search(r"\d+ answers · [\d,]+ tokens asked, [\d,]+ answered · 0\.\d{4} USD", text)
     assert KEY not in "".join(path.read_text() for path in tmp_path.rglob("*") if path.suffix in (".json", ".html"))
     with pytest.raises(InputError, match="holds no answer to this question"):
-        run(server, tmp_path / "other", replay=tmp_path / "tape", seed=1)
+        run(server, tmp_path / "other", replay=tmp_path / "run", seed=1)
 
 
 def test_a_run_goes_on_after_the_endpoint_was_away(server: ModelServer, tmp_path: Path) -> None:
@@ -173,7 +173,7 @@ def test_pictures_go_along_and_a_run_is_replayed_where_nothing_can_be_drawn(
         return b"\x89PNG\r\n\x1a\n" + f"{draw.__name__} {given[1] if draw is views.draw_thing else given[2:]}".encode()
 
     monkeypatch.setattr(views, "_drawn", drawn)
-    first = run(server, tmp_path / "run", Asking(trials=1, visual=True), num_tasks=1, record=tmp_path / "tape")
+    first = run(server, tmp_path / "run", Asking(trials=1, visual=True), num_tasks=1)
     assert not any(each.pictures for each in server.asked if each.stage == "proposal")
     # Tasks are designed side by side: of what was asked, what is about the box.
     asked = {each.stage: each.pictures for each in server.asked if b"box_rotate" in b"".join(each.pictures)}
@@ -183,7 +183,7 @@ def test_pictures_go_along_and_a_run_is_replayed_where_nothing_can_be_drawn(
     assert asked["motions"][:2] == (box, start)
     assert b"articulated_object_head" in asked["motions"][2], "where stage 1 leads to"
     monkeypatch.setattr(views, "_drawn", lambda *_: pytest.fail("a replay draws nothing"))
-    replayed = run(server, tmp_path / "again", num_tasks=1, replay=tmp_path / "tape")
+    replayed = run(server, tmp_path / "again", num_tasks=1, replay=tmp_path / "run")
     assert [task.name for task in replayed.tasks] == [task.name for task in first.tasks]
     assert page(tmp_path / "again") == page(tmp_path / "run")
 
@@ -217,7 +217,7 @@ def test_the_commands_and_the_program_of_the_page_run(
     assert len(commands) >= 6
     for number, words in enumerate(commands):
         given = [server.url if word.startswith("http://localhost") else word for word in words]
-        out = f"run{number}"
+        out = given[given.index("--out") + 1] if "--out" in given else f"run{number}"
         code = command([*given, "--out", out, "--no-video", "--episodes", "1", "--verify", "2", "--from-empty"])
         assert code == 0, words
         assert json.loads((tmp_path / out / "run.json").read_text())["result"]["tasks"], words

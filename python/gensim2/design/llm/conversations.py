@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from gensim2.design.llm.extraction import Data, mappings
-from gensim2.design.llm.log import MODEL_FOLDER, ConversationRecord, Log, TurnRecord
+from gensim2.design.llm.log import ConversationRecord, Log, TurnRecord
 from gensim2.design.llm.model import Model
 from gensim2.design.llm.questions import Message, Question
+from gensim2.design.llm.store import MODEL_FOLDER
 from gensim2.design.llm.templating import Prompts
 from gensim2.design.pictures import LazyPicture
 from gensim2.errors import GenSim2Error, InputError

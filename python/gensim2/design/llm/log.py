@@ -12,8 +12,6 @@ from gensim2.errors import InputError
 from gensim2.files import write_json
 from gensim2.special_files import is_special
 
-MODEL_FOLDER = "model"
-"""Of the run folder: all that the designer leaves there."""
 CONVERSATIONS = "conversations.json"
 
 Outcome = Literal["used", "dropped", "refused"]

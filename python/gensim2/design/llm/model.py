@@ -10,23 +10,21 @@ from gensim2.design.llm.client import Client, estimated_tokens
 from gensim2.design.llm.ledger import BudgetSpent, Ledger
 from gensim2.design.llm.options import ModelOptions
 from gensim2.design.llm.questions import Answer, Question
-from gensim2.design.llm.store import AnswerStore, ModelRecord
+from gensim2.design.llm.store import NO_ANSWER, AnswerStore, ModelRecord
 from gensim2.errors import InputError
 
 
 class Model:
-    """Answers from what the run knows already, else from what others know, else from the model itself.
+    """Answers from the run's store, else from the cache of all runs, else from the model itself.
 
     Args:
         options: which model, and how it is asked.
         prompts: digest of the prompts, for the record.
         asking: what is asked for, for the record.
         cache: folder of answers that all runs share; None: there is none.
-        record: folder that gets every answer of the run beside the run's own; None: there is none.
-        replay: folder that all answers come from, and no model is asked; None: one is.
+        replay: folder of a run's answers, which are used in place of a model; None: the model is asked.
 
     Raises:
-        InputError: the folder to replay from holds no record, or one of another model.
         MissingExtraError: the ``openai`` library is not installed.
     """
 
@@ -37,29 +35,26 @@ class Model:
         asking: Mapping[str, Any] | None = None,
         *,
         cache: Path | None = None,
-        record: Path | None = None,
         replay: Path | None = None,
     ) -> None:
         self.options = options
         self.ledger = Ledger(options.budget)
-        self._replay = AnswerStore(replay) if replay is not None else None
-        self._record = AnswerStore(record) if record is not None else None
-        self._cache = AnswerStore(cache) if cache is not None and replay is None else None
-        self._run: AnswerStore | None = None
+        self._replay = replay
+        self._store = AnswerStore(replay, None if replay is not None else cache)
         self._client = Client(options) if replay is None else None
         endpoint = self._client.endpoint if self._client is not None else None
-        self._model_record = ModelRecord.of(options, prompts, asking or {}, endpoint)
-        if self._record is not None:
-            self._record.write_model(self._model_record)
+        self._record = ModelRecord.of(options, prompts, asking or {}, endpoint)
 
     def open(self, folder: Path) -> None:
-        """Keep answers in ``folder``, and take from there what an earlier call of the run has asked.
+        """Keep answers in ``folder``, and use those that an earlier call of the run kept there.
 
         Raises:
             InputError: that call asked another model, or for something else.
         """
-        self._run = AnswerStore(folder)
-        self._run.write_model(self._model_record)
+        self._store = AnswerStore(folder, self._store.cache)
+        self._store.write_model(self._record)
+        if self._replay is not None:
+            self._store.copy(self._replay)
 
     def close(self) -> None:
         """Give connections back."""
@@ -79,66 +74,37 @@ class Model:
             InputError: the endpoint refuses the question, or the record to replay does not have it.
         """
         digest = self.digest(question)
-        known = self._known(digest, question)
-        if known is not None:
-            self.ledger.add(known, asked=False)
-            self._keep(digest, question, known)
-            return known
+        if self._client is None:
+            answer = self._recorded(digest, question)
+            self.ledger.add(answer, asked=False)
+            return answer
+        shared = question.shared_digest(self._client.endpoint, self.options.structured, digest)
+        known = self._store.record(digest, shared)
+        if known is not None and known.spent is None:  # an earlier call may have had less to spend
+            self.ledger.add(known.answer, asked=False)
+            self._store.put(digest, question, known.answer)
+            return known.answer
         max_cost = self._max_cost(question)
         try:
             self.ledger.reserve(max_cost)
         except BudgetSpent as error:
-            for store in self._stores():
-                store.put_spent(digest, question, str(error))
+            self._store.put(digest, question, NO_ANSWER, spent=str(error))
             raise
         try:
-            assert self._client is not None
             answer = self._client.ask(question)
         finally:
             self.ledger.release(max_cost)
         self.ledger.add(answer, asked=True)
-        self._keep(digest, question, answer)
-        if self._cache is not None and answer.problem is None:
-            self._cache.put(self._shared(question), question, answer)
+        self._store.put(digest, question, answer, shared if answer.problem is None else None)
         return answer
 
-    def _shared(self, question: Question) -> str:
-        """Digest of a question in the cache that all runs share."""
-        assert self._client is not None
-        return question.shared_digest(self._client.endpoint, self.options.structured, self.digest(question))
-
-    def _known(self, digest: str, question: Question) -> Answer | None:
-        if self._replay is not None:
-            found = self._replay.get(digest)
-            if found is None:
-                what = f"holds no answer to this question of the stage {question.stage} ({question.subject})"
-                remedy = "replay with the arguments, objects and prompts of the run that was recorded"
-                raise InputError(what, file=self._replay.path, remedy=remedy)
-            return found
-        if self._run is not None:
-            try:
-                found = self._run.get(digest)
-            except BudgetSpent:
-                found = None  # of an earlier call, which may have had less to spend
-            if found is not None:
-                return found
-        return self._cached(question)
-
-    def _cached(self, question: Question) -> Answer | None:
-        """Return the cached answer; an entry that cannot be read counts as missing and is replaced."""
-        if self._cache is None:
-            return None
-        try:
-            return self._cache.get(self._shared(question))
-        except (InputError, BudgetSpent):
-            return None
-
-    def _keep(self, digest: str, question: Question, answer: Answer) -> None:
-        for store in self._stores():
-            store.put(digest, question, answer)
-
-    def _stores(self) -> list[AnswerStore]:
-        return [store for store in (self._run, self._record) if store is not None]
+    def _recorded(self, digest: str, question: Question) -> Answer:
+        found = self._store.record(digest)
+        if found is None:
+            what = f"holds no answer to this question of the stage {question.stage} ({question.subject})"
+            remedy = "replay with the arguments, objects and prompts of the run that was recorded"
+            raise InputError(what, file=self._replay, remedy=remedy)
+        return found.answer
 
     def _max_cost(self, question: Question) -> float | None:
         """USD that a question may cost."""

@@ -1,4 +1,4 @@
-"""Answers on disk by the digest of their question: what a run is recorded in, resumed from and replayed from.
+"""Store the answers of a run by the digest of their question; the run is resumed and replayed from there.
 
 DIR/model.json                 who was asked, and how
 DIR/answers/<digest>.json      a question, its answer, and what they cost
@@ -20,7 +20,12 @@ from gensim2.errors import InputError
 from gensim2.files import write_json
 from gensim2.special_files import is_special
 
+MODEL_FOLDER = "model"
+"""Folder of a run for all that its designer keeps."""
 MODEL_JSON = "model.json"
+ANSWERS = "answers"
+
+NO_ANSWER = Answer("", None, 0, 0, True, 0, None)
 
 #: Bytes of the longest file of an answer.
 MAX_BYTES = 30_000_000
@@ -73,7 +78,7 @@ class ModelRecord(_Record):
 
 
 class AnswerRecord(_Record):
-    """``answers/<digest>.json``; ``spent`` says why there is no answer: the budget was."""
+    """``answers/<digest>.json``; ``spent``: why there is no answer, once the budget was spent."""
 
     schema_version: Literal[1] = 1
     stage: str
@@ -88,33 +93,47 @@ class AnswerRecord(_Record):
     cost: Annotated[float, Field(ge=0)] | None
     spent: str | None = None
 
+    @property
+    def answer(self) -> Answer:
+        """Return the answer alone.
+
+        Raises:
+            BudgetSpent: the record says that the budget was spent.
+        """
+        if self.spent is not None:
+            raise BudgetSpent(self.spent)
+        return Answer(**{name: getattr(self, name) for name in Answer.__dataclass_fields__})
+
 
 class AnswerStore:
-    """Folder of a model's answers by the digest of their question; threads and processes may share it.
+    """Folder of a run's answers by the digest of their question; threads and processes may share it.
 
-    An answer is whole or absent.
+    A file of the folder is whole or absent. A later run replays the answers from there.
 
     Args:
-        path: the folder.
+        path: the folder, such as ``OUT/model``; None: answers are kept in the cache alone.
+        cache: folder of the answers of all runs; None: there is none.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path | None, cache: Path | None = None) -> None:
+        self.path, self.cache = path, cache
 
     def model(self) -> ModelRecord:
-        """Record of the model that was asked.
+        """Return the record of the model that was asked.
 
         Raises:
             InputError: the folder holds no record, or one that cannot be read.
         """
+        assert self.path is not None
         return _read(self.path / MODEL_JSON, ModelRecord)
 
     def write_model(self, record: ModelRecord) -> None:
         """Write ``model.json``; a folder holds the answers of one model to one kind of questions.
 
         Raises:
-            InputError: it holds those of another.
+            InputError: the folder holds answers of another model, or to other questions.
         """
+        assert self.path is not None
         path = self.path / MODEL_JSON
         if path.exists():
             before = self.model()
@@ -127,53 +146,74 @@ class AnswerStore:
             if was is not None and now is not None and was != now:
                 remedy = "ask there, or choose another folder"
                 raise InputError(f"holds answers of {was}, not {now}", file=path, field="endpoint", remedy=remedy)
-        write_json(self.path / MODEL_JSON, record.model_dump())
+        write_json(path, record.model_dump())
 
-    def get(self, digest: str) -> Answer | None:
-        """The answer to a question; None where there is none.
+    def copy(self, source: Path) -> None:
+        """Copy the answers of another run's folder.
 
         Raises:
-            InputError: the file is damaged.
-            BudgetSpent: in place of an answer it is recorded that the budget was spent.
+            InputError: an answer there is damaged.
         """
-        record = self.record(digest)
-        if record is None:
+        for path in sorted((source / ANSWERS).glob("*.json")):
+            write_json(self._file(path.stem), _read(path, AnswerRecord).model_dump())
+
+    def record(self, digest: str, shared: str | None = None) -> AnswerRecord | None:
+        """Return all that is known of a question; None if it was never asked.
+
+        Args:
+            digest: of the question.
+            shared: digest of the question and of its endpoint, by which the cache knows the answer.
+
+        Raises:
+            InputError: the run's file is damaged. A damaged entry of the cache is missing.
+        """
+        if self.path is not None and os.path.lexists(path := self._file(digest)):
+            return _read(path, AnswerRecord)
+        if self.cache is None or shared is None:
             return None
-        if record.spent is not None:
-            raise BudgetSpent(record.spent)
-        fields = {name: getattr(record, name) for name in Answer.__dataclass_fields__}
-        return Answer(**fields)
+        try:
+            return _read(_file(self.cache, shared), AnswerRecord)
+        except InputError:
+            return None
 
-    def record(self, digest: str) -> AnswerRecord | None:
-        """All that is known of a question, for the report.
+    def put(
+        self, digest: str, question: Question, answer: Answer, shared: str | None = None, spent: str | None = None
+    ) -> None:
+        """Keep an answer.
 
-        Raises:
-            InputError: the file is damaged.
+        Args:
+            digest: of the question.
+            question: what was asked.
+            answer: what was answered; ``NO_ANSWER`` if the budget was spent.
+            shared: digest in the cache; None: the answer is for this run alone.
+            spent: why there is no answer; a replay ends there, too.
         """
-        path = self._file(digest)
-        return _read(path, AnswerRecord) if os.path.lexists(path) else None
-
-    def put(self, digest: str, question: Question, answer: Answer) -> None:
-        """Keep an answer."""
-        fields = {name: getattr(answer, name) for name in Answer.__dataclass_fields__}
-        self._write(digest, question, fields)
-
-    def put_spent(self, digest: str, question: Question, why: str) -> None:
-        """Keep that there is no answer because the budget was spent: a replay ends there, too."""
-        nothing = Answer("", None, 0, 0, True, 0, None)
-        fields = {name: getattr(nothing, name) for name in Answer.__dataclass_fields__}
-        self._write(digest, question, {**fields, "spent": why})
-
-    def _write(self, digest: str, question: Question, fields: Mapping[str, Any]) -> None:
         said = [
             {"role": m.role, "text": m.text, **({"pictures": [p.of for p in m.pictures]} if m.pictures else {})}
             for m in question.messages
         ]
-        record = AnswerRecord(stage=question.stage, subject=question.subject, messages=said, **fields)
-        write_json(self._file(digest), record.model_dump())
+        fields = {name: getattr(answer, name) for name in Answer.__dataclass_fields__}
+        record = AnswerRecord(
+            stage=question.stage, subject=question.subject, messages=said, spent=spent, **fields
+        ).model_dump()
+        if self.path is not None:
+            write_json(self._file(digest), record)
+        if self.cache is not None and shared is not None:
+            write_json(_file(self.cache, shared), record)
 
     def _file(self, digest: str) -> Path:
-        return self.path / "answers" / f"{digest[:32]}.json"
+        assert self.path is not None
+        return _file(self.path, digest)
+
+
+def recorded_answers(folder: Path) -> Path:
+    """Return where a run keeps its answers, given the run folder or that folder itself."""
+    inside = folder / MODEL_FOLDER
+    return inside if (inside / MODEL_JSON).exists() else folder
+
+
+def _file(folder: Path, digest: str) -> Path:
+    return folder / ANSWERS / f"{digest[:32]}.json"
 
 
 def _read(path: Path, kind: type[_R]) -> _R:
@@ -186,7 +226,7 @@ def _read(path: Path, kind: type[_R]) -> _R:
             raise InputError("is too large to be what was recorded", file=path)
         return kind.model_validate_json(data)
     except OSError as error:
-        remedy = "give the folder that --record made"
+        remedy = "give the folder of a run that a language model designed"
         raise InputError(f"cannot read: {error.strerror}", file=path, remedy=remedy) from error
     except ValidationError as error:
         first = error.errors()[0]
