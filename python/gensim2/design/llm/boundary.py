@@ -1,7 +1,7 @@
-"""Reader of an endpoint's text: within one deadline, of bounded size, without keys or half characters.
+"""Read replies of an endpoint within one deadline, of bounded size, without keys or lone surrogates.
 
-All that an endpoint says, answers, refusals, headers and broken protocol, passes :class:`Boundary` before anything
-stores, prints or raises it. An endpoint may be broken, or a stranger's.
+Answers, refusals, headers and broken protocol pass :class:`Boundary` before anything stores, prints or raises them. An
+endpoint may be broken or untrusted.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import math
 import queue
-import socket
 import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -83,31 +82,31 @@ class Boundary:
 
 
 def guarded_client(httpx: Any, boundary: Boundary, timeout: float) -> Any:
-    """Return an ``httpx`` client whose replies have passed the boundary, each within ``timeout`` seconds as a whole.
+    """Return an ``httpx`` client that cleans replies and waits at most ``timeout`` seconds for a whole reply.
 
-    It follows no redirects: another address might be another's.
+    The client follows no redirects: another address may belong to somebody else.
 
     Args:
         httpx: the library; it comes with an extra.
-        boundary: what replies pass.
-        timeout: from the first look for the host's address to the last byte, whatever trickles in meanwhile.
+        boundary: cleans replies and errors.
+        timeout: seconds for one reply, from the lookup of the host's address to the last byte.
     """
+    secure = httpx.create_ssl_context()
 
     class Guarded(httpx.Client):  # type: ignore[misc]
-        def send(self, request: Any, **given: Any) -> Any:
-            line = _Line(httpx)
-            request.extensions = {**request.extensions, "trace": line.watch}
-            plain = {**given, "stream": True, "follow_redirects": False}
+        def send(self, request: Any, **_: Any) -> Any:
+            # A client for each try: closing it ends the connection of this try alone.
+            line = httpx.Client(timeout=timeout, verify=secure, follow_redirects=False)
 
             def whole() -> tuple[int, Any, bytes]:
-                response = super(Guarded, self).send(request, **plain)
+                response = line.send(request, stream=True)
                 try:
                     return response.status_code, response.headers, _read(httpx, response)
                 finally:
                     response.close()
 
             try:
-                status, headers, data = _within(timeout, whole, line.cut)
+                status, headers, data = _within(timeout, whole)
             except TimeoutError:
                 raise httpx.ReadTimeout("the answer took too long", request=request) from None
             except httpx.RequestError as error:
@@ -115,72 +114,35 @@ def guarded_client(httpx: Any, boundary: Boundary, timeout: float) -> Any:
             except (httpx.InvalidURL, *_BROKEN) as error:
                 what = f"{type(error).__name__}: {boundary.text(str(error))}"
                 raise httpx.RemoteProtocolError(what, request=request) from None
+            finally:
+                line.close()
             kind, body = boundary.body(data)
             kept = {name: boundary.text(headers[name]) for name in HEADERS if name in headers}
             return httpx.Response(status, headers={**kept, "content-type": kind}, content=body, request=request)
 
-    return Guarded(
-        timeout=timeout,
-        headers={"Accept-Encoding": "identity"},  # what is small on the line stays small
-        limits=httpx.Limits(max_keepalive_connections=0),  # a line serves one try, and can be cut with it
-        follow_redirects=False,
-    )
+    # A compressed reply could grow without bound when it is unpacked.
+    return Guarded(timeout=timeout, headers={"Accept-Encoding": "identity"}, follow_redirects=False)
 
 
-class _Line:
-    """The connection of one try, to be cut from another thread."""
-
-    def __init__(self, httpx: Any) -> None:
-        self._httpx = httpx
-        self._over = False
-        self._sockets: list[socket.socket] = []
-        self._lock = threading.Lock()
-
-    def watch(self, event: str, info: dict[str, Any]) -> None:
-        """Be told by httpx what happens; a connection that is made too late is given up."""
-        if event.endswith((".connect_tcp.complete", ".start_tls.complete")):
-            found = info["return_value"].get_extra_info("socket")
-            if found is not None:
-                with self._lock:
-                    self._sockets.append(found)
-        if self._over:
-            raise self._httpx.ReadTimeout("the answer took too long")
-
-    def cut(self) -> None:
-        """End whatever is being read or written."""
-        self._over = True
-        with self._lock:
-            for each in self._sockets:
-                try:
-                    # Of a socket under TLS, too, the plain one: its own way would wait for the other side.
-                    socket.socket.shutdown(each, socket.SHUT_RDWR)
-                except OSError:
-                    continue  # it is closed already
-
-
-def _within(seconds: float, act: Callable[[], _T], cut: Callable[[], None]) -> _T:
-    """Return what ``act`` does in a thread of its own.
+def _within(seconds: float, act: Callable[[], _T]) -> _T:
+    """Return the result of ``act``, which runs in a thread of its own.
 
     Raises:
-        TimeoutError: it takes longer; then it was ``cut`` and left to itself.
+        TimeoutError: ``act`` takes longer.
     """
     box: queue.SimpleQueue[tuple[bool, Any]] = queue.SimpleQueue()
 
     def run() -> None:
         try:
             box.put((True, act()))
-        except BaseException as error:  # noqa: BLE001 - it is raised where it is waited for
+        except BaseException as error:  # noqa: BLE001 - it is raised in the thread that waits
             box.put((False, error))
 
     threading.Thread(target=run, daemon=True, name="a try").start()
     try:
         done, found = box.get(timeout=seconds)
     except queue.Empty:
-        cut()
         raise TimeoutError from None
-    except BaseException:  # Ctrl-C
-        cut()
-        raise
     if done:
         return found  # type: ignore[no-any-return]
     raise found

@@ -1,13 +1,9 @@
-"""Keys: what counts as one, and text without it."""
+"""Hide API keys in text."""
 
 from __future__ import annotations
 
-import math
 import re
-from collections import Counter
-from collections.abc import Iterator
 from functools import cached_property
-from urllib.parse import quote
 
 _WORDS = """
 anything api-key changeme dummy dummy-key empty fake fake-key key lm-studio local local-key my-api-key no-key
@@ -19,22 +15,14 @@ your-api-key-here your_api_key
 DUMMIES = frozenset(_WORDS.split())
 """Words that stand for a key where an endpoint wants none, in lower case."""
 
-SHORTEST = 12
-"""Characters of the shortest secret; with three kinds of characters (``Pa55word!``) ``SHORTEST_MIXED``."""
-
-SHORTEST_MIXED = 8
+SHORTEST = 8
+"""Characters of the shortest secret."""
 
 SHORTEST_WORD = 20
-"""Letters of the shortest secret made of letters of one case alone: shorter ones are words of a language."""
+"""Letters of the shortest secret made of letters alone: a shorter one may be a word of a language."""
 
-LEAST_BITS = 24.0
-"""Entropy of the least varied secret, of its own characters: ``xxxxxxxxxxxxxxxx`` has none."""
-
-SHORTEST_PIECE = 12
-"""Characters of a part of a secret that tells too much; half of a shorter secret."""
-
-LEAST_BITS_OF_PIECE = 16.0
-"""Entropy of a part of a secret that is looked for: a row of zeros may stand in any text."""
+FEWEST_CHARACTERS = 5
+"""Different characters of a secret: ``xxxxxxxxxxxx`` has one."""
 
 HIDDEN = "***"
 
@@ -43,7 +31,7 @@ class Secret:
     """A key. It shows itself as ``***``; :meth:`reveal` is for the client alone.
 
     Args:
-        value: as it is sent.
+        value: the key as it is sent.
     """
 
     def __init__(self, value: str) -> None:
@@ -63,59 +51,22 @@ class Secret:
 
     @property
     def can_be_sent(self) -> bool:
-        """Whether it fits into a header."""
+        """Whether the key fits into a header."""
         return self._value.isascii() and self._value.isprintable() and " " not in self._value
 
     @cached_property
     def is_secret(self) -> bool:
-        """Whether it tells anything: a dummy (``x``, ``EMPTY``) does not, and text may hold it."""
+        """Whether the key is worth hiding: a dummy (``x``, ``EMPTY``) may stand in any text."""
         value = self._value
-        if value.lower() in DUMMIES or _bits(value) < LEAST_BITS:
+        if value.lower() in DUMMIES or len(set(value)) < FEWEST_CHARACTERS:
             return False
-        kinds = sum(any(test(c) for c in value) for test in (str.islower, str.isupper, str.isdigit, _is_sign))
-        if kinds >= 3:
-            return len(value) >= SHORTEST_MIXED
-        if value.isalpha() and (value[1:].islower() or value.isupper()):
-            return len(value) >= SHORTEST_WORD
-        return len(value) >= SHORTEST
+        return len(value) >= (SHORTEST_WORD if value.isalpha() else SHORTEST)
 
     def hidden_in(self, text: str) -> str:
-        """Return ``text`` with ``***`` for the key and for longer parts of it, in any case or percent-encoded."""
-        if not self.is_secret:
-            return text
-        folded = text.lower()
-        if len(folded) != len(text):  # a few letters get longer: then the case has to be right
-            folded = text
-        spans = [span for value in self._spellings for span in _spans(value, folded)]
-        if not spans:
-            return text
-        parts, at = [], 0
-        for start, end in sorted(spans):
-            if start >= at:
-                parts += [text[at:start], HIDDEN]
-            at = max(at, end)
-        return "".join([*parts, text[at:]])
+        """Return ``text`` with ``***`` for the whole key, in any case, percent-encoded or with JSON escapes."""
+        return self._spelled.sub(HIDDEN, text) if self.is_secret else text
 
     @cached_property
-    def _spellings(self) -> tuple[str, ...]:
-        value = self._value
-        return tuple(dict.fromkeys(each for one in (value, quote(value, safe="")) for each in (one, one.lower())))
-
-
-def _is_sign(character: str) -> bool:
-    return not character.isalnum()
-
-
-def _bits(value: str) -> float:
-    counts = Counter(value).values()
-    return -sum(count * math.log2(count / len(value)) for count in counts)
-
-
-def _spans(secret: str, text: str) -> Iterator[tuple[int, int]]:
-    """Yield where ``secret`` or a telling piece of it stands in ``text``; those of longer pieces overlap."""
-    size = min(SHORTEST_PIECE, max(SHORTEST_MIXED, (len(secret) + 1) // 2), len(secret))
-    yield from (match.span() for match in re.finditer(re.escape(secret), text))
-    for start in range(len(secret) - size + 1):
-        piece = secret[start : start + size]
-        if piece in text and _bits(piece) >= LEAST_BITS_OF_PIECE:
-            yield from (match.span() for match in re.finditer(re.escape(piece), text))
+    def _spelled(self) -> re.Pattern[str]:
+        spellings = (rf"(?:\\{re.escape(c)}|{re.escape(c)}|%{ord(c):02x}|\\u{ord(c):04x})" for c in self._value)
+        return re.compile("".join(spellings), re.IGNORECASE)
