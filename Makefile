@@ -60,7 +60,7 @@ audit: ## known faults, licences and sources of all dependencies; skips, with on
 	@scripts/audit.sh
 
 figures: setup ## run anew what made the figures (FIGURES_OUT, days of one core), with real objects in ASSETS; then the tables
-	@.venv/bin/python scripts/figures.py --remake $(FIGURES_OUT) --assets $(ASSETS) --page $(FIGURES_OUT)/by_instance.html
+	@.venv/bin/python benchmarks/figures.py --remake $(FIGURES_OUT) --assets $(ASSETS) --page $(FIGURES_OUT)/by_instance.html
 	@.venv/bin/python benchmarks/results_table.py --into docs/results.md README.md
 
 clean: ## remove what was built; keeps .venv/ and runs/

@@ -1,4 +1,4 @@
-"""Table of docs/calibration.md, from the JSON of `gensim2 benchmark --method original-configs --json FILE`.
+"""Table of docs/calibration.md, from the JSON of `benchmarks/original_configs.py --json FILE`.
 
     python benchmarks/calibration_table.py FILE...       # takes the figures of these runs in, and writes the table
     python benchmarks/calibration_table.py               # writes the table from the figures that there are
@@ -46,7 +46,8 @@ def table(figures: dict[str, Any]) -> str:
     parts = []
     for scenes, found in sorted(figures.items(), reverse=True):
         told = found["provenance"]
-        parts.append(f"**Scenes {scenes}**, commit {told['commit'][:7]}, {told['date']}: `{told['command']}`\n")
+        given = re.sub(r"^.*\s(?=\S+\.jsonl)", "", told["command"])  # of any version, whatever the command was called
+        parts.append(f"**Scenes {scenes}**, commit {told['commit'][:7]}, {told['date']}, with `{given}`\n")
         parts.append("| task | here (95 %) | its release (95 %) | p | what ours failed at |\n|---|---|---|---|---|")
         for row in found["rows"]:
             causes = ", ".join(f"{cause} {count}" for cause, count in row["causes"].items())

@@ -1,6 +1,6 @@
 """Success rates as Markdown: every table of the documents, made of the package's figures.
 
-    python scripts/figures.py results/*.json                             # what benchmarks found, into the figures
+    python benchmarks/figures.py results/*.json                             # what benchmarks found, into the figures
     python benchmarks/results_table.py --into docs/results.md README.md
     python benchmarks/results_table.py results/*.json > tables.md        # of these files of `gensim2 benchmark` alone
     python benchmarks/results_table.py --switches results/*.json --into docs/results.md     # of the physics' switches
@@ -22,11 +22,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import mean, stdev
 
+from figures import rows_of
 from markdown_tables import line
 from results_claims import TYPES, claims
 
 from gensim2.errors import InputError
-from gensim2.evaluation.figures import rows_of
 from gensim2.files import write_atomic, write_json
 from gensim2.rollout.tally import interval
 from gensim2.scenes.physics import DEFAULT_PHYSICS, PHYSICS_NAMES

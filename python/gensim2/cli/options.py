@@ -16,10 +16,6 @@ from gensim2.seeding import LARGEST_SEED
 _F = TypeVar("_F", bound=Callable[..., object])
 
 
-REDRAW = "gensim2.redraw"
-"""What ``--redraw`` was given, in ``Context.meta``."""
-
-
 class Command(click.Command):
     """A command with ``--json [FILE]``.
 
@@ -86,7 +82,6 @@ def _set_redraw(ctx: click.Context, _: click.Parameter, redraw: str | None) -> N
         from gensim2.scenes.physics import physics_name
 
         ctx.params["physics"] = physics_name(f"{ctx.params['physics']}+redraw={redraw}")
-        ctx.meta[REDRAW] = redraw  # for who has another default of --physics
 
 
 def count(max_count: int = 1_000_000) -> click.IntRange:

@@ -9,16 +9,14 @@ from gensim2.lazy import lazy_names
 if TYPE_CHECKING:
     from gensim2.evaluation.benchmarking import benchmark
     from gensim2.evaluation.evaluating import EvaluationResult, evaluate
-    from gensim2.evaluation.original_configs import benchmark_configs
 
-__all__ = ["EvaluationResult", "benchmark", "benchmark_configs", "evaluate"]
+__all__ = ["EvaluationResult", "benchmark", "evaluate"]
 
 __getattr__ = lazy_names(
     __name__,
     {
         "EvaluationResult": "gensim2.evaluation.evaluating",
         "benchmark": "gensim2.evaluation.benchmarking",
-        "benchmark_configs": "gensim2.evaluation.original_configs",
         "evaluate": "gensim2.evaluation.evaluating",
     },
 )

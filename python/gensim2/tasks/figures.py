@@ -1,6 +1,6 @@
 """Success rates of the library's tasks: measured figures as data, from which every table of the project is made.
 
-``figures.json`` is written from the JSON files of ``gensim2 benchmark`` by ``scripts/figures.py`` alone: a row
+``figures.json`` is written from the JSON files of ``gensim2 benchmark`` by ``benchmarks/figures.py`` alone: a row
 is what the episodes of one file say of one task.
 """
 
@@ -210,5 +210,5 @@ def _parsed(data: bytes, file: Path | str) -> Figures:
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"]) or None
-        remedy = "write it anew with scripts/figures.py"
+        remedy = "write it anew with benchmarks/figures.py"
         raise InputError(first["msg"].lower(), file=file, field=field, remedy=remedy) from error

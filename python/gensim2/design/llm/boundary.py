@@ -84,7 +84,7 @@ class Boundary:
 def guarded_client(httpx: Any, boundary: Boundary, timeout: float) -> Any:
     """Return an ``httpx`` client that cleans replies and waits at most ``timeout`` seconds for a whole reply.
 
-    The client follows no redirects: another address may belong to somebody else.
+    The client follows no redirects: another address may be untrusted.
 
     Args:
         httpx: the library; it comes with an extra.

@@ -11,14 +11,11 @@ import pytest
 
 pytest.importorskip("mani_skill")
 
+from original_configs import ROBOT, Rate, _groups, _recorded, _release_of, benchmark_configs, differ, main
 from tests.common.pushing_config import CONFIG
 
 from gensim2.bench.problems import read_problems
-from gensim2.cli.main import run
 from gensim2.errors import InputError
-from gensim2.evaluation import benchmark_configs
-from gensim2.evaluation.comparison import Rate, differ
-from gensim2.evaluation.original_configs import ROBOT, _groups, _recorded, _release_of
 from gensim2.objects import open_library
 from gensim2.robots import robot
 from gensim2.sim.headless import HeadlessEnv
@@ -140,8 +137,8 @@ def test_the_command_runs_the_file_and_sets_rates_beside_the_release_s(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, out = written(tmp_path, a_record()), tmp_path / "run"
-    words = ["benchmark", "--method", "original-configs", "--configs", str(file), "--assets", "builtin"]
-    assert run([*words, "--workers", "1", "--out", str(out), "--json", str(tmp_path / "o.json")]) == 0
+    words = [str(file), "--assets", "builtin", "--workers", "1"]
+    assert main([*words, "--out", str(out), "--json", str(tmp_path / "o.json")]) == 0
     found = json.loads((tmp_path / "o.json").read_text())
     (row,) = found["tasks"]
     assert found["arguments"]["physics"] == "original"
@@ -150,46 +147,6 @@ def test_the_command_runs_the_file_and_sets_rates_beside_the_release_s(
     assert list(row["instances"]) == [f"drawer/{row['records'][0]['objects']['drawer']['id']}"]
     assert set(found["provenance"]) == {"commit", "date", "command"}
     assert "PushDrawerClose" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--method", "original-configs"], "needs --configs"),
-        (["--method", "original-configs", "--configs", "x", "--open-loop"], "--open-loop is of our own method"),
-        (["--configs", "x"], "--configs is of no use"),
-        (["--method", "one-plan", "--scenes", "drawn"], "--scenes is of no use"),
-        (["--method", "original-configs", "--configs", "x", "--episodes", "3"], "--episodes is of --scenes drawn"),
-    ],
-)
-def test_options_of_another_method_are_refused(
-    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(["benchmark", *words]) == 2
-    assert message in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("words", "physics"),
-    [
-        ([], "original"),
-        (["--redraw", "placement"], "original+redraw=placement"),
-        (["--physics", "default"], "default"),
-        (["--physics", "original", "--redraw", "placement"], "original+redraw=placement"),
-    ],
-)
-def test_physics_and_redrawing_are_what_was_asked_for(
-    words: list[str], physics: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[str] = []
-
-    def stop(*_: object, **given: str) -> None:
-        asked.append(given["physics"])
-        raise InputError("that is all")
-
-    monkeypatch.setattr("gensim2.evaluation.benchmark_configs", stop)
-    assert run(["benchmark", "--method", "original-configs", "--configs", "x", *words]) == 2
-    assert asked == [physics]
 
 
 def test_some_tasks_are_set_beside_the_release_s_figures_of_these() -> None:

@@ -1,7 +1,14 @@
-"""The original's own solver configs in our copy of its physics: a calibration of that copy."""
+"""Run the original's own solver configs in our copy of its physics: a calibration of that copy (docs/calibration.md).
+
+python benchmarks/original_configs.py plans.jsonl --assets DIR --json OUT.json                  # recorded scenes
+python benchmarks/original_configs.py plans.jsonl --assets DIR --scenes drawn --episodes 30 --seed S --json OUT.json
+"""
 
 from __future__ import annotations
 
+import argparse
+import json
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -9,21 +16,23 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
+from hand_steps import MAX_STEPS, HandStepsController, control_steps
+from scipy.stats import fisher_exact
 
 from gensim2.bench.problems import PlanProblem, read_problems
-from gensim2.errors import InputError, near
+from gensim2.errors import GenSim2Error, InputError, near
 from gensim2.evaluation.benchmark_table import by_instance
-from gensim2.evaluation.comparison import Rate, differ
 from gensim2.evaluation.running import finish_table, run_episodes
+from gensim2.files import write_output
 from gensim2.objects import ArticulatedObject, Library, open_library
-from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.robots import robot
 from gensim2.rollout.config import EpisodeConfig
-from gensim2.rollout.inputs import check_counts, check_workers
+from gensim2.rollout.inputs import check_counts
 from gensim2.rollout.record import Episode
-from gensim2.rollout.tally import Tally
+from gensim2.rollout.settling import MAX_SETTLE_SECONDS
+from gensim2.rollout.tally import Tally, interval
 from gensim2.scenes.config import SceneOptions
 from gensim2.scenes.footprint import lowest_of_moving_link
 from gensim2.seeding import check_seed
@@ -44,6 +53,36 @@ TOLERANCE = 1e-4
 """m by which a tool keypoint of the file may differ from the profile's."""
 START_TOLERANCE = 1e-3
 """rad or m by which joints may differ from the profile's start."""
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Successes of trials.
+
+    Attributes:
+        count: number of successes.
+        of: number of trials.
+    """
+
+    count: int
+    of: int
+
+    def __str__(self) -> str:
+        low, high = interval(self.count, self.of)
+        return f"{self.count}/{self.of} ({low:.2f} to {high:.2f})" if self.of else ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the rate as plain data, with its 95 % interval (Wilson 1927)."""
+        share = self.count / self.of if self.of else None
+        return {"count": self.count, "of": self.of, "rate": share, "interval": list(interval(self.count, self.of))}
+
+
+def differ(one: Rate, other: Rate) -> float | None:
+    """Return the two-sided p-value of equal rates (Fisher's exact test); None where one has no trials."""
+    if not one.of or not other.of:
+        return None
+    table = [[one.count, one.of - one.count], [other.count, other.of - other.count]]
+    return float(fisher_exact(table).pvalue)
 
 
 @dataclass(frozen=True)
@@ -167,11 +206,8 @@ def benchmark_configs(
     assets: str | Path | None = None,
     physics: str = "original",
     out: Path | None = None,
-    workers: int | None = 2,
-    ray: str | None = None,
+    workers: int = 2,
     resume: bool = False,
-    time_limit: float = TIME_LIMIT,
-    jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
 ) -> ConfigBenchmark:
     """Run the original's solver configs, one plan an episode, with its fingers, drives and stepping.
@@ -185,14 +221,13 @@ def benchmark_configs(
         assets: folder of the original's objects.
         physics: of the scenes.
         out: run folder; default ``runs/<date>-<time>``.
-        workers, ray, resume, time_limit, jobs_per_worker, progress: as for the benchmark.
+        workers, resume, progress: as for the benchmark.
 
     Raises:
         InputError: an argument cannot be used, or the file holds nothing that can be run.
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
     check_counts(episodes=episodes)
-    check_workers(time_limit, jobs_per_worker, workers, ray)
     if scenes not in SCENES:
         raise InputError(f"no scenes {scenes!r}", field="scenes", remedy=f"one of {', '.join(SCENES)}")
     problems = read_problems(configs)
@@ -219,7 +254,7 @@ def benchmark_configs(
         "episodes": episodes,
         **options.to_record(),
     }
-    told = {"command": "benchmark", "stored_tasks": list(groups), **arguments, "workers": workers, "ray": ray}
+    told = {"command": "benchmark", "stored_tasks": list(groups), **arguments, "workers": workers}
     identity = {
         "tasks": digest([group.spec.model_dump(mode="json") for group in groups.values()]),
         "configs": digest([[one.model_dump(mode="json") for one in group.problems] for group in groups.values()]),
@@ -230,15 +265,7 @@ def benchmark_configs(
     rows, warnings = [], dict[str, str]()
     with (
         RunFolder(Path(out) if out is not None else default_run_dir(), told, identity, resume) as folder,
-        PoolEvaluator(
-            options,
-            workers,
-            progress,
-            time_limit=time_limit,
-            jobs_per_worker=jobs_per_worker,
-            log=folder.errors_log,
-            ray=ray,
-        ) as evaluator,
+        PoolEvaluator(options, workers, progress, log=folder.errors_log) as evaluator,
     ):
         for name, group in groups.items():
             jobs = [_recorded(group.spec, problem, library) for problem in group.problems]
@@ -275,7 +302,6 @@ def _arguments(
 
 def episode(config: EpisodeConfig, plan: ConfigEpisode, seed: int) -> Episode:
     """Run one episode in a worker process; the criteria are read at the end of each step of the hand, as there."""
-    from gensim2.rollout.hand_steps import HandStepsController, control_steps
     from gensim2.rollout.run import run
     from gensim2.rollout.worker import simulator
 
@@ -360,9 +386,6 @@ def _check_tool(problem: PlanProblem, file: Path) -> None:
 
 def _with_time(spec: TaskSpec) -> TaskSpec:
     """The task with as many control steps as an episode of the original has."""
-    from gensim2.rollout.hand_steps import MAX_STEPS, control_steps
-    from gensim2.rollout.settling import MAX_SETTLE_SECONDS
-
     profile = robot(ROBOT)
     most = MAX_STEPS * control_steps(profile) + profile.steps(MAX_SETTLE_SECONDS)
     return spec.model_copy(update={"max_episode_steps": most})
@@ -398,3 +421,42 @@ def _losses(episodes: Sequence[Episode], group: _Group, library: Library) -> dic
         if problem.objects.rigid is not None:
             found[problem.objects.rigid.cls] = f"not in the scenes of {problem.task}, whose first step leaves it alone"
     return found
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("configs", type=Path, help="planning problems with the original's configs, one a line")
+    parser.add_argument("--tasks", nargs="+", default=(), metavar="TASK", help="tasks of one step  [default: all]")
+    parser.add_argument("--scenes", choices=SCENES, default="recorded", help="default: every scene of the file once")
+    parser.add_argument("--episodes", type=int, default=30, help="of each task, with --scenes drawn  [default: 30]")
+    parser.add_argument("--seed", type=int, default=0, help="of --scenes drawn  [default: 0]")
+    parser.add_argument("--assets", help="folder of the original's objects")
+    parser.add_argument("--physics", default="original", help="preset of the physics  [default: original]")
+    parser.add_argument("--out", type=Path, help="run folder  [default: runs/<date>-<time>]")
+    parser.add_argument("--workers", type=int, default=2, help="worker processes  [default: 2]")
+    parser.add_argument("--resume", action="store_true", help="go on with the run in --out")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the table and all episodes to FILE")
+    options = vars(parser.parse_args(arguments))
+    file = options.pop("json")
+    try:
+        found = benchmark_configs(**options)
+        if file is not None:
+            write_output(file, json.dumps(found.to_dict()))
+    except GenSim2Error as error:
+        print(f"original_configs: {error}", file=sys.stderr)
+        return 2
+    for row in found.rows:
+        tally = Tally.of(row.episodes)
+        ours = Rate(tally.paper, tally.episodes)
+        print(f"{row.name}: {ours}" + (f", its release {row.release}" if row.release is not None else ""))
+    for name, reason in (*found.left_out.items(), *found.warnings.items()):
+        print(f"{name}: {reason}")
+    print(f"{found.cpu_s:.1f} s of CPU; episodes: {Path(found.run_dir) / 'tasks'}")
+    return 0
+
+
+if __name__ == "__main__":
+    import original_configs  # workers import the function of an episode from the module of this name
+
+    sys.exit(original_configs.main())

@@ -7,10 +7,10 @@ import pytest
 
 pytest.importorskip("mani_skill")
 
+from hand_steps import MAX_STEPS, HandStepsController, control_steps
 from tests.common.pushing_config import CONFIG
 
 from gensim2.robots import robot
-from gensim2.rollout.hand_steps import MAX_STEPS, HandStepsController, control_steps
 from gensim2.rollout.run import run
 from gensim2.rollout.turns import told_turns
 from gensim2.sim.headless import HeadlessEnv

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from figures import archive_name, command_of, made_together, page_by_instance, read_archive, rows_of
 from run_folders import fake_world
 
 from gensim2.cli.benchmark import benchmark
 from gensim2.errors import InputError
-from gensim2.evaluation.archive import archive_name, read_archive
-from gensim2.evaluation.figures import command_of, made_together, page_by_instance, rows_of
-from gensim2.tasks.figures import Condition, Figures, figures, figures_of, read_figures
+from gensim2.tasks.figures import Condition, Figures, figures_of, read_figures
+from gensim2.tasks.figures import figures as stored_figures
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.published import MEASURED, PAPER
 
-SCRIPT = Path(__file__).parents[2] / "scripts" / "figures.py"
+SCRIPT = Path(__file__).parents[2] / "benchmarks" / "figures.py"
 ARCHIVE = Path(__file__).parents[2] / "benchmarks" / "episodes"
 
 
@@ -120,7 +120,7 @@ def test_the_script_replaces_rows_of_the_same_condition(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", sorted(ARCHIVE.glob("*.csv.xz")), ids=lambda path: path.name)
 def test_the_archive_holds_the_episodes_of_the_figures(path: Path) -> None:
-    rows = {row.task: row for row in figures().rows if archive_name(row.condition) == path.name}
+    rows = {row.task: row for row in stored_figures().rows if archive_name(row.condition) == path.name}
     counts: dict[str, list[dict[str, str]]] = {}
     for line in read_archive(path):
         counts.setdefault(line["task"], []).append(line)
@@ -147,7 +147,7 @@ def test_damaged_figures_are_named(tmp_path: Path) -> None:
 
 
 def test_figures_that_travel_are_of_tasks_that_there_are() -> None:
-    assert {row.task for row in figures().rows} <= set(task_names())
+    assert {row.task for row in stored_figures().rows} <= set(task_names())
     assert figures_of("NoSuchTask") == ()
     assert set(MEASURED) <= set(PAPER)
     assert all(0 <= successes <= episodes for successes, episodes in MEASURED.values())
@@ -185,8 +185,8 @@ def test_the_command_of_a_row_is_the_one_that_made_it(tmp_path: Path) -> None:
 
 
 def test_rows_of_one_command_are_made_together() -> None:
-    groups = made_together(figures().rows)
-    assert sum(map(len, groups)) == len(figures().rows)
+    groups = made_together(stored_figures().rows)
+    assert sum(map(len, groups)) == len(stored_figures().rows)
     for group in groups:
         assert len({(row.condition, row.seed, row.runs) for row in group}) == 1
         assert len({row.task for row in group}) == len(group)
