@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import pickle
+from typing import Annotated, Any, Literal
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from gensim2.errors import LONGEST_WORD, InputError, brief, one_line
+from gensim2.validation import input_error
 
 
 def test_line_breaks_and_control_characters_do_not_come_through() -> None:
@@ -37,3 +41,42 @@ def test_an_error_is_one_line(message: str, field: str, remedy: str) -> None:
     assert len(str(error).splitlines()) == 1
     assert str(error).isprintable()
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
+
+
+class Box(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    width: Annotated[float, Field(gt=0)] = 1.0
+    lid: Literal["Hinged", "Sliding"] = "Hinged"
+    name: str = "box"
+
+    @field_validator("name")
+    @classmethod
+    def _is_short(cls, name: str) -> str:
+        if len(name) > 3:
+            raise ValueError("has more than 3 letters")
+        return name
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"width": -1}, "box.json: line 2: width: input should be greater than 0 (see the docs)"),
+        ({"lid": "hinged"}, "box.json: line 2: lid: input should be 'Hinged' or 'Sliding' (see the docs)"),
+        ({"name": "crate"}, "box.json: line 2: name: has more than 3 letters (see the docs)"),
+    ],
+)
+def test_a_fault_that_pydantic_finds_names_file_place_and_field(fields: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        Box.model_validate(fields)
+    assert str(input_error(caught.value, file="box.json", within="line 2", remedy="see the docs")) == said
+
+
+def test_an_unknown_field_is_set_beside_the_known_ones() -> None:
+    for name, remedy in (("widht", "did you mean 'width'?"), ("colour", "remove it")):
+        with pytest.raises(ValidationError) as caught:
+            Box.model_validate({name: 1})
+        assert str(input_error(caught.value, known=Box.model_fields)) == f"{name}: unknown field ({remedy})"
+    with pytest.raises(ValidationError) as caught:
+        Box.model_validate([])
+    assert str(input_error(caught.value)).startswith("input should be a valid dictionary")

@@ -10,6 +10,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from gensim2.errors import InputError
 from gensim2.foreign.tree import MAX_RECORD, read_regular, why
+from gensim2.validation import input_error
 
 SCHEMA_VERSION = 1
 """Of what commands print."""
@@ -46,10 +47,7 @@ def parse_record(content: bytes, adapter: TypeAdapter[Value], path: Path, remedy
         plain = json.loads(content.decode(), parse_constant=_refuse)
         return adapter.validate_json(json.dumps(plain, allow_nan=False), strict=True)
     except ValidationError as error:
-        first = error.errors()[0]
-        steps = ".".join(str(part) for part in first["loc"])
-        field = ": ".join(part for part in (at, steps) if part) or None
-        raise InputError(str(first["msg"]).lower(), file=path, field=field, remedy=remedy) from error
+        raise input_error(error, file=path, within=at, remedy=remedy) from error
     except UnicodeDecodeError as error:
         raise InputError("is not UTF-8 text", file=path, field=at or None, remedy=remedy) from error
     except (ValueError, RecursionError) as error:

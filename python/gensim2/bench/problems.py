@@ -16,6 +16,7 @@ import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from gensim2.errors import InputError
+from gensim2.validation import input_error
 
 Array = npt.NDArray[np.float64]
 
@@ -199,14 +200,8 @@ def parse_problem(line: str, *, file: Path | str, number: int) -> PlanProblem:
     try:
         problem = PlanProblem.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"])
-        raise InputError(
-            first["msg"].removeprefix("Value error, "),
-            file=file,
-            field=f"{where}: {field}",
-            remedy="see docs/benchmarks.md for the fields",
-        ) from error
+        remedy = "see docs/benchmarks.md for the fields"
+        raise input_error(error, file=file, within=where, remedy=remedy) from error
     try:
         problem.check_times()
     except ValueError as error:

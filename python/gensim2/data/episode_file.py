@@ -20,6 +20,7 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.world import Tree
 from gensim2.sealed_file import HEADER_SIZE, Seal
+from gensim2.validation import input_error
 
 #: Chosen by benchmarks/stores.py: half the bytes of plain HDF5 at the same CPU; versions before 1.10 spend 2 kB of
 #: index on each of the ten arrays.
@@ -166,8 +167,7 @@ def open_episode(path: Path) -> Iterator[tuple[EpisodeRow, h5py.Group | None]]:
                 recorded = _RECORDED.validate_json(json.dumps(recorded, allow_nan=False), strict=True).model_dump()
             yield EpisodeRow(digest, episode, recorded), group_in(file, "traj") if recorded is not None else None
     except ValidationError as error:
-        field = ".".join(str(part) for part in error.errors()[0]["loc"])
-        raise _SEAL.broken(path, field) from error
+        raise _SEAL.broken(path, input_error(error).field) from error
     except (KeyError, ValueError, TypeError, RuntimeError, AttributeError, OSError) as error:
         raise _SEAL.broken(path, str(error) if isinstance(error, ForeignHdf5Error) else None) from error
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationIn
 
 import gensim2_kpam as kpam
 from gensim2.errors import InputError
+from gensim2.validation import input_error
 
 PLANNER_FIELDS = {"contact_speed": (0.001, 10.0), "opening": (0.001, 0.5)}
 """Numbers of a config that are the planner's, not the solver's, and the range of each."""
@@ -182,13 +182,7 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
         try:
             return kind.model_validate(data, strict=True)
         except ValidationError as error:
-            first = error.errors()[0]
-            field = ".".join(str(part) for part in first["loc"]) or None
-            if first["type"] != "extra_forbidden":
-                raise InputError(first["msg"].lower(), file=file, field=field) from error
-            near = difflib.get_close_matches(str(field), kind.model_fields, n=1)
-            remedy = f"did you mean {near[0]!r}?" if near else "remove it"
-            raise InputError("unknown field of a grasp", file=file, field=field, remedy=remedy) from error
+            raise input_error(error, file=file, known=kind.model_fields) from error
     strategy = KeypointStrategy(data)
     for name, (least, most) in PLANNER_FIELDS.items():
         value = data.get(name)

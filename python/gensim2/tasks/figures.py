@@ -16,6 +16,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from gensim2.errors import InputError
 from gensim2.renamed import current
+from gensim2.validation import input_error
 
 FIGURES = "figures.json"
 
@@ -208,7 +209,4 @@ def _parsed(data: bytes, file: Path | str) -> Figures:
     try:
         return Figures.model_validate_json(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or None
-        remedy = "write it anew with benchmarks/figures.py"
-        raise InputError(first["msg"].lower(), file=file, field=field, remedy=remedy) from error
+        raise input_error(error, file=file, remedy="write it anew with benchmarks/figures.py") from error

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import types
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
 
 from gensim2.errors import InputError
 from gensim2.tasks import version_1
 from gensim2.tasks.spec import TaskSpec
+from gensim2.validation import input_error
 from gensim2.yaml_files import check_finite
 
 
@@ -33,24 +32,14 @@ def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
     except RecursionError as error:
         raise InputError("holds itself, or too many values inside each other", file=file) from error
     except ValidationError as error:
-        raise _in_words(error.errors()[0], file, former) from error
-
-
-def _in_words(error: ErrorDetails, file: str | None, former: bool) -> InputError:
-    location, model = _walk(error["loc"])
-    if former:
-        location = version_1.place_of(location)
-    if error["type"].startswith("union_tag"):
-        location = (*location, "type")
-    field = ".".join(str(part) for part in location) or None
-    if error["type"] == "extra_forbidden":
+        first = error.errors()[0]
+        location, model = _walk(first["loc"])
+        if former:
+            location = version_1.place_of(location)
+        if first["type"].startswith("union_tag"):
+            location = (*location, "type")
         known = version_1.FIELDS if former and len(location) == 1 else _field_names(model)
-        near = difflib.get_close_matches(str(location[-1]), known, n=1)
-        remedy = f"did you mean {near[0]!r}?" if near else "remove it"
-        return InputError("unknown field", file=file, field=field, remedy=remedy)
-    if error["type"] == "value_error":
-        return InputError(str(error["ctx"]["error"]), file=file, field=field)
-    return InputError(error["msg"].lower(), file=file, field=field)
+        raise input_error(error, file=file, location=location, known=known) from error
 
 
 def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[BaseModel] | None]:

@@ -415,11 +415,11 @@ def test_a_pipe_in_the_cache_or_in_a_run_is_never_opened(serve: Serve, tmp_path:
         entry.unlink()
         os.mkfifo(entry)
     assert Model(options(server), cache=tmp_path / "cache").answer(QUESTION).text == "fine"
-    with pytest.raises(InputError, match="is not a regular file"):
+    with pytest.raises(InputError, match="is a pipe, not a file"):
         Model(options(server), replay=tmp_path / "run").answer(QUESTION)
     (tmp_path / "run" / "model.json").unlink()
     os.mkfifo(tmp_path / "run" / "model.json")
-    with pytest.raises(InputError, match="is not a regular file"):
+    with pytest.raises(InputError, match="is a pipe, not a file"):
         AnswerStore(tmp_path / "run").model()
 
 

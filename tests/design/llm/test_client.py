@@ -223,7 +223,7 @@ def test_a_run_is_recorded_and_replayed_without_a_model(server: ModelServer, tmp
         replayed.answer(question("# Test\nanother"))
     (file,) = (tmp_path / "run" / "answers").iterdir()
     file.write_text(file.read_text()[:-20])
-    with pytest.raises(InputError, match="is damaged"):
+    with pytest.raises(InputError, match="line 21: is not valid JSON"):
         Model(options(server), replay=tmp_path / "run").answer(question())
 
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
-from gensim2.errors import InputError
 from gensim2.files import write_json
-from gensim2.special_files import is_special
+from gensim2.record_files import read_record
 
 CONVERSATIONS = "conversations.json"
 
@@ -107,14 +107,9 @@ def read_log(folder: Path) -> LogRecord:
         InputError: the file is damaged.
     """
     path = folder / CONVERSATIONS
-    try:
-        if is_special(path):
-            raise InputError("is not a regular file", file=path)
-        return LogRecord.model_validate_json(path.read_bytes())
-    except FileNotFoundError:
+    if not os.path.lexists(path):
         return LogRecord()
-    except (OSError, ValidationError) as error:
-        raise InputError("is damaged", file=path, remedy="delete the file and resume") from error
+    return read_record(path, LogRecord, "delete the file and resume")
 
 
 def _key(record: ConversationRecord) -> str:

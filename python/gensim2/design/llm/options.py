@@ -11,7 +11,8 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from gensim2.design.llm.secret import Secret
-from gensim2.errors import InputError, near
+from gensim2.errors import InputError
+from gensim2.validation import input_error
 from gensim2.yaml_files import read_yaml
 
 Price = Annotated[float, Field(ge=0, le=1e6)]
@@ -113,10 +114,4 @@ def model_options(config: Path | None = None, **given: Any) -> ModelOptions:
     try:
         return ModelOptions.model_validate({**fields, **{k: v for k, v in given.items() if v is not None}})
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or None
-        message = str(first["ctx"]["error"]) if first["type"] == "value_error" else first["msg"].lower()
-        if first["type"] == "extra_forbidden":
-            message = "unknown field"
-        remedy = near(field, ModelOptions.model_fields) if first["type"] == "extra_forbidden" else None
-        raise InputError(message, file=config, field=field, remedy=remedy) from error
+        raise input_error(error, file=config, known=ModelOptions.model_fields) from error

@@ -18,6 +18,7 @@ from gensim2.design.pictures import LazyPicture
 from gensim2.errors import InputError
 from gensim2.tasks.spec import Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
+from gensim2.validation import input_error
 
 Mode = Literal["explore", "topdown", "bottomup"]
 
@@ -75,9 +76,7 @@ class Asking:
         try:
             return TypeAdapter(Asking).validate_json(json.dumps(fields), strict=True)
         except ValidationError as error:
-            first = error.errors()[0]
-            field = ".".join(("asking", *map(str, first["loc"])))
-            raise InputError(f"is damaged: {first['msg']}", file=file, field=field) from error
+            raise input_error(error, file=file, within="asking") from error
 
 
 class Solutions:

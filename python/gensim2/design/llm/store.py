@@ -9,16 +9,16 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from gensim2.design.llm.ledger import BudgetSpent
 from gensim2.design.llm.options import ModelOptions, model_options
 from gensim2.design.llm.questions import Answer, Question
 from gensim2.errors import InputError
 from gensim2.files import write_json
-from gensim2.special_files import is_special
+from gensim2.record_files import read_record
 
 MODEL_FOLDER = "model"
 """Folder of a run for all that its designer keeps."""
@@ -27,15 +27,11 @@ ANSWERS = "answers"
 
 NO_ANSWER = Answer("", None, 0, 0, True, 0, None)
 
-#: Bytes of the longest file of an answer.
-MAX_BYTES = 30_000_000
+_REMEDY = "give the folder of a run that a language model designed, or restore the file"
 
 
 class _Record(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-_R = TypeVar("_R", bound=_Record)
 
 
 class ModelRecord(_Record):
@@ -125,7 +121,7 @@ class AnswerStore:
             InputError: the folder holds no record, or one that cannot be read.
         """
         assert self.path is not None
-        return _read(self.path / MODEL_JSON, ModelRecord)
+        return read_record(self.path / MODEL_JSON, ModelRecord, _REMEDY)
 
     def write_model(self, record: ModelRecord) -> None:
         """Write ``model.json``; a folder holds the answers of one model to one kind of questions.
@@ -155,7 +151,7 @@ class AnswerStore:
             InputError: an answer there is damaged.
         """
         for path in sorted((source / ANSWERS).glob("*.json")):
-            write_json(self._file(path.stem), _read(path, AnswerRecord).model_dump())
+            write_json(self._file(path.stem), read_record(path, AnswerRecord, _REMEDY).model_dump())
 
     def record(self, digest: str, shared: str | None = None) -> AnswerRecord | None:
         """Return all that is known of a question; None if it was never asked.
@@ -168,11 +164,11 @@ class AnswerStore:
             InputError: the run's file is damaged. A damaged entry of the cache is missing.
         """
         if self.path is not None and os.path.lexists(path := self._file(digest)):
-            return _read(path, AnswerRecord)
+            return read_record(path, AnswerRecord, _REMEDY)
         if self.cache is None or shared is None:
             return None
         try:
-            return _read(_file(self.cache, shared), AnswerRecord)
+            return read_record(_file(self.cache, shared), AnswerRecord, _REMEDY)
         except InputError:
             return None
 
@@ -214,22 +210,3 @@ def recorded_answers(folder: Path) -> Path:
 
 def _file(folder: Path, digest: str) -> Path:
     return folder / ANSWERS / f"{digest[:32]}.json"
-
-
-def _read(path: Path, kind: type[_R]) -> _R:
-    try:
-        if is_special(path):
-            raise InputError("is not a regular file", file=path)
-        with path.open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            raise InputError("is too large to be what was recorded", file=path)
-        return kind.model_validate_json(data)
-    except OSError as error:
-        remedy = "give the folder of a run that a language model designed"
-        raise InputError(f"cannot read: {error.strerror}", file=path, remedy=remedy) from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or None
-        remedy = "restore the file; a run asks again where it is deleted"
-        raise InputError(f"is damaged: {first['msg']}", file=path, field=field, remedy=remedy) from error
