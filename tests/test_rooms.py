@@ -197,3 +197,15 @@ def test_an_error_of_pydantic_is_put_into_words_in_one_place() -> None:
         "gensim2/validation.py",
         "gensim2/tasks/parse.py",
     }, "tasks/parse.py looks up a location, all else is gensim2.validation.input_error's"
+
+
+def test_a_name_of_a_class_has_one_meaning_in_design_and_evaluation() -> None:
+    """Others share names still: see the classes of deploy, of policy and of objects."""
+    owners: dict[str, set[str]] = {}
+    for path in sources("gensim2"):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                owners.setdefault(node.name, set()).add(path.relative_to(PYTHON / "gensim2").as_posix())
+    ours = ("design/", "evaluation/", "bench/")
+    shared = {name: found for name, found in owners.items() if len(found) > 1}
+    assert {name for name, found in shared.items() if any(each.startswith(ours) for each in found)} == set()

@@ -54,7 +54,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class DoctorReport:
     """All checks of one machine."""
 
     checks: tuple[Check, ...]
@@ -75,7 +75,7 @@ class Diagnosis:
 
 def doctor(
     assets: str | Path | None = None, model: str | None = None, base_url: str | None = None, config: Path | None = None
-) -> Diagnosis:
+) -> DoctorReport:
     """Look at everything gensim2 stands on.
 
     Args:
@@ -103,7 +103,7 @@ def doctor(
         _cores,
         _memory,
     )
-    return Diagnosis(tuple(check() for check in checks))
+    return DoctorReport(tuple(check() for check in checks))
 
 
 def vulkan() -> Check:
@@ -176,7 +176,7 @@ def language_model(model: str | None = None, base_url: str | None = None, config
         return Check(name, "limited", f"not installed: {', '.join(absent)}", f"pip install 'gensim2[llm]'; {without}")
     from gensim2.design.llm.client import Client
     from gensim2.design.llm.options import model_options
-    from gensim2.design.llm.questions import Message, Question
+    from gensim2.design.llm.questions import Message, ModelQuestion
 
     given = {"model": model or (None if config else "any"), "base_url": base_url, "retries": 0, "timeout": 20.0}
     options = model_options(config, **given)
@@ -189,7 +189,7 @@ def language_model(model: str | None = None, base_url: str | None = None, config
             found = client.models()
             listed = ", ".join(found[:3]) + (f" and {len(found) - 3} more" if len(found) > 3 else "")
             return Check(name, "ok", f"{client.endpoint} offers {listed or 'no model'}")
-        asked = Question("doctor", "", (Message("user", "Answer with the one word: yes"),), {"type": "object"})
+        asked = ModelQuestion("doctor", "", (Message("user", "Answer with the one word: yes"),), {"type": "object"})
         answer = client.ask(asked)
     except GenSim2Error as error:
         return Check(name, "limited", str(error), without)

@@ -16,7 +16,7 @@ import gensim2.doctor
 from gensim2.cli import main as cli
 from gensim2.cli.output import report
 from gensim2.cli.solve import solve
-from gensim2.doctor import Check, Diagnosis
+from gensim2.doctor import Check, DoctorReport
 from gensim2.errors import GenSim2Error, InputError, MissingExtraError, NotRunError
 
 
@@ -182,7 +182,7 @@ def test_doctor_ends_with_1_where_something_needed_is_missing(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], status: str, code: int
 ) -> None:
     check = Check("Solver", status, "found", "build it")  # type: ignore[arg-type]
-    monkeypatch.setattr(gensim2.doctor, "doctor", lambda *_: Diagnosis((check,)))
+    monkeypatch.setattr(gensim2.doctor, "doctor", lambda *_: DoctorReport((check,)))
     assert cli.run(["doctor", "--json"]) == code
     answer = json.loads(capfd.readouterr().out)
     assert answer["healthy"] is (code == 0)

@@ -69,7 +69,7 @@ def model_designer(
         InputError: an argument cannot be used.
         MissingExtraError: the extra ``llm`` is not installed.
     """
-    from gensim2.design.llm import AnswerStore, Asking, LLMDesigner, Model, Prompts, model_options
+    from gensim2.design.llm import AnswerStore, Asking, LanguageModel, LLMDesigner, Prompts, model_options
     from gensim2.design.llm.store import recorded_answers
 
     texts = Prompts(prompts)
@@ -82,7 +82,7 @@ def model_designer(
             remedy = "replay with the --prompts of the run that was recorded"
             raise InputError("was recorded with other prompts", file=replay, remedy=remedy)
         given, asking = recorded.options, Asking.read(recorded.asking, replay)
-    asked = Model(given, texts.digest, asdict(asking), cache=cache_dir() / "answers", replay=replay)
+    asked = LanguageModel(given, texts.digest, asdict(asking), cache=cache_dir() / "answers", replay=replay)
     views = None
     if asking.visual:
         from gensim2.design.views import SceneViews

@@ -80,7 +80,7 @@ def classes_of(task: TaskSpec) -> str:
     return ", ".join(dict.fromkeys(thing.asset_class for thing in task.objects.values()))
 
 
-class Execution:
+class PipelineRun:
     """One call of ``run_pipeline``: the state that its steps share.
 
     Args:

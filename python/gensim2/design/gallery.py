@@ -75,7 +75,7 @@ def tasks_gallery(
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     # Only now what takes long to import.
     from gensim2.data.runfolder import RunFolder
-    from gensim2.design.shelf import SPEED, Shelf, film_one_that_holds
+    from gensim2.design.shelf import SPEED, GalleryEntry, film_one_that_holds
     from gensim2.processes import Job
     from gensim2.rollout.evaluator import PoolEvaluator
     from gensim2.rollout.identity import identity
@@ -100,7 +100,7 @@ def tasks_gallery(
         ) as folder,
         PoolEvaluator(options, workers, progress, time_limit=time_limit, log=folder.errors_log) as evaluator,
     ):
-        shelves = [Shelf(one, folder.task(one.spec.name), seed) for one in given]
+        shelves = [GalleryEntry(one, folder.task(one.spec.name), seed) for one in given]
         for shelf in shelves:
             folder.add_episodes(library, shelf.episodes, shelf.log.path)
 

@@ -13,7 +13,7 @@ from gensim2.data.runfolder import RunFolder, default_run_dir
 from gensim2.design import Designer, OfflineDesigner
 from gensim2.design.base import Known
 from gensim2.design.chosen import Chosen
-from gensim2.design.execution import Execution, Extent, Wanted
+from gensim2.design.execution import Extent, PipelineRun, Wanted
 from gensim2.design.proposals import redesigned
 from gensim2.design.remembering import known_before
 from gensim2.design.report import reported
@@ -170,7 +170,7 @@ def run_pipeline(
         ) as evaluator,
     ):
         extent = Extent(verify, episodes, instances, video)
-        execution = Execution(library, by, folder, evaluator, seed, extent, known, familiar, budget, progress)
+        execution = PipelineRun(library, by, folder, evaluator, seed, extent, known, familiar, budget, progress)
         result = execution.run(wanted if target is None else Wanted(1), target, stored)
         folder.finish(result.to_dict())
     return result

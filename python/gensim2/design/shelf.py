@@ -26,7 +26,7 @@ SPEED = 2
 """Speed of films relative to real time."""
 
 
-class Shelf:
+class GalleryEntry:
     """Pictures of one task of a gallery, present and planned.
 
     Args:

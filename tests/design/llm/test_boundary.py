@@ -23,11 +23,11 @@ import pytest
 pytest.importorskip("openai")
 
 from gensim2.design.designing import model_designer
-from gensim2.design.llm import Asking, Model, ModelOptions, model_options
+from gensim2.design.llm import Asking, LanguageModel, ModelOptions, model_options
 from gensim2.design.llm.boundary import Boundary
 from gensim2.design.llm.client import Client
 from gensim2.design.llm.extraction import mappings
-from gensim2.design.llm.questions import Answer, Message, Question
+from gensim2.design.llm.questions import Message, ModelAnswer, ModelQuestion
 from gensim2.design.llm.secret import HIDDEN, Secret
 from gensim2.design.llm.store import AnswerStore, recorded_answers
 from gensim2.design.llm.templating import Prompts
@@ -35,7 +35,7 @@ from gensim2.errors import InputError, ModelError
 from gensim2.scenes.config import SceneOptions
 
 KEY = "sk-proj-Zq8vT1mWx3nRk5Lb7Yc9"
-QUESTION = Question("test", "thing", (Message("user", "how are you?"),), {"type": "object"})
+QUESTION = ModelQuestion("test", "thing", (Message("user", "how are you?"),), {"type": "object"})
 
 Line = socket.socket
 
@@ -129,7 +129,7 @@ def options(server: RawServer, **given: Any) -> ModelOptions:
     return ModelOptions(**{"model": "m", "base_url": server.url, "timeout": 5.0, "retries": 0, **given})
 
 
-def ask(server: RawServer, **given: Any) -> Answer:
+def ask(server: RawServer, **given: Any) -> ModelAnswer:
     return Client(options(server, **given)).ask(QUESTION)
 
 
@@ -140,7 +140,7 @@ def test_another_endpoint_is_another_question(serve: Serve, tmp_path: Path) -> N
     servers = [serve(reply(completion(f"the {name} server"))) for name in ("first", "second")]
     for _ in range(2):
         for server, name in zip(servers, ("first", "second"), strict=True):
-            answer = Model(options(server), cache=tmp_path / "cache").answer(QUESTION)
+            answer = LanguageModel(options(server), cache=tmp_path / "cache").answer(QUESTION)
             assert answer.text == f"the {name} server"
     assert [server.requests for server in servers] == [1, 1]
 
@@ -153,30 +153,30 @@ def test_another_endpoint_is_another_question(serve: Serve, tmp_path: Path) -> N
 def test_other_parameters_are_another_question(serve: Serve, tmp_path: Path, given: dict[str, Any]) -> None:
     server = serve(reply(completion()))
     for fields in ({}, given, given):
-        Model(options(server, **fields), cache=tmp_path / "cache").answer(QUESTION)
+        LanguageModel(options(server, **fields), cache=tmp_path / "cache").answer(QUESTION)
     assert server.requests == 2
     other = replace(QUESTION, schema={"type": "array"})
-    Model(options(server), cache=tmp_path / "cache").answer(other)
+    LanguageModel(options(server), cache=tmp_path / "cache").answer(other)
     assert server.requests == 3
 
 
 def test_a_folder_holds_the_answers_of_one_endpoint(serve: Serve, tmp_path: Path) -> None:
     first, second = serve(reply(completion())), serve(reply(completion()))
-    Model(options(first)).open(tmp_path / "run")
+    LanguageModel(options(first)).open(tmp_path / "run")
     with pytest.raises(InputError, match=r"endpoint: holds answers of .*, not "):
-        Model(options(second)).open(tmp_path / "run")
+        LanguageModel(options(second)).open(tmp_path / "run")
 
 
 def test_a_folder_without_an_endpoint_is_gone_on_with(serve: Serve, tmp_path: Path) -> None:
     """Runs and tapes of earlier versions."""
     server = serve(reply(completion()))
-    Model(options(server)).open(tmp_path / "run")
+    LanguageModel(options(server)).open(tmp_path / "run")
     file = tmp_path / "run" / "model.json"
     kept = json.loads(file.read_text())
     del kept["endpoint"]
     file.write_text(json.dumps(kept))
-    Model(options(server)).open(tmp_path / "run")
-    assert Model(options(server), replay=tmp_path / "run").options.model == "m"
+    LanguageModel(options(server)).open(tmp_path / "run")
+    assert LanguageModel(options(server), replay=tmp_path / "run").options.model == "m"
 
 
 #: What version 0.2.0 wrote with --record.
@@ -202,7 +202,7 @@ def test_a_record_of_version_0_2_0_is_replayed(tmp_path: Path) -> None:
     assert recorded_answers(tmp_path / "tape") == tmp_path / "tape"
     recorded = AnswerStore(tmp_path / "tape").model()
     assert Asking.read(recorded.asking, tmp_path / "tape").trials == 2
-    replayed = Model(recorded.options, replay=tmp_path / "tape")
+    replayed = LanguageModel(recorded.options, replay=tmp_path / "tape")
     replayed.open(tmp_path / "run" / "model")
     assert replayed.answer(QUESTION).text == "as recorded"
     assert recorded_answers(tmp_path / "run") == tmp_path / "run" / "model"
@@ -276,7 +276,7 @@ def test_a_key_in_an_answer_is_in_no_file(serve: Serve, tmp_path: Path) -> None:
     ]
     for number, body in enumerate(bodies):
         asked = replace(QUESTION, sample=(number,))
-        model = Model(options(serve(reply(body))), cache=tmp_path / "cache")
+        model = LanguageModel(options(serve(reply(body))), cache=tmp_path / "cache")
         model.open(tmp_path / f"run{number}")
         answer = model.answer(asked)
         assert kept_of_key(repr(answer)) == []
@@ -359,10 +359,10 @@ def test_half_a_character_is_mended_before_it_is_stored(serve: Serve, tmp_path: 
     body = completion("half \ud800 a character, a whole \U0001f600 one")
     assert b"\\ud800" in body
     for run in ("one", "two"):
-        model = Model(options(serve(reply(body))), cache=tmp_path / "cache")
+        model = LanguageModel(options(serve(reply(body))), cache=tmp_path / "cache")
         model.open(tmp_path / run)
         assert model.answer(QUESTION).text == "half \ufffd a character, a whole \U0001f600 one"
-        again = Model(options(serve(reply(body))), replay=tmp_path / run)
+        again = LanguageModel(options(serve(reply(body))), replay=tmp_path / run)
         assert again.answer(QUESTION).text == model.answer(QUESTION).text
 
 
@@ -394,29 +394,29 @@ POISON = {
 @pytest.mark.parametrize("name", POISON)
 def test_a_poisoned_entry_of_the_cache_is_asked_again_and_replaced(serve: Serve, tmp_path: Path, name: str) -> None:
     server = serve(reply(completion()))
-    Model(options(server), cache=tmp_path).answer(QUESTION)
+    LanguageModel(options(server), cache=tmp_path).answer(QUESTION)
     (entry,) = (tmp_path / "answers").iterdir()
     whole = entry.read_bytes()
     entry.write_bytes(POISON[name](whole))
     assert entry.read_bytes() != whole
     for _ in range(2):
-        assert Model(options(server), cache=tmp_path).answer(QUESTION).text == "fine"
+        assert LanguageModel(options(server), cache=tmp_path).answer(QUESTION).text == "fine"
     assert server.requests == 2
     assert entry.read_bytes() == whole
 
 
 def test_a_pipe_in_the_cache_or_in_a_run_is_never_opened(serve: Serve, tmp_path: Path) -> None:
     server = serve(reply(completion()))
-    model = Model(options(server), cache=tmp_path / "cache")
+    model = LanguageModel(options(server), cache=tmp_path / "cache")
     model.open(tmp_path / "run")
     model.answer(QUESTION)
     for folder in ("cache", "run"):
         (entry,) = (tmp_path / folder / "answers").iterdir()
         entry.unlink()
         os.mkfifo(entry)
-    assert Model(options(server), cache=tmp_path / "cache").answer(QUESTION).text == "fine"
+    assert LanguageModel(options(server), cache=tmp_path / "cache").answer(QUESTION).text == "fine"
     with pytest.raises(InputError, match="is a pipe, not a file"):
-        Model(options(server), replay=tmp_path / "run").answer(QUESTION)
+        LanguageModel(options(server), replay=tmp_path / "run").answer(QUESTION)
     (tmp_path / "run" / "model.json").unlink()
     os.mkfifo(tmp_path / "run" / "model.json")
     with pytest.raises(InputError, match="is a pipe, not a file"):
@@ -475,12 +475,12 @@ def test_wild_counts_of_tokens_are_estimated(serve: Serve, tmp_path: Path, count
     word = b"1" + b"0" * 5000 if count == "10**5000" else json.dumps(count).encode()
     body = completion().replace(b'"prompt_tokens": 5', b'"prompt_tokens": ' + word)
     server = serve(reply(body))
-    model = Model(options(server, price_in=1e6, price_out=1e6))
+    model = LanguageModel(options(server, price_in=1e6, price_out=1e6))
     model.open(tmp_path)
     answer = model.answer(QUESTION)
     assert not answer.counted
     assert 0 < answer.tokens_in < 1000
-    assert Model(options(server), replay=tmp_path).answer(QUESTION) == answer
+    assert LanguageModel(options(server), replay=tmp_path).answer(QUESTION) == answer
 
 
 @pytest.mark.parametrize("word", [b"NaN", b"Infinity", b"-Infinity", b"1e999"])
@@ -574,7 +574,7 @@ def test_a_proxy_that_is_none_is_one_error(monkeypatch: pytest.MonkeyPatch) -> N
     ],
 )
 def test_a_damaged_record_is_one_error(serve: Serve, tmp_path: Path, field: str, value: object) -> None:
-    Model(options(serve(reply(completion())))).open(tmp_path)
+    LanguageModel(options(serve(reply(completion())))).open(tmp_path)
     file = tmp_path / "model.json"
     file.write_text(json.dumps({**json.loads(file.read_text()), field: value}))
 
@@ -603,7 +603,7 @@ def test_a_pipe_among_prompts_is_never_opened(tmp_path: Path) -> None:
 
 
 def test_a_run_is_replayed_with_its_own_prompts_only(serve: Serve, tmp_path: Path) -> None:
-    Model(options(serve(reply(completion()))), Prompts().digest).open(tmp_path / "run" / "model")
+    LanguageModel(options(serve(reply(completion()))), Prompts().digest).open(tmp_path / "run" / "model")
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "system.md.j2").write_text("Be brief.")
     with pytest.raises(InputError, match=r"run.*: was recorded with other prompts .*--prompts"):

@@ -25,11 +25,11 @@ from llm_server import (
     ModelServer,
 )
 
-from gensim2.design.llm import Model, ModelOptions
+from gensim2.design.llm import LanguageModel, ModelOptions
 from gensim2.design.llm.boundary import MAX_BYTES
 from gensim2.design.llm.client import Client
 from gensim2.design.llm.ledger import BudgetSpent
-from gensim2.design.llm.questions import Message, Question
+from gensim2.design.llm.questions import Message, ModelQuestion
 from gensim2.design.pictures import LazyPicture
 from gensim2.errors import InputError, ModelError
 
@@ -54,9 +54,9 @@ def options(server: ModelServer, **given: Any) -> ModelOptions:
     return ModelOptions(**fields)
 
 
-def question(text: str = "# Test\nhow are you?", pictures: tuple[LazyPicture, ...] = ()) -> Question:
+def question(text: str = "# Test\nhow are you?", pictures: tuple[LazyPicture, ...] = ()) -> ModelQuestion:
     said = (Message("system", "be good"), Message("user", text, pictures))
-    return Question("test", "thing", said, {"type": "object"})
+    return ModelQuestion("test", "thing", said, {"type": "object"})
 
 
 def test_an_answer_comes_with_its_tokens_and_cost(server: ModelServer) -> None:
@@ -201,7 +201,7 @@ def test_pictures_go_along_as_data(server: ModelServer) -> None:
 def test_a_question_is_asked_once_in_a_run_and_in_all_runs(server: ModelServer, tmp_path: Path) -> None:
     for run in ("one", "two"):
         for _ in range(2):  # the second is a run that is resumed
-            model = Model(options(server, price_in=1.0, price_out=1.0), cache=tmp_path / "cache")
+            model = LanguageModel(options(server, price_in=1.0, price_out=1.0), cache=tmp_path / "cache")
             model.open(tmp_path / run)
             assert model.answer(question()).text == '{"fine": true}'
             assert model.ledger.account.answers == 1
@@ -211,25 +211,25 @@ def test_a_question_is_asked_once_in_a_run_and_in_all_runs(server: ModelServer, 
 
 
 def test_a_run_is_recorded_and_replayed_without_a_model(server: ModelServer, tmp_path: Path) -> None:
-    model = Model(options(server))
+    model = LanguageModel(options(server))
     model.open(tmp_path / "run")
     asked = model.answer(question())
-    replayed = Model(options(server), replay=tmp_path / "run")
+    replayed = LanguageModel(options(server), replay=tmp_path / "run")
     assert replayed.answer(question()) == asked
     replayed.open(tmp_path / "again")
     assert replayed.answer(question()) == asked
-    assert Model(options(server), replay=tmp_path / "again").answer(question()) == asked, "a replay is replayed"
+    assert LanguageModel(options(server), replay=tmp_path / "again").answer(question()) == asked, "a replay is replayed"
     with pytest.raises(InputError, match=r"run.*holds no answer to this question of the stage test"):
         replayed.answer(question("# Test\nanother"))
     (file,) = (tmp_path / "run" / "answers").iterdir()
     file.write_text(file.read_text()[:-20])
     with pytest.raises(InputError, match="line 21: is not valid JSON"):
-        Model(options(server), replay=tmp_path / "run").answer(question())
+        LanguageModel(options(server), replay=tmp_path / "run").answer(question())
 
 
 def test_the_budget_ends_asking_before_it_is_overdrawn(server: ModelServer, tmp_path: Path) -> None:
     given = options(server, price_in=10.0, price_out=10.0, max_tokens=100, budget=0.0012)
-    model = Model(given)
+    model = LanguageModel(given)
     model.open(tmp_path)
     for number in range(2):
         model.answer(question(f"# Test\nquestion {number}"))
@@ -241,8 +241,8 @@ def test_the_budget_ends_asking_before_it_is_overdrawn(server: ModelServer, tmp_
     assert 0 < cost <= 0.0012
     assert server.requests == 2
     with pytest.raises(BudgetSpent):
-        Model(given, replay=tmp_path).answer(third)
-    richer = Model(options(server, price_in=10.0, price_out=10.0, max_tokens=100, budget=1.0))
+        LanguageModel(given, replay=tmp_path).answer(third)
+    richer = LanguageModel(options(server, price_in=10.0, price_out=10.0, max_tokens=100, budget=1.0))
     richer.open(tmp_path)
     assert richer.answer(third).problem is None, "a resumed run with more to spend asks"
 

@@ -15,7 +15,7 @@ from llm_server import Asked, ModelServer
 
 from gensim2.design.base import Brief, Candidate, CandidateResult, Declined, StageResult
 from gensim2.design.diagnosis import Diagnosis
-from gensim2.design.llm import Asking, LLMDesigner, Model, ModelOptions, Prompts
+from gensim2.design.llm import Asking, LanguageModel, LLMDesigner, ModelOptions, Prompts
 from gensim2.design.pictures import LazyPicture
 from gensim2.planning.strategies import parse_strategy
 from gensim2.tasks.criteria import ArticulatedOpen
@@ -26,7 +26,7 @@ PNG = b"\x89PNG\r\n\x1a\n" + b"0" * 20
 
 def designer(server: ModelServer, views: Any = None, **asking: Any) -> LLMDesigner:
     options = ModelOptions(model="test-model", base_url=server.url, timeout=5.0, retries=1, concurrency=2)
-    return LLMDesigner(Model(options), Prompts(), Asking(trials=2, **asking), views=views)
+    return LLMDesigner(LanguageModel(options), Prompts(), Asking(trials=2, **asking), views=views)
 
 
 def proposed(found: LLMDesigner, brief: Brief, count: int = 1) -> list[TaskSpec]:

@@ -6,7 +6,7 @@ from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.design.llm.designer import LLMDesigner
-    from gensim2.design.llm.model import Model
+    from gensim2.design.llm.model import LanguageModel
     from gensim2.design.llm.options import ModelOptions, model_options
     from gensim2.design.llm.solutions import Asking, Mode, Views
     from gensim2.design.llm.store import AnswerStore
@@ -16,8 +16,8 @@ __all__ = [
     "AnswerStore",
     "Asking",
     "LLMDesigner",
+    "LanguageModel",
     "Mode",
-    "Model",
     "ModelOptions",
     "Prompts",
     "Views",
@@ -32,7 +32,7 @@ __getattr__ = lazy_names(
         "Asking": "gensim2.design.llm.solutions",
         "LLMDesigner": "gensim2.design.llm.designer",
         "Mode": "gensim2.design.llm.solutions",
-        "Model": "gensim2.design.llm.model",
+        "LanguageModel": "gensim2.design.llm.model",
         "ModelOptions": "gensim2.design.llm.options",
         "Prompts": "gensim2.design.llm.templating",
         "Views": "gensim2.design.llm.solutions",

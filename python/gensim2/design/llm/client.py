@@ -13,7 +13,7 @@ from typing import Any
 
 from gensim2.design.llm.boundary import Boundary, guarded_client
 from gensim2.design.llm.options import ModelOptions
-from gensim2.design.llm.questions import Answer, Message, Question
+from gensim2.design.llm.questions import Message, ModelAnswer, ModelQuestion
 from gensim2.errors import InputError, MissingExtraError, ModelError, one_line
 
 #: Characters that make a token where an endpoint does not count them.
@@ -96,7 +96,7 @@ class Client:
         except (ValueError, TypeError, AttributeError) as error:
             raise ModelError(f"{self.endpoint}: lists its models in no way that can be read") from error
 
-    def ask(self, question: Question) -> Answer:
+    def ask(self, question: ModelQuestion) -> ModelAnswer:
         """One answer.
 
         Raises:
@@ -116,7 +116,7 @@ class Client:
             except self._openai.OpenAIError as error:
                 raise self._in_words(error) from error
 
-    def _request(self, question: Question) -> dict[str, Any]:
+    def _request(self, question: ModelQuestion) -> dict[str, Any]:
         given = self.options
         request: dict[str, Any] = {"model": given.model}
         if given.temperature is not None and "temperature" not in self._without:
@@ -133,7 +133,7 @@ class Client:
         said = complaint.lower().replace("json_schema", "response_format").replace("response format", "response_format")
         return next((name for name in OPTIONAL if name in said and name in request), None)
 
-    def _answer(self, question: Question, raw: Any) -> Answer:
+    def _answer(self, question: ModelQuestion, raw: Any) -> ModelAnswer:
         try:
             choice = raw.parse().choices[0]
             text: Any = choice.message.content or ""
@@ -154,14 +154,14 @@ class Client:
             problem = "it was cut off because it was too long" if finish == "length" else None
         return self._told(question, text, problem, usage, raw.retries_taken)
 
-    def _told(self, question: Question, text: str, problem: str | None, usage: Any, retries: int) -> Answer:
+    def _told(self, question: ModelQuestion, text: str, problem: str | None, usage: Any, retries: int) -> ModelAnswer:
         counts = (getattr(usage, "prompt_tokens", None), getattr(usage, "completion_tokens", None))
         counted = all(type(count) is int and 0 <= count <= MAX_TOKENS for count in counts)
         tokens_in, tokens_out = counts if counted else (estimated_tokens(question), len(text) // CHARACTERS_A_TOKEN)
         assert isinstance(tokens_in, int)
         assert isinstance(tokens_out, int)
         cost = self.options.priced(tokens_in, tokens_out)
-        return Answer(text, problem, tokens_in, tokens_out, counted, retries, cost)
+        return ModelAnswer(text, problem, tokens_in, tokens_out, counted, retries, cost)
 
     def _in_words(self, error: Exception) -> InputError | ModelError:
         """The library's error as one of ours."""
@@ -202,7 +202,7 @@ def _complaint(error: Exception) -> str:
     return f"{said} - {body}" if body and " - " not in said else said
 
 
-def estimated_tokens(question: Question) -> int:
+def estimated_tokens(question: ModelQuestion) -> int:
     """Estimate the length of a question, in tokens."""
     characters = sum(len(message.text) for message in question.messages)
     pictures = sum(len(message.pictures) for message in question.messages)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from gensim2.design.llm.extraction import Data, mappings
-from gensim2.design.llm.log import ConversationRecord, Log, TurnRecord
-from gensim2.design.llm.model import Model
-from gensim2.design.llm.questions import Message, Question
+from gensim2.design.llm.log import ConversationLog, ConversationRecord, TurnRecord
+from gensim2.design.llm.model import LanguageModel
+from gensim2.design.llm.questions import Message, ModelQuestion
 from gensim2.design.llm.store import MODEL_FOLDER
 from gensim2.design.llm.templating import Prompts
 from gensim2.design.pictures import LazyPicture
@@ -84,10 +84,10 @@ class Conversations:
         log: of what was asked.
     """
 
-    def __init__(self, model: Model, prompts: Prompts, max_rounds: int) -> None:
+    def __init__(self, model: LanguageModel, prompts: Prompts, max_rounds: int) -> None:
         self.model, self.prompts, self.max_rounds = model, prompts, max_rounds
         self.seed = 0
-        self.log = Log()
+        self.log = ConversationLog()
 
     def open(self, folder: Path) -> None:
         """Keep everything in the run folder ``folder``."""
@@ -103,7 +103,7 @@ class Conversations:
             ModelError: the endpoint gives no answer.
         """
         first = (Message("system", self.prompts.text("system")), Message("user", ask.prompt, ask.pictures))
-        start = Question(ask.stage, ask.subject or ask.about, first, ask.schema, (self.seed, ask.sample))
+        start = ModelQuestion(ask.stage, ask.subject or ask.about, first, ask.schema, (self.seed, ask.sample))
         question = start
         turns: list[TurnRecord] = []
         for number in range(1, self.max_rounds + 1):

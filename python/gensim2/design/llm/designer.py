@@ -9,16 +9,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from gensim2.design.base import Brief, Candidate, CandidateResult, Declined
+from gensim2.design.llm.catalog import Catalog
 from gensim2.design.llm.conversations import Conversations, Dropped
 from gensim2.design.llm.ledger import BudgetSpent
-from gensim2.design.llm.model import Model
+from gensim2.design.llm.model import LanguageModel
 from gensim2.design.llm.solutions import Asking, Solutions, Views, in_words, tried_of
 from gensim2.design.llm.stages import code as code_stage
 from gensim2.design.llm.stages import composition, decomposition, proposal, solving
 from gensim2.design.llm.stages.proposal import Wish
-from gensim2.design.llm.stages.solving import Config, Job
+from gensim2.design.llm.stages.solving import Config, StepToSolve
 from gensim2.design.llm.templating import Prompts
-from gensim2.design.llm.world import World
 from gensim2.design.sandbox import task_code
 from gensim2.robots import robot
 from gensim2.tasks.spec import HAND, ObjectSpec, Step, TaskSpec
@@ -49,7 +49,12 @@ class LLMDesigner:
     """
 
     def __init__(
-        self, model: Model, prompts: Prompts, asking: Asking, robot_name: str = "panda", views: Views | None = None
+        self,
+        model: LanguageModel,
+        prompts: Prompts,
+        asking: Asking,
+        robot_name: str = "panda",
+        views: Views | None = None,
     ) -> None:
         self.model, self.prompts, self.asking = model, prompts, asking
         self.talk = Conversations(model, prompts, asking.max_rounds)
@@ -167,29 +172,33 @@ class LLMDesigner:
 
     def _proposal(self, brief: Brief, number: int, refused: list[str]) -> TaskSpec | None:
         """One proposal; None where the model itself finds it bad."""
-        world = World.of(brief, articulated_only=self.asking.mode == "explore")
-        world = replace(world, known=tuple({task.name: task for task in (*world.known, *self._proposed)}.values()))
+        catalog = Catalog.of(brief, articulated_only=self.asking.mode == "explore")
+        catalog = replace(
+            catalog, known=tuple({task.name: task for task in (*catalog.known, *self._proposed)}.values())
+        )
         wish = Wish(self.asking.mode == "topdown", self.asking.target_task, self.asking.target_object)
         if self.asking.mode == "bottomup":
-            return self._composed(brief, world, wish, number, refused)
-        found, record = self.talk.ask(proposal.proposal(self.prompts, world, wish, refused, number))
+            return self._composed(brief, catalog, wish, number, refused)
+        found, record = self.talk.ask(proposal.proposal(self.prompts, catalog, wish, refused, number))
         self.talk.log.settle(record, found.name, "used")
-        (good, why), _ = self.talk.ask(proposal.reflection(self.prompts, world, found, wish))
+        (good, why), _ = self.talk.ask(proposal.reflection(self.prompts, catalog, found, wish))
         if not good:
             self.talk.log.settle(record, found.name, "refused", why)
             refused.append(f"{found.name} ({found.sentence}): {why}")
             return None
         if wish.long:
-            task, _ = self.talk.ask(decomposition.decomposition(self.prompts, world, found, self.name))
+            task, _ = self.talk.ask(decomposition.decomposition(self.prompts, catalog, found, self.name))
         else:
-            task = proposal.task_of(found, world, self.name)
+            task = proposal.task_of(found, catalog, self.name)
         return self._as_code(task, brief) if self.asking.code else task
 
-    def _composed(self, brief: Brief, world: World, wish: Wish, number: int, refused: Sequence[str]) -> TaskSpec | None:
-        skills = composition.skills_of(brief.known, world)
+    def _composed(
+        self, brief: Brief, catalog: Catalog, wish: Wish, number: int, refused: Sequence[str]
+    ) -> TaskSpec | None:
+        skills = composition.skills_of(brief.known, catalog)
         if not skills:
             raise Dropped("there are no verified tasks of one step to put together")
-        ask = composition.composition(self.prompts, world, skills, wish, refused, number, self.name)
+        ask = composition.composition(self.prompts, catalog, skills, wish, refused, number, self.name)
         found, record = self.talk.ask(ask)
         self.talk.log.settle(record, found.task.name, "used")
         self._skills[found.task.name] = found.strategies
@@ -217,8 +226,8 @@ class LLMDesigner:
             return known
         return GRASPS if step.tool == HAND and step.name.startswith("grasp") else None
 
-    def _job(self, task: TaskSpec, step: Step, brief: Brief) -> Job:
-        return Job(task, step, brief.of(task), brief.settings.tool_keypoints, self._profile)
+    def _job(self, task: TaskSpec, step: Step, brief: Brief) -> StepToSolve:
+        return StepToSolve(task, step, brief.of(task), brief.settings.tool_keypoints, self._profile)
 
     def _to_blame(self, task: TaskSpec, result: CandidateResult) -> Step | None:
         """The step whose config is to be written anew: the one that failed, else the last that the model wrote."""

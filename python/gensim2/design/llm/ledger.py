@@ -6,7 +6,7 @@ import threading
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from gensim2.design.llm.questions import Answer
+from gensim2.design.llm.questions import ModelAnswer
 from gensim2.errors import GenSim2Error
 
 
@@ -35,7 +35,7 @@ class Account:
     counted: bool = True
     cost: float | None = 0.0
 
-    def plus(self, answer: Answer, *, asked: bool) -> Account:
+    def plus(self, answer: ModelAnswer, *, asked: bool) -> Account:
         """With one answer more."""
         cost = None if self.cost is None or answer.cost is None else self.cost + answer.cost
         return Account(
@@ -85,7 +85,7 @@ class Ledger:
         with self._lock:
             self._reserved -= max_cost or 0.0
 
-    def add(self, answer: Answer, *, asked: bool) -> None:
+    def add(self, answer: ModelAnswer, *, asked: bool) -> None:
         """Count an answer; ``asked``: of the model, in this call."""
         with self._lock:
             self.account = self.account.plus(answer, asked=asked)

@@ -61,7 +61,7 @@ class LogRecord(_Record):
     conversations: list[ConversationRecord] = []
 
 
-class Log:
+class ConversationLog:
     """The conversations of a run, written whenever one ends. Threads may share it."""
 
     def __init__(self) -> None:

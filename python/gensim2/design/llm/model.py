@@ -9,12 +9,12 @@ from typing import Any
 from gensim2.design.llm.client import Client, estimated_tokens
 from gensim2.design.llm.ledger import BudgetSpent, Ledger
 from gensim2.design.llm.options import ModelOptions
-from gensim2.design.llm.questions import Answer, Question
+from gensim2.design.llm.questions import ModelAnswer, ModelQuestion
 from gensim2.design.llm.store import NO_ANSWER, AnswerStore, ModelRecord
 from gensim2.errors import InputError
 
 
-class Model:
+class LanguageModel:
     """Answers from the run's store, else from the cache of all runs, else from the model itself.
 
     Args:
@@ -61,11 +61,11 @@ class Model:
         if self._client is not None:
             self._client.close()
 
-    def digest(self, question: Question) -> str:
+    def digest(self, question: ModelQuestion) -> str:
         """Of a question to this model."""
         return question.digest(self.options.model, self.options.temperature, self.options.max_tokens)
 
-    def answer(self, question: Question) -> Answer:
+    def answer(self, question: ModelQuestion) -> ModelAnswer:
         """One answer.
 
         Raises:
@@ -98,7 +98,7 @@ class Model:
         self._store.put(digest, question, answer, shared if answer.problem is None else None)
         return answer
 
-    def _recorded(self, digest: str, question: Question) -> Answer:
+    def _recorded(self, digest: str, question: ModelQuestion) -> ModelAnswer:
         found = self._store.record(digest)
         if found is None:
             what = f"holds no answer to this question of the stage {question.stage} ({question.subject})"
@@ -106,6 +106,6 @@ class Model:
             raise InputError(what, file=self._replay, remedy=remedy)
         return found.answer
 
-    def _max_cost(self, question: Question) -> float | None:
+    def _max_cost(self, question: ModelQuestion) -> float | None:
         """USD that a question may cost."""
         return self.options.priced(estimated_tokens(question), self.options.max_tokens)

@@ -20,7 +20,7 @@ class Message:
 
 
 @dataclass(frozen=True)
-class Question:
+class ModelQuestion:
     """A conversation that waits for the model's answer.
 
     Attributes:
@@ -49,14 +49,14 @@ class Question:
         content = [endpoint, structured, self.schema, digest]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
-    def followed_by(self, answer: str, reply: str, round: int) -> Question:
+    def followed_by(self, answer: str, reply: str, round: int) -> ModelQuestion:
         """The question after an answer that was replied to; ``round`` tells it from one in which the same was said."""
         said = (Message("assistant", answer), Message("user", reply))
         return replace(self, messages=(*self.messages, *said), sample=(*self.sample, round))
 
 
 @dataclass(frozen=True)
-class Answer:
+class ModelAnswer:
     """Answer of a model.
 
     Attributes:

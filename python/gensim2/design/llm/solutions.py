@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from gensim2.design.base import Brief, CandidateResult
 from gensim2.design.llm.conversations import Conversations
 from gensim2.design.llm.stages import solving
-from gensim2.design.llm.stages.solving import Config, Job, Sight
+from gensim2.design.llm.stages.solving import CaptionedPictures, Config, StepToSolve
 from gensim2.design.pictures import LazyPicture
 from gensim2.errors import InputError
 from gensim2.tasks.spec import Step, TaskSpec
@@ -91,7 +91,7 @@ class Solutions:
     def __init__(self, talk: Conversations, asking: Asking, views: Views | None) -> None:
         self.talk, self.asking, self.views = talk, asking, views
 
-    def configs(self, job: Job, brief: Brief, fixed: Mapping[str, Strategies]) -> list[Config]:
+    def configs(self, job: StepToSolve, brief: Brief, fixed: Mapping[str, Strategies]) -> list[Config]:
         """Both stages of the solver for one step."""
         sight = self._sight(job)
         found, _ = self.talk.ask(solving.constraints(self.talk.prompts, job, brief.known, sight))
@@ -101,10 +101,10 @@ class Solutions:
         )
         return trials
 
-    def _sight(self, job: Job) -> Sight:
+    def _sight(self, job: StepToSolve) -> CaptionedPictures:
         """Pictures of the step's objects and of a scene, where pictures are wanted and can be had."""
         if not self.asking.visual:
-            return Sight()
+            return CaptionedPictures()
         captions, pictures = [], []
         for thing in (job.things[job.step.object], job.held):
             if thing is not None and thing.picture is not None:
@@ -115,11 +115,11 @@ class Solutions:
         if self.views is not None:
             captions.append(f"the scene at the start; {FRAMES}")
             pictures.append(self.views.start(job.task, job.step.name))
-        return Sight(tuple(captions), tuple(pictures))
+        return CaptionedPictures(tuple(captions), tuple(pictures))
 
     def _with_actuation(
-        self, job: Job, constraint_list: list[Any], fixed: Mapping[str, Strategies], sight: Sight
-    ) -> Sight:
+        self, job: StepToSolve, constraint_list: list[Any], fixed: Mapping[str, Strategies], sight: CaptionedPictures
+    ) -> CaptionedPictures:
         """With the actuation pose that the constraints of stage 1 lead to."""
         if not self.asking.visual or self.views is None:
             return sight
@@ -135,7 +135,7 @@ class Solutions:
             "the arm at the actuation pose that the constraints below lead to (where no motion gets there, the frame "
             f"of the hand alone); {FRAMES}, and of the hand"
         )
-        return Sight((*sight.captions, caption), (*sight.pictures, picture))
+        return CaptionedPictures((*sight.captions, caption), (*sight.pictures, picture))
 
 
 def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tried]:

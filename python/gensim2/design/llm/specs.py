@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from gensim2.design.affordance import Affordance
 from gensim2.design.base import DESIGNED
-from gensim2.design.llm.world import role_of
+from gensim2.design.llm.catalog import role_of
 from gensim2.tasks.criteria import (
     ArticulatedClosed,
     ArticulatedOpen,

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from gensim2.design.llm.ledger import BudgetSpent
 from gensim2.design.llm.options import ModelOptions, model_options
-from gensim2.design.llm.questions import Answer, Question
+from gensim2.design.llm.questions import ModelAnswer, ModelQuestion
 from gensim2.errors import InputError
 from gensim2.files import write_json
 from gensim2.record_files import read_record
@@ -25,7 +25,7 @@ MODEL_FOLDER = "model"
 MODEL_JSON = "model.json"
 ANSWERS = "answers"
 
-NO_ANSWER = Answer("", None, 0, 0, True, 0, None)
+NO_ANSWER = ModelAnswer("", None, 0, 0, True, 0, None)
 
 _REMEDY = "give the folder of a run that a language model designed, or restore the file"
 
@@ -90,7 +90,7 @@ class AnswerRecord(_Record):
     spent: str | None = None
 
     @property
-    def answer(self) -> Answer:
+    def answer(self) -> ModelAnswer:
         """Return the answer alone.
 
         Raises:
@@ -98,7 +98,7 @@ class AnswerRecord(_Record):
         """
         if self.spent is not None:
             raise BudgetSpent(self.spent)
-        return Answer(**{name: getattr(self, name) for name in Answer.__dataclass_fields__})
+        return ModelAnswer(**{name: getattr(self, name) for name in ModelAnswer.__dataclass_fields__})
 
 
 class AnswerStore:
@@ -173,7 +173,12 @@ class AnswerStore:
             return None
 
     def put(
-        self, digest: str, question: Question, answer: Answer, shared: str | None = None, spent: str | None = None
+        self,
+        digest: str,
+        question: ModelQuestion,
+        answer: ModelAnswer,
+        shared: str | None = None,
+        spent: str | None = None,
     ) -> None:
         """Keep an answer.
 
@@ -188,7 +193,7 @@ class AnswerStore:
             {"role": m.role, "text": m.text, **({"pictures": [p.of for p in m.pictures]} if m.pictures else {})}
             for m in question.messages
         ]
-        fields = {name: getattr(answer, name) for name in Answer.__dataclass_fields__}
+        fields = {name: getattr(answer, name) for name in ModelAnswer.__dataclass_fields__}
         record = AnswerRecord(
             stage=question.stage, subject=question.subject, messages=said, spent=spent, **fields
         ).model_dump()

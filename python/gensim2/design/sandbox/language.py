@@ -28,33 +28,36 @@ MAX_DEPTH = 50
 class Fields:
     """Fields by name; an omitted field keeps its default.
 
+    Args:
+        kind: name of the function that makes them.
+        names: fields that it takes, in order.
+        values: given by position.
+        named: given by name.
+
     Raises:
         TypeError: a field is unknown or given twice; lists the known fields.
     """
 
-    names: tuple[str, ...] = ()
-
-    def __init__(self, *values: Any, **named: Any) -> None:
-        self.given = arguments(type(self).__name__, self.names, values, named)
-
-
-class Place(Fields):
-    """Placement of an object: ``on`` "table" or another object, ``at`` (x, y) in m, ``yaw`` in rad."""
-
-    names = ("on", "at", "yaw")
-
-
-class Randomization(Fields):
-    """Ranges of the scene: ``x`` and ``y`` in m (a number or a pair), ``yaw`` in rad, openness from 0 to 1."""
-
-    names = ("x", "y", "yaw", "openness_mean", "openness_spread")
+    def __init__(self, kind: str, names: Sequence[str], values: Iterable[Any], named: Mapping[str, Any]) -> None:
+        self.given = arguments(kind, names, values, named)
 
 
 class Object(Fields):
     """Object of an asset class; the attribute of the task that it is assigned to names it."""
 
-    names = ("asset_class", "instances", "place", "randomization")
-    name: str | None = None
+    def __init__(self, *values: Any, **named: Any) -> None:
+        super().__init__("Object", ("asset_class", "instances", "place", "randomization"), values, named)
+        self.name: str | None = None
+
+
+def _place(*values: Any, **named: Any) -> Fields:
+    """Return the placement of an object: ``on`` "table" or another object, ``at`` (x, y) in m, ``yaw`` in rad."""
+    return Fields("Place", ("on", "at", "yaw"), values, named)
+
+
+def _randomization(*values: Any, **named: Any) -> Fields:
+    """Return ranges of the scene: ``x`` and ``y`` in m (a number or a pair), ``yaw`` in rad, openness from 0 to 1."""
+    return Fields("Randomization", ("x", "y", "yaw", "openness_mean", "openness_spread"), values, named)
 
 
 class Task:
@@ -191,8 +194,8 @@ CRITERIA = {
 #: What a program may import, by name.
 OFFERED: dict[str, Any] = {
     "Object": Object,
-    "Place": Place,
-    "Randomization": Randomization,
+    "Place": _place,
+    "Randomization": _randomization,
     "Task": Task,
     "pi": math.pi,
     **CRITERIA,

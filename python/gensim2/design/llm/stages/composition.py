@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from gensim2.design.base import Known
+from gensim2.design.llm.catalog import Catalog, name_of, sentence_of
 from gensim2.design.llm.conversations import Ask, Wrong
 from gensim2.design.llm.extraction import Data
 from gensim2.design.llm.specs import criterion, long_task, roles_of
 from gensim2.design.llm.stages.decomposition import BRINGING, GRASP, WORKING
 from gensim2.design.llm.stages.proposal import Wish
 from gensim2.design.llm.templating import Prompts
-from gensim2.design.llm.world import World, name_of, sentence_of
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 
@@ -80,7 +80,7 @@ class Composition:
     strategies: Mapping[str, Strategies]
 
 
-def skills_of(known: Sequence[Known], world: World) -> list[Skill]:
+def skills_of(known: Sequence[Known], catalog: Catalog) -> list[Skill]:
     """The tasks of one step on one articulated object, and how they are done."""
     found = []
     for each in known:
@@ -88,14 +88,14 @@ def skills_of(known: Sequence[Known], world: World) -> list[Skill]:
         if not task.is_single_step or len(task.success) != 1 or task.success[0].type not in WORKING:
             continue
         (thing, *rest) = task.objects.values()
-        if not rest and thing.asset_class in world.articulated:
+        if not rest and thing.asset_class in catalog.articulated:
             found.append(Skill(task.name, thing.asset_class, task.success[0].type, each.strategies))
     return sorted(found, key=lambda skill: (skill.object, skill.name))
 
 
 def composition(
     prompts: Prompts,
-    world: World,
+    catalog: Catalog,
     skills: Sequence[Skill],
     wish: Wish,
     refused: Sequence[str],
@@ -105,7 +105,7 @@ def composition(
     """Ask for a new task made of ``skills``."""
     text = prompts.text(
         "composition",
-        **world.for_prompts(),
+        **catalog.for_prompts(),
         skills=skills,
         target_object=wish.object,
         refused=list(refused),
@@ -117,13 +117,13 @@ def composition(
         f"proposal {number + 1}",
         text,
         SCHEMA,
-        lambda data: read_composition(data, world, skills, wish, origin),
+        lambda data: read_composition(data, catalog, skills, wish, origin),
         sample=number,
     )
 
 
 def read_composition(
-    data: Sequence[Data], world: World, skills: Sequence[Skill], wish: Wish, origin: str
+    data: Sequence[Data], catalog: Catalog, skills: Sequence[Skill], wish: Wish, origin: str
 ) -> Composition:
     """The task in an answer.
 
@@ -134,7 +134,7 @@ def read_composition(
     if given is None:
         raise Wrong(['there is no JSON object with the keys "task-name", "task-description" and "steps"'])
     problems: list[str] = []
-    name = name_of(given.get("task-name"), problems, world.known)
+    name = name_of(given.get("task-name"), problems, catalog.known)
     sentence = sentence_of(given.get("task-description"), problems)
     steps = given["steps"]
     if not isinstance(steps, list) or not all(isinstance(step, dict) for step in steps):
@@ -143,10 +143,10 @@ def read_composition(
         problems.append(f'"steps" must be 2 to {MAX_STEPS}, not {len(steps)}')
     if problems:
         raise Wrong(problems)
-    classes = _classes(steps, world, skills, wish, problems)
+    classes = _classes(steps, catalog, skills, wish, problems)
     if problems:
         raise Wrong(problems)
-    articulated, rigid = world.articulated[classes[0]], world.rigid[classes[1]] if classes[1] else None
+    articulated, rigid = catalog.articulated[classes[0]], catalog.rigid[classes[1]] if classes[1] else None
     role, other = roles_of(articulated, rigid)
     chain = _Chain(role, other, {skill.name: skill for skill in skills}, problems)
     for number, step in enumerate(steps):
@@ -159,7 +159,7 @@ def read_composition(
 
 
 def _classes(
-    steps: Sequence[Data], world: World, skills: Sequence[Skill], wish: Wish, problems: list[str]
+    steps: Sequence[Data], catalog: Catalog, skills: Sequence[Skill], wish: Wish, problems: list[str]
 ) -> tuple[str, str | None]:
     """The articulated and the rigid class that the steps are about."""
     known = {skill.name: skill for skill in skills}
@@ -173,15 +173,15 @@ def _classes(
             if thing and thing != known[skill].object:
                 problems.append(f"{where}: {skill} works on {known[skill].object}, not on {thing[:80]}")
         elif skill in (GRASP, PLACE):
-            if thing in world.rigid:
+            if thing in catalog.rigid:
                 rigid.add(thing)
             else:
-                problems.append(f"{where}: {skill} needs a rigid object: {world.unknown(thing)}")
+                problems.append(f"{where}: {skill} needs a rigid object: {catalog.unknown(thing)}")
             into = str(step.get("into", "")).strip()
-            if skill == PLACE and into in world.articulated:
+            if skill == PLACE and into in catalog.articulated:
                 articulated.add(into)
             elif skill == PLACE:
-                problems.append(f'{where}: "into" must be an articulated object: {world.unknown(into)}')
+                problems.append(f'{where}: "into" must be an articulated object: {catalog.unknown(into)}')
         else:
             problems.append(f"{where}: there is no skill {skill[:80]!r}")
     if not problems and (len(articulated) != 1 or len(rigid) > 1):

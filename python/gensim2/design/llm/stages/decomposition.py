@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from gensim2.design.llm.catalog import Catalog
 from gensim2.design.llm.conversations import Ask, Wrong
 from gensim2.design.llm.extraction import ITEMS, Data
 from gensim2.design.llm.specs import CRITERIA, criterion, long_task, roles_of
 from gensim2.design.llm.stages.proposal import Proposal
 from gensim2.design.llm.templating import Prompts
-from gensim2.design.llm.world import World
 from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
@@ -49,21 +49,21 @@ SCHEMA: dict[str, Any] = {
 }
 
 
-def decomposition(prompts: Prompts, world: World, found: Proposal, origin: str) -> Ask[TaskSpec]:
+def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: str) -> Ask[TaskSpec]:
     """Ask for the sub-tasks of a long task."""
     assert found.rigid is not None
     text = prompts.text(
         "decomposition",
-        **world.about(found.articulated, found.rigid).for_prompts(),
+        **catalog.about(found.articulated, found.rigid).for_prompts(),
         task=found.to_dict(),
         max_subtasks=MAX_SUBTASKS,
     )
     return Ask(
-        "decomposition", found.name, "", text, SCHEMA, lambda data: read_decomposition(data, world, found, origin)
+        "decomposition", found.name, "", text, SCHEMA, lambda data: read_decomposition(data, catalog, found, origin)
     )
 
 
-def read_decomposition(data: Sequence[Data], world: World, found: Proposal, origin: str) -> TaskSpec:
+def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, origin: str) -> TaskSpec:
     """The task with the steps that the sub-tasks stand for.
 
     Raises:
@@ -76,7 +76,7 @@ def read_decomposition(data: Sequence[Data], world: World, found: Proposal, orig
     if problems:
         raise Wrong(problems)
     assert found.rigid is not None
-    articulated, rigid = world.articulated[found.articulated], world.rigid[found.rigid]
+    articulated, rigid = catalog.articulated[found.articulated], catalog.rigid[found.rigid]
     role, other = roles_of(articulated, rigid)
     assert other is not None
     chain = _Chain(found, role, other)

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gensim2.design.llm.catalog import Catalog, name_of, sentence_of
 from gensim2.design.llm.conversations import Ask, Wrong
 from gensim2.design.llm.extraction import Data
 from gensim2.design.llm.specs import CRITERIA, single_step
 from gensim2.design.llm.templating import Prompts
-from gensim2.design.llm.world import World, name_of, sentence_of
 from gensim2.tasks.criteria import CLOSED, OPEN
 from gensim2.tasks.spec import TaskSpec
 
@@ -85,7 +85,7 @@ class Wish:
     object: str | None = None
 
 
-def proposal(prompts: Prompts, world: World, wish: Wish, refused: Sequence[str], number: int) -> Ask[Proposal]:
+def proposal(prompts: Prompts, catalog: Catalog, wish: Wish, refused: Sequence[str], number: int) -> Ask[Proposal]:
     """Ask for a new task.
 
     Args:
@@ -95,7 +95,7 @@ def proposal(prompts: Prompts, world: World, wish: Wish, refused: Sequence[str],
     bank = prompts.bank
     text = prompts.text(
         "proposal",
-        **world.for_prompts(),
+        **catalog.for_prompts(),
         good=bank["long" if wish.long else "single"],
         bad=bank["bad"],
         long=wish.long,
@@ -109,12 +109,12 @@ def proposal(prompts: Prompts, world: World, wish: Wish, refused: Sequence[str],
         f"proposal {number + 1}",
         text,
         SCHEMA,
-        lambda data: read_proposal(data, world, wish),
+        lambda data: read_proposal(data, catalog, wish),
         sample=number,
     )
 
 
-def read_proposal(data: Sequence[Data], world: World, wish: Wish) -> Proposal:
+def read_proposal(data: Sequence[Data], catalog: Catalog, wish: Wish) -> Proposal:
     """The proposal in an answer, the last where there are several: a model that thinks again says so later.
 
     Raises:
@@ -127,34 +127,34 @@ def read_proposal(data: Sequence[Data], world: World, wish: Wish) -> Proposal:
     if problems:
         raise Wrong(problems)
     if wish.task is None:
-        name = name_of(given["task-name"], problems, world.known)
+        name = name_of(given["task-name"], problems, catalog.known)
     else:
         name = name_of(kebab(wish.task), problems, ())
     sentence = sentence_of(given["task-description"], problems)
-    articulated, rigid = _objects(given["assets-used"], world, wish, problems)
+    articulated, rigid = _objects(given["assets-used"], catalog, wish, problems)
     criteria = _criteria(given["success-criteria"], bool(rigid), wish, problems)
     if problems:
         raise Wrong(problems)
     found = Proposal(name, sentence, articulated, rigid, criteria)
     if not wish.long:
-        _check_single(found, world, problems)
+        _check_single(found, catalog, problems)
     if problems:
         raise Wrong(problems)
     return found
 
 
-def task_of(found: Proposal, world: World, origin: str) -> TaskSpec:
+def task_of(found: Proposal, catalog: Catalog, origin: str) -> TaskSpec:
     """The task of a proposal of one motion."""
-    thing = world.articulated[found.articulated]
+    thing = catalog.articulated[found.articulated]
     return single_step(found.name, found.sentence, thing, found.criteria[0], origin)
 
 
-def reflection(prompts: Prompts, world: World, found: Proposal, wish: Wish) -> Ask[tuple[bool, str]]:
+def reflection(prompts: Prompts, catalog: Catalog, found: Proposal, wish: Wish) -> Ask[tuple[bool, str]]:
     """Ask whether a proposal is any good; the value says so, and why."""
     classes = [name for name in (found.articulated, found.rigid) if name]
     text = prompts.text(
         "reflection",
-        **world.about(*classes).for_prompts(),
+        **catalog.about(*classes).for_prompts(),
         task=found.to_dict(),
         bad=prompts.bank["bad"],
         long=wish.long,
@@ -186,16 +186,16 @@ def _in_kebab(given: Data) -> Data:
     return {str(key).strip().lower().replace("_", "-").replace(" ", "-"): value for key, value in given.items()}
 
 
-def _objects(given: Any, world: World, wish: Wish, problems: list[str]) -> tuple[str, str | None]:
+def _objects(given: Any, catalog: Catalog, wish: Wish, problems: list[str]) -> tuple[str, str | None]:
     names = [given] if isinstance(given, str) else given
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         problems.append('"assets-used" must be a list of object names')
         return "", None
     for name in names:
-        if name not in world.articulated and name not in world.rigid:
-            problems.append(f'"assets-used": {world.unknown(name)}')
-    articulated = [name for name in names if name in world.articulated]
-    rigid = [name for name in names if name in world.rigid]
+        if name not in catalog.articulated and name not in catalog.rigid:
+            problems.append(f'"assets-used": {catalog.unknown(name)}')
+    articulated = [name for name in names if name in catalog.articulated]
+    rigid = [name for name in names if name in catalog.rigid]
     if len(articulated) != 1:
         problems.append(f'"assets-used" must name exactly one articulated object, not {len(articulated)}')
     if wish.long and len(rigid) != 1:
@@ -225,9 +225,9 @@ def _criteria(given: Any, has_rigid: bool, wish: Wish, problems: list[str]) -> t
     return found
 
 
-def _check_single(found: Proposal, world: World, problems: list[str]) -> None:
+def _check_single(found: Proposal, catalog: Catalog, problems: list[str]) -> None:
     """Refuse what is true from the start, what no keypoint can be worked by, and what repeats a task."""
-    thing, (kind,) = world.articulated[found.articulated], found.criteria
+    thing, (kind,) = catalog.articulated[found.articulated], found.criteria
     start = thing.default_openness or 0.0
     if kind == "articulated_open" and start + SPREAD >= OPEN:
         problems.append(f"{found.articulated} is open at the start already (openness about {start:.2f})")
@@ -235,7 +235,7 @@ def _check_single(found: Proposal, world: World, problems: list[str]) -> None:
         problems.append(f"{found.articulated} is closed at the start already (openness about {start:.2f})")
     if not thing.lever_arms:
         problems.append(f"{found.articulated} has no keypoint on the part that moves; take another object")
-    for task in world.known:
+    for task in catalog.known:
         same = [each.asset_class for each in task.objects.values()] == [found.articulated]
         if task.is_single_step and same and [c.type for c in task.success] == [kind] and task.name != found.name:
             problems.append(f"the task {task.name} is the same: {kind} of {found.articulated}")

@@ -43,7 +43,7 @@ def _listed_schema(field: str, properties: dict[str, Any]) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Job:
+class StepToSolve:
     """A step for which configs are wanted.
 
     Attributes:
@@ -92,14 +92,14 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Sight:
+class CaptionedPictures:
     """Pictures that go along, each with a line that says what it shows."""
 
     captions: tuple[str, ...] = ()
     pictures: tuple[LazyPicture, ...] = ()
 
 
-def constraints(prompts: Prompts, job: Job, known: Sequence[Known], sight: Sight) -> Ask[list[Any]]:
+def constraints(prompts: Prompts, job: StepToSolve, known: Sequence[Known], sight: CaptionedPictures) -> Ask[list[Any]]:
     """Stage 1: ask for the constraints of the actuation pose."""
     stage = "constraints_visual" if sight.pictures else "constraints"
     examples = [
@@ -113,7 +113,7 @@ def constraints(prompts: Prompts, job: Job, known: Sequence[Known], sight: Sight
     )
 
 
-def read_constraints(data: Sequence[Data], job: Job) -> list[Any]:
+def read_constraints(data: Sequence[Data], job: StepToSolve) -> list[Any]:
     """The constraint list in an answer.
 
     Raises:
@@ -135,7 +135,12 @@ def read_constraints(data: Sequence[Data], job: Job) -> list[Any]:
 
 
 def motions(
-    prompts: Prompts, job: Job, known: Sequence[Known], constraint_list: Sequence[Any], trials: int, sight: Sight
+    prompts: Prompts,
+    job: StepToSolve,
+    known: Sequence[Known],
+    constraint_list: Sequence[Any],
+    trials: int,
+    sight: CaptionedPictures,
 ) -> Ask[list[Config]]:
     """Stage 2: ask for ``trials`` ways to get to the actuation pose and on; the value is whole configs."""
     stage = "motions_visual" if sight.pictures else "motions"
@@ -175,7 +180,9 @@ class Tried:
     diagnosis: tuple[str, ...]
 
 
-def regeneration(prompts: Prompts, job: Job, tried: Sequence[Tried], trials: int, round: int) -> Ask[list[Config]]:
+def regeneration(
+    prompts: Prompts, job: StepToSolve, tried: Sequence[Tried], trials: int, round: int
+) -> Ask[list[Config]]:
     """Ask for better configs after some were tried."""
     text = prompts.text("regeneration", **job.for_prompts(), tried=tried, trials=trials)
     schema = _listed_schema("configs", {**_CONSTRAINT_FIELDS, **_MOTION_FIELDS})
@@ -196,7 +203,7 @@ class Example:
     config: Config
 
 
-def examples_for(job: Job, known: Sequence[Known]) -> list[Example]:
+def examples_for(job: StepToSolve, known: Sequence[Known]) -> list[Example]:
     """Return the ``EXAMPLES`` stored configs most similar to the step (tool, goal, class), one a class."""
     own = job.things[job.step.object]
     kinds = [criterion.type for criterion in job.step.done]
@@ -245,7 +252,7 @@ def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
     return loose
 
 
-def _valid(given: Sequence[Config], job: Job, max_count: int) -> list[Config]:
+def _valid(given: Sequence[Config], job: StepToSolve, max_count: int) -> list[Config]:
     """Those that can be used, no two alike; one that cannot be used does not spoil the others.
 
     Raises:

@@ -20,7 +20,7 @@ LONGEST_SENTENCE = 160
 
 
 @dataclass(frozen=True)
-class World:
+class Catalog:
     """Robot, objects and tasks.
 
     Attributes:
@@ -35,7 +35,7 @@ class World:
     known: tuple[TaskSpec, ...]
 
     @staticmethod
-    def of(brief: Brief, articulated_only: bool = False) -> World:
+    def of(brief: Brief, articulated_only: bool = False) -> Catalog:
         """Read a brief, in which articulated classes come first; each takes a moment."""
         found: dict[str, Affordance] = {}
         for name in brief.classes:
@@ -45,16 +45,16 @@ class World:
                 continue  # the run's notes name it
             if articulated_only and found[name].kind == "rigid":
                 break
-        return World(
+        return Catalog(
             brief.settings,
             {name: each for name, each in found.items() if each.kind == "articulated"},
             {name: each for name, each in found.items() if each.kind == "rigid"},
             tuple(known.task for known in brief.known),
         )
 
-    def about(self, *classes: str) -> World:
+    def about(self, *classes: str) -> Catalog:
         """With these classes only."""
-        return World(
+        return Catalog(
             self.settings,
             {name: each for name, each in self.articulated.items() if name in classes},
             {name: each for name, each in self.rigid.items() if name in classes},
