@@ -1,4 +1,4 @@
-"""World of the prompts: the objects and names that answers may use, from a brief."""
+"""Collect the robot, objects and tasks that prompts describe and that answers may name."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LONGEST_SENTENCE = 160
 
 @dataclass(frozen=True)
 class Catalog:
-    """Robot, objects and tasks.
+    """Robot, objects and tasks of the prompts.
 
     Attributes:
         settings: of the robot.
