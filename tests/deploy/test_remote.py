@@ -21,7 +21,13 @@ from gensim2.cli.main import cli
 from gensim2.deploy.faults import Fault
 from gensim2.deploy.remote import protocol
 from gensim2.deploy.remote.client import RemoteController
-from gensim2.deploy.remote.protocol import RemoteError, decode, encode, observation_of, observation_to_message
+from gensim2.deploy.remote.protocol import (
+    ObservationMessage,
+    RemoteError,
+    decode,
+    encode,
+    observation_to_message,
+)
 from gensim2.deploy.remote.server import PolicyServer
 from gensim2.deploy.run import run
 from gensim2.errors import InputError
@@ -110,7 +116,8 @@ def test_whoever_comes_next_is_told_all_that_is_looked_at(serving: Callable[...,
 
 def test_observations_come_back_as_they_were() -> None:
     sent = observation(1)
-    found = observation_of(decode(encode({"kind": "x", "o": observation_to_message(sent)}))["o"])
+    message = decode(encode({"kind": "x", "o": observation_to_message(sent)}))["o"]
+    found = ObservationMessage.model_validate(message).value()
     assert (found.step, found.time, found.language) == (sent.step, sent.time, sent.language)
     for name in sent:
         np.testing.assert_array_equal(found[name], sent[name])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal
@@ -76,7 +77,7 @@ class CloudSettings:
 
     def __post_init__(self) -> None:
         if self.source not in SOURCES:
-            raise InputError(f"must be one of {', '.join(SOURCES)}, is {self.source!r}", field="source")
+            raise InputError(f"must be one of {', '.join(SOURCES)}, got {reprlib.repr(self.source)}", field="source")
         if self.source != "depth":
             self._keep_points_alone()
         _check_count(self.points, "points", 1)
@@ -85,7 +86,7 @@ class CloudSettings:
         if 0 < self.candidates < self.points:
             raise InputError(f"must be 0 or at least points, {self.points}", field="candidates")
         if self.robot not in ROBOT_PARTS:
-            raise InputError(f"must be one of {', '.join(ROBOT_PARTS)}, is {self.robot!r}", field="robot")
+            raise InputError(f"must be one of {', '.join(ROBOT_PARTS)}, got {reprlib.repr(self.robot)}", field="robot")
         low, high = (np.asarray(corner, dtype=np.float64) for corner in (self.low, self.high))
         if low.shape != (3,) or high.shape != (3,) or not (low < high).all():
             raise InputError("must be three numbers each, low below high", field="low, high")
@@ -117,8 +118,15 @@ class CloudSettings:
                 raise InputError(f"there is no setting {name!r}", field="observation", remedy=near(name, known))
         for corner in ("low", "high"):
             if corner in given:
-                given[corner] = tuple(given[corner])
+                numbers = given[corner]
+                if not isinstance(numbers, list | tuple) or not all(_is_number(each) for each in numbers):
+                    raise InputError(f"must be a list of three numbers, got {reprlib.repr(numbers)}", field=corner)
+                given[corner] = tuple(numbers)
+        if not (given.get("outliers") is None or _is_number(given["outliers"])):
+            raise InputError(f"must be a number, got {reprlib.repr(given['outliers'])}", field="outliers")
         noise = given.get("noise")
+        if not isinstance(noise, Mapping | DepthNoise | None):
+            raise InputError(f"must be a mapping, got {reprlib.repr(noise)}", field="noise")
         if isinstance(noise, Mapping):
             try:
                 given["noise"] = DepthNoise(**noise)
@@ -237,6 +245,10 @@ def from_steps(steps: npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
     return steps * RESOLUTION
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _check_count(value: Any, name: str, least: int) -> None:
     if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= MAX_POINTS:
-        raise InputError(f"must be a whole number from {least} to {MAX_POINTS}, is {value!r}", field=name)
+        raise InputError(f"must be a whole number from {least} to {MAX_POINTS}, got {reprlib.repr(value)}", field=name)

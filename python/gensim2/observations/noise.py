@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -15,6 +16,7 @@ from gensim2.errors import InputError
 Depth = npt.NDArray[np.float32]
 Colors = npt.NDArray[np.uint8]
 
+MAX_SETTING = 1e9
 FIELD = 3.0
 """Pixels of the smooth field that says where edges are fat, where noise is not correlated."""
 
@@ -71,8 +73,9 @@ class DepthNoise:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not isinstance(value, int | float) or not np.isfinite(value) or value < 0:
-                raise InputError(f"must be a number of at least 0, is {value!r}", field=f"noise.{name}")
+            if not isinstance(value, int | float) or not 0 <= value < MAX_SETTING:
+                said = f"must be a number from 0 to {MAX_SETTING:g}, got {reprlib.repr(value)}"
+                raise InputError(said, field=f"noise.{name}")
         if min(self.focal, self.baseline) <= 0:
             raise InputError("must be positive", field="noise.focal and noise.baseline")
         if self.edge_lost + self.edge_mixed > 1 or self.lost > 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
@@ -81,18 +82,21 @@ class ObservationSpec:
         if isinstance(values, ObservationSpec):
             return values
         if not isinstance(values, Mapping | None):
-            raise InputError(f"must be a mapping, is {values!r}", field="observation")
+            raise InputError(f"must be a mapping, got {reprlib.repr(values)}", field="observation")
         given = dict(values or {})
         found: dict[str, Any] = {}
         for name in ("modalities", "cameras"):
             if name in given:
                 words = given.pop(name)
-                found[name] = (words,) if isinstance(words, str) else tuple(words)
+                words = (words,) if isinstance(words, str) else words
+                if not isinstance(words, list | tuple) or not all(isinstance(word, str) for word in words):
+                    raise InputError(f"must be a list of names, got {reprlib.repr(words)}", field=name)
+                found[name] = tuple(words)
         cloud = given.pop("cloud", None)
         if isinstance(cloud, CloudSettings) and not given:
             return ObservationSpec(**found, cloud=cloud)
         if not isinstance(cloud, Mapping | None):
-            raise InputError(f"must be a mapping, is {cloud!r}", field="observation.cloud")
+            raise InputError(f"must be a mapping, got {reprlib.repr(cloud)}", field="observation.cloud")
         return ObservationSpec(**found, cloud=CloudSettings.of({**(cloud or {}), **given}))
 
     def to_dict(self) -> dict[str, Any]:

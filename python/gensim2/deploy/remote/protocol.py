@@ -1,28 +1,43 @@
-"""Messages between a loop and a controller elsewhere: maps of plain values and arrays, as msgpack.
+"""Messages between a loop and a policy server: maps of plain values and arrays, as msgpack over a websocket.
 
-The loop speaks first (``hello``: version and token), the server answers (``welcome`` or ``refused``), then each request
-(``reset``, ``act``) has one answer (``ready``, ``action``, ``error``) with its number.
+The loop sends ``hello`` with the token and its version, and the server answers ``welcome`` or ``refused``. Each request
+then has one answer with the same number: ``reset`` is answered by ``ready``, ``act`` by ``action``, either by ``error``.
+Every message is read through :func:`decode`, which bounds its bytes and values, and :func:`read_message`, which checks
+it against the schema of the messages that are allowed at that point.
 """
 
 from __future__ import annotations
 
 import re
+import reprlib
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from gensim2.errors import GenSim2Error, MissingExtraError
+from gensim2.errors import InputError, MissingExtraError
 from gensim2.observations import Camera, Observation, PointCloud
 
 VERSION = 1
+MAX_HELLO = 4 << 10
+"""Bytes of the first message, which the server reads before it knows the sender."""
 MAX_BYTES = 16 << 20
-"""Of one message: a cloud of 1,024 points has 15 kB, three depth pictures of 640 x 480 1.8 MB."""
+"""Bytes of a request: a cloud of 1,024 points has 15 kB, three depth pictures of 640 x 480 have 1.8 MB."""
+MAX_ANSWER = 64 << 10
+"""Bytes of an answer: an action and an observation spec have less than 2 kB."""
+MAX_VALUES = 10_000
+"""Values of one message, an array counted as one."""
+MAX_ITEMS = 1000
+"""Entries of one list or map."""
+MAX_TEXT = 16 << 10
+"""Bytes of one string."""
+MAX_DIMENSIONS = 4
 TOKEN = "GENSIM2_POLICY_TOKEN"
-"""Environment variable that holds the token: a command line is read by everybody on a machine."""
+"""Environment variable that holds the token: every user of a machine can read its command lines."""
 TOKEN_LENGTH = 16
-"""Characters of a token at least."""
+"""Minimum number of characters of a token."""
 PORT = 8321
 
 _ARRAY = "__array__"
@@ -30,15 +45,15 @@ _TYPES = ("uint8", "uint16", "int16", "int32", "int64", "float32", "float64", "b
 _URL = re.compile(r"wss?://[^\s/?#@]+(/[^\s@]*)?")
 
 
-class RemoteError(GenSim2Error):
-    """A controller elsewhere cannot be reached, refuses, is late, or says what cannot be understood."""
+class RemoteError(InputError):
+    """A policy server or its client is unreachable, late, refuses, or sends an invalid message."""
 
 
 def msgpack() -> Any:
-    """The module.
+    """Import and return the msgpack module.
 
     Raises:
-        MissingExtraError: it is not installed.
+        MissingExtraError: msgpack is not installed.
     """
     try:
         import msgpack
@@ -48,80 +63,76 @@ def msgpack() -> Any:
 
 
 def is_url(text: str) -> bool:
-    """Whether a text names a controller elsewhere."""
+    """Return whether a text is the URL of a policy server."""
     return _URL.fullmatch(text) is not None
 
 
+# -------------------------------------------------------------------------------------------------------------- bytes
+
+
 def encode(message: Mapping[str, Any]) -> bytes:
-    """A message as bytes."""
+    """Encode a message."""
     found: bytes = msgpack().packb(dict(message), default=_plain, use_bin_type=True)
     return found
 
 
-def decode(data: Any) -> dict[str, Any]:
-    """A message from bytes.
+def decode(data: Any, max_bytes: int = MAX_BYTES, sender: str = "The sender") -> dict[str, Any]:
+    """Decode a message.
+
+    Args:
+        data: bytes as they came.
+        max_bytes: largest allowed size.
+        sender: who sent them, for error messages.
 
     Raises:
-        RemoteError: they are none.
+        RemoteError: the data are no message, or exceed a limit on bytes or values.
     """
     if not isinstance(data, bytes):
-        raise RemoteError("a message must be binary")
-    if len(data) > MAX_BYTES:
-        raise RemoteError(f"a message has {len(data)} bytes, {MAX_BYTES} at most")
+        raise RemoteError(f"{sender} sent text in place of a binary message")
+    if len(data) > max_bytes:
+        raise RemoteError(f"{sender} sent a message of {len(data)} bytes, the limit is {max_bytes}")
+    library, counter = msgpack(), _Counter()
     try:
-        found = msgpack().unpackb(data, raw=False, object_hook=_array, strict_map_key=True)
-    except MissingExtraError:
-        raise
-    except (ValueError, TypeError, KeyError, RecursionError, msgpack().UnpackException) as error:
-        raise RemoteError(f"a message is damaged: {error}") from error
+        found = library.unpackb(
+            data,
+            raw=False,
+            strict_map_key=True,
+            object_pairs_hook=counter.mapping,
+            list_hook=counter.items,
+            max_array_len=MAX_ITEMS,
+            max_map_len=MAX_ITEMS,
+            max_str_len=MAX_TEXT,
+            max_bin_len=max_bytes,
+            max_ext_len=0,
+        )
+    except (ValueError, TypeError, RecursionError, library.UnpackException) as error:
+        raise RemoteError(f"{sender} sent a damaged message: {error or type(error).__name__}") from error
     if not isinstance(found, dict) or not isinstance(found.get("kind"), str):
-        raise RemoteError("a message says no kind")
+        raise RemoteError(f"{sender} sent a message without a kind")
     return found
 
 
-def observation_to_message(observation: Observation) -> dict[str, Any]:
-    """Plain values and arrays of an observation."""
-    cloud = observation.cloud
-    return {
-        "step": observation.step,
-        "time": observation.time,
-        "language": observation.language,
-        "arrays": dict(observation.arrays),
-        "cloud": None if cloud is None else {"xyz": cloud.xyz, "rgb": cloud.rgb, "segmentation": cloud.segmentation},
-        "cameras": [
-            {
-                "name": camera.name,
-                "width": camera.width,
-                "height": camera.height,
-                "intrinsic": camera.intrinsic,
-                "T_base_camera": camera.T_base_camera,
-                "far": camera.far,
-                "link": camera.link,
-            }
-            for camera in observation.cameras.values()
-        ],
-    }
+class _Counter:
+    """Counts values while a message is decoded: a byte of msgpack can become 70 bytes of Python."""
 
+    def __init__(self) -> None:
+        self._count = 0
 
-def observation_of(data: Any) -> Observation:
-    """An observation from plain values and arrays.
+    def items(self, values: list[Any]) -> list[Any]:
+        self._add(len(values))
+        return values
 
-    Raises:
-        RemoteError: it is none.
-    """
-    try:
-        cloud = data["cloud"]
-        cameras = [Camera(**each) for each in data["cameras"]]
-        return Observation(
-            int(data["step"]),
-            float(data["time"]),
-            str(data["language"]),
-            {str(name): np.asarray(array) for name, array in data["arrays"].items()},
-            None if cloud is None else PointCloud(cloud["xyz"], cloud["rgb"], cloud["segmentation"]),
-            {camera.name: camera for camera in cameras},
-        )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RemoteError(f"an observation cannot be so: {error}") from error
+    def mapping(self, pairs: list[tuple[str, Any]]) -> Any:
+        self._add(2 * len(pairs))
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            raise ValueError("a map has a key twice")
+        return _array(found[_ARRAY]) if list(found) == [_ARRAY] else found
+
+    def _add(self, count: int) -> None:
+        self._count += count
+        if self._count > MAX_VALUES:
+            raise ValueError(f"more than {MAX_VALUES} values")
 
 
 def _plain(value: Any) -> Any:
@@ -132,11 +143,209 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} is no plain value")
 
 
-def _array(value: dict[str, Any]) -> Any:
-    if _ARRAY not in value:
+def _array(value: Any) -> npt.NDArray[Any]:
+    if not isinstance(value, list) or len(value) != 3:
+        raise ValueError("an array must have a type, a shape and bytes")
+    kind, shape, data = value
+    if not isinstance(kind, str) or kind not in _TYPES or not isinstance(shape, list) or not isinstance(data, bytes):
+        raise ValueError("an array must have a type, a shape and bytes")
+    if len(shape) > MAX_DIMENSIONS or not all(type(each) is int and 0 <= each <= MAX_BYTES for each in shape):
+        raise ValueError("the shape of an array is invalid")
+    found: npt.NDArray[Any] = np.frombuffer(data, dtype=kind)
+    return found.reshape(shape)
+
+
+# ------------------------------------------------------------------------------------------------------------- schemas
+
+
+def _shaped(kinds: str, *shape: int | None) -> Any:
+    """Return a check that a value is an array.
+
+    Args:
+        kinds: of NumPy that its numbers may have, for example ``"iuf"``.
+        shape: of the array, None for any length. With a shape, the numbers must be finite too.
+    """
+
+    def check(value: Any) -> npt.NDArray[Any]:
+        if not isinstance(value, np.ndarray) or value.dtype.kind not in kinds:
+            raise ValueError("must be an array of numbers")
+        if shape and (
+            value.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, value.shape, strict=True))
+        ):
+            wanted = ", ".join("N" if each is None else str(each) for each in shape)
+            raise ValueError(f"must be an array of shape ({wanted}), got {value.shape}")
+        if shape and value.dtype.kind == "f" and not np.isfinite(value).all():
+            raise ValueError("must be finite, holds NaN or infinity")
         return value
-    kind, shape, data = value[_ARRAY]
-    if kind not in _TYPES or len(value) != 1 or not all(isinstance(each, int) and each >= 0 for each in shape):
-        raise ValueError("an array cannot be so")
-    found: npt.NDArray[Any] = np.frombuffer(data, dtype=kind).reshape(shape)
-    return found
+
+    return BeforeValidator(check)
+
+
+class Message(BaseModel):
+    """Fields that are checked without conversion; unknown fields are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
+
+
+Text = Annotated[str, Field(max_length=2000)]
+Word = Annotated[str, Field(max_length=200)]
+Number = Annotated[int, Field(ge=0, lt=2**63)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+class Hello(Message):
+    """First message of a loop. Its token is checked before anything else of it is read."""
+
+    kind: Literal["hello"]
+    protocol: Number
+    token: Word
+    robot: Word | None = None
+
+
+class Welcome(Message):
+    """Answer to a loop that may ask."""
+
+    kind: Literal["welcome"]
+    protocol: Number
+    gensim2: Word
+    controller: Text
+    robot: Word
+    action_size: Annotated[int, Field(ge=1, le=MAX_ITEMS)]
+    observation: dict[str, Any]
+
+
+class Refused(Message):
+    """Answer to anybody else."""
+
+    kind: Literal["refused"]
+    why: Text
+
+
+class CloudMessage(Message):
+    """Point cloud of an observation."""
+
+    xyz: Annotated[Any, _shaped("f", None, 3)]
+    rgb: Annotated[Any, _shaped("u", None, 3)]
+    segmentation: Annotated[Any, _shaped("iu", None)] | None
+
+
+class CameraMessage(Message):
+    """Camera of an observation."""
+
+    name: Word
+    width: Annotated[int, Field(ge=1, le=1 << 14)]
+    height: Annotated[int, Field(ge=1, le=1 << 14)]
+    intrinsic: Annotated[Any, _shaped("f", 3, 3)]
+    T_base_camera: Annotated[Any, _shaped("f", 4, 4)]
+    far: Finite
+    link: Word | None
+
+
+class ObservationMessage(Message):
+    """Observation of a request."""
+
+    step: Number
+    time: Finite
+    language: Text
+    arrays: dict[Word, Annotated[Any, _shaped("iufb")]]
+    cloud: CloudMessage | None
+    cameras: list[CameraMessage]
+
+    def value(self) -> Observation:
+        """Return the observation."""
+        cloud = self.cloud
+        cameras = [Camera(**{name: getattr(each, name) for name in CameraMessage.model_fields}) for each in self.cameras]
+        return Observation(
+            self.step,
+            self.time,
+            self.language,
+            self.arrays,
+            None if cloud is None else PointCloud(cloud.xyz, cloud.rgb, cloud.segmentation),
+            {camera.name: camera for camera in cameras},
+        )
+
+
+class Reset(Message):
+    """Request to begin an episode."""
+
+    kind: Literal["reset"]
+    number: Number
+    observation: ObservationMessage
+    seed: int
+
+
+class Act(Message):
+    """Request for the next action."""
+
+    kind: Literal["act"]
+    number: Number
+    observation: ObservationMessage
+
+
+class Ready(Message):
+    """Answer to ``reset``."""
+
+    kind: Literal["ready"]
+    number: Number
+    observation: dict[str, Any]
+
+
+class Action(Message):
+    """Answer to ``act``; without an action the controller is done."""
+
+    kind: Literal["action"]
+    number: Number
+    action: Annotated[Any, _shaped("f", None)] | None
+    observation: dict[str, Any]
+
+
+class Failure(Message):
+    """Answer to a request that failed, or that could not be read and so has no number."""
+
+    kind: Literal["error"]
+    number: Number | None
+    why: Text
+
+
+Kind = TypeVar("Kind", bound=Message)
+
+
+def read_message(message: Mapping[str, Any], *allowed: type[Kind], sender: str) -> Kind:
+    """Check a message against the kinds that are allowed at this point of the conversation.
+
+    Args:
+        message: as :func:`decode` returns it.
+        allowed: kinds of messages.
+        sender: who sent it, for error messages.
+
+    Raises:
+        RemoteError: the message is of another kind, or one of its fields is missing, unknown or invalid.
+    """
+    kinds = {get_args(each.model_fields["kind"].annotation)[0]: each for each in allowed}
+    kind = message["kind"]
+    if kind not in kinds:
+        raise RemoteError(f"{sender} sent {reprlib.repr(kind)}, expected {' or '.join(kinds)}")
+    try:
+        return kinds[kind].model_validate(message)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(map(str, first["loc"]))
+        said = str(first["ctx"]["error"]) if first["type"] == "value_error" else str(first["msg"]).lower()
+        if first["type"] not in ("value_error", "missing"):
+            said += f", got {reprlib.repr(first['input'])}"
+        raise RemoteError(f"{sender} sent an invalid {kind} message: {field}: {said}") from error
+
+
+def observation_to_message(observation: Observation) -> dict[str, Any]:
+    """Return the plain values and arrays of an observation, as :class:`ObservationMessage` reads them."""
+    cloud = observation.cloud
+    return {
+        "step": observation.step,
+        "time": observation.time,
+        "language": observation.language,
+        "arrays": dict(observation.arrays),
+        "cloud": None if cloud is None else {"xyz": cloud.xyz, "rgb": cloud.rgb, "segmentation": cloud.segmentation},
+        "cameras": [
+            {name: getattr(camera, name) for name in CameraMessage.model_fields}
+            for camera in observation.cameras.values()
+        ],
+    }

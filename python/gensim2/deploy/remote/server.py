@@ -1,35 +1,52 @@
-"""``gensim2 policy serve``: a controller behind a websocket."""
+"""``gensim2 policy serve``: a controller behind a websocket.
+
+A sender is a stranger until its first message has the token. Strangers are few at a time, get a few seconds and a few
+kB, and each has a thread of its own; only the one loop that is served reaches the controller.
+"""
 
 from __future__ import annotations
 
 import hmac
+import reprlib
+import socket
+import sys
 import threading
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 import gensim2
+from gensim2.deploy.clocks import SWITCH_INTERVAL
 from gensim2.deploy.remote.protocol import (
     MAX_BYTES,
+    MAX_HELLO,
     PORT,
     TOKEN_LENGTH,
     VERSION,
+    Act,
+    Hello,
     RemoteError,
+    Reset,
     decode,
     encode,
-    observation_of,
+    read_message,
 )
+from gensim2.deploy.remote.websocket import CHUNK, logger, unfragmented
 from gensim2.errors import GenSim2Error, InputError, MissingExtraError, one_line
 from gensim2.robots import robot
 from gensim2.rollout.controller import Controller, is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerSpec
 
 GREETING = 5.0
-"""Seconds within which whoever connects must say the token."""
-
+"""Seconds within which a stranger must open the websocket, and as many within which it must send the token."""
 LEAVING = 1.0
 """Seconds for which a loop waits for the one before it, whose connection is being closed, before it is refused."""
+CLOSING = 0.2
+"""Seconds within which a peer must confirm that its connection is closed; what it sends meanwhile is discarded."""
+MAX_STRANGERS = 4
+"""Connections at a time that have not sent the token; others are closed at once."""
 
 
 class PolicyServer:
@@ -64,7 +81,7 @@ class PolicyServer:
         if is_privileged(kind):
             raise InputError("is shown the truth of a simulated world, which does not travel", field=controller.target)
         try:
-            from websockets.sync.server import serve
+            from websockets.sync.server import ServerConnection, serve
         except ImportError as error:
             raise MissingExtraError("websockets", "robot") from error
         encode({})  # msgpack is there
@@ -74,10 +91,23 @@ class PolicyServer:
         self._observation = spec_of(self._controller).to_dict()  # now: one that acts may look at less for a while
         self._busy = threading.Lock()
         self._connections: set[Any] = set()
+        self._strangers = threading.BoundedSemaphore(MAX_STRANGERS)
+        self._known: set[Any] = set()
         try:
-            self._server = serve(self._handle, host, port, max_size=MAX_BYTES, compression=None)
+            self._server = serve(
+                self._handle,
+                host,
+                port,
+                max_size=MAX_HELLO,
+                compression=None,
+                open_timeout=GREETING,
+                close_timeout=CLOSING,
+                logger=logger(said),
+                create_connection=unfragmented(ServerConnection, MAX_HELLO),
+            )
         except OSError as error:
             raise InputError(f"cannot listen: {error.strerror}", field=f"{host}:{port}") from error
+        self._speak, self._server.handler = self._server.handler, self._admit
         self.host, self.port = self._server.socket.getsockname()[:2]
 
     @property
@@ -87,22 +117,51 @@ class PolicyServer:
 
     def serve(self) -> None:
         """Answer until :meth:`close` is called."""
-        self._server.serve_forever()
+        before = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_INTERVAL)  # strangers' threads give up the interpreter soon
+        try:
+            self._server.serve_forever()
+        finally:
+            sys.setswitchinterval(before)
 
     def close(self) -> None:
-        """Listen no more, and leave whoever is connected."""
+        """Stop listening, and close every connection."""
         self._server.shutdown()
         for connection in list(self._connections):
             connection.close()
 
+    def _admit(self, peer: socket.socket, address: Any) -> None:
+        """Go through a connection from its first byte, unless there are too many strangers."""
+        if not self._strangers.acquire(blocking=False):
+            peer.close()
+            return
+        try:
+            self._speak(peer, address)
+        finally:
+            self._trust(address)
+            self._known.discard(address)
+
+    def _trust(self, address: Any) -> None:
+        """Count a connection among the strangers no longer."""
+        if address not in self._known:
+            self._known.add(address)
+            self._strangers.release()
+
     def _handle(self, connection: Any) -> None:
         from websockets.exceptions import ConnectionClosed
 
-        who = connection.remote_address[0]
         try:
-            refused = self._greet(decode(connection.recv(timeout=GREETING)))
-            if refused is None and not self._busy.acquire(timeout=LEAVING):
-                refused = "another loop is being served"
+            address = connection.remote_address
+        except OSError:  # it has left already
+            return
+        who = str(address[0])
+        try:
+            hello = decode(connection.recv(timeout=GREETING), MAX_HELLO, who)
+            refused = self._greet(hello, who)
+            if refused is None:
+                self._trust(address)
+                if not self._busy.acquire(timeout=LEAVING):
+                    refused = "another loop is being served"
             if refused is not None:
                 self._said(f"{who} refused: {refused}")
                 connection.send(encode({"kind": "refused", "why": refused}))
@@ -113,9 +172,10 @@ class PolicyServer:
         try:
             self._said(f"{who} connected")
             self._connections.add(connection)
+            connection.protocol.max_message_size, connection.recv_bufsize = MAX_BYTES, CHUNK
             connection.send(encode(self._welcome()))
             for data in connection:
-                connection.send(encode(self._answer(data)))
+                connection.send(encode(self._answer(data, who)))
         except ConnectionClosed as error:
             self._said(f"{who}: {one_line(str(error))}")
         finally:
@@ -123,19 +183,23 @@ class PolicyServer:
             self._busy.release()
             self._said(f"{who} gone")
 
-    def _greet(self, hello: dict[str, Any]) -> str | None:
-        """Why whoever says hello is refused; None: welcome. The token comes first: without it nothing is told."""
-        token = hello.get("token")
-        if hello["kind"] != "hello" or not isinstance(token, str):
+    def _greet(self, message: dict[str, Any], who: str) -> str | None:
+        """Return why a first message is refused; None where it is not. Without the token nothing is told."""
+        token = message.get("token")
+        if message["kind"] != "hello" or not isinstance(token, str):
             return "no token"
         if not hmac.compare_digest(token.encode(), self._token.encode()):
             return "wrong token"
-        if hello.get("protocol") != VERSION:
-            return (
-                f"speaks version {hello.get('protocol')} of the protocol, this is {VERSION}: install the same gensim2"
-            )
-        if hello.get("robot") not in (None, self._profile.name):
-            return f"drives {hello['robot']}, this controller is for {self._profile.name}"
+        spoken = message.get("protocol")
+        if spoken != VERSION:
+            said = reprlib.repr(spoken)
+            return f"speaks version {said} of the protocol, this is {VERSION}: install the same gensim2"
+        try:
+            hello = read_message(message, Hello, sender=who)
+        except RemoteError as error:
+            return str(error)
+        if hello.robot not in (None, self._profile.name):
+            return f"drives {hello.robot}, this controller is for {self._profile.name}"
         return None
 
     def _welcome(self) -> dict[str, Any]:
@@ -149,25 +213,29 @@ class PolicyServer:
             "observation": self._observation,
         }
 
-    def _answer(self, data: Any) -> dict[str, Any]:
-        number: Any = None
+    def _answer(self, data: Any, who: str) -> dict[str, Any]:
+        number: int | None = None
         try:
-            message = decode(data)
-            number = message.get("number")
-            observation = observation_of(message.get("observation"))
-            if message["kind"] == "reset":
-                self._controller.reset(observation, int(message["seed"]))
+            request = read_message(decode(data, sender=who), Reset, Act, sender=who)
+            number = request.number
+            observation = request.observation.value()
+            if isinstance(request, Reset):
+                self._controller.reset(observation, request.seed)
                 found: dict[str, Any] = {"kind": "ready"}
-            elif message["kind"] == "act":
-                action = self._controller.act(observation)
-                found = {
-                    "kind": "action",
-                    "action": None if action is None else np.asarray(action, dtype=np.float32),
-                }
             else:
-                raise RemoteError(f"no request {message['kind']!r}")
+                found = {"kind": "action", "action": self._action(self._controller.act(observation))}
             return {**found, "number": number, "observation": spec_of(self._controller).to_dict()}
         except GenSim2Error as error:
-            return {"kind": "error", "number": number, "why": str(error)}
+            return {"kind": "error", "number": number, "why": one_line(str(error))}
         except Exception as error:  # noqa: BLE001 - a controller of anybody's; its loop is told, and goes on
             return {"kind": "error", "number": number, "why": one_line(f"{type(error).__name__}: {error}")}
+
+    def _action(self, given: Any) -> npt.NDArray[np.float32] | None:
+        if given is None:
+            return None
+        action = np.asarray(given, dtype=np.float32)
+        if action.shape != (self._profile.action_size,):
+            raise RemoteError(f"the controller gave an action of shape {action.shape}")
+        if not np.isfinite(action).all():
+            raise RemoteError("the controller gave an action that holds NaN or infinity")
+        return action
