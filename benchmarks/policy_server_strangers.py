@@ -23,7 +23,7 @@ import numpy as np
 
 from gensim2.deploy.remote.client import RemoteController
 from gensim2.deploy.remote.protocol import MAX_BYTES, TOKEN
-from gensim2.observations import Observation
+from gensim2.observations import Observation, ObservationSpec
 from gensim2.observations.columns import STATE, VELOCITY
 
 STRANGERS = 4
@@ -112,7 +112,7 @@ def memory(pid: int) -> float:
 class Still:
     """A controller that does nothing."""
 
-    observation_spec: dict[str, list[str]] = {"modalities": []}
+    observation_spec = ObservationSpec(modalities=())
 
     def reset(self, observation: Observation, seed: int) -> None:
         """Begin an episode."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
@@ -76,3 +77,11 @@ class Filmed:
 
     def close(self) -> None:
         self._driver.close()
+
+
+def repeat(pipe: Connection, count: int, size: int) -> None:
+    """Send large messages, and then what comes."""
+    for _ in range(count):
+        pipe.send(bytes(size))
+    while (message := pipe.recv()) is not None:
+        pipe.send(message)

@@ -14,8 +14,8 @@ from fake_cameras import LEFT, SERIAL, Fake, picture, refused
 
 from gensim2.deploy.cameras import ProcessCameras
 from gensim2.deploy.devices import Frame
-from gensim2.deploy.line import DeviceGoneError
 from gensim2.deploy.picture_slots import SLOTS, PictureSlots
+from gensim2.deploy.pipes import DeviceGoneError
 from gensim2.errors import InputError
 
 ODD = replace(LEFT, name="odd", width=7, height=5)

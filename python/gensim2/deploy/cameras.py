@@ -6,14 +6,15 @@ cycle waiting. A process that ends, or is ended, is a device that is gone.
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection
 from typing import Any
 
 from gensim2.deploy.devices import Frame
-from gensim2.deploy.line import DeviceGoneError
 from gensim2.deploy.picture_slots import PictureSlots
+from gensim2.deploy.pipes import DeviceGoneError
 from gensim2.deploy.processes import DeviceProcess
 from gensim2.errors import GenSim2Error
 from gensim2.observations import Camera
@@ -32,21 +33,22 @@ class ProcessCameras:
             can be told to.
         arguments: of ``make``; all of it must travel to another process.
 
+        interrupted: numbers of signals that have asked to stop; once there is one, opening ends.
+
     Attributes:
         cameras: that there are, as their driver says.
         serials: numbers of their devices, by name.
 
     Raises:
         GenSim2Error: as ``make`` raises it.
-        DeviceGoneError: ``make`` raises anything else, or the cameras are not open within 60 s.
+        DeviceGoneError: ``make`` raises anything else, the process has ended, the cameras are not open within 60 s, or
+            a signal asked to stop.
     """
 
-    def __init__(self, make: Callable[..., Any], *arguments: Any) -> None:
+    def __init__(self, make: Callable[..., Any], *arguments: Any, interrupted: Sequence[int] = ()) -> None:
         self._process = DeviceProcess("cameras", _serve, make, *arguments)
         try:
-            if not self._process.pipe.poll(OPENING):
-                raise DeviceGoneError(f"the cameras did not open within {OPENING:g} s")
-            ((room, serials),) = self._process.drain(1)
+            (room, serials), *self._early = self._opened(interrupted)
         except GenSim2Error:
             self._process.kill()
             self._process.close()
@@ -55,14 +57,27 @@ class ProcessCameras:
         self.serials: Mapping[str, str] = serials
         self._slots = PictureSlots.enter(room)
 
+    def _opened(self, interrupted: Sequence[int]) -> list[Any]:
+        """Wait for the first messages."""
+        until = time.monotonic() + OPENING
+        while not (found := self._process.drain()):
+            if interrupted:
+                name = signal.Signals(interrupted[0]).name
+                raise DeviceGoneError(f"a person or the system asked to stop while the cameras were opened: {name}")
+            if time.monotonic() > until:
+                raise DeviceGoneError(f"the cameras did not open within {OPENING:g} s")
+            time.sleep(POLL)
+        return found
+
     def poll(self) -> Sequence[Frame]:
-        """Pictures that came.
+        """Return the pictures that came.
 
         Raises:
-            DeviceGoneError: the driver has failed, or the process has ended.
+            DeviceGoneError: the driver has failed, or the process has ended or does not answer.
         """
         found = []
-        for picture in self._process.drain():
+        pictures, self._early = [*self._early, *self._process.drain()], []
+        for picture in pictures:
             found.append(self._slots.take(picture))
             self._process.tell(picture)
         return found

@@ -22,9 +22,9 @@ from gensim2.deploy.eyes import Sight
 from gensim2.deploy.journal import Journal
 from gensim2.deploy.limits import RefusedError, Sent, admit
 from gensim2.deploy.mind import Answer, Begin, Question
+from gensim2.deploy.pipes import DeviceGoneError
 from gensim2.deploy.streaming import Streamer
 from gensim2.deploy.watch import State, Watch
-from gensim2.errors import GenSim2Error
 
 PERIOD_CYCLES = 10
 PERIOD = PERIOD_CYCLES * CYCLE
@@ -57,10 +57,6 @@ class Mind(Protocol):
     def is_alive(self) -> bool:
         """Whether there is still a controller."""
         ...
-
-
-class DeviceGoneError(GenSim2Error):
-    """A device's process has ended."""
 
 
 @dataclass

@@ -179,6 +179,7 @@ def opened(
     seed: int | None = None,
     mind: OpenMind | None = None,
     pace: float | None = None,
+    interrupted: Sequence[int] = (),
 ) -> Iterator[Opened]:
     """Open devices and log, and give them up when the block ends.
 
@@ -189,10 +190,12 @@ def opened(
         seed: of all noise; None: that of the configuration.
         mind: whose actions are taken; None: those of the controller, in a process of its own.
         pace: control steps a second; None: the robot's, stretched by the speed.
+        interrupted: numbers of signals that have asked to stop, as :func:`interruptions` gives them.
 
     Raises:
         InputError: the log's folder is not empty.
         DriverError: a device cannot be opened.
+        DeviceGoneError: a device's process has ended or does not answer, or a signal asked to stop.
     """
     config, given = prepared.config, prepared.given
     noise_seed = config.seed if seed is None else seed
@@ -200,7 +203,7 @@ def opened(
         real: ProcessCameras | None = None
         cameras = prepared.cameras
         if not config.source.is_rendered:
-            real = open_cameras(config.source, cameras, config.rate)
+            real = open_cameras(config.source, cameras, config.rate, interrupted)
             giving_up = stack.enter_context(contextlib.ExitStack())
             giving_up.callback(real.close)
             cameras = real.cameras
@@ -210,7 +213,7 @@ def opened(
             require_calibrated(prepared.calibration, cameras, config.calibration)
             believed = calibrated(cameras, prepared.calibration)
             serials = {**serials, **calibrated_serials(prepared.calibration)}
-        about = _about(prepared, believed)
+        about = about_line(prepared, believed)
         journals: list[Journal] = []
         disk = None if log is None else FullDisk()
         if log is not None and disk is not None:
@@ -223,7 +226,7 @@ def opened(
         if config.simulated_clock:
             devices = _local(prepared, spec, noise_seed, mind)
         elif config.is_simulated:
-            devices = _in_processes(prepared, spec, noise_seed, mind, real)
+            devices = _in_processes(prepared, spec, noise_seed, mind, real, interrupted)
         else:
             assert real is not None, "a real arm has real cameras"
             devices = _real(prepared, spec, real, mind)
@@ -258,7 +261,13 @@ def _serials(cameras: tuple[Camera, ...], real: ProcessCameras | None) -> Mappin
     return simulated_serials(cameras) if real is None else real.serials
 
 
-def _about(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
+def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
+    """Return what a log and a result say of a line.
+
+    Args:
+        prepared: what the line follows from.
+        believed: its cameras, where they are taken to be.
+    """
     config, given, controller = prepared.config, prepared.given, prepared.controller
     try:
         return About(
@@ -313,7 +322,12 @@ def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None)
 
 
 def _in_processes(
-    prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None, played: ProcessCameras | None
+    prepared: Prepared,
+    spec: MindSpec,
+    seed: int,
+    mind: OpenMind | None,
+    played: ProcessCameras | None,
+    interrupted: Sequence[int],
 ) -> Devices:
     from gensim2.deploy.processes import ProcessArm, ProcessMind
     from gensim2.deploy.simulated_cameras import RenderedCameras
@@ -329,7 +343,7 @@ def _in_processes(
         if seeing is None:
             through = config.source.kind == SOFTWARE
             how = (scene.robot, prepared.cameras, arm.eyes, seed, config.rate, prepared.noise, through)
-            seeing = ProcessCameras(RenderedCameras, *how)
+            seeing = ProcessCameras(RenderedCameras, *how, interrupted=interrupted)
             failing["camera"] = seeing.fail
         giving_up.pop_all()
     return Devices(arm, seeing, mind, MachineClock(), arm, failing)

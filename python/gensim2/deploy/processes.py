@@ -10,7 +10,6 @@ import gc
 import multiprocessing
 import os
 import signal
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -22,9 +21,9 @@ from gensim2.cores import usable_cores
 from gensim2.deploy.arm_limits import CYCLE, Array
 from gensim2.deploy.clocks import CONTROLLER_PRIORITY, schedule_first
 from gensim2.deploy.devices import ArmState
-from gensim2.deploy.line import DeviceGoneError
 from gensim2.deploy.mind import Answer, Begin, MindSpec, Question, think
 from gensim2.deploy.picture_slots import PictureSlots, Room, SharedPicture
+from gensim2.deploy.pipes import DeviceGoneError, MessagePipe
 from gensim2.errors import GenSim2Error
 from gensim2.planning.scene import Scene
 from gensim2.processes.fork_server import ignore_interrupts, start_fork_server
@@ -36,12 +35,17 @@ PRELOAD = ("gensim2.deploy.cameras", "gensim2.deploy.simulated_world", "gensim2.
 SLIP = 0.2
 """Seconds that the simulated time may be behind and still catch up."""
 
+ENDING = 3.0
+"""Seconds within which a process must end when it is told to."""
+KILLED = 1.0
+"""Seconds within which a killed process ends, unless the kernel itself waits for a device of its."""
+
 _CONTEXT = multiprocessing.get_context("forkserver")
 _GONE = (EOFError, OSError)
 
 
 class DeviceProcess:
-    """A process and the pipe to it.
+    """A process and the pipe to it. Nothing here waits for what the process does.
 
     Args:
         what: it is, for people.
@@ -50,9 +54,9 @@ class DeviceProcess:
     """
 
     def __init__(self, what: str, target: Callable[..., None], *arguments: Any) -> None:
-        self._what = what
         _CONTEXT.set_forkserver_preload(list(PRELOAD))  # imported once, as long as no process was begun
-        self.pipe, theirs = Pipe()
+        ours, theirs = Pipe()
+        self.pipe = MessagePipe(ours, what)
         self._process: BaseProcess = _CONTEXT.Process(
             target=_child, args=(target, theirs, *arguments), daemon=True, name=what
         )
@@ -60,45 +64,44 @@ class DeviceProcess:
         self._process.start()
         theirs.close()
 
-    def drain(self, max_count: int = sys.maxsize) -> list[Any]:
-        """Messages that came, so many at most.
+    def drain(self) -> list[Any]:
+        """Return the messages that came.
 
         Raises:
-            DeviceGoneError: the process has ended.
-            GenSim2Error: it says why it cannot go on.
+            DeviceGoneError: the process has ended, or does not answer.
+            GenSim2Error: the process says why it cannot go on.
         """
-        found: list[Any] = []
-        try:
-            while len(found) < max_count and self.pipe.poll():
-                message = self.pipe.recv()
-                if isinstance(message, GenSim2Error):
-                    raise message
-                found.append(message)
-        except _GONE as error:
-            raise DeviceGoneError(f"the process of the {self._what} is gone") from error
+        found = self.pipe.drain()
+        for message in found:
+            if isinstance(message, GenSim2Error):
+                raise message
         return found
 
     def tell(self, message: Any) -> None:
-        """Send; what has ended shows at the next :meth:`drain`."""
-        with contextlib.suppress(*_GONE):
-            self.pipe.send(message)
+        """Send a message; what cannot be sent shows at the next :meth:`drain`."""
+        self.pipe.tell(message)
 
     @property
     def is_alive(self) -> bool:
         """Whether it runs."""
         return self._process.is_alive()
 
+    @property
+    def pid(self) -> int | None:
+        """Number of the process."""
+        return self._process.pid
+
     def kill(self) -> None:
         """End it without a word."""
         self._process.kill()
 
     def close(self) -> None:
-        """Let it end, or end it."""
+        """Let it end, or end it, within four seconds."""
         self.tell(None)
-        self._process.join(timeout=3)
+        self._process.join(timeout=ENDING)
         if self._process.is_alive():
             self._process.kill()
-            self._process.join()
+            self._process.join(timeout=KILLED)
         self.pipe.close()
 
 
@@ -183,6 +186,7 @@ def _serve_world(pipe: Connection, scene: SceneConfig, eyes: Connection, truth: 
     from gensim2.deploy.simulated_world import GOAL_EVERY, SimulatedWorld
 
     world = SimulatedWorld(scene)
+    others = [MessagePipe(eyes, "cameras"), MessagePipe(truth, "controller")]
     begun, cycle, due = False, 0, time.monotonic()
     while True:
         while pipe.poll():
@@ -209,7 +213,7 @@ def _serve_world(pipe: Connection, scene: SceneConfig, eyes: Connection, truth: 
             if cycle % GOAL_EVERY == 0:
                 pipe.send(("goal", world.look()))
             cycle += 1
-            for other in (eyes, truth):
+            for other in others:
                 _answer_world(other, world, due)
         due += CYCLE
         now = time.monotonic()
@@ -218,11 +222,10 @@ def _serve_world(pipe: Connection, scene: SceneConfig, eyes: Connection, truth: 
         time.sleep(max(0.0, due - now))
 
 
-def _answer_world(pipe: Connection, world: Any, now: float) -> None:
-    with contextlib.suppress(*_GONE):
-        while pipe.poll():
-            asked = pipe.recv()
-            pipe.send({"rows": lambda: world.rows(now), "measure": world.measure, "scene": world.scene_state}[asked]())
+def _answer_world(pipe: MessagePipe, world: Any, now: float) -> None:
+    with contextlib.suppress(DeviceGoneError):
+        for asked in pipe.drain():
+            pipe.tell({"rows": lambda: world.rows(now), "measure": world.measure, "scene": world.scene_state}[asked]())
 
 
 class ProcessTruth:

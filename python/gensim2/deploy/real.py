@@ -48,13 +48,16 @@ def open_arm(word: str, profile: RobotProfile) -> StreamedArm:
     return XArm(host, profile)
 
 
-def open_cameras(source: CameraSource, there: Sequence[Camera], rate: float) -> ProcessCameras:
+def open_cameras(
+    source: CameraSource, there: Sequence[Camera], rate: float, interrupted: Sequence[int] = ()
+) -> ProcessCameras:
     """Open RealSense cameras, or recordings, in a process of their own.
 
     Args:
         source: with their devices or files.
         there: cameras by their names, with pixels and a first guess of their poses.
         rate: pictures a second; recordings give what they have.
+        interrupted: numbers of signals that have asked to stop; once there is one, opening ends.
 
     Raises:
         InputError: a name is none of theirs, a file is no recording, or only some of them are logs of the line.
@@ -65,6 +68,7 @@ def open_cameras(source: CameraSource, there: Sequence[Camera], rate: float) -> 
     for name in source.devices:
         if name not in known:
             raise InputError(f"there is no camera {name!r}", field="--cameras", remedy=near(name, known))
+    named = tuple(known[name] for name in source.devices)
     if source.kind == "recording":
         from gensim2.deploy.drivers.logged import is_log
 
@@ -73,8 +77,8 @@ def open_cameras(source: CameraSource, there: Sequence[Camera], rate: float) -> 
             said = "some are logs of the line, some recordings of a RealSense"
             raise InputError(said, field="--cameras", remedy="all of one kind, played by one clock")
         if all(logs):
-            return ProcessCameras(logged_cameras, source, tuple(known[name] for name in source.devices))
-    return ProcessCameras(realsense_cameras, source, tuple(known[name] for name in source.devices), round(rate))
+            return ProcessCameras(logged_cameras, source, named, interrupted=interrupted)
+    return ProcessCameras(realsense_cameras, source, named, round(rate), interrupted=interrupted)
 
 
 def realsense_cameras(source: CameraSource, cameras: Sequence[Camera], rate: int) -> RealSenseCameras:

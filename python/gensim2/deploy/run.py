@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Unpack
@@ -10,8 +11,11 @@ from gensim2.deploy.config import LineArguments, LineConfig
 from gensim2.deploy.faults import Fault
 from gensim2.deploy.journal import Journal
 from gensim2.deploy.keys import Keys
-from gensim2.deploy.opening import interruptions, opened, prepare
-from gensim2.deploy.session import Layout, Session
+from gensim2.deploy.line import Figures
+from gensim2.deploy.opening import about_line, interruptions, opened, prepare
+from gensim2.deploy.pipes import DeviceGoneError
+from gensim2.deploy.session import Layout, Session, result
+from gensim2.deploy.watch import Watch
 from gensim2.errors import InputError
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.rollout.inputs import check_counts, read_task_input
@@ -70,10 +74,13 @@ def run(
     given = read_task_input(task, seed=config.seed, **scene)
     prepared = prepare(given, config, faults)
     count = episodes or (ENDLESS if config.is_simulated else 1)
-    with (
-        interruptions() as interrupted,
-        opened(prepared, log=log, watching=watching) as there,
-    ):
+    with interruptions() as interrupted, contextlib.ExitStack() as stack:
+        try:
+            there = stack.enter_context(opened(prepared, log=log, watching=watching, interrupted=interrupted))
+        except DeviceGoneError as error:
+            watch = Watch()
+            watch.stop(0.0, str(error))
+            return result(about_line(prepared, prepared.cameras), None, watch, Figures(), interrupted)
         session = Session(there.line, there.devices, given, faults, there.disk, interrupted, keys, progress)
         layouts = [Layout(seed) for seed in scene_seeds(config.seed, given.spec.name, "robot", count)]
         session.run(60.0 * minutes, layouts, goal_ends=not prepared.privileged)

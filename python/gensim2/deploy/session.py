@@ -18,9 +18,9 @@ from gensim2.deploy.devices import ArmDriver, CameraDriver
 from gensim2.deploy.faults import Fault, FullDisk
 from gensim2.deploy.keys import Keys
 from gensim2.deploy.limits import RefusedError
-from gensim2.deploy.line import Line, Mind
+from gensim2.deploy.line import Figures, Line, Mind
 from gensim2.deploy.log_messages import About
-from gensim2.deploy.watch import State
+from gensim2.deploy.watch import State, Watch
 from gensim2.errors import GenSim2Error
 from gensim2.progress import Progress
 from gensim2.rollout.inputs import TaskInput
@@ -421,38 +421,64 @@ class Session:
     def report(self, about: About, log: Path | None) -> dict[str, Any]:
         """Return the result as plain data."""
         self._count_passed()
-        line, figures = self._line, self._line.figures
+        found = result(about, log, self._line.watch, self._line.figures, self._interrupted)
         halt = self._halts[-1] if self._halts else {}
-        late = 1e3 * np.array(figures.late)
         judged = [each for each in self._outcomes if each is not None]
         return {
-            "schema_version": 1,
-            **about.model_dump(include={"task", "robot", "controller", "speed", "margin", "seed"}),
-            "state": str(line.watch.state),
-            "reason": line.watch.reason,
+            **found,
             "detected_to_stopped_ms": halt.get("detected_to_stopped_ms"),
             "detected_to_standing_ms": halt.get("detected_to_standing_ms"),
             "halts": self._halts,
             "scheduling": self._scheduling,
-            "periods_ms": _spread(1e3 * np.array(figures.periods)),
-            "overrun_ms": _spread(late),
-            "commands_late_ms": _spread(1e3 * np.array(figures.commands_late)),
-            "overruns": int((late > 1e3 * line.watch.rules.overrun).sum()),
-            "skipped_ms": 1e3 * figures.skipped,
-            "cloud_ms": _spread(np.array(figures.encoding_ms))["p50"],
-            "clouds_ms": _spread(np.array(figures.encoding_ms)),
-            "picture_age_ms": _spread(np.array(figures.picture_age_ms)),
-            "acting_ms": _spread(np.array(figures.acting_ms)),
             "limits_passed": self._clips_passed,
-            "clips": dict(line.arm.clips),
-            "refused": dict(figures.refused),
-            "late_actions": figures.late_actions,
+            "clips": dict(self._line.arm.clips),
             "episodes": len(self._outcomes),
             "success": float(np.mean(judged)) if judged else None,
             "seconds": 0.0 if self._begun is None else self._devices.clock.now() - self._begun,
-            "interrupted": [signal.Signals(number).name for number in self._interrupted],
-            "log": None if log is None else str(log),
         }
+
+
+def result(
+    about: About, log: Path | None, watch: Watch, figures: Figures, interrupted: Sequence[int]
+) -> dict[str, Any]:
+    """Return the result of a run that made no episode and sent no command, as plain data.
+
+    Args:
+        about: of the line.
+        log: its folder, if there is one.
+        watch: with the reason for which the run ended.
+        figures: of the loop.
+        interrupted: numbers of the signals that asked to stop.
+    """
+    late = 1e3 * np.array(figures.late)
+    return {
+        "schema_version": 1,
+        **about.model_dump(include={"task", "robot", "controller", "speed", "margin", "seed"}),
+        "state": str(watch.state),
+        "reason": watch.reason,
+        "detected_to_stopped_ms": None,
+        "detected_to_standing_ms": None,
+        "halts": [],
+        "scheduling": None,
+        "periods_ms": _spread(1e3 * np.array(figures.periods)),
+        "overrun_ms": _spread(late),
+        "commands_late_ms": _spread(1e3 * np.array(figures.commands_late)),
+        "overruns": int((late > 1e3 * watch.rules.overrun).sum()),
+        "skipped_ms": 1e3 * figures.skipped,
+        "cloud_ms": _spread(np.array(figures.encoding_ms))["p50"],
+        "clouds_ms": _spread(np.array(figures.encoding_ms)),
+        "picture_age_ms": _spread(np.array(figures.picture_age_ms)),
+        "acting_ms": _spread(np.array(figures.acting_ms)),
+        "limits_passed": 0,
+        "clips": {},
+        "refused": dict(figures.refused),
+        "late_actions": figures.late_actions,
+        "episodes": 0,
+        "success": None,
+        "seconds": 0.0,
+        "interrupted": [signal.Signals(number).name for number in interrupted],
+        "log": None if log is None else str(log),
+    }
 
 
 def _spread(values: np.ndarray) -> dict[str, float | None]:

@@ -7,7 +7,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -29,6 +29,8 @@ LEAST, MOST = 1.0, 3.0
 """Cycles that the arm is behind the stream: with less left to go it slows down, with more it goes ``FASTER``."""
 FASTER = 1.1
 """Of the stream's pace, where the arm is too far behind: after targets that were late and came all at once."""
+HALTING = 2.0
+"""Seconds for which the loop waits for an arm's library to stop the arm, or to leave it."""
 TOO_MANY = 30
 """Targets that wait at most: more than the loop makes up for."""
 
@@ -101,8 +103,19 @@ class StreamedArm(ABC):
         with self._lock:
             self._standing, self._passed = True, None
             self._goals.clear()
+        self._within(HALTING, self._halt_wire)
+
+    def _halt_wire(self) -> None:
         with self._wire:  # behind a target that is being written; what comes after is not
-            self._attempt(self._halt)
+            self._halt()
+
+    def _within(self, seconds: float, what: Callable[[], None]) -> None:
+        """Call the maker's library in a thread of its own: the loop waits for a library that hangs no longer."""
+        thread = threading.Thread(target=self._attempt, args=(what,), daemon=True)
+        thread.start()
+        thread.join(timeout=seconds)
+        if thread.is_alive():
+            self._trouble = f"the arm's library did not answer within {seconds:g} s"
 
     def close(self) -> None:
         """Stop, and leave the arm."""
@@ -111,7 +124,7 @@ class StreamedArm(ABC):
         self._grips.put(None)
         for thread in self._threads:
             thread.join(timeout=2.0)
-        self._attempt(self._disconnect)
+        self._within(HALTING, self._disconnect)
 
     # --------------------------------------------------------------- of each arm
 

@@ -1,7 +1,7 @@
 """Messages between a loop and a policy server: maps of plain values and arrays, as msgpack over a websocket.
 
 The loop sends ``hello`` with the token and its version, and the server answers ``welcome`` or ``refused``. Each request
-then has one answer with the same number: ``reset`` is answered by ``ready``, ``act`` by ``action``, either by ``error``.
+then has one answer with the same number: ``ready`` answers ``reset``, ``action`` answers ``act``, ``error`` either.
 Every message is read through :func:`decode`, which bounds its bytes and values, and :func:`read_message`, which checks
 it against the schema of the messages that are allowed at that point.
 """
@@ -192,6 +192,7 @@ Word = Annotated[str, Field(max_length=200)]
 Number = Annotated[int, Field(ge=0, lt=2**63)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
+
 class Hello(Message):
     """First message of a loop. Its token is checked before anything else of it is read."""
 
@@ -253,7 +254,9 @@ class ObservationMessage(Message):
     def value(self) -> Observation:
         """Return the observation."""
         cloud = self.cloud
-        cameras = [Camera(**{name: getattr(each, name) for name in CameraMessage.model_fields}) for each in self.cameras]
+        cameras = [
+            Camera(**{name: getattr(each, name) for name in CameraMessage.model_fields}) for each in self.cameras
+        ]
         return Observation(
             self.step,
             self.time,
