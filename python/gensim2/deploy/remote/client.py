@@ -102,13 +102,11 @@ class RemoteController:
             RemoteError: the server does not answer in time, fails, or sends an invalid message.
         """
         message = {"kind": "act", "observation": observation_to_message(observation)}
-        action = self._ask(message, Action, self._deadline).action
-        if action is None:
-            return None
-        if action.shape != (self._action_size,):
+        action: npt.NDArray[np.float32] | None = self._ask(message, Action, self._deadline).action
+        if action is not None and action.shape != (self._action_size,):
             said = f"action must be an array of shape ({self._action_size},), got {action.shape}"
             raise RemoteError(f"{self._server} sent an invalid action: {said}")
-        return np.asarray(action, dtype=np.float32)
+        return action
 
     def close(self) -> None:
         """Close the connection; the next request opens another."""

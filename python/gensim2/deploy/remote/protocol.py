@@ -41,7 +41,9 @@ TOKEN_LENGTH = 16
 PORT = 8321
 
 _ARRAY = "__array__"
-_TYPES = ("uint8", "uint16", "int16", "int32", "int64", "float32", "float64", "bool")
+_INTEGERS = ("uint8", "uint16", "int16", "int32", "int64")
+_FLOATS = ("float32", "float64")
+_TYPES = (*_INTEGERS, *_FLOATS, "bool")
 _URL = re.compile(r"wss?://[^\s/?#@]+(/[^\s@]*)?")
 
 
@@ -158,17 +160,17 @@ def _array(value: Any) -> npt.NDArray[Any]:
 # ------------------------------------------------------------------------------------------------------------- schemas
 
 
-def _shaped(kinds: str, *shape: int | None) -> Any:
+def _shaped(types: tuple[str, ...], *shape: int | None) -> Any:
     """Return a check that a value is an array.
 
     Args:
-        kinds: of NumPy that its numbers may have, for example ``"iuf"``.
+        types: that its numbers may have.
         shape: of the array, None for any length. With a shape, the numbers must be finite too.
     """
 
     def check(value: Any) -> npt.NDArray[Any]:
-        if not isinstance(value, np.ndarray) or value.dtype.kind not in kinds:
-            raise ValueError("must be an array of numbers")
+        if not isinstance(value, np.ndarray) or value.dtype.name not in types:
+            raise ValueError(f"must be an array of {' or '.join(types)}")
         if shape and (
             value.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, value.shape, strict=True))
         ):
@@ -224,9 +226,9 @@ class Refused(Message):
 class CloudMessage(Message):
     """Point cloud of an observation."""
 
-    xyz: Annotated[Any, _shaped("f", None, 3)]
-    rgb: Annotated[Any, _shaped("u", None, 3)]
-    segmentation: Annotated[Any, _shaped("iu", None)] | None
+    xyz: Annotated[Any, _shaped(_FLOATS, None, 3)]
+    rgb: Annotated[Any, _shaped(("uint8",), None, 3)]
+    segmentation: Annotated[Any, _shaped(_INTEGERS, None)] | None
 
 
 class CameraMessage(Message):
@@ -235,8 +237,8 @@ class CameraMessage(Message):
     name: Word
     width: Annotated[int, Field(ge=1, le=1 << 14)]
     height: Annotated[int, Field(ge=1, le=1 << 14)]
-    intrinsic: Annotated[Any, _shaped("f", 3, 3)]
-    T_base_camera: Annotated[Any, _shaped("f", 4, 4)]
+    intrinsic: Annotated[Any, _shaped(_FLOATS, 3, 3)]
+    T_base_camera: Annotated[Any, _shaped(_FLOATS, 4, 4)]
     far: Finite
     link: Word | None
 
@@ -247,7 +249,7 @@ class ObservationMessage(Message):
     step: Number
     time: Finite
     language: Text
-    arrays: dict[Word, Annotated[Any, _shaped("iufb")]]
+    arrays: dict[Word, Annotated[Any, _shaped(_TYPES)]]
     cloud: CloudMessage | None
     cameras: list[CameraMessage]
 
@@ -297,7 +299,7 @@ class Action(Message):
 
     kind: Literal["action"]
     number: Number
-    action: Annotated[Any, _shaped("f", None)] | None
+    action: Annotated[Any, _shaped(("float32",), None)] | None
     observation: dict[str, Any]
 
 

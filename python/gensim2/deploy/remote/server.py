@@ -93,6 +93,7 @@ class PolicyServer:
         self._connections: set[Any] = set()
         self._strangers = threading.BoundedSemaphore(MAX_STRANGERS)
         self._known: set[Any] = set()
+        self._peer = threading.local()
         try:
             self._server = serve(
                 self._handle,
@@ -135,6 +136,7 @@ class PolicyServer:
         if not self._strangers.acquire(blocking=False):
             peer.close()
             return
+        self._peer.address = address
         try:
             self._speak(peer, address)
         finally:
@@ -150,10 +152,7 @@ class PolicyServer:
     def _handle(self, connection: Any) -> None:
         from websockets.exceptions import ConnectionClosed
 
-        try:
-            address = connection.remote_address
-        except OSError:  # it has left already
-            return
+        address = self._peer.address  # the socket knows it only as long as it is open
         who = str(address[0])
         try:
             hello = decode(connection.recv(timeout=GREETING), MAX_HELLO, who)
@@ -233,7 +232,8 @@ class PolicyServer:
     def _action(self, given: Any) -> npt.NDArray[np.float32] | None:
         if given is None:
             return None
-        action = np.asarray(given, dtype=np.float32)
+        with np.errstate(over="ignore"):
+            action = np.asarray(given, dtype=np.float32)
         if action.shape != (self._profile.action_size,):
             raise RemoteError(f"the controller gave an action of shape {action.shape}")
         if not np.isfinite(action).all():

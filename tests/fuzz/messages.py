@@ -1,0 +1,444 @@
+"""Hostile messages between a loop and a policy server, drawn by a seed, through real websockets.
+
+``python tests/fuzz/messages.py --inputs 5000`` sends 5,000 first messages to a server, and lets a server give 5,000
+answers to a client: mutations of valid messages, and hand-made hostile ones. Each is tried in a forked process with
+1 GiB of memory and 5 s of CPU. A message is accepted as what it says, or refused in one line.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import pickle
+import signal
+import sys
+import tempfile
+import threading
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+from mutate import LONGEST_MESSAGE, damaged, damaged_value
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+from websockets.sync.server import serve
+
+from gensim2.deploy.remote import client, server
+from gensim2.deploy.remote.client import RemoteController
+from gensim2.deploy.remote.protocol import MAX_BYTES, TOKEN, VERSION, RemoteError, decode, encode
+from gensim2.deploy.remote.server import PolicyServer
+from gensim2.foreign.process import Bounds
+from gensim2.observations import DepthNoise, Observation, ObservationSpec
+from gensim2.observations.columns import STATE, VELOCITY
+from gensim2.rollout.controller_spec import ControllerSpec
+
+SECRET = "a token of no worth"
+CPU_S = 5
+MEMORY = 2**30
+HANGS = 60.0
+"""Seconds by the clock: other work may hold the machine up; what waits for ever waits longer."""
+DEADLINE = 5.0
+
+CANARY = "from pathlib import Path\nPath(__file__).with_name('ran').touch()\nclass Policy: pass\nrobot = Policy\n"
+#: What a message may name in the place of a word; none of it may be loaded.
+NAMES = ("canary", "canary:robot", "canary.py", "canary.py:Policy", "./canary.py", "__import__('canary')")
+
+SEEN = Observation(0, 0.0, "", {STATE: np.zeros(9, "f4"), VELOCITY: np.zeros(9, "f4")}, None, {})
+SPECS = (
+    ObservationSpec(modalities=()).to_dict(),
+    ObservationSpec(modalities=("rgb", "depth"), cameras=("left",)).to_dict(),
+    ObservationSpec.of({"points": 256, "noise": DepthNoise()}).to_dict(),
+)
+ACTION = np.linspace(-1.0, 1.0, 8, dtype=np.float32)
+HELLO = {"kind": "hello", "protocol": VERSION, "token": SECRET, "robot": "panda"}
+WELCOME = {
+    "kind": "welcome",
+    "protocol": VERSION,
+    "gensim2": "0.2",
+    "controller": "mine.py:Policy",
+    "robot": "panda",
+    "action_size": 8,
+    "observation": SPECS[0],
+}
+ANSWERS: tuple[dict[str, Any], ...] = tuple(
+    answer
+    for spec in SPECS
+    for answer in (
+        {**WELCOME, "observation": spec},
+        {"kind": "ready", "number": 1, "observation": spec},
+        {"kind": "action", "number": 1, "action": ACTION, "observation": spec},
+        {"kind": "error", "number": 1, "why": "the controller failed"},
+    )
+)
+
+
+def handmade(good: Mapping[str, Any], generator: np.random.Generator) -> bytes | str | list[bytes]:
+    """Return one of the hostile messages that mutations would hardly find; text, or fragments, are sent as such."""
+    count = int(generator.choice([0, 1, 1000, 65_535, 2**31 - 1, 2**32 - 1]))
+    size = int(generator.choice([1, 1000, 4096, 70_000, MAX_BYTES]))
+    ways: tuple[Callable[[], bytes | str | list[bytes]], ...] = (
+        lambda: b"",
+        lambda: "text" * 100,
+        lambda: msgpack.packb(dict(good), default=str).decode("latin1"),
+        lambda: [encode(good)[:5], encode(good)[5:]],
+        lambda: [b""] * 2000 + [encode(good)],
+        lambda: encode(good) * 2,
+        lambda: encode(good) + b"\xc0",
+        lambda: b"\xdd" + count.to_bytes(4, "big") + b"\x80" * size,
+        lambda: b"\xdf" + count.to_bytes(4, "big") + b"\xa0\x80" * (size // 2),
+        lambda: b"\xdb" + count.to_bytes(4, "big") + b"x" * size,
+        lambda: b"\xc6" + count.to_bytes(4, "big") + bytes(size),
+        lambda: b"\xc9" + count.to_bytes(4, "big") + b"\x05" + bytes(size),
+        lambda: bytes([int(generator.choice([0x91, 0x81, 0x92, 0xDC]))]) * size,
+        lambda: b"\x81\xa4kind" * min(size, 900) + b"\xc0",
+        lambda: b"\x81\xa4kind\xd6\xff" + bytes(4),
+        lambda: b"\x81\xc0\xa1x",
+        lambda: b"\x81\x01\xa1x",
+        lambda: b"\x81\xc4\x04kind\xa5hello",
+        lambda: b"\x82\xa4kind\xa5hello\xa4kind\xa7welcome",
+        lambda: b"\x81\xa4kind\xa4\xff\xfe\xed\xa0",
+        lambda: msgpack.packb({**_packable(good), "more": [[0] * 900] * 100}),
+        lambda: msgpack.packb({**_packable(good), "kind": _named(generator)}),
+        lambda: msgpack.packb({**_packable(good), "kind": ["hello"] * 3}),
+        lambda: msgpack.packb({**_packable(good), "number": 2**63 + 5}),
+        lambda: msgpack.packb({**_packable(good), "number": float("nan")}),
+        lambda: msgpack.packb({**_packable(good), "protocol": _deep(900)}),
+        lambda: msgpack.packb({**_packable(good), "robot": _named(generator), "controller": _named(generator)}),
+        lambda: msgpack.packb({**_packable(good), "action": {"__array__": _hostile_array(generator)}}),
+        lambda: msgpack.packb({**_packable(good), "token": {"__array__": _hostile_array(generator)}}),
+        lambda: msgpack.packb({**_packable(good), "observation": {"cloud": {"noise": _deep(500)}}}),
+        lambda: msgpack.packb({**_packable(good), "observation": {"modalities": "a\nb\x1b[31m" * 20}}),
+        lambda: msgpack.packb({**_packable(good), "why": "<script>" + "a\nb" * 600}),
+        lambda: pickle.dumps(good),
+    )
+    return ways[int(generator.integers(len(ways)))]()
+
+
+def _named(generator: np.random.Generator) -> str:
+    return NAMES[int(generator.integers(len(NAMES)))]
+
+
+def _deep(levels: int) -> Any:
+    found: Any = None
+    for _ in range(levels):
+        found = [found]
+    return found
+
+
+def _hostile_array(generator: np.random.Generator) -> list[Any]:
+    kinds = ("float32", "object", "O", "V8", "<f4", "float64", "bool", "int64", "canary", "")
+    shapes: tuple[Any, ...] = ([8], [2**62], [0, 2**40], [-1], [True], [1] * 60, 8, ["8"], [], [2, 4], None, [2**63])
+    values = (bytes(32), b"", b"\xff" * 32, bytes(33), "x" * 32, None, [0.0] * 8, bytes(4))
+    draw = [chosen[int(generator.integers(len(chosen)))] for chosen in (kinds, shapes, values)]
+    return draw[: int(generator.choice([3, 3, 3, 2]))]
+
+
+def _packable(value: Any) -> Any:
+    """Return a message with its arrays as the plain values that they travel as."""
+    return msgpack.unpackb(encode(value), strict_map_key=False)
+
+
+def hostile(good: Mapping[str, Any], generator: np.random.Generator) -> bytes | str | list[bytes]:
+    """Return one hostile message."""
+    if generator.random() < 0.25:
+        return handmade(good, generator)
+    if generator.random() < 0.15:
+        return encode(_nearly(good, generator))
+    data = encode(good)
+    if generator.random() < 0.25:
+        return damaged(data, "binary", generator)
+    value = _packable(good)
+    for _ in range(int(generator.integers(1, 3))):
+        value = damaged_value(value, generator)
+        if generator.random() < 0.1 and isinstance(value, dict) and value:
+            value[list(value)[int(generator.integers(len(value)))]] = _named(generator)
+    try:
+        packed: bytes = msgpack.packb(value)
+    except (ValueError, TypeError, OverflowError):  # a number or a text that no message holds
+        return damaged(data, "binary", generator)
+    return packed
+
+
+def _nearly(good: Mapping[str, Any], generator: np.random.Generator) -> dict[str, Any]:
+    """Return a message whose fields are of the right types: most are valid, and say something else."""
+    action = ACTION * 10.0 ** generator.integers(-60, 60)
+    fields: dict[str, tuple[Any, ...]] = {
+        "robot": (None, "panda", "fetch", _named(generator)),
+        "token": (SECRET, SECRET[:-1], SECRET + " "),
+        "protocol": (VERSION, VERSION + 1),
+        "number": (1, 0, 2),
+        "action_size": (8, 7),
+        "action": (None, action, action.astype(np.float64), action[:7], np.append(ACTION[:7], np.inf), ACTION[:, None]),
+        "observation": (*SPECS, {}, {"modalities": "rgb"}, {"cloud": None}, {"points": 64}),
+        "why": ("", "a", "x" * 3000),
+    }
+    return {
+        name: fields[name][int(generator.integers(len(fields[name])))]
+        if name in fields and generator.random() < 0.5
+        else value
+        for name, value in good.items()
+    }
+
+
+# --------------------------------------------------------------------------------------------- what is made of it
+
+
+class Still:
+    """A controller that does nothing."""
+
+    observation_spec = ObservationSpec(modalities=())
+
+    def reset(self, observation: Observation, seed: int) -> None:
+        """Begin an episode."""
+
+    def act(self, observation: Observation) -> Any:
+        """Return the same action always."""
+        return ACTION
+
+
+def try_first(message: bytes | str | list[bytes]) -> str:
+    """Send a first message to a server; return how it ended.
+
+    Raises:
+        AssertionError: it was accepted as something else, or refused in other than one line, or nobody is served after.
+    """
+    said: list[str] = []
+    found = PolicyServer(ControllerSpec(f"{__file__}:Still"), "panda", SECRET, port=0, said=said.append)
+    threading.Thread(target=found.serve, daemon=True).start()
+    answer: dict[str, Any] | None = None
+    try:
+        with connect(found.url, compression=None, close_timeout=0.5) as stranger:
+            stranger.send(message)
+            answer = decode(stranger.recv(timeout=DEADLINE))
+    except (WebSocketException, OSError):
+        assert answer is None
+    accepted = answer is not None and answer["kind"] == "welcome"
+    if accepted:
+        assert isinstance(message, bytes)
+        plain = msgpack.unpackb(message)
+        assert {**plain, "robot": "panda"} == HELLO, f"accepted: {plain!r}"
+        assert plain.get("robot") in (None, "panda"), f"accepted: {plain!r}"
+    else:
+        _until(lambda: bool(said))
+        assert sum("refused" in line for line in said) == 1, said
+        check_line(answer["why"] if answer is not None else said[0])
+    for line in said:
+        check_line(line)
+    _until(lambda: not accepted or said[-1].endswith("gone"))
+    controller = RemoteController(found.url, deadline=DEADLINE)  # it serves on
+    np.testing.assert_array_equal(controller.act(SEEN), ACTION)
+    controller.close()
+    found.close()
+    return "accepted" if accepted else "refused"
+
+
+def try_answer(message: bytes | str | list[bytes], kind: str) -> str:
+    """Let a server answer a client; return how it ended.
+
+    Raises:
+        AssertionError: the answer was accepted as something else, or refused in other than one line.
+    """
+
+    def handle(connection: Any) -> None:
+        try:
+            connection.recv()
+            if kind != "welcome":
+                connection.send(encode(WELCOME))
+                connection.recv()
+            connection.send(message)
+            connection.recv()
+        except WebSocketException:
+            return
+
+    found = serve(handle, "127.0.0.1", 0, compression=None, close_timeout=0.5)
+    threading.Thread(target=found.serve_forever, daemon=True).start()
+    url = f"ws://127.0.0.1:{found.socket.getsockname()[1]}"
+    try:
+        controller = RemoteController(url, "panda", deadline=client.CONNECTING)
+        if kind == "ready":
+            controller.reset(SEEN, 0)
+        elif kind != "welcome":
+            _same_action(controller.act(SEEN), message)
+        _same_spec(controller.observation_spec, message)
+        controller.close()
+        return "accepted"
+    except RemoteError as error:
+        check_line(str(error))
+        if url not in str(error):
+            raise AssertionError("names no server") from error
+        return "refused"
+    finally:
+        found.shutdown()
+
+
+def _same_action(action: Any, message: Any) -> None:
+    plain = msgpack.unpackb(message)
+    assert (plain["kind"], plain["number"]) == ("action", 1)
+    if action is None:
+        assert plain["action"] is None
+    else:
+        kind, shape, data = plain["action"]["__array__"]
+        np.testing.assert_array_equal(action, np.frombuffer(data, kind).astype(np.float32).reshape(shape))
+        assert np.isfinite(action).all()
+
+
+def _same_spec(spec: ObservationSpec, message: Any) -> None:
+    given, found = msgpack.unpackb(message)["observation"], spec.to_dict()
+    for name in ("modalities", "cameras"):
+        words = given.get(name, getattr(ObservationSpec(), name))
+        assert sorted([words] if isinstance(words, str) else words) == sorted(found[name]), name
+    settings = {name: value for name, value in given.items() if name not in ("modalities", "cameras", "cloud")}
+    _agrees({**(given.get("cloud") or {}), **settings}, {"source": "depth", **found["cloud"]})
+
+
+def _agrees(given: Mapping[str, Any], found: Mapping[str, Any]) -> None:
+    """Compare what was given; of a cloud of keypoints the settings of pictures are dropped."""
+    for name, value in given.items():
+        if isinstance(value, Mapping):
+            _agrees(value, found[name])
+        elif found.get("source") != "keypoints" or name in ("points", "source"):
+            assert found[name] == value, f"{name}: {value!r} was read as {found[name]!r}"
+
+
+def _until(done: Callable[[], bool]) -> None:
+    end = time.monotonic() + DEADLINE
+    while not done():
+        assert time.monotonic() < end, "nothing was said"
+        time.sleep(0.002)
+
+
+def check_line(text: str) -> None:
+    """One line that a terminal can show."""
+    assert text.strip(), "refused without a word"
+    assert len(text.splitlines()) == 1, f"more than one line: {text!r}"
+    assert len(text) <= LONGEST_MESSAGE, f"{len(text)} characters"
+    assert text.isprintable(), repr(text)
+
+
+# ---------------------------------------------------------------------------------------------------- processes
+
+
+def in_process(attempt: Callable[[], str], folder: Path) -> tuple[str, float, int]:
+    """Return how an attempt ended in a forked process of bounded means, its CPU seconds and its highest memory.
+
+    Raises:
+        AssertionError: it failed, hung, printed, wrote a file or ran what lies in the folder.
+    """
+    read, write = os.pipe()
+    printed = folder.with_suffix(".err")
+    pid = os.fork()
+    if pid == 0:
+        code = 1
+        try:
+            os.close(read)
+            os.chdir(folder)
+            sys.path.insert(0, str(folder))
+            descriptor = os.open(printed, os.O_CREAT | os.O_WRONLY | os.O_TRUNC)
+            os.dup2(descriptor, 1)
+            os.dup2(descriptor, 2)
+            sys.stdout = sys.stderr = os.fdopen(2, "w", buffering=1, closefd=False)
+            sys.excepthook = sys.__excepthook__
+            threading.excepthook = threading.__excepthook__
+            Bounds(MEMORY, CPU_S, (2**20, 2**20)).apply()
+            Path("/proc/self/clear_refs").write_text("5")
+            outcome = attempt()
+            status = Path("/proc/self/status").read_text()
+            peak = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM"))
+            os.write(write, f"{outcome} {time.process_time()} {1024 * peak}".encode())
+            code = 0
+        except BaseException:  # noqa: BLE001 - told, and the process ends
+            os.write(write, traceback.format_exc()[-3000:].encode("utf-8", "replace"))
+        finally:
+            os._exit(code)
+    os.close(write)
+    end, ended = time.monotonic() + HANGS, 0
+    try:
+        while not ended and time.monotonic() < end:
+            ended, status = os.waitpid(pid, os.WNOHANG)
+            time.sleep(0.0 if ended else 0.002)
+        assert ended, f"hung for {HANGS:.0f} s"
+    finally:
+        if not ended:
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+        told = os.read(read, 4096).decode()
+        os.close(read)
+    assert status == 0, f"status {status}: {told}"
+    text = printed.read_text(errors="replace")
+    assert not text, f"printed: {text[-1500:]}"
+    left = sorted(path.name for path in folder.iterdir())
+    assert left == ["canary.py"], f"wrote {left}"
+    outcome, seconds, peak = told.split()
+    return outcome, float(seconds), int(peak)
+
+
+@dataclass
+class Tally:
+    """How many ended how, and what the worst took."""
+
+    ended: Counter[str] = field(default_factory=Counter)
+    slowest: float = 0.0
+    largest: int = 0
+    faults: int = 0
+
+
+def drawn(number: int, seed: int, first: bool) -> tuple[str, bytes | str | list[bytes]]:
+    """Return the kind and the content of one hostile message."""
+    generator = np.random.default_rng([seed, number, int(first)])
+    good: Mapping[str, Any] = HELLO if first else ANSWERS[number % len(ANSWERS)]
+    return str(good["kind"]), hostile(good, generator)
+
+
+def run(count: int, seed: int, first: bool, say: Callable[[str], object]) -> Tally:
+    """Try so many first messages, or answers; faults are said and counted."""
+    os.environ[TOKEN] = SECRET
+    server.GREETING = DEADLINE
+    tally = Tally()
+    PolicyServer(ControllerSpec(f"{__file__}:Still"), "panda", SECRET, port=0).close()  # what is loaded once
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "there"
+        folder.mkdir()
+        (folder / "canary.py").write_text(CANARY)
+        for number in range(count):
+            kind, message = drawn(number, seed, first)
+            attempt = (lambda: try_first(message)) if first else (lambda: try_answer(message, kind))  # noqa: B023
+            try:
+                outcome, seconds, peak = in_process(attempt, folder)
+            except AssertionError as error:
+                tally.faults += 1
+                say(f"{kind} {number}: {str(error)[-1500:]}")
+            else:
+                tally.ended[f"{kind}: {outcome}"] += 1
+                tally.slowest, tally.largest = max(tally.slowest, seconds), max(tally.largest, peak)
+    return tally
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where one message is neither accepted as what it says nor refused in one line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--inputs", type=int, default=5000, help="first messages, and as many answers")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(arguments)
+    faults = 0
+    for first, what in ((True, "first messages"), (False, "answers")):
+        began = time.monotonic()
+        tally = run(options.inputs, options.seed, first, lambda text: print(text, file=sys.stderr))
+        faults += tally.faults
+        spent = time.monotonic() - began
+        print(
+            f"{options.inputs} {what}, {tally.faults} faults, slowest {tally.slowest:.2f} s of CPU, largest "
+            f"{tally.largest / 2**20:.0f} MiB, {spent:.0f} s in all"
+        )
+        for outcome, number in sorted(tally.ended.items()):
+            print(f"  {outcome} {number}", flush=True)
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,53 @@
+"""A few hostile messages; ``messages.py`` as a script tries thousands."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import messages
+import pytest
+
+COUNT = 60
+
+
+@pytest.mark.parametrize("first", [True, False], ids=["first messages", "answers"])
+def test_hostile_messages_are_accepted_as_they_are_or_refused_in_one_line(first: bool) -> None:
+    faults: list[str] = []
+    tally = messages.run(COUNT, 7, first, faults.append)
+    assert not faults
+    assert sum(tally.ended.values()) == COUNT
+    assert {ended.split(": ")[1] for ended in tally.ended} == {"accepted", "refused"}
+
+
+def test_good_messages_are_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise damage to them would show nothing."""
+    monkeypatch.setenv(messages.TOKEN, messages.SECRET)
+    assert messages.try_first(messages.encode(messages.HELLO)) == "accepted"
+    for answer in messages.ANSWERS:
+        expected = "refused" if answer["kind"] == "error" else "accepted"
+        assert messages.try_answer(messages.encode(answer), answer["kind"]) == expected
+
+
+def test_what_is_run_printed_or_left_behind_is_seen(tmp_path: Path) -> None:
+    folder = tmp_path / "there"
+    folder.mkdir()
+    (folder / "canary.py").write_text(messages.CANARY)
+
+    def load() -> str:
+        import canary  # type: ignore[import-not-found]
+
+        return str(canary.robot.__name__)
+
+    def say() -> str:
+        print("x", flush=True)
+        return "accepted"
+
+    def fill() -> str:
+        return str(len(bytes(2**31)))
+
+    for attempt, said in ((load, "wrote"), (say, "printed"), (fill, "MemoryError"), (lambda: "", "unpack")):
+        with pytest.raises((AssertionError, ValueError), match=said):
+            messages.in_process(attempt, folder)
+        shutil.rmtree(folder / "__pycache__", ignore_errors=True)
+        (folder / "ran").unlink(missing_ok=True)
