@@ -18,6 +18,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -76,7 +77,7 @@ def measure(seconds: float, which: list[str]) -> dict[str, float]:
     seen = Observation(0, 0.0, "", {STATE: np.zeros(9, "f4"), VELOCITY: np.zeros(9, "f4")}, None, {})
     controller.reset(seen, 0)
     before = memory(server.pid)
-    attackers = [
+    attackers: list[subprocess.Popen[Any]] = [
         subprocess.Popen([sys.executable, __file__, "--attack", which[number % len(which)], host, str(port)])
         for number in range(STRANGERS if which else 0)
     ]

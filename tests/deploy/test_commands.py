@@ -36,14 +36,17 @@ def test_wrong_words_are_one_line(capfd: pytest.CaptureFixture[str], words: list
 
 def test_a_run_by_a_simulated_clock_says_what_came_of_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out.json"
-    words = ["--simulated-clock", "--minutes", "0.05", "--pixels", "64x48", "--json", str(out)]
+    words = ["--minutes", "0.05", "--pixels", "64x48", "--json", str(out)]  # which is that of a simulated arm
     assert cli.run([*RUN, *words, "--out", str(tmp_path / "log"), "--fault", "camera-frozen@1.5"]) == 1
     found = json.loads(out.read_text())
     keys = "periods_ms overruns cloud_ms state reason detected_to_stopped_ms limits_passed success"
     assert set(keys.split()) <= set(found)
     assert set(found["periods_ms"]) == {"p50", "p99", "worst"}
     assert (found["state"], found["limits_passed"]) == ("holding", 0)
-    assert "frozen" in capfd.readouterr().out
+    assert found["scheduling"] == "simulated"
+    said = capfd.readouterr().out
+    assert "frozen" in said
+    assert "no command exceeded a limit" in said
     assert cli.run(["robot", "replay", str(tmp_path / "log"), "--json", str(out)]) == 0
     again = json.loads(out.read_text())
     assert again["different"] == []

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+import gensim2
 from gensim2.cli.main import cli
 from gensim2.deploy.faults import Fault
 from gensim2.deploy.remote import protocol
@@ -44,16 +45,18 @@ class Echo:
 
     observation_spec = ObservationSpec(modalities=())
 
-    def __init__(self, slow: float = 0.0, fails_at: int = -1, looks: bool = False) -> None:
-        self._slow, self._fails_at, self._acts = slow, fails_at, 0
+    def __init__(self, slow: float = 0.0, fails_at: int = -1, looks: bool = False, cold: float = 0.0) -> None:
+        self._slow, self._fails_at, self._acts, self._cold = slow, fails_at, 0, cold
         if looks:
             self.observation_spec = ObservationSpec()
 
     def reset(self, observation: Observation, seed: int) -> None:
-        self._seed = seed
+        self._seed, self._acts = seed, 0
 
     def act(self, observation: Observation) -> np.ndarray:
         self._acts += 1
+        time.sleep(self._cold)
+        self._cold = 0.0
         self.observation_spec = ObservationSpec(modalities=())
         if self._acts == self._fails_at:
             raise ValueError("as it was told to")
@@ -193,11 +196,33 @@ def test_garbage_is_refused_before_anything_is_told(serving: Callable[..., Polic
 
 
 def test_a_controller_that_fails_is_told_of_and_served_on(serving: Callable[..., PolicyServer]) -> None:
-    controller = RemoteController(serving(fails_at=1).url, deadline=5.0)
+    controller = RemoteController(serving(fails_at=2).url, deadline=5.0)
     controller.reset(observation(0), 0)
+    assert controller.act(observation(0)) is not None
     with pytest.raises(RemoteError, match="ValueError: as it was told to"):
-        controller.act(observation(0))
-    assert controller.act(observation(1)) is not None
+        controller.act(observation(1))
+    assert controller.act(observation(2)) is not None
+
+
+def test_the_first_action_of_a_network_counts_before_the_deadline(serving: Callable[..., PolicyServer]) -> None:
+    controller = RemoteController(serving(cold=1.0).url, deadline=0.5)
+    controller.reset(observation(0), 0)
+    assert controller.act(observation(0)) is not None
+
+
+def test_a_served_policy_is_evaluated_again_and_again(serving: Callable[..., PolicyServer], tmp_path: Path) -> None:
+    arguments = {"url": serving().url, "robot": "panda", "deadline": 30.0}
+    for number in range(2):
+        found = gensim2.evaluate(
+            RemoteController,
+            "CloseBox",
+            arguments=arguments,
+            episodes=1,
+            workers=1,
+            assets="builtin",
+            out=tmp_path / str(number),
+        )
+        assert found.to_dict()["tasks"][0]["episodes"] == 1
 
 
 def test_a_server_that_comes_back_with_another_token_ends_the_episode(serving: Callable[..., PolicyServer]) -> None:

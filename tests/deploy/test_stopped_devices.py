@@ -25,10 +25,13 @@ from gensim2.deploy.pipes import MAX_WAITING, DeviceGoneError
 from gensim2.deploy.processes import ENDING, KILLED, DeviceProcess
 from gensim2.deploy.run import run
 from gensim2.deploy.watch import WatchRules
+from gensim2.observations import ObservationSpec
+from gensim2.rollout.controller_spec import ControllerSpec
 
 SLOW = WatchRules(2.0, 2.0, 2.0, 60.0, 10**6, 2.0, 10.0, overrun=60.0)
 """Rules of a busy machine: what is stopped is noticed after two seconds."""
 RUN: dict[str, Any] = {"assets": "builtin", "pixels": (64, 48), "minutes": 1.0, "speed": 0.3, "rules": SLOW}
+WORDS = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin", "--real-time", "--no-log", "--pixels", "64x48"]
 SHUTDOWN = 3 * (ENDING + KILLED)
 """Seconds within which three processes are ended, whatever they do."""
 MARGIN = 20.0
@@ -176,8 +179,19 @@ def test_a_process_that_is_killed_while_devices_start_ends_the_run_with_json(
 ) -> None:
     at_start(monkeypatch, device, signal.SIGKILL)
     out = tmp_path / "out.json"
-    words = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin", "--pixels", "64x48", "--no-log"]
-    assert cli.run([*words, "--json", str(out)]) == 1
+    words = [
+        "robot",
+        "run",
+        "CloseBox",
+        "--plan",
+        "--assets",
+        "builtin",
+        "--real-time",
+        "--no-log",
+        "--pixels",
+        "64x48",
+    ]
+    assert cli.run([*WORDS, "--json", str(out)]) == 1
     found = json.loads(out.read_text())
     assert (found["state"], "is gone" in found["reason"]) == ("stopped", True), found["reason"]
     assert (found["task"], found["episodes"], found["periods_ms"]["p50"]) == ("CloseBox", 0, None)
@@ -187,12 +201,45 @@ def test_a_signal_ends_a_run_whose_cameras_do_not_open(monkeypatch: pytest.Monke
     number = signal.SIGTERM
     at_start(monkeypatch, "cameras", signal.SIGSTOP)
     out = tmp_path / "out.json"
-    words = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin", "--pixels", "64x48", "--no-log"]
+    words = [
+        "robot",
+        "run",
+        "CloseBox",
+        "--plan",
+        "--assets",
+        "builtin",
+        "--real-time",
+        "--no-log",
+        "--pixels",
+        "64x48",
+    ]
     threading.Timer(8.0, os.kill, (os.getpid(), number)).start()
     begun = time.monotonic()
-    assert cli.run([*words, "--json", str(out)]) == 128 + number
+    assert cli.run([*WORDS, "--json", str(out)]) == 128 + number
     assert time.monotonic() - begun < 8.0 + SHUTDOWN + MARGIN
     assert json.loads(out.read_text())["interrupted"] == [number.name]
+
+
+class Hanging:
+    """A controller that never answers."""
+
+    observation_spec = ObservationSpec(modalities=())
+
+    def reset(self, observation: Any, seed: int) -> None:
+        pass
+
+    def act(self, observation: Any) -> None:
+        threading.Event().wait()
+
+
+def test_a_signal_ends_a_run_by_the_simulated_clock_whose_controller_hangs() -> None:
+    threading.Timer(8.0, os.kill, (os.getpid(), signal.SIGINT)).start()
+    begun = time.monotonic()
+    hanging = ControllerSpec(f"{__file__}:Hanging")
+    found = run("CloseBox", policy=hanging, assets="builtin", pixels=(64, 48), simulated_clock=True)
+    assert time.monotonic() - begun < 8.0 + MARGIN
+    assert (found["state"], found["interrupted"]) == ("stopped", ["SIGINT"])
+    assert "asked to stop: SIGINT" in found["reason"]
 
 
 # ------------------------------------------------------------------------------------------------- the pipe itself

@@ -87,7 +87,8 @@ def view(ctx: click.Context, /, policy: str | None, plan: bool, no_clouds: bool,
     if policy is None and not plan:
         names = tuple(CameraSource.parse(given["cameras"]).devices) or None
         decides = looking(given["robot"], names, not no_clouds)
-    given = {**given, "policy": decides, "plan": plan, "view": True, "minutes": 1e4}
+    real = given["real_time"] is not False  # a person looks on
+    given = {**given, "policy": decides, "plan": plan, "view": True, "minutes": 1e4, "real_time": real}
     _run(ctx, None, given, dry=True, episodes=ENDLESS, rules=PATIENT)
 
 
@@ -124,7 +125,9 @@ def _run(ctx: click.Context, json_file: str | None, given: dict[str, Any], **bes
 def _show(result: dict[str, Any]) -> None:
     line(f"{result['state']}: {result['reason']}")
     success = "" if result["success"] is None else f", {result['success']:.2f} held"
-    line(f"{result['episodes']} episodes{success}; {result['limits_passed']} commands passed a limit")
+    passed = result["limits_passed"]
+    exceeded = "no command exceeded a limit" if passed == 0 else f"{passed} commands exceeded a limit"
+    line(f"{result['episodes']} episodes{success}; {exceeded}")
     heads = ("ms", "median", "99th percentile", "worst")
     names = {
         "periods_ms": "period",

@@ -77,7 +77,11 @@ LINE = (
     ),
     number("--calibration-days", 7.0, 0.0, 1e4, "Age from which on it is refused.", above=True),
     click.option(
-        "--simulated-clock", is_flag=True, help="One process, by a clock that waits: the same run every time."
+        "--real-time/--simulated-clock",
+        default=None,
+        help="Run the devices in processes of their own by the machine's clock, or all of them in one process by a "
+        "clock that waits for each, so that every run is the same.  [default: --simulated-clock where arm and cameras "
+        "are simulated]",
     ),
     options.library,
     options.seed,
@@ -114,14 +118,19 @@ def all_of(*groups: tuple[Callable[[Any], Any], ...]) -> Callable[[_F], _F]:
 
 
 def line_of(given: dict[str, Any]) -> dict[str, Any]:
-    """Keywords of a line from a command's values: one of ``--plan`` and ``--policy`` decides.
+    """Return the keywords of a line from a command's values.
+
+    A simulated arm with simulated cameras goes by the simulated clock, unless ``--real-time`` is given: by the clock of
+    the machine one other busy process is enough for the watch to hold the arm.
 
     Raises:
         UsageError: both are given, or neither.
     """
     if given.pop("plan") == (given["policy"] is not None):
         raise click.UsageError("Give either --plan or --policy DIR.")
-    return {**given, "pixels": pixels_of(given["pixels"])}
+    real = given.pop("real_time")
+    simulated = given["arm"] == given["cameras"] == "simulated" if real is None else not real
+    return {**given, "pixels": pixels_of(given["pixels"]), "simulated_clock": simulated}
 
 
 def moves(given: dict[str, Any], move: bool) -> bool:

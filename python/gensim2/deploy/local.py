@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import signal
 import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,10 +12,14 @@ from gensim2.deploy.arm_limits import CYCLE, Array
 from gensim2.deploy.clocks import SimulatedClock
 from gensim2.deploy.devices import ArmState, Frame
 from gensim2.deploy.mind import SLOW, Answer, Begin, MindSpec, Question, Truth, think
+from gensim2.deploy.pipes import DeviceGoneError
 from gensim2.deploy.simulated_cameras import RATE, SimulatedCameras
 from gensim2.deploy.simulated_world import GOAL_EVERY, SimulatedWorld
 from gensim2.errors import GenSim2Error
 from gensim2.seeding import rng
+
+WAITING = 0.1
+"""Seconds between two looks whether somebody asked to stop."""
 
 
 class LocalArm:
@@ -133,6 +138,10 @@ class LocalMind:
         clock: of the line.
         latency: range of the seconds from a question to its answer, drawn each episode by its
             seed.
+        interrupted: numbers of signals that have asked to stop; once there is one, no answer is waited for.
+
+    Raises:
+        GenSim2Error: a signal asked to stop before the controller was made, or before it answered.
     """
 
     def __init__(
@@ -141,8 +150,9 @@ class LocalMind:
         truth: Truth,
         clock: SimulatedClock,
         latency: tuple[float, float] = (0.05, 0.05),
+        interrupted: Sequence[int] = (),
     ) -> None:
-        self._clock, self._range = clock, latency
+        self._clock, self._range, self._interrupted = clock, latency, interrupted
         self._latency = latency[0]
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._outbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -152,7 +162,7 @@ class LocalMind:
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, args=(spec, truth), daemon=True)
         self._thread.start()
-        if self._outbox.get() is None:
+        if self._said() is None:
             assert self._error is not None
             raise self._error
 
@@ -169,11 +179,22 @@ class LocalMind:
             self._latency = rng(message.seed, "delay of answers").uniform(*self._range)
         self._inbox.put(message)
         if isinstance(message, Question) and self.is_alive:
-            answer = self._outbox.get()
+            answer = self._said()
             if answer is None:
                 raise GenSim2Error(f"the controller failed: {self._error}") from self._error
             late = SLOW if self._slow else 0.0
             self._coming.append((self._clock.now() + self._latency + late, answer))
+
+    def _said(self) -> Any:
+        """Wait for the controller's next word."""
+        while True:
+            try:
+                return self._outbox.get(timeout=WAITING)
+            except queue.Empty:
+                if self._interrupted:
+                    self.is_alive = False
+                    name = signal.Signals(self._interrupted[0]).name
+                    raise DeviceGoneError(f"a person or the system asked to stop: {name}") from None
 
     def poll(self) -> Sequence[Answer]:
         """Answers whose time has come."""
@@ -199,4 +220,4 @@ class LocalMind:
     def close(self) -> None:
         """Let the controller go."""
         self._inbox.put(None)
-        self._thread.join(timeout=10)
+        self._thread.join(timeout=10 if self.is_alive else WAITING)

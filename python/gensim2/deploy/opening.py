@@ -224,7 +224,7 @@ def opened(
             journals.append(written)
         spec = MindSpec(prepared.controller, given.spec, given.scene.robot, believed)
         if config.simulated_clock:
-            devices = _local(prepared, spec, noise_seed, mind)
+            devices = _local(prepared, spec, noise_seed, mind, interrupted)
         elif config.is_simulated:
             devices = _in_processes(prepared, spec, noise_seed, mind, real, interrupted)
         else:
@@ -304,7 +304,7 @@ def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
     return controller_for(policy, given)
 
 
-def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None) -> Devices:
+def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None, interrupted: Sequence[int]) -> Devices:
     from gensim2.deploy.local import LocalArm, LocalCameras, LocalMind
     from gensim2.deploy.simulated_cameras import SimulatedCameras
     from gensim2.deploy.simulated_world import SimulatedWorld
@@ -316,7 +316,7 @@ def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None)
         giving_up.callback(arm.close)
         simulated = SimulatedCameras(world.profile, prepared.cameras, seed, prepared.noise)
         seeing = LocalCameras(world, simulated, clock, config.rate, config.delays.camera, seed)
-        mind = mind or LocalMind(spec, world, clock, config.delays.controller)
+        mind = mind or LocalMind(spec, world, clock, config.delays.controller, interrupted)
         giving_up.pop_all()
     return Devices(arm, seeing, mind, clock, arm, {"arm": arm.fail, "camera": seeing.fail, "policy": mind.fail})
 

@@ -12,8 +12,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from gensim2.deploy.arm_limits import CYCLE
 from gensim2.deploy.audit import limits_passed
-from gensim2.deploy.clocks import Clock
+from gensim2.deploy.clocks import Clock, SimulatedClock
 from gensim2.deploy.devices import ArmDriver, CameraDriver
 from gensim2.deploy.faults import Fault, FullDisk
 from gensim2.deploy.keys import Keys
@@ -405,6 +406,7 @@ class Session:
             return False
         self._progress.message("r resumes, any other key stops")
         while line.watch.state is State.HOLDING:
+            time.sleep(CYCLE if isinstance(self._devices.clock, SimulatedClock) else 0.0)  # that of a person goes on
             self._cycle()
             if self._pressed == RESUME:
                 line.resume("the keyboard")

@@ -16,7 +16,7 @@ from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.rollout.config import EpisodeConfig
-from gensim2.rollout.controller import is_privileged, spec_of
+from gensim2.rollout.controller import close, is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
 from gensim2.rollout.record import Episode
@@ -212,6 +212,7 @@ def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[st
     profile = robot(given.scene.robot)
     made = spec.make(given.spec, profile)
     seen = spec_of(made)
+    close(made)
     require_cameras(seen.cameras, profile)
     if data is not None:
         from gensim2.data.dataset import DataSet

@@ -99,6 +99,7 @@ class Controller(Protocol):
       point clouds by the defaults, and of a privileged one the robot's own state. It is read before every observation:
       a controller that looks now and then has ``PROPRIOCEPTIVE`` in between.
     - ``reference``: a :class:`Reference`, read after every action and recorded; None: it means no more than the action.
+    - ``close()``: gives up what the controller holds open, a connection for example; called once it is not needed.
     - ``turn``, ``history``, ``events``: the name of the task's step that it is at, a record of each step that was
       begun, and what was noticed; ``turn`` is read after every action, the others when the episode is over. Without
       them a step's turn ends where its criterion is true.
@@ -133,6 +134,13 @@ def spec_of(controller: Controller) -> ObservationSpec:
     if given is None and is_privileged(controller):
         return PROPRIOCEPTIVE
     return ObservationSpec.of(given)
+
+
+def close(controller: Controller) -> None:
+    """Let a controller that is not needed any more give up what it holds open."""
+    giving_up: Callable[[], object] | None = getattr(controller, "close", None)
+    if giving_up is not None:
+        giving_up()
 
 
 def reference_of(controller: Controller) -> Reference | None:

@@ -80,6 +80,7 @@ class PoolEvaluator:
 
     def __exit__(self, *_: object) -> None:
         self._executor.close()
+        worker.forget()  # of episodes that ran in this process
 
     @property
     def executor(self) -> Executor:

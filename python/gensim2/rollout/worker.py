@@ -253,10 +253,18 @@ def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> 
         # What it is made of may have been made anew since: a checkpoint in the same folder, the class in the same file.
         key = (spec.target, json.dumps(spec.arguments, sort_keys=True), spec.digest)
         if key not in _kept:
-            _kept.clear()
+            forget()
             _kept[key] = spec.make(task, profile)
         controller = _kept[key]
     return Guarded(controller, spec, task, profile, which)
+
+
+def forget() -> None:
+    """Close the controller that is kept."""
+    from gensim2.rollout.controller import close
+
+    while _kept:
+        close(_kept.popitem()[1])
 
 
 _kept: dict[tuple[str, str, str], Controller] = {}

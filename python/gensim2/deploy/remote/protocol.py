@@ -311,21 +311,22 @@ class Failure(Message):
     why: Text
 
 
-Kind = TypeVar("Kind", bound=Message)
+One = TypeVar("One", bound=Message)
+Other = TypeVar("Other", bound=Message)
 
 
-def read_message(message: Mapping[str, Any], *allowed: type[Kind], sender: str) -> Kind:
+def read_message(message: Mapping[str, Any], one: type[One], other: type[Other], *, sender: str) -> One | Other:
     """Check a message against the kinds that are allowed at this point of the conversation.
 
     Args:
         message: as :func:`decode` returns it.
-        allowed: kinds of messages.
+        one, other: allowed kinds of messages.
         sender: who sent it, for error messages.
 
     Raises:
         RemoteError: the message is of another kind, or one of its fields is missing, unknown or invalid.
     """
-    kinds = {get_args(each.model_fields["kind"].annotation)[0]: each for each in allowed}
+    kinds = {get_args(each.model_fields["kind"].annotation)[0]: each for each in (one, other)}
     kind = message["kind"]
     if kind not in kinds:
         raise RemoteError(f"{sender} sent {reprlib.repr(kind)}, expected {' or '.join(kinds)}")

@@ -89,6 +89,7 @@ class PolicyServer:
         self._profile = robot(robot_name)
         self._controller: Controller = controller.make()
         self._observation = spec_of(self._controller).to_dict()  # now: one that acts may look at less for a while
+        self._is_warm = False
         self._busy = threading.Lock()
         self._connections: set[Any] = set()
         self._strangers = threading.BoundedSemaphore(MAX_STRANGERS)
@@ -160,8 +161,9 @@ class PolicyServer:
             if refused is None:
                 self._trust(address)
                 if not self._busy.acquire(timeout=LEAVING):
-                    refused = "another loop is being served"
+                    refused = "another loop is being served (a server serves one at a time: evaluate with one worker)"
             if refused is not None:
+                refused = one_line(refused)
                 self._said(f"{who} refused: {refused}")
                 connection.send(encode({"kind": "refused", "why": refused}))
                 return
@@ -194,7 +196,7 @@ class PolicyServer:
             said = reprlib.repr(spoken)
             return f"speaks version {said} of the protocol, this is {VERSION}: install the same gensim2"
         try:
-            hello = read_message(message, Hello, sender=who)
+            hello = read_message(message, Hello, Hello, sender=who)
         except RemoteError as error:
             return str(error)
         if hello.robot not in (None, self._profile.name):
@@ -220,6 +222,11 @@ class PolicyServer:
             observation = request.observation.value()
             if isinstance(request, Reset):
                 self._controller.reset(observation, request.seed)
+                if not self._is_warm:
+                    # A network's first action takes longest: ask for one here, where no deadline of the loop counts.
+                    self._controller.act(observation)
+                    self._is_warm = True
+                    self._controller.reset(observation, request.seed)
                 found: dict[str, Any] = {"kind": "ready"}
             else:
                 found = {"kind": "action", "action": self._action(self._controller.act(observation))}

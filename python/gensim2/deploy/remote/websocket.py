@@ -26,11 +26,13 @@ def unfragmented(kind: Any, chunk: int = CHUNK) -> Any:
 
     class Unfragmented(kind):  # type: ignore[misc]
         recv_bufsize = chunk
+        dropped = False
 
         def process_event(self, event: Any) -> None:
             if isinstance(event, Frame) and event.opcode in DATA_OPCODES and not event.fin:
+                self.dropped = True
                 self.close_socket()
-            else:
+            elif not self.dropped:  # frames of the same chunk
                 super().process_event(event)
 
     return Unfragmented
