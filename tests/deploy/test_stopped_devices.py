@@ -179,18 +179,6 @@ def test_a_process_that_is_killed_while_devices_start_ends_the_run_with_json(
 ) -> None:
     at_start(monkeypatch, device, signal.SIGKILL)
     out = tmp_path / "out.json"
-    words = [
-        "robot",
-        "run",
-        "CloseBox",
-        "--plan",
-        "--assets",
-        "builtin",
-        "--real-time",
-        "--no-log",
-        "--pixels",
-        "64x48",
-    ]
     assert cli.run([*WORDS, "--json", str(out)]) == 1
     found = json.loads(out.read_text())
     assert (found["state"], "is gone" in found["reason"]) == ("stopped", True), found["reason"]
@@ -201,18 +189,6 @@ def test_a_signal_ends_a_run_whose_cameras_do_not_open(monkeypatch: pytest.Monke
     number = signal.SIGTERM
     at_start(monkeypatch, "cameras", signal.SIGSTOP)
     out = tmp_path / "out.json"
-    words = [
-        "robot",
-        "run",
-        "CloseBox",
-        "--plan",
-        "--assets",
-        "builtin",
-        "--real-time",
-        "--no-log",
-        "--pixels",
-        "64x48",
-    ]
     threading.Timer(8.0, os.kill, (os.getpid(), number)).start()
     begun = time.monotonic()
     assert cli.run([*WORDS, "--json", str(out)]) == 128 + number

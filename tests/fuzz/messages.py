@@ -33,6 +33,7 @@ from gensim2.deploy.remote import client, server
 from gensim2.deploy.remote.client import RemoteController
 from gensim2.deploy.remote.protocol import MAX_BYTES, TOKEN, VERSION, RemoteError, decode, encode
 from gensim2.deploy.remote.server import PolicyServer
+from gensim2.deploy.remote.websocket import logger
 from gensim2.foreign.process import Bounds
 from gensim2.observations import DepthNoise, Observation, ObservationSpec
 from gensim2.observations.columns import STATE, VELOCITY
@@ -213,7 +214,7 @@ def try_first(message: bytes | str | list[bytes]) -> str:
     threading.Thread(target=found.serve, daemon=True).start()
     answer: dict[str, Any] | None = None
     try:
-        with connect(found.url, compression=None, close_timeout=0.05) as stranger:
+        with connect(found.url, compression=None, close_timeout=0.05, logger=logger()) as stranger:
             stranger.send(message)
             answer = decode(stranger.recv(timeout=DEADLINE))
     except (WebSocketException, OSError):
@@ -256,7 +257,7 @@ def try_answer(message: bytes | str | list[bytes], kind: str) -> str:
         except WebSocketException:
             return
 
-    found = serve(handle, "127.0.0.1", 0, compression=None, close_timeout=0.05)
+    found = serve(handle, "127.0.0.1", 0, compression=None, close_timeout=0.05, logger=logger())
     threading.Thread(target=found.serve_forever, daemon=True).start()
     url = f"ws://127.0.0.1:{found.socket.getsockname()[1]}"
     try:

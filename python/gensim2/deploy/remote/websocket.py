@@ -47,6 +47,8 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
+        if isinstance(error, EOFError):  # the library reads on for a moment after it has closed a connection itself
+            return
         self._said(one_line(record.getMessage() if error is None else f"{record.getMessage()}: {error}"))
 
 
