@@ -123,6 +123,7 @@ LONGEST = (
     "design/runs/test_benchmarking.py",
     "tasks/test_library_strategies.py",
     "deploy/test_processes.py",
+    "deploy/test_stopped_devices.py",
     "data/test_foreign.py",
     "pages/test_pages.py",
     "processes/test_ray.py",

@@ -19,7 +19,7 @@ from gensim2.errors import GenSim2Error
 from gensim2.seeding import rng
 
 WAITING = 0.1
-"""Seconds between two looks whether somebody asked to stop."""
+"""Seconds after which a wait looks for a signal that asks to stop."""
 
 
 class LocalArm:
