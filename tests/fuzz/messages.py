@@ -207,7 +207,7 @@ def try_first(message: bytes | str | list[bytes]) -> str:
     """Send a first message to a server; return how it ended.
 
     Raises:
-        AssertionError: it was accepted as something else, or refused in other than one line, or the server is gone afterwards.
+        AssertionError: it was accepted as something else, refused in other than one line, or the server is gone.
     """
     said: list[str] = []
     found = PolicyServer(ControllerSpec(f"{__file__}:Still"), "panda", SECRET, port=0, said=said.append)
