@@ -34,8 +34,8 @@ RUN: dict[str, Any] = {"assets": "builtin", "pixels": (64, 48), "minutes": 1.0, 
 WORDS = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin", "--real-time", "--no-log", "--pixels", "64x48"]
 SHUTDOWN = 3 * (ENDING + KILLED)
 """Seconds within which three processes are ended, whatever they do."""
-MARGIN = 20.0
-"""Seconds for a busy machine."""
+MARGIN = 60.0
+"""Seconds for a busy machine: what blocks for ever takes longer."""
 DEVICES = ("arm", "cameras", "controller")
 
 
@@ -95,7 +95,7 @@ def none_left(started: dict[str, DeviceProcess]) -> bool:
 def test_a_process_that_is_stopped_at_the_start_ends_the_run(
     monkeypatch: pytest.MonkeyPatch, started: dict[str, DeviceProcess], device: str, said: str
 ) -> None:
-    monkeypatch.setattr(cameras, "OPENING", 15.0 if device != "cameras" else 2.0)
+    monkeypatch.setattr(cameras, "OPENING", 60.0 if device != "cameras" else 2.0)
     monkeypatch.setattr(session, "PATIENCE", 2.0)
     at_start(monkeypatch, device, signal.SIGSTOP)
     begun = time.monotonic()
