@@ -47,5 +47,7 @@ def input_error(
         alike = difflib.get_close_matches(str(steps[-1]), known or (), n=1)
         rename = f"did you mean {alike[0]!r}?" if alike else "remove it"
         return InputError("unknown field", file=file, field=field, remedy=remedy or rename)
-    message = str(first["ctx"]["error"]) if first["type"] == "value_error" else first["msg"]
-    return InputError(message[:1].lower() + message[1:], file=file, field=field, remedy=remedy)
+    if first["type"] == "value_error":
+        return InputError(str(first["ctx"]["error"]), file=file, field=field, remedy=remedy)
+    message = first["msg"][:1].lower() + first["msg"][1:]
+    return InputError(message, file=file, field=field, remedy=remedy)

@@ -348,7 +348,7 @@ def test_messages_that_are_not_as_their_schema_has_them_are_refused_by_field(tmp
         ({"robot": 5}, "robot"),
         ({"surprise": 1}, "surprise"),
         ({"schema_version": 2}, "schema_version"),
-        ({"observation": {"modalities": 5}}, "observation"),
+        ({"observation": {"modalities": 5}}, "modalities: must be a list"),
         ({"observation": {"noise": {"focal": [1]}}}, "noise.focal"),
         ({"cameras": [left, left]}, "twice"),
         ({"cameras": [{**left, "intrinsic": [[1.0], [2.0, 3.0]]}]}, "cameras.0"),

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from gensim2.deploy.devices import ArmMode, Frame
 from gensim2.errors import InputError
 from gensim2.observations import Camera, ObservationSpec
+from gensim2.validation import input_error
 
 MAX_PIXELS = 1 << 23
 """Pixels of all cameras of a log together: their rays take 500 MB of memory."""
@@ -260,11 +261,7 @@ def message_of(topic: str, plain: dict[str, Any], arrays: dict[str, npt.NDArray[
     try:
         found = schema.model_validate(fields)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"])
-        raise InputError(
-            str(first["msg"]).lower().removeprefix("value error, "), field=f"{topic}: {field}" if field else topic
-        ) from error
+        raise input_error(error, within=topic) from error
     if isinstance(found, PictureMessage) and topic != f"{_CAMERA}{found.camera}":
         raise InputError(f"is a picture of {found.camera!r}", field=topic)
     return found

@@ -39,6 +39,7 @@ from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.controller import is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.inputs import TaskInput
+from gensim2.validation import input_error
 
 REMOTE = "gensim2.deploy.remote.client:RemoteController"
 
@@ -284,8 +285,7 @@ def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
             cameras=[LoggedCamera.of(camera) for camera in believed],
         )
     except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(str(first["msg"]).lower(), field=".".join(str(part) for part in first["loc"])) from error
+        raise input_error(error) from error
 
 
 def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:

@@ -15,6 +15,7 @@ from gensim2.scenes.randomize import draw_object, openness_at_reset
 from gensim2.seeding import rng
 from gensim2.tasks.presets import preset
 from gensim2.tasks.spec import Name, Offset, Randomization, TaskSpec
+from gensim2.validation import input_error
 from gensim2.yaml_files import read_yaml
 
 FOLDER = Path(__file__).parents[1] / "protocols"
@@ -161,6 +162,4 @@ def read_protocol(word: str) -> Protocol:
     try:
         return Protocol.model_validate(read_yaml(path))
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or None
-        raise InputError(str(first["msg"]).lower(), file=path, field=field) from error
+        raise input_error(error, file=path) from error

@@ -7,8 +7,8 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from gensim2.errors import InputError
 from gensim2.objects.library.catalogue import TENTHS
+from gensim2.validation import input_error
 
 Name = Literal["generalization", "breadth", "scaling", "combinations", "designed"]
 NAMES: tuple[Name, ...] = get_args(Name)
@@ -156,6 +156,4 @@ def read_experiment(path: Path) -> ExperimentConfig:
     try:
         return ExperimentConfig.model_validate(read_yaml(path))
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or None
-        raise InputError(str(first["msg"]).removeprefix("Value error, "), file=path, field=field) from error
+        raise input_error(error, file=path) from error
