@@ -191,16 +191,12 @@ def test_no_circle_of_files_goes_through_several_rooms() -> None:
 
 
 def test_an_error_of_pydantic_is_put_into_words_in_one_place() -> None:
-    """The rooms deploy and policy have conversions of their own left."""
     converting = {
         path.relative_to(PYTHON / "gensim2").as_posix()
         for path in sources("gensim2")
         if ".errors()" in path.read_text()
     }
-    assert {name for name in converting if not name.startswith(("deploy/", "policy/"))} == {
-        "validation.py",
-        "tasks/parse.py",
-    }, "tasks/parse.py looks up a location, all else is gensim2.validation.input_error's"
+    assert converting == {"validation.py", "tasks/parse.py"}, "tasks/parse.py looks up a location in the error"
 
 
 def test_a_name_of_a_class_has_one_meaning_in_design_and_evaluation() -> None:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from pydantic import BaseModel, Field, ValidationError
 
 from gensim2.errors import InputError
+from gensim2.validation import input_error
 
 MAX_MESSAGE = 1 << 26
 """Bytes of one message at most."""
@@ -53,7 +54,7 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
             raise ValueError(f"{len(data) - at} bytes are left over")
         return head.plain, arrays
     except ValidationError as error:
-        raise InputError(f"is damaged: {error.errors()[0]['msg'].lower()}", field="message") from error
+        raise input_error(error, within="message") from error
     except (struct.error, ValueError, RecursionError) as error:
         raise InputError(f"is damaged: {error}", field="message") from error
 

@@ -22,7 +22,7 @@ from gensim2.deploy.remote.protocol import (
     Action,
     Failure,
     Ready,
-    Refused,
+    Refusal,
     RemoteError,
     Welcome,
     decode,
@@ -149,8 +149,8 @@ class RemoteController:
             if found["kind"] == "welcome" and found.get("protocol") != VERSION:
                 spoken = reprlib.repr(found.get("protocol"))
                 raise RemoteError(f"{self._url} speaks version {spoken} of the protocol, this is {VERSION}")
-            answer = read_message(found, Welcome, Refused, sender=self._server)
-            if isinstance(answer, Refused):
+            answer = read_message(found, Welcome, Refusal, sender=self._server)
+            if isinstance(answer, Refusal):
                 raise RemoteError(f"{self._url} refuses: {answer.why}")
             if self._robot not in (None, answer.robot):
                 raise RemoteError(f"{self._url} drives {answer.robot}, this robot is {self._robot}")

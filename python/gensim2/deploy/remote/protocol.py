@@ -183,7 +183,7 @@ def _shaped(types: tuple[str, ...], *shape: int | None) -> Any:
     return BeforeValidator(check)
 
 
-class Message(BaseModel):
+class RemoteMessage(BaseModel):
     """Fields that are checked without conversion; unknown fields are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
@@ -195,7 +195,7 @@ Number = Annotated[int, Field(ge=0, lt=2**63)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class Hello(Message):
+class Hello(RemoteMessage):
     """First message of a loop. Its token is checked before anything else of it is read."""
 
     kind: Literal["hello"]
@@ -204,7 +204,7 @@ class Hello(Message):
     robot: Word | None = None
 
 
-class Welcome(Message):
+class Welcome(RemoteMessage):
     """Answer to a loop that may ask."""
 
     kind: Literal["welcome"]
@@ -216,14 +216,14 @@ class Welcome(Message):
     observation: dict[str, Any]
 
 
-class Refused(Message):
+class Refusal(RemoteMessage):
     """Answer to anybody else."""
 
     kind: Literal["refused"]
     why: Text
 
 
-class CloudMessage(Message):
+class CloudMessage(RemoteMessage):
     """Point cloud of an observation."""
 
     xyz: Annotated[Any, _shaped(_FLOATS, None, 3)]
@@ -231,7 +231,7 @@ class CloudMessage(Message):
     segmentation: Annotated[Any, _shaped(_INTEGERS, None)] | None
 
 
-class CameraMessage(Message):
+class CameraMessage(RemoteMessage):
     """Camera of an observation."""
 
     name: Word
@@ -243,7 +243,7 @@ class CameraMessage(Message):
     link: Word | None
 
 
-class ObservationMessage(Message):
+class ObservationMessage(RemoteMessage):
     """Observation of a request."""
 
     step: Number
@@ -269,7 +269,7 @@ class ObservationMessage(Message):
         )
 
 
-class Reset(Message):
+class Reset(RemoteMessage):
     """Request to begin an episode."""
 
     kind: Literal["reset"]
@@ -278,7 +278,7 @@ class Reset(Message):
     seed: int
 
 
-class Act(Message):
+class Act(RemoteMessage):
     """Request for the next action."""
 
     kind: Literal["act"]
@@ -286,7 +286,7 @@ class Act(Message):
     observation: ObservationMessage
 
 
-class Ready(Message):
+class Ready(RemoteMessage):
     """Answer to ``reset``."""
 
     kind: Literal["ready"]
@@ -294,7 +294,7 @@ class Ready(Message):
     observation: dict[str, Any]
 
 
-class Action(Message):
+class Action(RemoteMessage):
     """Answer to ``act``; without an action the controller is done."""
 
     kind: Literal["action"]
@@ -303,7 +303,7 @@ class Action(Message):
     observation: dict[str, Any]
 
 
-class Failure(Message):
+class Failure(RemoteMessage):
     """Answer to a request that failed, or that could not be read and so has no number."""
 
     kind: Literal["error"]
@@ -311,8 +311,8 @@ class Failure(Message):
     why: Text
 
 
-One = TypeVar("One", bound=Message)
-Other = TypeVar("Other", bound=Message)
+One = TypeVar("One", bound=RemoteMessage)
+Other = TypeVar("Other", bound=RemoteMessage)
 
 
 def read_message(message: Mapping[str, Any], one: type[One], other: type[Other], *, sender: str) -> One | Other:
