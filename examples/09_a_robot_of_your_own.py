@@ -1,4 +1,4 @@
-"""A robot of one's own opens a drawer: a file describes it, whatever takes ``robot`` takes the file.
+"""A robot of your own opens a drawer: load its file, and give the returned name to whatever takes ``robot``.
 
 python examples/09_a_robot_of_your_own.py
 """
@@ -13,9 +13,10 @@ ROBOTS = Path(__file__).with_name("robots")
 
 def main() -> None:
     for file in (ROBOTS / "ur5.py", ROBOTS / "xarm7.py"):
-        robot = gensim2.robot(str(file))
+        name = gensim2.load_robot(file)
+        robot = gensim2.robot(name)
         print(f"{robot.name}: {robot.arm_size} arm joints, opens {robot.gripper.widest:.3f} m, {robot.control_hz} Hz")
-        env = gensim2.make_env("OpenDrawer", assets="builtin", robot=str(file))
+        env = gensim2.make_env("OpenDrawer", assets="builtin", robot=name)
         env.reset(seed=0)
         for _ in range(robot.control_hz):  # a second at rest
             *_, info = env.step(robot.rest_action)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from gensim2.evaluation import benchmark, evaluate
     from gensim2.objects import Library, open_library
     from gensim2.observations import Observation, ObservationSpec
-    from gensim2.robots import register_robot, robot, robot_names
+    from gensim2.robots import load_robot, register_robot, robot, robot_names
     from gensim2.rollout import solve
     from gensim2.sim import HeadlessEnv, make_env, make_vec_env
     from gensim2.tasks import TaskSpec, load_strategies, load_task, task_names
@@ -47,6 +47,7 @@ __all__ = [
     "collect",
     "demo",
     "evaluate",
+    "load_robot",
     "load_strategies",
     "load_task",
     "make_env",
@@ -74,6 +75,7 @@ _of_rooms = lazy_names(
         "collect": "gensim2.data",
         "demo": "gensim2.design",
         "evaluate": "gensim2.evaluation",
+        "load_robot": "gensim2.robots",
         "load_strategies": "gensim2.tasks",
         "load_task": "gensim2.tasks",
         "make_env": "gensim2.sim",

@@ -19,7 +19,7 @@ from gensim2.errors import InputError
 from gensim2.observations import CloudSettings, ObservationSpec
 from gensim2.raycast.observer import Observer
 from gensim2.raycast.scene import RaycastScene
-from gensim2.robots import MountedCamera, robot
+from gensim2.robots import MountedCamera, load_robot, robot
 from gensim2.robots.checks import check_profile
 from gensim2.rollout.recording import Recorder
 from gensim2.scenes.config import SceneOptions
@@ -27,7 +27,7 @@ from gensim2.sim.env import GenSim2Env
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.rendering import can_render
 
-FILE = str(Path(__file__).parents[1] / "robots" / "wristed.py")
+FILE = load_robot(Path(__file__).parents[1] / "robots" / "wristed.py")
 SPEC = ObservationSpec(
     ("pointcloud", "depth", "segmentation"), ("wrist", "front"), CloudSettings(points=128, candidates=512)
 )

@@ -12,6 +12,7 @@ from gensim2.data.observing import observe
 from gensim2.errors import InputError
 from gensim2.observations import CloudSettings, DepthNoise, Observation, ObservationSpec
 from gensim2.observations.columns import cloud_column
+from gensim2.robots import load_robot
 from gensim2.rollout.recording import Recorder
 from gensim2.rollout.run import run
 from gensim2.scenes.config import SceneOptions
@@ -20,7 +21,7 @@ from gensim2.sim.env import GenSim2Env
 from gensim2.sim.headless import HeadlessEnv
 
 TASKS = ("OpenDrawer", "CloseBox", "TurnOnFaucet", "OpenLaptop", "PlaceGolfBallIntoDrawer")
-ROBOTS = ("panda", "fetch", str(Path(__file__).parents[2] / "examples" / "robots" / "xarm7.py"))
+ROBOTS = ("panda", "fetch", load_robot(Path(__file__).parents[2] / "examples" / "robots" / "xarm7.py"))
 STATES = 7
 """Of each robot and task: 105 in all."""
 SPEC = ObservationSpec(

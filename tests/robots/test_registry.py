@@ -15,12 +15,12 @@ pytest.importorskip("mani_skill")
 import gensim2
 from gensim2.errors import InputError
 from gensim2.processes import Job, WorkerPool, results
-from gensim2.robots import Mimic, RobotProfile, robot, robot_key, robot_names
+from gensim2.robots import Mimic, RobotProfile, load_robot, robot, robot_key, robot_names
 from gensim2.robots.checks import check_profile
 from gensim2.scenes.config import SceneOptions
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "robots"
-XARM = str(EXAMPLES / "xarm7.py")
+XARM = EXAMPLES / "xarm7.py"
 
 
 def reach_of(name: str) -> float:
@@ -43,11 +43,12 @@ MINE = """
 
 def test_a_file_describes_a_robot_and_workers_load_it(tmp_path: Path) -> None:
     file = write(tmp_path, MINE)
-    assert robot(str(file)).reach == 0.7125
-    assert robot(str(file)) is robot(robot_key(str(file)))
-    key = SceneOptions.of(assets="builtin", robot=str(file)).robot
+    key = load_robot(file)
+    assert robot(key).reach == 0.7125
+    assert robot(key) is robot(robot_key(key))
+    assert SceneOptions.of(assets="builtin", robot=key).robot == key
     assert Path(key).is_absolute()
-    assert robot_key(str(tmp_path / "beside" / ".." / file.name)) == key
+    assert load_robot(tmp_path / "beside" / ".." / file.name) == key
     with WorkerPool(1) as pool:
         found = list(results(pool.map_unordered(reach_of, [Job(0, (key,))]), "robots", tmp_path / "log"))
     assert found == [(0, 0.7125)]
@@ -106,7 +107,7 @@ def test_a_registered_robot_is_known_by_name_here_and_by_place_elsewhere(tmp_pat
 def test_what_cannot_be_used_is_told_on_one_line(tmp_path: Path, body: str, message: str) -> None:
     file = write(tmp_path, body)
     with pytest.raises(InputError) as refused:
-        robot(str(file))
+        load_robot(file)
     line = str(refused.value)
     assert message in line
     assert "\n" not in line
@@ -116,24 +117,24 @@ def test_what_cannot_be_used_is_told_on_one_line(tmp_path: Path, body: str, mess
 def test_a_file_that_was_mended_is_read_again(tmp_path: Path) -> None:
     file = write(tmp_path, "x = 1")
     with pytest.raises(InputError, match="registers no robot"):
-        robot(str(file))
+        load_robot(file)
     write(tmp_path, MINE.replace("mine", "mended"))
-    assert robot(str(file)).name == "mended"
+    assert robot(load_robot(file)).name == "mended"
 
 
 def test_a_robot_is_one_whatever_it_is_called(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = write(tmp_path, MINE.replace("mine", "many_named"))
     monkeypatch.chdir(tmp_path)
-    found = robot("mine.py")
-    assert robot(str(file)) is robot("mine.py:many_named") is robot("many_named") is found
+    found = robot(load_robot("mine.py"))
+    assert robot(str(file)) is robot(load_robot("mine.py:many_named")) is robot("many_named") is found
 
 
 def test_files_that_are_not_there_are_told_with_what_other_machines_need(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no such file on this machine .*every machine of a run"):
-        robot(str(tmp_path / "gone.py"))
+        load_robot(tmp_path / "gone.py")
     with pytest.raises(InputError, match="no robot 'make' in the module 'nowhere_to_be_found'"):
-        robot("nowhere_to_be_found:make")
-    assert robot("gensim2.robots.panda:panda").name == "panda"
+        load_robot("nowhere_to_be_found:make")
+    assert robot(load_robot("gensim2.robots.panda:panda")).name == "panda"
 
 
 def test_functions_that_no_worker_could_find_are_not_registered() -> None:
@@ -168,4 +169,4 @@ def changed(profile: RobotProfile, **gripper: object) -> RobotProfile:
 def test_profiles_that_contradict_themselves_or_their_urdf_are_refused(wrong: object, message: str) -> None:
     assert callable(wrong)
     with pytest.raises(InputError, match=message):
-        check_profile(wrong(robot(XARM)), "mine.py")
+        check_profile(wrong(robot(load_robot(XARM))), "mine.py")

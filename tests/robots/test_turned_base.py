@@ -10,14 +10,14 @@ import pytest
 pytest.importorskip("mani_skill")
 
 from gensim2.observations import CloudSettings, ObservationSpec
-from gensim2.robots import robot
+from gensim2.robots import load_robot, robot
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.run import run
 from gensim2.sim.env import GenSim2Env
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_strategies, load_task
 
-FILE = str(Path(__file__).with_name("turned.py"))
+FILE = load_robot(Path(__file__).with_name("turned.py"))
 SPEC = ObservationSpec(("pointcloud", "depth"), ("left", "front"), CloudSettings(points=128, candidates=512))
 TURNED = robot(FILE).T_world_base[:3, :3]
 

@@ -17,7 +17,7 @@ from gensim2.raycast.caster import Caster, Solid
 from gensim2.raycast.observer import Observer
 from gensim2.raycast.scene import RaycastScene
 from gensim2.raycast.shapes import Surface, read_mesh
-from gensim2.robots import robot
+from gensim2.robots import load_robot, robot
 from gensim2.sim.env import GenSim2Env
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.rendering import can_render
@@ -27,7 +27,7 @@ FAR_AWAY = np.array([[1.0, 0, 0, 50.0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]
 
 PACKAGED = ("panda", "fetch")
 #: Boxes and cylinders, hinges that nothing drives.
-OWN = tuple(str(Path(__file__).parents[2] / "examples" / "robots" / f"{name}.py") for name in ("ur5", "xarm7"))
+OWN = tuple(load_robot(Path(__file__).parents[2] / "examples" / "robots" / f"{name}.py") for name in ("ur5", "xarm7"))
 
 
 def camera(eye: tuple[float, float, float] = (0.0, -2.0, 0.5), name: str = "a") -> Camera:

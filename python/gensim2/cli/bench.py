@@ -89,7 +89,14 @@ def _show(result: dict[str, Any]) -> None:
 @click.option(
     "--problems", type=click.Path(path_type=Path), required=True, metavar="FILE", help="Problems, one a line."
 )
-@click.option("--robot", default="panda", show_default=True, metavar="NAME", help="Robot that the problems are for.")
+@click.option(
+    "--robot",
+    type=options.ROBOT,
+    default="panda",
+    show_default=True,
+    metavar="NAME|FILE.py",
+    help="Robot that the problems are for.",
+)
 @click.option(
     "--margin", type=float, default=0.005, show_default=True, metavar="M", help="Distance kept from everything, m."
 )

@@ -80,12 +80,24 @@ class LazyGroup(click.Group):
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="gensim2", prog_name="gensim2")
-def cli() -> None:
+@click.option(
+    "--load-robot",
+    "robots",
+    multiple=True,
+    metavar="FILE.py",
+    help="Load a robot of your own that a checkpoint, a log or a data set names; data alone never load one. May be "
+    "given again.",
+)
+def cli(robots: tuple[str, ...]) -> None:
     """Articulated objects in, verified manipulation tasks and demonstrations out.
 
     Exit codes: 0 ran to the end, 1 a check found something wrong, 2 bad input, 3 jobs could not be run (--resume
     tries them again), 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
     """
+    for place in robots:
+        from gensim2.robots import load_robot
+
+        load_robot(place)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

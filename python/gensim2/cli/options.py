@@ -61,6 +61,21 @@ class _Physics(click.ParamType[str]):
             self.fail(str(error), param, ctx)
 
 
+class _Robot(click.ParamType[str]):
+    """A robot's name, or the Python file or module of one's own, which is loaded: the user names it, no data do."""
+
+    name = "robot"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the word for the robot."""
+        from gensim2.robots import load_robot  # here: `--help` needs none of it
+
+        return load_robot(value)
+
+
+ROBOT = _Robot()
+
+
 def _use_library(ctx: click.Context, _: click.Parameter, folder: str | None) -> None:
     """Set the variable while the command runs: worker processes inherit it."""
     if folder is None:
@@ -188,6 +203,7 @@ randomization = click.option(
 )
 robot = click.option(
     "--robot",
+    type=ROBOT,
     default="panda",
     show_default=True,
     metavar="NAME|FILE.py",

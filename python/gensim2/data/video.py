@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import itertools
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,18 +13,55 @@ import h5py
 import imageio.v2 as imageio
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict
 
 from gensim2.data.trajectory import JSON_NAME, env_kwargs
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.files import replacing
+from gensim2.foreign.hdf5 import array_in, group_in
+from gensim2.foreign.library import read_by_library
+from gensim2.foreign.tree import open_regular
+from gensim2.record_files import read_record
 from gensim2.robots import DEFAULT_ROBOT, robot
 from gensim2.rollout.recording import Recording
+from gensim2.scenes.config import SceneOptions
+from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
 Frame = npt.NDArray[np.uint8]
 
 LONG = 200
 """Control steps beyond which every second one is shown: a picture without a GPU takes a quarter of a second."""
+
+
+class _Arguments(BaseModel):
+    model_config = ConfigDict(strict=True, extra="allow")
+
+    assets: str
+    instances: dict[str, list[str]]
+
+
+class _Environment(BaseModel):
+    env_kwargs: _Arguments
+
+
+class _Origin(BaseModel):
+    task: dict[str, Any]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    episode_id: int
+    reset_kwargs: dict[str, Any]
+
+
+class _Trajectory(BaseModel):
+    """Fields of ``trajectory.json`` that a replay follows from."""
+
+    env_info: _Environment
+    gensim2: _Origin
+    episodes: list[_Entry]
 
 
 @dataclass(frozen=True)
@@ -52,13 +88,28 @@ class Replay:
     def stored(trajectory: Path, episode: int = 0) -> Replay:
         """Return that of an episode of ``trajectory.h5``, by its number; the JSON file lies beside it.
 
+        The environment follows from the task: the id in the file names a module, which gymnasium would import.
+
         Raises:
-            InputError: the file or the episode is not there.
+            InputError: the file or the episode is not there, or cannot be used.
         """
-        info, entry = _entry(trajectory, episode)
-        with h5py.File(trajectory, "r") as file:
-            actions = file[f"traj_{episode}"]["actions"][:]
-        return Replay(info["env_id"], info["env_kwargs"], entry["reset_kwargs"], actions)
+        from gensim2.sim.registration import env_id
+
+        path = trajectory.with_name(JSON_NAME) if trajectory.name == "trajectory.h5" else trajectory.with_suffix(".json")
+        document = read_record(path, _Trajectory, "record the episodes again")
+        found = next((entry for entry in document.episodes if entry.episode_id == episode), None)
+        if found is None:
+            raise InputError(f"there is no episode {episode}", file=path, field="episodes")
+        told, task = document.env_info.env_kwargs, parse_task(document.gensim2.task, str(path))
+        environment = SceneOptions.from_record(told.model_dump()).environment
+        kwargs = env_kwargs(task, told.assets, told.instances, environment)
+        with (
+            read_by_library(trajectory, "record the episodes again"),
+            open_regular(trajectory) as stream,
+            h5py.File(stream, "r") as file,
+        ):
+            actions = array_in(group_in(file, f"traj_{episode}"), "actions", np.float32, (None, None))
+        return Replay(env_id(task), kwargs, found.reset_kwargs, actions)
 
     @staticmethod
     def of(recording: Recording, task: TaskSpec, assets: str, environment: Mapping[str, Any]) -> Replay:
@@ -135,20 +186,6 @@ class _Shown:
             self._distance, self.farthest = distance, frame
         self.frames += 1
         self.success = success
-
-
-def _entry(trajectory: Path, episode: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    path = trajectory.with_name(JSON_NAME) if trajectory.name == "trajectory.h5" else trajectory.with_suffix(".json")
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read: {error.strerror}", file=path) from error
-    except json.JSONDecodeError as error:
-        raise InputError(f"is not valid JSON: {error.msg}", file=path, field=f"line {error.lineno}") from error
-    for entry in document["episodes"]:
-        if entry["episode_id"] == episode:
-            return document["env_info"], entry
-    raise InputError(f"there is no episode {episode}", file=path, field="episodes")
 
 
 def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:

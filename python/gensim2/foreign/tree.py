@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -156,6 +157,23 @@ class ForeignTree:
         """
         content = self.read(name, max_bytes)
         to.write_bytes(content)
+
+    def copy_all(self, to: Path, leave_out: str | None = None) -> None:
+        """Copy the folder, in which there may be nothing but folders and regular files.
+
+        Args:
+            to: a folder that is there.
+            leave_out: name of the folders that are not copied.
+
+        Raises:
+            InputError: as for :meth:`sizes`, or a file cannot be read.
+            OSError: a file cannot be written.
+        """
+        for name in self.sizes():
+            if leave_out not in Path(name).parts:
+                (to / name).parent.mkdir(parents=True, exist_ok=True)
+                with open_regular(self.inside(name)) as source, (to / name).open("wb") as target:
+                    shutil.copyfileobj(source, target)
 
     def names(self, under: str = "") -> list[str]:
         """Paths of everything but folders, relative to the folder, sorted by their parts; links are not followed.

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from gensim2.data.record import TaskName
 from gensim2.errors import InputError
 from gensim2.files import write_atomic, write_json
-from gensim2.foreign.tree import read_regular, why
+from gensim2.foreign.tensors import Shape, only_shapes, read_shapes, read_tensors, require_shapes
 from gensim2.observations import ObservationSpec
-from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.config import CLIP, PRETRAINED, SENTENCE, PolicyConfig, TrainConfig
 from gensim2.record_files import read_record
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class DataRecord(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     digest: str
-    tasks: tuple[str, ...] = Field(strict=False)
+    tasks: tuple[TaskName, ...] = Field(strict=False)
     episodes: int
     frames: int
     folders: tuple[str, ...] = Field(strict=False)
@@ -197,11 +198,6 @@ class PolicyCheckpoint:
             CheckpointError: it is damaged, or another version of gensim2 wrote it.
             InputError: there is none in the folder, or a field of its ``config.json`` cannot be so.
         """
-        from safetensors import SafetensorError
-        from safetensors.torch import load
-
-        from gensim2.policy.network import PolicyNetwork
-
         folder = checkpoint_folder(folder)
         file = folder / CONFIG_JSON
         version = read_record(file, _Version, _REMEDY).schema_version
@@ -209,31 +205,21 @@ class PolicyCheckpoint:
             message = f"is version {version}, this gensim2 reads {VERSION}"
             raise CheckpointError(message, file=file, field="schema_version", remedy="use the gensim2 that wrote it")
         record = read_record(file, _Record, _REMEDY)
-        path = folder / record.weights.file
-        try:
-            content = read_regular(path, MAX_WEIGHTS)
-        except OSError as error:
-            raise CheckpointError(why(error), file=path, remedy=_REMEDY) from error
-        if hashlib.sha256(content).hexdigest() != record.weights.sha256:
-            raise CheckpointError("is damaged: its digest is another", file=path, remedy="restore it or train again")
         config = PolicyConfig.of(record.policy, file=str(file))
-        try:
-            tensors = load(content)
-            table = tensors.pop(_TABLE)
-            network = PolicyNetwork(config, record.action.arm, table.shape[1:])
-            network.load_state_dict({name.removeprefix(_NETWORK): value for name, value in tensors.items()})
-        except (SafetensorError, KeyError, RuntimeError) as error:
-            message = f"weights are not those of the configuration: {str(error).strip().splitlines()[-1].strip()}"
-            raise CheckpointError(message, file=path, remedy=_REMEDY) from error
-        if len(table) != len(record.sentences):
-            raise CheckpointError("has another number of sentences", file=path, field=_TABLE, remedy=_REMEDY)
         try:
             observation = ObservationSpec.of(record.observation)
         except (InputError, TypeError) as error:
             message = f"is no observation spec: {error}"
             raise CheckpointError(message, file=file, field="observation", remedy=_REMEDY) from error
+        _check_agreement(record, config, observation, file)
+        try:
+            network, table = _read_weights(folder / record.weights.file, config, record)
+        except CheckpointError:
+            raise
+        except InputError as error:
+            raise CheckpointError(error.message, file=error.file, field=error.field, remedy=error.remedy) from error
         return PolicyCheckpoint(
-            network.eval(),
+            network,
             record.robot,
             record.action,
             observation,
@@ -255,6 +241,20 @@ class PolicyCheckpoint:
             message = f"is for the robot {self.robot!r}, not for {robot!r}"
             raise CheckpointError(message, file=folder, field="robot", remedy=f"use --robot {self.robot}")
 
+    def require_text_model(self, given: str | None, folder: Path | str) -> None:
+        """Refuse to load a text encoder that nothing but the checkpoint names.
+
+        Args:
+            given: folder or hub name that the user gave.
+
+        Raises:
+            CheckpointError: its encoder is neither one that gensim2 names nor the given one.
+        """
+        if self.config.text in PRETRAINED and self.config.text_model not in (CLIP, SENTENCE, given):
+            message = f"names the weights {self.config.text_model!r}, which a checkpoint alone does not load"
+            remedy = "give them with --text-model if they are your own"
+            raise CheckpointError(message, file=folder, field="policy.text_model", remedy=remedy)
+
     def row_of(self, sentence: str, folder: Path | str) -> torch.Tensor:
         """Return a sentence's row of the table, (1, ...).
 
@@ -267,6 +267,40 @@ class PolicyCheckpoint:
         if self.config.text == "none":
             return self.table[:1]
         raise unknown_sentence(self, sentence, folder)
+
+
+def _check_agreement(record: _Record, config: PolicyConfig, observation: ObservationSpec, file: Path) -> None:
+    """Refuse a ``config.json`` whose parts contradict each other."""
+    of_keyposes = config.head == "keypose"
+    contradictions = {
+        "action.kind": (record.action.kind == "keypose") is not of_keyposes,
+        "policy.points": config.points is not None and config.points != observation.cloud.points,
+        "policy.encoder": config.source != observation.cloud.source,
+        "sentences": not record.sentences,
+    }
+    for name, wrong in contradictions.items():
+        if wrong:
+            message = "contradicts the rest of the checkpoint"
+            raise CheckpointError(message, file=file, field=name, remedy=_REMEDY)
+
+
+def _read_weights(path: Path, config: PolicyConfig, record: _Record) -> tuple[PolicyNetwork, torch.Tensor]:
+    """Return the network with its weights, in evaluation mode, and the table of the sentences."""
+    from gensim2.policy.network import PolicyNetwork
+    from gensim2.policy.text import check_table, table_shape
+
+    found = read_shapes(path, MAX_WEIGHTS, _REMEDY)
+    of_table = table_shape(config, len(record.sentences), found.get(_TABLE))
+    require_shapes(path, {_TABLE: found[_TABLE]} if _TABLE in found else {}, {_TABLE: of_table}, _REMEDY)
+    with only_shapes(list(found.values()), path, _REMEDY):
+        network = PolicyNetwork(config, record.action.arm, of_table.shape[1:])
+    shapes = {_NETWORK + name: Shape.of(value) for name, value in network.state_dict().items()}
+    require_shapes(path, found, {_TABLE: of_table, **shapes}, _REMEDY)
+    tensors = read_tensors(path, MAX_WEIGHTS, record.weights.sha256, _REMEDY)
+    table = tensors.pop(_TABLE)
+    check_table(table, config, path)
+    network.load_state_dict({name.removeprefix(_NETWORK): value for name, value in tensors.items()})
+    return network.eval(), table
 
 
 def unknown_sentence(policy: PolicyCheckpoint, sentence: str, folder: Path | str) -> CheckpointError:

@@ -11,9 +11,12 @@ from gensim2.policy.settings import Settings, setting
 
 Source = Literal["depth", "keypoints"]
 ENCODERS = ("mlp", "pointnet", "pointnext", "state")
-TEXTS = ("none", "small", "clip", "sentence")
+PRETRAINED = ("clip", "sentence")
+TEXTS = ("none", "small", *PRETRAINED)
 CLIP = "openai/clip-vit-base-patch32"
 """Name on Hugging Face's hub."""
+SENTENCE = "sentence-transformers/all-MiniLM-L6-v2"
+"""Name on Hugging Face's hub of a small encoder of sentences."""
 HEADS = ("chunk", "transformer", "diffusion", "flow", "keypose")
 FRAMES = ("turned", "base")
 OF_KEYPOSES = ("ways", "hears", "spread_points")

@@ -49,6 +49,7 @@ class PolicyController:
         attempts: times that it begins, at most.
         denoise_steps: of diffusion and flow; None: as configured.
         unknown_sentences: ``refuse`` those that were not trained on, or ``embed`` them by the text encoder.
+        text_model: folder or hub name of that encoder's weights, where gensim2 does not name them itself.
         sees: a control, where it is not ``"all"``.
         says: by a task's sentence what the policy is told in its place.
         threads: of PyTorch.
@@ -69,6 +70,7 @@ class PolicyController:
         attempts: int = ATTEMPTS,
         denoise_steps: int | None = None,
         unknown_sentences: str = "refuse",
+        text_model: str | None = None,
         sees: Sees = "all",
         says: Mapping[str, str] | None = None,
         threads: int = 1,
@@ -92,11 +94,8 @@ class PolicyController:
             if not 1 <= denoise_steps <= config.noise_levels:
                 raise InputError(f"must lie in 1..{config.noise_levels}, is {denoise_steps}", field="denoise_steps")
             self._policy.network.head.steps = denoise_steps
-        self._says, self._embeds, self._sight = (
-            substitutes(says),
-            embeds(unknown_sentences),
-            Sight.of(sees, self._folder),
-        )
+        self._says, self._sight = substitutes(says), Sight.of(sees, self._folder)
+        self._embeds, self._text_model = embeds(unknown_sentences), text_model
         self._plan: list[Action] = []
 
     @property
@@ -122,7 +121,9 @@ class PolicyController:
         check_robot(self._policy.robot, observation, self._folder)
         self._attempts = Attempts(robot(self._policy.robot), self._max_attempts)
         sentence = self._says.get(observation.language, observation.language)
-        self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds)
+        self._row = sentence_row(
+            self._policy, sentence, self._folder, embed=self._embeds, text_model=self._text_model
+        )
         config = self._policy.config
         self._rng, self._seed = rng(seed, "policy/act"), seed
         self._past: deque[dict[str, torch.Tensor]] = deque(maxlen=1 + config.stride * (config.history - 1))

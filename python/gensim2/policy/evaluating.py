@@ -190,7 +190,7 @@ def evaluate_policy(
         raise InputError("this policy hears no sentence", field="arguments.says", remedy="leave it out")
     for one in given:
         sentence = says.get(one.spec.description, one.spec.description)
-        sentence_row(policy, sentence, checkpoint, embed=embed)
+        sentence_row(policy, sentence, checkpoint, embed=embed, text_model=told.get("text_model"))
     from gensim2.data.runfolder import default_run_dir
 
     out = default_run_dir() if out is None else out

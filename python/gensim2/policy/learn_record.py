@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,6 +10,7 @@ from pydantic import BaseModel, ConfigDict
 from gensim2.data.store import OBSERVATIONS
 from gensim2.errors import InputError
 from gensim2.files import new_folder, write_json
+from gensim2.foreign.tree import ForeignTree
 from gensim2.observations import DepthNoise, ObservationSpec
 from gensim2.policy.keypose.adding import BESIDE, DATA
 from gensim2.policy.learn_settings import learn_configs, observation_of
@@ -155,9 +155,10 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
         record.episodes[key] = there.episodes[key]
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))  # before the copy: without it nothing is lost
     seen_alike = there.observation == record.observation
-    leave_out = None if seen_alike else shutil.ignore_patterns(OBSERVATIONS)
+    leave_out = None if seen_alike else OBSERVATIONS
     with new_folder(folder / DATA) as made:
         both = [f"{name}{end}" for name in record.tasks for end in ("", BESIDE)]
         for name in both if record.is_of_plans else ["."]:
             if (found / name).is_dir():
-                shutil.copytree(found / name, made / name, dirs_exist_ok=True, ignore=leave_out)
+                (made / name).mkdir(exist_ok=True)
+                ForeignTree(found / name).copy_all(made / name, leave_out)

@@ -13,10 +13,7 @@ from torch import nn
 
 from gensim2.errors import InputError, MissingExtraError
 from gensim2.files import cache_dir, replacing
-from gensim2.policy.config import CLIP
-
-SENTENCE = "sentence-transformers/all-MiniLM-L6-v2"
-"""Name on Hugging Face's hub of a small encoder of sentences."""
+from gensim2.policy.config import CLIP, SENTENCE
 
 
 def embeddings(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
@@ -72,8 +69,11 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
     load = transformers.CLIPTextModelWithProjection if kind == "clip" else transformers.AutoModel
     text: Any
     try:
-        tokenizer = transformers.AutoTokenizer.from_pretrained(model)
-        text, told = load.from_pretrained(model, use_safetensors=True, output_loading_info=True)
+        # A folder of weights may name code of its own: it is never run, and nobody is asked whether it may be.
+        tokenizer = transformers.AutoTokenizer.from_pretrained(model, trust_remote_code=False)
+        text, told = load.from_pretrained(
+            model, use_safetensors=True, trust_remote_code=False, output_loading_info=True
+        )
         missing = [name for name in told["missing_keys"] if "pooler" not in name]  # what is not there would be random
         if missing:
             raise ValueError(f"it is of another kind: {len(missing)} weights are missing, {min(missing)} among them")

@@ -40,7 +40,9 @@ def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
     return says
 
 
-def sentence_row(policy: PolicyCheckpoint, sentence: str, folder: Path, *, embed: bool) -> torch.Tensor:
+def sentence_row(
+    policy: PolicyCheckpoint, sentence: str, folder: Path, *, embed: bool, text_model: str | None = None
+) -> torch.Tensor:
     """The row (1, ...) of a sentence: of the checkpoint's table, else by its text encoder.
 
     Action chunks that look at no sentence take any. Keyposes do not: their classes are of tasks.
@@ -50,9 +52,10 @@ def sentence_row(policy: PolicyCheckpoint, sentence: str, folder: Path, *, embed
         sentence: what it is told.
         folder: of the checkpoint, for errors.
         embed: whether a sentence that was not trained on is embedded.
+        text_model: weights of the text encoder that the user gave, where gensim2 does not name them itself.
 
     Raises:
-        CheckpointError: it was not trained on, and is not to be embedded.
+        CheckpointError: it was not trained on, and is not to be embedded, or the checkpoint alone names the encoder.
         InputError: the weights of the text encoder cannot be had.
     """
     looks_at_none = policy.config.text == "none" and policy.action.kind != "keypose"
@@ -60,4 +63,5 @@ def sentence_row(policy: PolicyCheckpoint, sentence: str, folder: Path, *, embed
         return policy.row_of(sentence, folder)
     if not embed:
         raise unknown_sentence(policy, sentence, folder)
+    policy.require_text_model(text_model, folder)
     return prepare([sentence], policy.config)

@@ -107,8 +107,9 @@ def check_text(text: str | None, model: str | None, sentences: Sequence[str], be
         had = begun.config.text
         if text not in (None, had):
             raise InputError(f"must be {had}, as --from has it, is {text!r}", field="text")
-        if model is not None:
+        if model not in (None, begun.config.text_model):
             raise InputError("is that of --from", field="text_model", remedy="leave it out")
+        begun.require_text_model(model, "--from")
         prepare([*begun.sentences, *sentences], begun.config)
         return
     if not sentences and (text is not None or model is not None):

@@ -9,16 +9,21 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import torch
 from torch import nn
 
+from gensim2.errors import InputError
+from gensim2.foreign.tensors import Shape
 from gensim2.policy.pretrained_text import embeddings
 
 if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
 
+MAX_EMBEDDING = 16_384
+"""Length of the longest embedding; CLIP's has 512."""
 WORDS, PIECES, BUCKETS = 24, 12, 2048
 """Words of a sentence and pieces of a word that the small encoder sees, and rows of its table of pieces."""
 
@@ -36,6 +41,32 @@ def prepare(sentences: Sequence[str], config: PolicyConfig) -> torch.Tensor:
     if config.text == "small":
         return torch.stack([pieces(sentence) for sentence in sentences])
     return embeddings(sentences, config.text, config.text_model)
+
+
+def table_shape(config: PolicyConfig, sentences: int, found: Shape | None) -> Shape:
+    """Return the shape of the table of a policy's sentences (:func:`prepare`).
+
+    Args:
+        config: of the policy.
+        sentences: S, their number.
+        found: shape of the table in a file: it says the length of pretrained embeddings.
+    """
+    if config.text == "small":
+        return Shape("I64", (sentences, WORDS, PIECES))
+    if config.text == "none":
+        return Shape("F32", (sentences, 0))
+    length = found.shape[-1] if found is not None and found.shape else 1
+    return Shape("F32", (sentences, min(max(length, 1), MAX_EMBEDDING)))
+
+
+def check_table(table: torch.Tensor, config: PolicyConfig, file: Path) -> None:
+    """Refuse pieces that the small encoder has no weights of.
+
+    Raises:
+        InputError: names the file.
+    """
+    if config.text == "small" and not bool(((table >= 0) & (table < BUCKETS)).all()):
+        raise InputError(f"must lie in 0..{BUCKETS - 1}", file=file, field="sentences", remedy="train again")
 
 
 def make_text_encoder(config: PolicyConfig, row: Sequence[int]) -> nn.Module | None:

@@ -55,8 +55,9 @@ def train(
     given = dict(settings or {})
     begun = PolicyCheckpoint.load(start) if start is not None else None
     if begun is not None:
-        given = {**begun.config.to_dict(), **(read_flat(config) if config is not None else {}), **given}
-        policy, training = configs(given)
+        given = {**(read_flat(config) if config is not None else {}), **given}
+        begun.require_text_model(given.get("text_model"), "--from")
+        policy, training = configs({**begun.config.to_dict(), **given})
     else:
         policy, training = read_config(config, **given) if config is not None else configs(given)
     if policy.head == "keypose":

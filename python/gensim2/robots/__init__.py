@@ -13,7 +13,7 @@ from gensim2.robots.profile import (
     RobotProfile,
     Simulation,
 )
-from gensim2.robots.registry import register_robot, robot, robot_key, robot_names
+from gensim2.robots.registry import load_robot, register_robot, robot, robot_key, robot_names
 
 __all__ = [
     "CLOSED",
@@ -29,6 +29,7 @@ __all__ = [
     "RobotProfile",
     "Simulation",
     "SlidingGripper",
+    "load_robot",
     "mounted",
     "read_description",
     "register_robot",

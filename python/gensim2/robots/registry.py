@@ -1,4 +1,7 @@
-"""Robots by name: those of the package, those that a program registers, those that a file describes."""
+"""Robots by name: those of the package, and those that the command line or a program has loaded.
+
+:func:`robot` looks a name up and runs nothing: the name may come from a file. Only :func:`load_robot` runs code.
+"""
 
 from __future__ import annotations
 
@@ -33,6 +36,9 @@ _registered: dict[str, str] = {}
 
 _made_by: dict[str, Maker] = {}
 """Registered robots, by the place of their factory."""
+
+_allowed: set[str] = set()
+"""Places that the command line, a program or the parent process named: :func:`robot` may load them."""
 
 _loading: list[list[str]] = []
 """Names that were registered by the files being loaded, innermost last."""
@@ -82,27 +88,83 @@ def robot_names() -> tuple[str, ...]:
     return (*PACKAGED, *_registered)
 
 
-def robot_key(name: str) -> str:
-    """Name by which any process finds the robot: as it is for one of the package, else where its profile is made.
+class RobotPlace(str):
+    """File or module of a robot that this process has loaded; a process that receives it by pickle loads it, too.
+
+    Text that was read from a file is a plain ``str``, and grants nothing.
+    """
+
+    __slots__ = ()
+
+    def __reduce__(self) -> tuple[Callable[[str], RobotPlace], tuple[str]]:
+        """Register the place where the value is unpickled; the robot is loaded when it is first used."""
+        return _granted, (str(self),)
+
+
+def _granted(place: str) -> RobotPlace:
+    _allowed.add(place)
+    return RobotPlace(place)
+
+
+def load_robot(place: str | Path) -> str:
+    """Load a robot of one's own, and return the word by which this process and its workers know it.
+
+    This runs the file or the module: never call it with a value that was read from data.
+
+    Example:
+        ```python
+        env = gensim2.make_env("OpenDrawer", robot=gensim2.load_robot("my_arm.py"))
+        ```
+
+    Args:
+        place: path of a Python file that registers one robot (``"my_arm.py"``) or one of several
+            (``"my_arm.py:left"``), or ``"module:function"``. The name of a known robot is returned as it is.
+
+    Returns:
+        Word for the ``robot`` arguments of this package.
 
     Raises:
-        InputError: there is no such robot.
+        InputError: there is no such robot, or its file or its profile cannot be used.
+    """
+    name = str(place)
+    if name in PACKAGED or name in _registered:
+        return robot_key(name)
+    file, _, function = _parted(name)
+    if file is not None:
+        name = f"{file.resolve()}:{function}" if function else str(file.resolve())
+    elif ":" not in name:
+        return robot_key(name)
+    _robot(name)
+    return _granted(name)
+
+
+def robot_key(name: str) -> str:
+    """Return the word by which any process of a run finds a known robot; nothing is loaded.
+
+    Raises:
+        InputError: this process knows no such robot.
     """
     if name in PACKAGED:
         return name
     if name in _registered:
-        return _registered[name]
-    file, _, function = _parted(name)
-    if file is not None:
-        key = f"{file.resolve()}:{function}" if function else str(file.resolve())
-        robot(key)
-        return key
-    robot(name)
-    return name
+        return _granted(_registered[name])
+    if name in _allowed or name in _made_by:
+        return _granted(name)
+    if ":" in name or name.endswith(".py"):
+        raise InputError(
+            f"{name!r} is not loaded, and a name in a file loads nothing",
+            field="robot",
+            remedy="if it is a robot of your own, give its file: gensim2 --load-robot FILE.py, or gensim2.load_robot",
+        )
+    raise InputError(
+        f"no robot {name!r}",
+        field="robot",
+        remedy=f"{near(name, robot_names())}; or give the path of a Python file that registers one",
+    )
 
 
 def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
-    """Return the profile of a robot, the same one at every call.
+    """Return the profile of a known robot, the same one at every call.
 
     Example:
         ```python
@@ -111,32 +173,23 @@ def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
         ```
 
     Args:
-        name: of a robot of the package, or of a registered one; or the path of a Python file that registers one robot
-            (``"my_arm.py"``), or one of several (``"my_arm.py:left"``); or ``"module:function"``.
+        name: of a robot of the package or of a registered one, or the word that :func:`load_robot` returned.
 
     Returns:
         URDF, tool points, rates, gripper, drives and base of the robot.
 
     Raises:
-        InputError: there is no such robot, or its file or its profile cannot be used.
+        InputError: this process knows no such robot, or its profile cannot be used.
     """
-    return _robot(PACKAGED.get(name, _registered.get(name, name)))
+    return _robot(PACKAGED.get(name) or robot_key(name))
 
 
 @cache
 def _robot(place: str) -> RobotProfile:
     file, module, function = _parted(place)
     if file is not None:
-        make, where = _from_file(file.resolve(), function), str(file.resolve())
-    elif module:
-        make, where = _from_module(module, function), module
-    else:
-        raise InputError(
-            f"no robot {place!r}",
-            field="robot",
-            remedy=f"{near(place, robot_names())}; or give the path of a Python file that registers one",
-        )
-    return _made(make, where)
+        return _made(_from_file(file.resolve(), function), str(file.resolve()))
+    return _made(_from_module(module, function), module)
 
 
 @cache

@@ -7,14 +7,14 @@ of one task follow from a :class:`SceneConfig`. Command-line options and files c
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypedDict, Unpack, cast
 
 from gensim2.objects import open_library
 from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.scenes.arguments import ObjectSource, Words, check_words
-from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name
+from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name, physics_word
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
 from gensim2.tasks.spec import TaskSpec
 
@@ -32,7 +32,7 @@ class SceneArguments(TypedDict, total=False):
             (generated ones beyond the listed ones), an id, or ``random``: one, drawn by the seed of a run. An
             environment takes several of them, too, also by object.
         physics: ``"default"``, ``"original"``, a mixture of both, or a file of switches (docs/simulation.md).
-        robot: name of its profile.
+        robot: name of a known robot (:func:`gensim2.load_robot` makes one's own known).
         randomization: ``"paper"`` for the task's own ranges, ``"paper-half"`` or ``"wide"`` (docs/simulation.md).
     """
 
@@ -48,16 +48,16 @@ SCENE_FIELDS: tuple[str, ...] = tuple(SceneArguments.__annotations__)
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """Options that the scenes of all tasks of a run share.
+    """Options that the scenes of all tasks of a run share, from a user's keywords (:meth:`of`) or from a file.
 
     Attributes:
         assets: a folder of objects or ``"builtin"``.
-        physics: the word for its switches (:mod:`gensim2.scenes.physics`).
-        robot: name of its profile.
+        physics: the word for its switches (:mod:`gensim2.scenes.physics`); never a file's name.
+        robot: word of a known robot; none is loaded.
         randomization: name of the preset, which says what becomes of the tasks' ranges.
 
     Raises:
-        InputError: there is no such physics or randomization.
+        InputError: there is no such physics, robot or randomization.
     """
 
     assets: str
@@ -66,7 +66,8 @@ class SceneOptions:
     randomization: PresetName = DEFAULT_PRESET
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "physics", physics_name(self.physics))
+        object.__setattr__(self, "physics", physics_word(self.physics))
+        object.__setattr__(self, "robot", robot_key(self.robot))
         preset(self.randomization)
 
     @classmethod
@@ -79,11 +80,12 @@ class SceneOptions:
         """
         words = {name: scene[name] for name in ("physics", "robot", "randomization") if name in scene}
         check_words(**words)
+        if "physics" in words:
+            words["physics"] = physics_name(words["physics"])
         options = cls("", **cast(Any, words))
-        robot = robot_key(options.robot)
         assets = scene.get("assets")
         location = getattr(assets, "location", None) or open_library(cast(Any, assets)).location
-        return cls(str(location), options.physics, robot, options.randomization)
+        return replace(options, assets=str(location))
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> SceneOptions:
@@ -93,7 +95,7 @@ class SceneOptions:
             record: the file's fields.
 
         Raises:
-            InputError: there is no such physics or randomization.
+            InputError: there is no such physics, robot or randomization.
         """
         return cls(**{each.name: record[each.name] for each in fields(SceneOptions) if each.name in record})
 

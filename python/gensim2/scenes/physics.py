@@ -98,19 +98,32 @@ def physics_switches(word: str) -> PhysicsSwitches:
 
 
 def physics_name(word: object) -> str:
-    """Return the one word for a mixture; ``"ours"``, as earlier files and commands have it, is ``"default"``.
+    """Return the one word for what a user gave on the command line or in Python.
 
     Args:
-        word: as :func:`physics_switches` takes it, or the path of a YAML or JSON file of switches, in which ``base``
-            names the preset that holds for the others.
+        word: as :func:`physics_word` takes it, or the path of a YAML or JSON file of switches, in which ``base`` names
+            the preset that holds for the others.
 
     Raises:
         InputError: there is no such preset, switch or value, or the file cannot be read.
     """
-    if not isinstance(word, str | Path):
+    if isinstance(word, str | Path) and str(word).endswith(_FILES):
+        return _word(_read(Path(word)))
+    return physics_word(word)
+
+
+def physics_word(word: object) -> str:
+    """Return the one word for a mixture that a file names; ``"ours"``, as earlier files have it, is ``"default"``.
+
+    Args:
+        word: as :func:`physics_switches` takes it.
+
+    Raises:
+        InputError: there is no such preset, switch or value.
+    """
+    if not isinstance(word, str):
         raise InputError(f"no physics {word!r}", field="physics", remedy=f"one of {', '.join(PHYSICS_NAMES)}")
-    text = str(word)
-    return _word(_read(Path(text)) if text.endswith(_FILES) else physics_switches(text))
+    return _word(physics_switches(word))
 
 
 def _read(path: Path) -> PhysicsSwitches:

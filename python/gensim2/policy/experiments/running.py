@@ -413,6 +413,8 @@ def _measurements(arm: Arm, record: ExperimentRecord, number: int) -> Iterator[_
     if there:
         yield _Measurement("real", "real", "real objects", there, config.episodes, record.assets, "all")
     embedded = {"unknown_sentences": "embed"}
+    if config.text_model is not None:  # a checkpoint alone does not load weights of the user's own
+        embedded["text_model"] = config.text_model
     if config.untaught:
         tasks, few = config.untaught, config.control_episodes
         yield _Measurement("untaught", "untaught", "untaught tasks", tasks, few, BUILTIN, "all", embedded)

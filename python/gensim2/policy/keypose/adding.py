@@ -6,7 +6,6 @@ generated objects, which are all that it was taught on.
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from gensim2.errors import InputError
 from gensim2.files import new_folder
+from gensim2.foreign.tree import ForeignTree
 from gensim2.objects.library.catalogue import BUILTIN as GENERATED
 from gensim2.observations import ObservationSpec
 from gensim2.policy.checkpoint import BUILTIN, PolicyCheckpoint, checkpoint_folder
@@ -84,7 +84,7 @@ def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]
         if not here.exists():
             here.parent.mkdir(parents=True, exist_ok=True)
             with new_folder(here) as made:
-                shutil.copytree(there, made, dirs_exist_ok=True)
+                ForeignTree(there).copy_all(made)
         found.append(read_planned(here))
     return found
 

@@ -66,6 +66,7 @@ class KeyposeController:
         sees: a control, where it is not ``"all"``.
         says: by a task's sentence what the policy is told in its place.
         unknown_sentences: ``refuse`` those that were not trained on, or ``embed`` them by the text encoder.
+        text_model: folder or hub name of that encoder's weights, where gensim2 does not name them itself.
 
     Raises:
         InputError: the checkpoint cannot be used.
@@ -85,9 +86,10 @@ class KeyposeController:
         sees: Sees = "all",
         says: Mapping[str, str] | None = None,
         unknown_sentences: str = "refuse",
+        text_model: str | None = None,
     ) -> None:
         folder = checkpoint_folder(checkpoint)
-        self._says, self._embeds = substitutes(says), embeds(unknown_sentences)
+        self._says, self._embeds, self._text_model = substitutes(says), embeds(unknown_sentences), text_model
         self._folder, self._sight = folder, Sight.of(sees, folder)
         self._policy = PolicyCheckpoint.load(folder)
         if self._policy.action.kind != "keypose":
@@ -125,7 +127,9 @@ class KeyposeController:
         torch.set_num_threads(1)
         check_robot(self._policy.robot, observation, self._folder)
         sentence = self._says.get(observation.language, observation.language)
-        self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds)
+        self._row = sentence_row(
+            self._policy, sentence, self._folder, embed=self._embeds, text_model=self._text_model
+        )
         self._mine: frozenset[int] | None = None
         self._steps, self._done_at_first = 1, 0.0
         self._expected, self._taking = {0}, 0
