@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import re
-from collections.abc import Iterable
+import signal
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 #: Characters of the longest message.
@@ -77,6 +79,38 @@ class InputError(GenSim2Error):
         where = ": ".join(str(part) for part in (file, field) if part is not None)
         text = f"{where}: {message}" if where else message
         super().__init__(one_line(f"{text} ({remedy})" if remedy else text))
+
+
+class Stopped(BaseException):
+    """A signal came that asks the program to stop; like Ctrl-C it passes whatever handles errors."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+@contextlib.contextmanager
+def user_code(refused: Callable[[BaseException], InputError], *passed: type[BaseException]) -> Iterator[None]:
+    """Run code that the user named: whatever it raises, ``sys.exit`` included, is an error and ends no program.
+
+    Args:
+        refused: makes the error of the exception.
+        passed: exceptions that are raised as they are, beside a signal's and a lack of memory.
+
+    Raises:
+        InputError: the code raised something else.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, Stopped, MemoryError, *passed):
+        raise
+    except BaseException as error:
+        raise refused(error) from error
+
+
+def described(error: BaseException) -> str:
+    """Return the type of an exception and its message."""
+    return f"{type(error).__name__}: {error}"
 
 
 class WriteError(InputError):

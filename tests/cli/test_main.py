@@ -38,6 +38,7 @@ def _command_that_raises(monkeypatch: pytest.MonkeyPatch, error: BaseException) 
         (GenSim2Error("a worker died"), 1, "a worker died"),
         (NotRunError("OpenBox: demos", {4: "took too long"}), 3, "OpenBox: demos: could not be run: 4 (took too long"),
         (KeyboardInterrupt(), 130, "interrupted"),
+        (SystemExit(0), 3, "something called sys.exit(0)"),
     ],
 )
 def test_exit_codes(

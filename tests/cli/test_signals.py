@@ -8,7 +8,8 @@ import time
 
 import pytest
 
-from gensim2.cli.signals import Stopped, stopping_signals
+from gensim2.cli.signals import stopping_signals
+from gensim2.errors import Stopped
 
 #: A function of a package that catches whatever is raised in it, as trimesh does around its imports.
 SWALLOWS = """

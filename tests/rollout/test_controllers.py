@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 import shutil
 import time
@@ -13,6 +14,7 @@ import pytest
 from controllers import Rest
 from scripted import OPEN_DRAWER, ScriptedController, ScriptedWorld, glide
 
+from gensim2.cli.main import run as run_command
 from gensim2.observations import CloudSettings, EmptyCloudError, Observation, ObservationSpec
 from gensim2.robots import robot
 from gensim2.rollout import worker
@@ -213,6 +215,56 @@ def test_what_a_controller_does_wrong_is_one_line_that_names_it(name: str, words
     assert "controllers.py" in str(told.value)
     with pytest.raises(ControllerError, match=f"{name}: CloseBox, episode 7, seed 3: act at step"):
         worker.evaluate(config, ControllerSpec.of(f"{FILE}:{name}"), 3, "goal", None, 7)
+
+
+EXITS = """
+import os, sys
+from gensim2.errors import GenSim2Error
+
+class Left(BaseException):
+    pass
+
+class Leaves:
+    def __init__(self, where, error="exit"):
+        self.where, self.error = where, error
+        self.leave("init")
+
+    @staticmethod
+    def depends_on(where, error="exit"):
+        return sys.exit(0) if where == "depends_on" else []
+
+    def leave(self, where):
+        if where == self.where:
+            raise SystemExit(0) if self.error == "exit" else Left()
+
+    def reset(self, observation, seed):
+        self.leave("reset")
+
+    def act(self, observation):
+        self.leave("act")
+        return None
+"""
+
+
+@pytest.mark.parametrize("where", ["import", "init", "depends_on", "reset", "act"])
+@pytest.mark.parametrize("error", ["exit", "own"])
+def test_a_controller_that_leaves_the_program_is_an_error(where: str, error: str, tmp_path: Path) -> None:
+    file = tmp_path / f"leaving_{where}.py"
+    file.write_text(EXITS + ("sys.exit(0)\n" if where == "import" else ""))
+    spec = ControllerSpec.of(f"{file}:Leaves", {"where": where, "error": error})
+    config = EpisodeConfig(SceneOptions("builtin").with_task(load_task("CloseBox")))
+    with pytest.raises(ControllerError, match=r"SystemExit: 0|Left") as told:
+        worker.evaluate(config, spec, 3, "goal", None)
+    assert file.name in str(told.value)
+
+
+def test_a_command_whose_controller_leaves_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "leaving.py"
+    file.write_text(EXITS)
+    how = ["--assets", "builtin", "--out", str(tmp_path / "out"), "--json"]
+    controller = ["--controller", f"{file}:Leaves", "--controller-args", '{"where": "init"}']
+    assert run_command(["evaluate", "CloseBox", *controller, *how]) == 2
+    assert "cannot be made: SystemExit: 0" in capsys.readouterr().err
 
 
 def test_a_turn_that_is_no_step_of_the_task_is_one_line_that_names_the_steps() -> None:

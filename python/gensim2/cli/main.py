@@ -13,8 +13,8 @@ from typing import NoReturn
 
 import click
 
-from gensim2.cli.signals import Stopped, exit_code, stopping_signals
-from gensim2.errors import GenSim2Error, InputError, MissingExtraError, ModelError, NotRunError, one_line
+from gensim2.cli.signals import exit_code, stopping_signals
+from gensim2.errors import GenSim2Error, InputError, MissingExtraError, ModelError, NotRunError, Stopped, one_line
 
 #: Exit codes; 0 is "ran to the end", 128 + n "stopped by signal n".
 FOUND_WRONG, BAD_INPUT, NOT_RUN = 1, 2, 3
@@ -152,6 +152,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
     except (KeyboardInterrupt, click.Abort, Stopped) as error:
         return _fail("gensim2: interrupted; what was finished is kept", exit_code(error))
+    except SystemExit as error:  # a library's, or a user's: click raises none here
+        return _fail(f"gensim2: something called sys.exit({error.code!r}) before the work was done", NOT_RUN)
     except OSError as error:
         refused = _drop_unwritten_output() or _was_printing(error)
         if refused and error.errno == errno.EPIPE:  # whoever read our output has left, which is no fault

@@ -16,9 +16,9 @@ from gensim2.cli.output import line, number, report, table
 from gensim2.cli.robot_calibrate import calibrate, fit_noise
 from gensim2.cli.robot_options import LINE, MOVE, PAGE, RUN, all_of, line_of, moves
 from gensim2.cli.robot_trial import trial
-from gensim2.cli.signals import Stopped
 from gensim2.cores import usable_cores
 from gensim2.deploy.faults import FAULTS
+from gensim2.errors import Stopped
 
 
 @click.group("robot")

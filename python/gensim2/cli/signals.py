@@ -8,6 +8,8 @@ import threading
 from collections.abc import Iterator
 from types import FrameType
 
+from gensim2.errors import Stopped
+
 _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 #: Packages with ``except BaseException``, around their imports too: Ctrl-C there would be taken for a missing module.
@@ -15,14 +17,6 @@ SWALLOWING = ("networkx", "trimesh")
 
 #: Seconds after which a signal that came in one of them is looked at again.
 AGAIN = 0.05
-
-
-class Stopped(BaseException):
-    """A signal came that asks the program to stop; like Ctrl-C it passes whatever handles errors."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(signal.Signals(number).name)
-        self.number = number
 
 
 def exit_code(error: BaseException) -> int:

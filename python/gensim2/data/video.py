@@ -95,7 +95,9 @@ class Replay:
         """
         from gensim2.sim.registration import env_id
 
-        path = trajectory.with_name(JSON_NAME) if trajectory.name == "trajectory.h5" else trajectory.with_suffix(".json")
+        path = (
+            trajectory.with_name(JSON_NAME) if trajectory.name == "trajectory.h5" else trajectory.with_suffix(".json")
+        )
         document = read_record(path, _Trajectory, "record the episodes again")
         found = next((entry for entry in document.episodes if entry.episode_id == episode), None)
         if found is None:

@@ -20,6 +20,7 @@ from gensim2.foreign.tensors import Shape, only_shapes, read_shapes, read_tensor
 from gensim2.observations import ObservationSpec
 from gensim2.policy.config import CLIP, PRETRAINED, SENTENCE, PolicyConfig, TrainConfig
 from gensim2.record_files import read_record
+from gensim2.robots import robot_key
 
 if TYPE_CHECKING:
     import torch
@@ -236,8 +237,10 @@ class PolicyCheckpoint:
 
         Raises:
             CheckpointError: the policy is for another one.
+            InputError: it is for one that this process does not know.
         """
         if robot != self.robot:
+            robot_key(self.robot)
             message = f"is for the robot {self.robot!r}, not for {robot!r}"
             raise CheckpointError(message, file=folder, field="robot", remedy=f"use --robot {self.robot}")
 

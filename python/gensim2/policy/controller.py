@@ -121,9 +121,7 @@ class PolicyController:
         check_robot(self._policy.robot, observation, self._folder)
         self._attempts = Attempts(robot(self._policy.robot), self._max_attempts)
         sentence = self._says.get(observation.language, observation.language)
-        self._row = sentence_row(
-            self._policy, sentence, self._folder, embed=self._embeds, text_model=self._text_model
-        )
+        self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds, text_model=self._text_model)
         config = self._policy.config
         self._rng, self._seed = rng(seed, "policy/act"), seed
         self._past: deque[dict[str, torch.Tensor]] = deque(maxlen=1 + config.stride * (config.history - 1))

@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from gensim2.errors import GenSim2Error, InputError, near
+from gensim2.errors import GenSim2Error, InputError, described, near, user_code
 from gensim2.robots.checks import check_profile
 from gensim2.robots.profile import DEFAULT_ROBOT, RobotProfile
 
@@ -198,14 +198,14 @@ def _made(make: Maker, where: str) -> RobotProfile:
     profile = _called(make, where)
     if not isinstance(profile, RobotProfile):
         raise InputError(f"{make.__name__}() returns no RobotProfile but {profile!r:.80}", file=where, field="robot")
-    try:
-        check_profile(profile, where)
-    except GenSim2Error:
-        raise
-    except Exception as error:  # of its files, which are made and read here
+
+    def refused(error: BaseException) -> InputError:  # of its files, which are made and read here
         known = type(error).__module__.startswith("gensim2_kpam")
         said = str(error) if known else f"files() raises {_told(error, Path(where))}"
-        raise InputError(said, file=where, field=f"{profile.name}.files") from error
+        return InputError(said, file=where, field=f"{profile.name}.files")
+
+    with user_code(refused, GenSim2Error):
+        check_profile(profile, where)
     return profile
 
 
@@ -280,26 +280,25 @@ def _loaded(file: Path) -> list[str]:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # so that what it defines pickles within the process
     _loading.append([])
+
+    def refused(error: BaseException) -> InputError:
+        return InputError(f"cannot be loaded: {_told(error, file)}", file=file, field="robot")
+
     try:
-        spec.loader.exec_module(module)
-    except GenSim2Error:
-        raise
-    except Exception as error:
-        raise InputError(f"cannot be loaded: {_told(error, file)}", file=file, field="robot") from error
+        with user_code(refused, GenSim2Error):
+            spec.loader.exec_module(module)
     finally:
         names = _loading.pop()
     return names
 
 
 def _from_module(module: str, function: str) -> Maker:
-    try:
+    def refused(error: BaseException) -> InputError:
+        message = f"no robot {function!r} in the module {module!r}: {error}"
+        return InputError(message, field="robot", remedy="it must be installed wherever workers run")
+
+    with user_code(refused):
         found: Any = getattr(importlib.import_module(module), function)
-    except Exception as error:
-        raise InputError(
-            f"no robot {function!r} in the module {module!r}: {error}",
-            field="robot",
-            remedy="it must be installed wherever workers run",
-        ) from error
     if not callable(found):
         raise InputError(f"{module}:{function} is no function", field="robot")
     make: Maker = found
@@ -307,15 +306,14 @@ def _from_module(module: str, function: str) -> Maker:
 
 
 def _called(make: Maker, where: str) -> object:
-    try:
+    def refused(error: BaseException) -> InputError:
+        return InputError(f"{make.__name__}() raises {_told(error, where)}", file=where, field="robot")
+
+    with user_code(refused, GenSim2Error):
         return make()
-    except GenSim2Error:
-        raise
-    except Exception as error:
-        raise InputError(f"{make.__name__}() raises {_told(error, where)}", file=where, field="robot") from error
 
 
-def _told(error: Exception, file: Path | str) -> str:
+def _told(error: BaseException, file: Path | str) -> str:
     """An exception in a user's file: its type, its words, and the last line of that file that it came through."""
     line, trace = None, error.__traceback__
     while trace is not None:
@@ -324,4 +322,4 @@ def _told(error: Exception, file: Path | str) -> str:
         trace = trace.tb_next
     if isinstance(error, SyntaxError):
         line = error.lineno
-    return f"{type(error).__name__}: {error}" + ("" if line is None else f" (line {line})")
+    return described(error) + ("" if line is None else f" (line {line})")

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from gensim2.errors import InputError, MissingExtraError
+from gensim2.errors import InputError, MissingExtraError, described, user_code
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import Controller, is_privileged
 from gensim2.tasks.spec import TaskSpec
@@ -84,14 +84,12 @@ class ControllerSpec:
         """
         kind = self.load()
         beside: dict[str, Any] = {"task": task, "profile": profile} if is_privileged(kind) else {}
-        try:
+        with user_code(self._refused("cannot be made"), InputError, MissingExtraError):
             controller: Controller = kind(**beside, **self.arguments)
-        except (InputError, MissingExtraError, MemoryError):
-            raise
-        except Exception as error:
-            message = f"cannot be made: {type(error).__name__}: {error}"
-            raise ControllerError(message, file=self.target, field="arguments") from error
         return controller
+
+    def _refused(self, what: str) -> Callable[[BaseException], ControllerError]:
+        return lambda error: ControllerError(f"{what}: {described(error)}", file=self.target, field="arguments")
 
     @property
     def digest(self) -> str:
@@ -102,7 +100,8 @@ class ControllerSpec:
         where, name = _parts(self.target)
         source = getattr(_module(where, self.target), "__file__", None)
         depends: Callable[..., list[Path]] | None = getattr(self.load(), "depends_on", None)
-        files = [] if depends is None else depends(**self.arguments)
+        with user_code(self._refused("depends_on fails"), InputError, MissingExtraError):
+            files = [] if depends is None else depends(**self.arguments)
         place = self.arguments.get("checkpoint")
         told = dict(self.arguments)
         if isinstance(place, str) and any(Path(place) in path.parents for path in files):
@@ -138,12 +137,11 @@ def _name_of(kind: type) -> str:
 
 
 def _module(where: str, target: str) -> ModuleType:
-    try:
+    def refused(error: BaseException) -> ControllerError:
+        return ControllerError(f"cannot be imported: {described(error)}", file=target)
+
+    with user_code(refused, InputError):
         return _of_file(Path(where)) if where.endswith(".py") else importlib.import_module(where)
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:
-        raise ControllerError(f"cannot be imported: {type(error).__name__}: {error}", file=target) from error
 
 
 def _of_file(path: Path) -> ModuleType:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gensim2.errors import MissingExtraError
+from gensim2.errors import MissingExtraError, described, user_code
 from gensim2.observations import Observation
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import (
@@ -42,12 +42,8 @@ class Guarded(WrappedController):
         Raises:
             ControllerError: the controller fails.
         """
-        try:
+        with user_code(lambda error: self._error(described(error), "reset"), MissingExtraError):
             self._controller.reset(observation, seed)
-        except (MissingExtraError, MemoryError):
-            raise
-        except Exception as error:
-            raise self._error(f"{type(error).__name__}: {error}", "reset") from error
 
     def act(self, observation: Observation) -> Action | None:
         """The next action, finite and of the robot's size; None: done.
@@ -56,13 +52,9 @@ class Guarded(WrappedController):
             ControllerError: the controller fails, or gives something else.
         """
         where = f"act at step {observation.step}"
-        try:
+        with user_code(lambda error: self._error(described(error), where), MissingExtraError):
             given = self._controller.act(observation)
             action = None if given is None else np.asarray(given, dtype=np.float32)
-        except (MissingExtraError, MemoryError):
-            raise
-        except Exception as error:
-            raise self._error(f"{type(error).__name__}: {error}", where) from error
         if action is None:
             return None
         if action.shape != (self._size,):

@@ -127,9 +127,7 @@ class KeyposeController:
         torch.set_num_threads(1)
         check_robot(self._policy.robot, observation, self._folder)
         sentence = self._says.get(observation.language, observation.language)
-        self._row = sentence_row(
-            self._policy, sentence, self._folder, embed=self._embeds, text_model=self._text_model
-        )
+        self._row = sentence_row(self._policy, sentence, self._folder, embed=self._embeds, text_model=self._text_model)
         self._mine: frozenset[int] | None = None
         self._steps, self._done_at_first = 1, 0.0
         self._expected, self._taking = {0}, 0
