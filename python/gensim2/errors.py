@@ -100,9 +100,10 @@ def user_code(refused: Callable[[BaseException], InputError], *passed: type[Base
     Raises:
         InputError: the code raised something else.
     """
+    through: tuple[type[BaseException], ...] = (KeyboardInterrupt, Stopped, MemoryError, *passed)
     try:
         yield
-    except (KeyboardInterrupt, Stopped, MemoryError, *passed):
+    except through:
         raise
     except BaseException as error:
         raise refused(error) from error

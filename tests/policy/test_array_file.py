@@ -45,23 +45,23 @@ def test_what_would_wait_or_take_memory_is_refused_before_it_does(tmp_path: Path
         Shuffled.of(tmp_path)
     (tmp_path / CLOUDS).unlink()
     np.savez_compressed(tmp_path / CLOUDS, points=np.zeros(2**28, np.uint8), colours=np.zeros(1, np.uint8))
-    with pytest.raises(InputError, match="have over 64 MiB"):
+    with pytest.raises(InputError, match="holds over 64 MiB"):
         Shuffled.of(tmp_path)
     with zipfile.ZipFile(tmp_path / "lies.npz", "w") as archive, archive.open("points.npy", "w") as stream:
         header = {"descr": "<f4", "fortran_order": False, "shape": (10**12, 3)}
         np.lib.format.write_array_header_1_0(stream, header)
-    with pytest.raises(InputError, match=r"shape \(1000000000000, 3\)"):
+    with pytest.raises(InputError, match="holds over 256 MiB"):
         read_arrays(tmp_path / "lies.npz")
 
 
 @pytest.mark.parametrize(
     ("points", "colours", "said"),
     [
-        (np.zeros((4, 3), np.float32), np.zeros((4, 3), np.uint8), r"must be \(S, N, 3\)"),
-        (np.zeros((0, 4, 3), np.float32), np.zeros((0, 4, 3), np.uint8), r"must be \(S, N, 3\)"),
-        (np.zeros((2, 4, 3), np.float32), np.zeros((1, 4, 3), np.uint8), "alike"),
-        (np.full((2, 4, 3), np.nan, np.float32), np.zeros((2, 4, 3), np.uint8), "finite"),
-        (np.zeros((2, 4, 3), np.int64), np.zeros((2, 4, 3), np.uint8), "finite numbers"),
+        (np.zeros((4, 3), np.float32), np.zeros((4, 3), np.uint8), "has the shape"),
+        (np.zeros((0, 4, 3), np.float32), np.zeros((0, 4, 3), np.uint8), "has no clouds"),
+        (np.zeros((2, 4, 3), np.float32), np.zeros((1, 4, 3), np.uint8), "has the shape"),
+        (np.full((2, 4, 3), np.nan, np.float32), np.zeros((2, 4, 3), np.uint8), "not finite"),
+        (np.zeros((2, 4, 3), np.int64), np.zeros((2, 4, 3), np.uint8), "has no clouds"),
     ],
 )
 def test_clouds_that_cannot_be_shown_are_refused(

@@ -15,11 +15,14 @@ from numpy.lib.format import read_array_header_1_0, read_array_header_2_0, read_
 
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
-from gensim2.foreign.library import read_by_library
-from gensim2.foreign.tree import megabytes, read_regular, why
+from gensim2.foreign.archive import DAMAGED
+from gensim2.foreign.hdf5 import fits, shown_shape
+from gensim2.foreign.tree import megabytes, open_regular, why
 
-MAX_BYTES = 2**34
-"""Bytes of the arrays of one file; those that may come from anyone are given less."""
+MAX_BYTES = 2**28
+"""Of the arrays of one file in memory: 64 of the largest clouds have 50 MB."""
+
+_HEADERS = {(1, 0): read_array_header_1_0, (2, 0): read_array_header_2_0}
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -36,31 +39,63 @@ def write_arrays(path: Path, arrays: Mapping[str, npt.ArrayLike]) -> None:
 
 
 def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
-    """Read what :func:`write_arrays` wrote; nothing is unpickled.
+    """Read what :func:`write_arrays` wrote; nothing is unpickled, and sizes are compared before memory is taken.
 
     Args:
-        max_bytes: of the file, and of the arrays in memory together.
+        max_bytes: limit of all arrays in memory together.
 
     Raises:
-        InputError: the file is not there, is no regular file, is too large, or is damaged.
+        InputError: the file is not there, is damaged, or is too large.
     """
     try:
-        content = read_regular(path, max_bytes)
+        with open_regular(path) as stream, zipfile.ZipFile(stream) as archive:
+            return _arrays_in(archive, max_bytes)
     except OSError as error:
         raise InputError(why(error), file=path) from error
-    with read_by_library(path, "remove it and make it again", "is damaged"):
-        archive = zipfile.ZipFile(io.BytesIO(content))
-        if sum(each.file_size for each in archive.infolist()) > max_bytes:
-            raise InputError(f"its arrays have over {megabytes(max_bytes)}", file=path)
-        return {each.filename.removesuffix(".npy"): _array(archive.read(each)) for each in archive.infolist()}
+    except DAMAGED as error:
+        raise InputError(f"is damaged: {error}", file=path, remedy="remove it and make it again") from error
 
 
-def _array(data: bytes) -> npt.NDArray[Any]:
-    """An array of NumPy's format; its header is compared with the bytes that there are before memory is taken."""
-    stream = io.BytesIO(data)
-    headers = {(1, 0): read_array_header_1_0, (2, 0): read_array_header_2_0}
-    shape, is_fortran, dtype = headers[read_magic(stream)](stream)
-    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
-        raise ValueError(f"an array of shape {shape} and {dtype} has {len(data) - stream.tell()} bytes")
-    found = np.frombuffer(data, dtype, offset=stream.tell()) if math.prod(shape) else np.zeros(0, dtype)
-    return found.reshape(shape, order="F" if is_fortran else "C").copy()
+def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
+    arrays: Arrays = {}
+    left = max_bytes
+    for member in archive.infolist():
+        with archive.open(member) as stream:
+            version = read_magic(stream)
+            if (read := _HEADERS.get(version)) is None:
+                raise ValueError(f"{member.filename} is of version {version}")
+            shape, in_columns, dtype = read(stream)
+            size = math.prod(shape) * dtype.itemsize
+            if dtype.kind not in "biufU" or min(shape, default=0) < 0:
+                raise ValueError(f"{member.filename} holds {dtype} {shape}")
+            left -= size
+            if left < 0:
+                raise ValueError(f"holds over {megabytes(max_bytes)}")
+            content = stream.read(size)
+        values = np.frombuffer(bytearray(content), dtype).reshape(shape, order="F" if in_columns else "C")
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            raise ValueError(f"{member.filename} holds numbers that are not finite")
+        arrays[member.filename.removesuffix(".npy")] = values
+    if len(arrays) < len(archive.infolist()):
+        raise ValueError("two arrays have one name")
+    return arrays
+
+
+def require_shapes(arrays: Arrays, shapes: Mapping[str, tuple[int | None, ...]], path: Path) -> None:
+    """Refuse arrays that are missing or of another shape.
+
+    Args:
+        arrays: of a file.
+        shapes: that they must have, None for any length of an axis; first axes are equally long.
+        path: of the file.
+
+    Raises:
+        InputError: names the first.
+    """
+    rows = None
+    for name, shape in shapes.items():
+        wanted, found = (rows, *shape[1:]), arrays[name].shape if name in arrays else None
+        if found is None or not fits(found, wanted):
+            said = "is missing" if found is None else f"has the shape {found}, not {shown_shape(wanted)}"
+            raise InputError(f"is damaged: {name} {said}", file=path, remedy="remove it and make it again")
+        rows = found[0]

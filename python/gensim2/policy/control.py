@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from gensim2.errors import InputError
 from gensim2.observations import Observation
-from gensim2.policy.array_file import read_arrays, write_arrays
+from gensim2.policy.array_file import read_arrays, require_shapes, write_arrays
 from gensim2.seeding import rng
 
 CLOUDS = "clouds.npz"
@@ -47,14 +47,10 @@ class Shuffled:
         if not path.exists():
             raise InputError("holds no clouds of other scenes", file=folder, remedy=remedy)
         arrays = read_arrays(path, MAX_BYTES)
-        if not {"points", "colours"} <= arrays.keys():
-            raise InputError("is damaged: points or colours are not in it", file=path, remedy=remedy)
+        require_shapes(arrays, {"points": (None, None, 3), "colours": (None, None, 3)}, path)
         points, colours = arrays["points"], arrays["colours"]
-        if points.dtype.kind != "f" or colours.dtype != np.uint8 or not np.isfinite(points).all():
-            raise InputError("must be finite numbers and uint8", file=path, field="points, colours", remedy=remedy)
-        if points.ndim != 3 or points.shape != colours.shape or points.shape[2] != 3 or not points.size:
-            said = f"must be (S, N, 3) alike, are {points.shape} and {colours.shape}"
-            raise InputError(said, file=path, field="points, colours", remedy=remedy)
+        if points.shape != colours.shape or not points.size or points.dtype.kind != "f" or colours.dtype != np.uint8:
+            raise InputError("is damaged: has no clouds", file=path, remedy=remedy)
         return Shuffled(points, colours)
 
     def save(self, folder: Path) -> None:

@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from gensim2.errors import InputError
 from gensim2.files import write_json
 from gensim2.observations import ObservationSpec
-from gensim2.policy.array_file import read_arrays, write_arrays
+from gensim2.policy.array_file import read_arrays, require_shapes, write_arrays
+from gensim2.policy.keypose.program import KEYPOSES
 from gensim2.policy.keypose.teaching import CENTERED, PATIENCE
 from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.record_files import read_record
+from gensim2.record_files import parse_record, read_record
 from gensim2.rollout.counted_objects import hashes
 from gensim2.rollout.inputs import TaskInput
 from gensim2.scenes.config import SceneConfig
@@ -69,6 +70,29 @@ class PlannedRecord(BaseModel):
     identity: str
     verified: bool = False
     to_end: tuple[int, ...] = ()
+
+
+class _About(BaseModel):
+    """``about`` of a shard."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+    scenes: int = Field(ge=0)
+    failed: dict[str, int]
+    cpu_s: float = Field(ge=0)
+
+
+_SHAPES: dict[str, tuple[int | None, ...]] = {
+    "points": (None, None, 3),
+    "joints": (None, None),
+    "fingers": (None, 2),
+    "positions": (None, KEYPOSES, 3),
+    "rotations": (None, KEYPOSES, 3, 3),
+    "gripper": (None, KEYPOSES + 1),
+    "seconds": (None, KEYPOSES),
+    **dict.fromkeys(("force", "step", "way", "seed"), (None,)),
+}
+"""Arrays of a shard (:func:`~gensim2.policy.keypose.examples.example`), one row an example."""
 
 
 @dataclass(frozen=True)
@@ -234,13 +258,16 @@ def read_planned(folder: Path) -> Planned:
     found, scenes, failed, cpu_s = [], 0, Counter[str](), 0.0
     for path in sorted(folder.glob("shard_*.npz")):
         about, arrays = _read(path)
-        scenes, cpu_s = scenes + about["scenes"], cpu_s + about["cpu_s"]
-        failed.update(about["failed"])
+        scenes, cpu_s = scenes + about.scenes, cpu_s + about.cpu_s
+        failed.update(about.failed)
         if arrays:
             found.append(arrays)
     if not found:
         message = f"none of the {scenes} scenes of {record.task} could be planned"
         raise InputError(message, file=folder, remedy="leave the task out")
+    sizes = {(each["points"].shape[1], each["joints"].shape[1]) for each in found}
+    if len(sizes) > 1:
+        raise InputError("two shards have clouds or robots of other sizes", file=folder, remedy="make the data again")
     joined = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
     return Planned(record, joined, scenes, dict(failed), cpu_s)
 
@@ -261,12 +288,15 @@ def _shard(folder: Path, number: int) -> Path:
 
 
 def _cpu_of(path: Path) -> float:
-    return float(_read(path)[0]["cpu_s"])
+    return _read(path)[0].cpu_s
 
 
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+def _read(path: Path) -> tuple[_About, dict[str, npt.NDArray[Any]]]:
+    remedy = "remove it and make it again"
     arrays = read_arrays(path)
-    try:
-        return json.loads(str(arrays.pop("about"))), arrays
-    except (KeyError, ValueError) as error:
-        raise InputError(f"is damaged: {error}", file=path, remedy="remove it and make it again") from error
+    told = str(arrays.pop("about", ""))
+    about = parse_record(told.encode(errors="surrogateescape"), TypeAdapter(_About), path, remedy, "about")
+    require_shapes(arrays, _SHAPES if arrays else {}, path)
+    if arrays.keys() - _SHAPES:
+        raise InputError(f"is damaged: has {min(arrays.keys() - _SHAPES)}", file=path, remedy=remedy)
+    return about, arrays
