@@ -37,7 +37,7 @@ class Shown:
     """Contents of a page.
 
     Attributes:
-        title: one line of Markdown.
+        title: one line of text.
         scene: what the episode follows from.
         recording: its states and actions.
         plans: of the planner, where it decided: one a step, made on the scenes that the steps before foresee.
@@ -127,7 +127,7 @@ def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
             f"no motion was found: {plans[0].found.reason}", field=given.spec.name, remedy="another --seed"
         )
     ended = "held" if episode.held else f"not held: {episode.cause}"
-    return Shown(f"**{given.spec.name}**, seed {seed}: {ended}", given.scene, recording, plans)
+    return Shown(f"{given.spec.name}, seed {seed}: {ended}", given.scene, recording, plans)
 
 
 def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path | str | None = None) -> Shown:
@@ -148,7 +148,7 @@ def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path 
         raise InputError("its states were not kept", file=store.path(row.index, row.held), remedy="--keep-failures")
     scene = dataset.scene.with_task(store.spec(), dataset.record.tasks[store.name].instances)
     ObjectCheck(dataset).episode(row, store.path(row.index, row.held))
-    return Shown(f"**{store.name}**, episode {row.index}: {'held' if row.held else row.cause}", scene, recording)
+    return Shown(f"{store.name}, episode {row.index}: {'held' if row.held else row.cause}", scene, recording)
 
 
 def of_file(path: Path, assets: Path | str | None = None) -> Shown:
@@ -175,12 +175,12 @@ def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port:
     from gensim2.data.observing import objects_of
     from gensim2.planning.show import draw_plan
     from gensim2.raycast.observer import Observer
-    from gensim2_kpam.show import add_clock
+    from gensim2_kpam.show import add_clock, add_text
 
     server = viser_module().ViserServer(host=host, port=port, verbose=False)
     server.scene.set_up_direction("+z")
     server.initial_camera.position, server.initial_camera.look_at = (1.2, -0.95, 0.8), (0.4, 0.0, 0.15)
-    server.gui.add_markdown(shown.title)
+    add_text(server, shown.title)
     recording = shown.recording
     observer = Observer(shown.profile, objects_of(shown.scene, recording.instances), spec, recording.seed)
     solids, poses = observer.scene.solids, observer.scene.poses(recording.env_states)
@@ -207,7 +207,7 @@ def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port:
     for number, step in enumerate(shown.plans):
         if step.found.plan is not None:
             draw_plan(server, step.found.plan, shown.profile, f"/plan/{number + 1}_{step.name}")
-            server.gui.add_markdown(_said_of(step.name, step.found.plan))
+            add_text(server, _said_of(step.name, step.found.plan))
     _add_switches(server, meshes, cloud, bool(shown.plans))
     add_clock(server, cast(Any, _Clock(shown.times)), lambda index: stand_at(int(index)))
     return server

@@ -17,6 +17,8 @@ Array = npt.NDArray[np.float64]
 ROBOT, STANDING, HELD = (190, 190, 200), (205, 170, 120), (120, 180, 120)
 #: Seconds between two pictures while a motion plays, and between two points of the path that is drawn.
 STEP = 0.04
+_PLAIN = " :.,;%()/?=+-'\""
+"""Punctuation that means nothing inside a line of Markdown."""
 
 
 class MissingViewerError(ImportError):
@@ -76,7 +78,7 @@ def show(
                 _place(handle, hand @ pose)
 
     if not isinstance(motion, Trajectory) and motion is not None:
-        server.gui.add_markdown(f"**{motion.status}** {motion.reason}")
+        add_text(server, f"{motion.status}: {motion.reason}")
     if trajectory is None:
         pose_at(_middle(robot) if q is None else np.asarray(q, dtype=np.float64))
         return server
@@ -86,6 +88,26 @@ def show(
         server.scene.add_line_segments("/path", segments, (40, 90, 220), thickness=0.003)
     add_clock(server, trajectory, pose_at)
     return server
+
+
+def add_text(server: Any, *lines: str) -> Any:
+    """Add lines of plain text to a page, and return the handle of its Markdown; all text of our pages comes by here."""
+    return server.gui.add_markdown(plain_markdown(*lines))
+
+
+def plain_markdown(*lines: str) -> str:
+    """Return Markdown that shows lines of plain text as they are.
+
+    Viser runs HTML and expressions in its Markdown, and reads the files that its pictures name: text of a file, a
+    server or a solver must never be taken for them.
+    """
+    return "\n\n".join(_plain_line(" ".join(line.split())) for line in lines)
+
+
+def _plain_line(line: str) -> str:
+    shown = "".join(c if c.isalnum() or c in _PLAIN else f"&#{ord(c) if c.isprintable() else 0xFFFD};" for c in line)
+    starts_markup = line.startswith(("import", "export")) or not line[:1].isalpha()
+    return f"&#{ord(line[0])};{shown[1:]}" if starts_markup and shown[:1] == line[:1] != "" else shown
 
 
 def _viser() -> Any:

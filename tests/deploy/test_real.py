@@ -276,7 +276,7 @@ def test_the_page_shows_robot_cloud_next_actions_and_clocks() -> None:
     actions = np.tile(np.append(q[:7], 1.0), (3, 1)).astype(np.float32)
     actions[1:, 0] += 0.1
     actions[2, 3] = np.nan
-    with LivePage("panda", "**CloseBox**", port=18260) as page:
+    with LivePage("panda", "CloseBox", port=18260) as page:
         with urllib.request.urlopen(page.url, timeout=10) as answer:
             assert answer.status == 200
         page.state(ArmState(1.0, q, np.zeros(9), 3.0))

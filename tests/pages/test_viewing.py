@@ -32,7 +32,7 @@ def address() -> Iterator[str]:
         recorder.add(env.profile.rest_action, env.measure())
     scene = SceneOptions("builtin").with_task(load_task("OpenDrawer"))
     spec = ObservationSpec(cloud=CloudSettings(points=512, candidates=2048))
-    server = serve(Shown("**OpenDrawer**", scene, recorder.finish()), spec, port=18200)
+    server = serve(Shown("OpenDrawer", scene, recorder.finish()), spec, port=18200)
     yield f"http://{server.get_host()}:{server.get_port()}"
     server.stop()
 

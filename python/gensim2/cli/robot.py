@@ -109,7 +109,7 @@ def _run(ctx: click.Context, json_file: str | None, given: dict[str, Any], **bes
         if shown:
             from gensim2.deploy.live import LivePage
 
-            page = stack.enter_context(LivePage(arguments["robot"], f"**{arguments['task']}**", port=port))
+            page = stack.enter_context(LivePage(arguments["robot"], arguments["task"], port=port))
             progress.message(f"{page.url} shows the line")
             watching.append(page)
         keys = stack.enter_context(Keys())

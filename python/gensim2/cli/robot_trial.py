@@ -54,7 +54,7 @@ def trial(protocol: str, json_file: str | None, move: bool, verdict: str, out: P
         if shown:
             from gensim2.deploy.live import LivePage
 
-            page = stack.enter_context(LivePage(arguments["robot"], f"**{asked.task}**, trials", port=port))
+            page = stack.enter_context(LivePage(arguments["robot"], f"{asked.task}, trials", port=port))
             progress.message(f"{page.url} shows the line")
             watching.append(page)
         keys = stack.enter_context(Keys())

@@ -23,6 +23,7 @@ from gensim2.robots import OPEN, robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.viewing import CLOUD_POINT, draw_solid, quaternion, viser_module
+from gensim2_kpam.show import add_text, plain_markdown
 
 EVERY = 0.1
 """Seconds from one picture of the page to the next."""
@@ -50,7 +51,7 @@ class LivePage:
 
     Args:
         robot_name: of the robot.
-        title: one line of Markdown.
+        title: one line of text.
         host: address to listen on.
         port: of the page; the next free one is taken where it is in use.
 
@@ -69,7 +70,7 @@ class LivePage:
         server = self.server = viser_module().ViserServer(host=host, port=port, verbose=False)
         server.scene.set_up_direction("+z")
         server.initial_camera.position, server.initial_camera.look_at = (1.6, -1.2, 1.0), (0.4, 0.0, 0.2)
-        server.gui.add_markdown(title)
+        add_text(server, title)
         self._tree = Tree.of(read_urdf(profile.urdf), (*profile.arm_joints, *profile.gripper.joints))
         surfaces = read_links(self._tree.file)
         self._links = [
@@ -83,7 +84,7 @@ class LivePage:
             for name, size in (("/cloud", CLOUD_POINT), ("/next", NEXT_POINT))
         )
         self._stand(np.array(profile.reset_qpos))
-        self._said = server.gui.add_markdown("nothing yet")
+        self._said = add_text(server, "nothing yet")
         self._state: ArmState | None = None
         self._answer: Answer | None = None
         self._watch, self._clocks = "idle", ""
@@ -159,7 +160,7 @@ class LivePage:
                 self._stand(state.q)
             if answer is not None and answer is not self._drawn[1]:
                 self._draw_answer(answer, state)
-            self._said.content = self._words(state, answer)
+            self._said.content = plain_markdown(*self._words(state, answer))
         self._drawn = state, answer
 
     def _stand(self, q: npt.NDArray[np.float64]) -> None:
@@ -185,14 +186,14 @@ class LivePage:
                 found.append(self._profile.model.forward_kinematics(there, self._profile.tool_link)[:3, 3])
         return np.array(found, dtype=np.float32).reshape(-1, 3)
 
-    def _words(self, state: ArmState | None, answer: Answer | None) -> str:
+    def _words(self, state: ArmState | None, answer: Answer | None) -> list[str]:
         lines = [f"watch {self._watch}"]
         if state is not None:
             lines.append(f"arm {state.mode}, {state.force:.0f} N")
         if answer is not None:
             cloud = "no cloud" if answer.cloud_ms is None else f"cloud {answer.cloud_ms:.0f} ms after its pictures"
             lines.append(f"{cloud}, controller {answer.acting_ms:.0f} ms, {len(answer.actions)} actions")
-        return "\n\n".join([*lines, self._clocks])
+        return [*lines, self._clocks]
 
 
 def _show_points(handle: Any, points: npt.NDArray[np.float32], colors: npt.NDArray[np.uint8]) -> None:

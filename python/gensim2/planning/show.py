@@ -14,7 +14,7 @@ import gensim2_kpam as kpam
 from gensim2.errors import MissingExtraError
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
-from gensim2_kpam.show import STEP, add_clock
+from gensim2_kpam.show import STEP, add_clock, add_text
 
 Array = npt.NDArray[np.float64]
 
@@ -63,7 +63,7 @@ def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "l
             riding.position, riding.wxyz = pose[:3, 3], _quaternion(pose)
 
     trajectory = plan.trajectory
-    server.gui.add_markdown(f"**{plan.status}**: {plan.reason}")
+    add_text(server, f"{plan.status}: {plan.reason}")
     if trajectory is None:
         pose_at(scene.q)
         return server
