@@ -34,6 +34,22 @@ def test_nothing_is_unpickled(tmp_path: Path) -> None:
         read_arrays(tmp_path / "objects.npz")
 
 
+def test_sizes_are_compared_before_memory_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / "arrays.npz"
+    for shape, said in (("(1000000000000,)", "holds over"), ("(-1,)", "holds float32"), ("(3,)", "is damaged")):
+        header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}}}".encode().ljust(118) + b"\n"
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("points.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
+        with pytest.raises(InputError, match=said):
+            read_arrays(path)
+
+
+def test_a_pipe_is_never_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(InputError, match="is a pipe"):
+        read_arrays(tmp_path / "pipe.npz")
+
+
 def test_what_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.npz: cannot be read: No such file"):
         read_arrays(tmp_path / "none.npz")

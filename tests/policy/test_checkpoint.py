@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
+import resource
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -43,8 +46,6 @@ def _flip(folder: Path) -> None:
 
 def _foreign(folder: Path) -> None:
     """Another tool's weights under the right name and digest."""
-    import hashlib
-
     from safetensors.torch import save
 
     content = save({"layer.weight": torch.zeros(3)})
@@ -52,6 +53,25 @@ def _foreign(folder: Path) -> None:
     name = f"weights-{digest[:16]}.safetensors"
     (folder / name).write_bytes(content)
     _edit(folder, lambda c: c.update(weights={"file": name, "sha256": digest}))
+
+
+def _sealed(folder: Path, change: Callable[[dict[str, torch.Tensor]], Any]) -> None:
+    """Other tensors under a name and a digest that fit, as a stranger would write them."""
+    from safetensors.torch import load, save
+
+    tensors = load(_weights(folder).read_bytes())
+    change(tensors)
+    content = save(tensors)
+    digest = hashlib.sha256(content).hexdigest()
+    name = f"weights-{digest[:16]}.safetensors"
+    (folder / name).write_bytes(content)
+    _edit(folder, lambda c: c.update(weights={"file": name, "sha256": digest}))
+
+
+def _piped(folder: Path) -> None:
+    path = _weights(folder)
+    path.unlink()
+    os.mkfifo(path)
 
 
 DAMAGE: dict[str, tuple[Callable[[Path], Any], str]] = {
@@ -70,10 +90,14 @@ DAMAGE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "a flipped bit": (_flip, "is damaged"),
     "half": (lambda f: _weights(f).write_bytes(_weights(f).read_bytes()[:999]), "is damaged"),
     "foreign weights": (_foreign, "are not those of the configuration"),
-    "fewer sentences": (
-        lambda f: _edit(f, lambda c: c["sentences"].pop()),
-        "must be I64 [1, 24, 12]",
-    ),
+    "fewer sentences": (lambda f: _edit(f, lambda c: c["sentences"].pop()), "must be I64 [1, 24, 12]"),
+    "a table of no axes": (lambda f: _sealed(f, lambda t: t.update(sentences=torch.tensor(0))), "sentences is I64 []"),
+    "pieces of no word": (lambda f: _sealed(f, lambda t: t["sentences"].fill_(2048)), "must lie in 0..2047"),
+    "no number": (lambda f: _sealed(f, lambda t: t["network.cloud_mean"].fill_(torch.nan)), "not finite"),
+    "another type": (lambda f: _sealed(f, lambda t: t.update(sentences=t["sentences"].double())), "sentences is F64"),
+    "a pipe": (_piped, "is a pipe, not a file"),
+    "other points": (lambda f: _edit(f, lambda c: c["observation"]["cloud"].update(points=9)), "policy.points"),
+    "a task of a path": (lambda f: _edit(f, lambda c: c["data"].update(tasks=["../../etc"])), "data.tasks.0"),
 }
 
 
@@ -86,6 +110,17 @@ def test_what_is_damaged_or_foreign_is_refused_in_one_line(name: str, folder: Pa
     assert said.lower() in str(caught.value).lower()
     assert str(folder) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "sizes", [{"width": 4096, "layers": 48}, {"encoder": "pointnext", "blocks": 16}, {"decoder_layers": 48}, {"horizon": 256}]
+)
+def test_a_network_larger_than_its_file_takes_no_memory(sizes: dict[str, int], folder: Path) -> None:
+    _edit(folder, lambda c: c["policy"].update(sizes))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(CheckpointError, match="are not those of the configuration"):
+        PolicyCheckpoint.load(folder)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # KiB
 
 
 def test_a_checkpoint_is_for_one_robot_and_its_sentences(folder: Path) -> None:

@@ -1,0 +1,438 @@
+"""Damage to checkpoints, drawn by a seed, and what becomes of them when a controller is made.
+
+``python tests/fuzz/checkpoints.py --inputs 5000`` damages the package's policy and a small policy of action chunks:
+values, names of code, weights behind a digest that fits, arrays, links and sizes. Each is read in a forked process
+that may take 1 GiB more memory than it begins with (its ``RLIMIT_DATA``: PyTorch's own mappings are there before), 5 s
+of CPU and 60 s by the clock, and may write no byte to a file. A checkpoint is either accepted, and then holds what its
+files say, or refused in one line. A module ``canary`` lies beside it; it leaves a file when it is imported.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mutate import LONGEST_MESSAGE, damaged, damaged_value
+
+from gensim2.errors import InputError
+from gensim2.foreign.process import Bounds, isolated
+from gensim2.progress import NULL_PROGRESS, Progress
+
+CPU_S, MEMORY, PATIENCE = 5, 2**30, 60
+SAID = 250
+"""Inputs between two lines of progress."""
+CONFIG, WAYS, CLOUDS = "config.json", "keypose.json", "clouds.npz"
+MODULES = (
+    "__main__",
+    "gensim2.sim",
+    "gensim2.policy.controller",
+    "gensim2.policy.keypose.controller",
+    "gensim2.policy.evaluating",
+)
+CANARY = "from pathlib import Path\nPath(__file__).with_name('ran').touch()\nmake = panda = Controller = None\n"
+NAMES = (
+    "canary.py",
+    "./canary.py:make",
+    "{folder}/canary.py",
+    "{folder}/canary.py:panda",
+    "canary:make",
+    "canary:Controller",
+    "canary",
+    "../canary.py",
+    "{folder}",
+    "pickle:{folder}/canary.py",
+)
+SIZES: dict[str, tuple[Any, ...]] = {
+    "width": (4096, 4094, 16, 10**9),
+    "layers": (48, 0, 3),
+    "decoder_layers": (48, 1),
+    "hidden": (8192, 8),
+    "horizon": (256, 1),
+    "execute": (256, 1),
+    "history": (4, 2),
+    "ways": (10_000, 1),
+    "points": (49_152, 1, None),
+    "blocks": (16, 1),
+    "keyframes": (8, 0),
+    "attention": (64, 3),
+    "encoder": ("mlp", "pointnet", "pointnext", "state"),
+    "head": ("chunk", "transformer", "diffusion", "flow", "keypose"),
+    "text": ("none", "small", "clip", "sentence"),
+    "noise_levels": (10_000, 2),
+    "spread_points": (49_152, 0),
+}
+
+
+def good_checkpoints(folder: Path) -> list[Path]:
+    """The package's policy, and one of action chunks whose weights are drawn."""
+    from gensim2.observations import ObservationSpec
+    from gensim2.policy.checkpoint import ActionSpec, DataRecord, PolicyCheckpoint, checkpoint_folder
+    from gensim2.policy.config import PolicyConfig, TrainConfig
+    from gensim2.policy.control import Shuffled
+    from gensim2.policy.network import fresh_network
+    from gensim2.policy.text import prepare
+
+    keyposes, chunks = folder / "keyposes", folder / "chunks"
+    shutil.copytree(checkpoint_folder("builtin"), keyposes, ignore=shutil.ignore_patterns("__pycache__"))
+    sentences = ("open the drawer", "close the box")
+    config = PolicyConfig(width=16, layers=1, attention=2, hidden=16, horizon=4, execute=2, history=2, points=64)
+    table = prepare(sentences, config)
+    PolicyCheckpoint(
+        fresh_network(config, 7, table.shape[1:], 0).eval(),
+        "panda",
+        ActionSpec(kind="joint-relative", arm=7, control_hz=20),
+        ObservationSpec.of({"points": 64, "candidates": 256}),
+        sentences,
+        table,
+        DataRecord(digest="0" * 64, tasks=("OpenDrawer",), episodes=1, frames=9, folders=("set",)),
+        TrainConfig(),
+        20,
+        {"torch": "2"},
+    ).save(chunks)
+    draw = np.random.default_rng(0)
+    Shuffled(draw.random((3, 64, 3), np.float32), draw.integers(0, 256, (3, 64, 3), np.uint8)).save(chunks)
+    return [keyposes, chunks]
+
+
+def read(folder: str, _: Progress) -> None:
+    """Make the controller of a checkpoint, with the clouds of its controls; called in a forked process.
+
+    Raises:
+        AssertionError: it was accepted, and is another one than its files say.
+    """
+    os.chdir(folder)
+    sys.path.insert(0, folder)
+    signal.alarm(PATIENCE)  # what waits for a writer uses no CPU
+    from safetensors.torch import load
+
+    from gensim2.policy.checkpoint import PolicyCheckpoint
+    from gensim2.policy.evaluating import policy_controller
+    from gensim2.policy.sentences import sentence_row
+
+    policy_controller(folder, sees="other").make()
+    found = PolicyCheckpoint.load(folder)
+    sentence_row(found, found.sentences[0], Path(folder), embed=False)
+    told = json.loads((Path(folder) / CONFIG).read_bytes())
+    if isinstance(told["observation"].get("cameras"), list):
+        told["observation"]["cameras"] = list(found.observation.cameras)  # their order means nothing
+    parts = {
+        "policy": found.config.to_dict(),
+        "training": found.training.to_dict(),
+        "observation": found.observation.to_dict(),
+        "action": found.action.model_dump(mode="json"),
+        "data": found.data.model_dump(mode="json"),
+        "sentences": list(found.sentences),
+        "robot": found.robot,
+        "step": found.step,
+        "versions": found.versions,
+    }
+    for name, part in parts.items():
+        assert _holds(part, told[name]), f"{name} is {part!r:.300}, not {told[name]!r:.300}"
+    stored = load((Path(folder) / told["weights"]["file"]).read_bytes())
+    held = {f"network.{name}": value for name, value in found.network.state_dict().items()} | {"sentences": found.table}
+    assert held.keys() == stored.keys()
+    assert all(held[name].dtype == value.dtype and held[name].equal(value) for name, value in stored.items())
+
+
+def imports_the_canary(folder: str, _: Progress) -> None:
+    """Do what no reader may, to see that it is noticed; called in a forked process."""
+    sys.path.insert(0, folder)
+    import contextlib
+    import importlib
+
+    with contextlib.suppress(SystemExit):
+        importlib.import_module("canary")
+
+
+def _holds(found: Any, told: Any) -> bool:
+    """Whether a value is the told one; fields that a file leaves out have their defaults."""
+    if isinstance(told, dict) and isinstance(found, dict):
+        return all(name in found and _holds(found[name], each) for name, each in told.items())
+    if isinstance(told, list) and isinstance(found, list | tuple):
+        return len(found) == len(told) and all(map(_holds, found, told))
+    return bool(found == told)
+
+
+def damage(folder: Path, generator: np.random.Generator) -> str:
+    """One to three damages to a checkpoint; which they were."""
+    ways: tuple[Callable[[Path, np.random.Generator], str], ...]
+    ways = (_values, _values, _name, _name, _size, _weights, _weights, _header, _arrays, _file, _replaced)
+    return "; ".join(
+        ways[int(generator.integers(len(ways)))](folder, generator) for _ in range(int(generator.integers(1, 4)))
+    )
+
+
+def _pick(values: Sequence[Any], generator: np.random.Generator) -> Any:
+    return values[int(generator.integers(len(values)))]
+
+
+def _json(folder: Path, change: Callable[[Any], Any], name: str = CONFIG) -> str:
+    path = folder / name
+    try:
+        value = change(json.loads(path.read_bytes()) if path.is_file() else {})
+        path.write_text(json.dumps(value))
+    except (ValueError, TypeError, LookupError, AttributeError, OSError, RecursionError) as error:
+        return f"nothing ({type(error).__name__}: damaged before)"
+    return name
+
+
+def _values(folder: Path, generator: np.random.Generator) -> str:
+    name = CONFIG if generator.random() < 0.7 or not (folder / WAYS).is_file() else WAYS
+    return f"values of {_json(folder, partial(damaged_value, generator=generator), name)}"
+
+
+def _name(folder: Path, generator: np.random.Generator) -> str:
+    """A name of code in the place of a text."""
+    word = _pick(NAMES, generator).format(folder=folder)
+
+    def change(config: Any) -> Any:
+        places = [(config, "robot")] * 4 + [(config["policy"], "text_model"), (config["policy"], "text")]
+        places += [(config["policy"], name) for name in ("encoder", "head", "frame")]
+        places += [(config["data"], "tasks"), (config["data"], "folders"), (config, "versions"), (config, "sentences")]
+        places += [(config["weights"], "file"), (config, "kind"), (config["observation"], "modalities")]
+        parent, key = _pick(places, generator)
+        parent[key] = [word] if isinstance(parent[key], list) else {"canary": word} if key == "versions" else word
+        if key == "text_model":
+            config["policy"]["text"] = _pick(("clip", "sentence"), generator)
+        return config
+
+    return f"{word} in {_json(folder, change)}"
+
+
+def _size(folder: Path, generator: np.random.Generator) -> str:
+    names = [_pick(list(SIZES), generator) for _ in range(int(generator.integers(1, 4)))]
+
+    def change(config: Any) -> Any:
+        config["policy"].update({name: _pick(SIZES[name], generator) for name in names})
+        if generator.random() < 0.2:
+            config["action"]["arm"] = _pick((1, 6, 8, 64), generator)
+        return config
+
+    return f"{', '.join(names)} of {_json(folder, change)}"
+
+
+def _weights_file(folder: Path) -> Path | None:
+    return next((path for path in folder.glob("weights-*.safetensors") if path.is_file()), None)
+
+
+def _sealed(folder: Path, content: bytes) -> str:
+    """Put weights in the place of others, as a stranger would who knows how."""
+    digest = hashlib.sha256(content).hexdigest()
+    name = f"weights-{digest[:16]}.safetensors"
+    (folder / name).write_bytes(content)
+    return _json(folder, lambda config: {**config, "weights": {"file": name, "sha256": digest}})
+
+
+def _weights(folder: Path, generator: np.random.Generator) -> str:
+    """Tensors that are missing, renamed, of another shape or type, or not finite; or bits."""
+    from safetensors import SafetensorError
+    from safetensors.numpy import load, save
+
+    path = _weights_file(folder)
+    if path is None or path.stat().st_size > 2**24:
+        return "nothing"
+    if generator.random() < 0.3:
+        content = damaged(path.read_bytes(), "binary", generator)
+        return f"bits of weights, sealed {_sealed(folder, content)}"
+    try:
+        tensors = load(path.read_bytes())
+    except (SafetensorError, ValueError, KeyError):
+        return "nothing"
+    name = "sentences" if generator.random() < 0.4 and "sentences" in tensors else _pick(sorted(tensors), generator)
+    value = tensors.pop(name)
+    kinds: dict[str, Callable[[], Any]] = {
+        "gone": dict,
+        "renamed": lambda: {f"{name}_": value},
+        "shape []": lambda: {name: np.array(0, value.dtype)},
+        "shape [0]": lambda: {name: value.reshape(-1)[:0]},
+        "flat": lambda: {name: value.reshape(-1)},
+        "one more axis": lambda: {name: value[None]},
+        "longer": lambda: {name: np.concatenate([value, value]) if value.ndim else value},
+        "float64": lambda: {name: value.astype(np.float64)},
+        "whole numbers": lambda: {name: value.astype(np.int32)},
+        "not finite": lambda: {name: np.full_like(value, np.nan) if value.dtype.kind == "f" else value},
+        "out of range": lambda: {name: np.full_like(value, 2**20)},
+        "negative": lambda: {name: np.full_like(value, -1)},
+        "another one": lambda: {name: value, "canary": value},
+    }
+    kind = _pick(list(kinds), generator)
+    return f"{name} {kind}, sealed {_sealed(folder, save(tensors | kinds[kind]()))}"
+
+
+def _header(folder: Path, generator: np.random.Generator) -> str:
+    """A header of other values, names or lengths before the same numbers."""
+    path = _weights_file(folder)
+    if path is None or path.stat().st_size > 2**24:
+        return "nothing"
+    content = path.read_bytes()
+    length = int.from_bytes(content[:8], "little")
+    header = damaged(content[8 : 8 + length], "json", generator)
+    told = _pick((len(header), len(header), len(header), 0, 2**63 - 1, 10**8, 2**40), generator)
+    return f"header, sealed {_sealed(folder, told.to_bytes(8, 'little') + header + content[8 + length :])}"
+
+
+def _arrays(folder: Path, generator: np.random.Generator) -> str:
+    """Clouds of other shapes and types, of a terabyte, or pickled."""
+    import io
+    import zipfile
+
+    path = folder / CLOUDS
+    if path.exists() and not path.is_file():
+        return "nothing"
+    points, colours = np.zeros((3, 64, 3), np.float32), np.zeros((3, 64, 3), np.uint8)
+    kinds: dict[str, Callable[[], dict[str, Any]]] = {
+        "no points": lambda: {"colours": colours},
+        "shape []": lambda: {"points": np.float32(0), "colours": np.uint8(0)},
+        "no clouds": lambda: {"points": points[:0], "colours": colours[:0]},
+        "other colours": lambda: {"points": points, "colours": colours[:, :5]},
+        "text": lambda: {"points": np.array(["x"]), "colours": colours},
+        "objects": lambda: {"points": np.array([{}], dtype=object), "colours": colours},
+        "not finite": lambda: {"points": points + np.inf, "colours": colours},
+        "a bomb": lambda: {"points": np.zeros((1, 2**24, 3), np.float32), "colours": np.zeros((1, 2**24, 3), np.uint8)},
+    }
+    kind = _pick([*kinds, "a lie", "a lie"], generator)
+    if kind == "a lie":
+        header = _pick(("(1000000000, 64, 3)", "(-1, 64, 3)", "(3,", "(10**9,)", "()"), generator)
+        said = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {header}, }}".encode().ljust(118) + b"\n"
+        with zipfile.ZipFile(path, "w") as archive:
+            for name in ("points", "colours"):
+                archive.writestr(f"{name}.npy", b"\x93NUMPY\x01\x00" + len(said).to_bytes(2, "little") + said)
+    else:
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, **kinds[kind]())
+        path.write_bytes(buffer.getvalue())
+    return f"{CLOUDS}: {kind}"
+
+
+def _file(folder: Path, generator: np.random.Generator) -> str:
+    """Bits and text of any file."""
+    path = _pick(_files(folder), generator)
+    if path.stat().st_size < 2**24:
+        path.write_bytes(damaged(path.read_bytes(), "json" if path.suffix == ".json" else "binary", generator))
+    return f"bits of {path.name}"
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if path.is_file() and not path.is_symlink())
+
+
+def _replaced(folder: Path, generator: np.random.Generator) -> str:
+    """A link, a special file, a folder, another file or a terabyte in the place of a file."""
+    path = _pick([each for each in _files(folder) if each.name != "canary.py"] or [folder / CONFIG], generator)
+    other = _pick(_files(folder), generator)
+    content = other.read_bytes() if other.stat().st_size < 2**24 else b""
+
+    def grown(size: int) -> None:
+        path.touch()
+        os.truncate(path, size)
+
+    ways: dict[str, Callable[[], object]] = {
+        "gone": lambda: None,
+        "a pipe": lambda: os.mkfifo(path),
+        "a folder": path.mkdir,
+        "a link to /dev/zero": lambda: path.symlink_to("/dev/zero"),
+        "a link to itself": lambda: path.symlink_to(path.name),
+        "a terabyte": lambda: grown(2**40),
+        "2 GiB": lambda: grown(2**31),
+        "another file": lambda: path.write_bytes(content),
+        "nothing in it": path.touch,
+    }
+    told = _pick(list(ways), generator)
+    path.unlink(missing_ok=True)
+    ways[told]()
+    return f"{path.name}: {told}"
+
+
+def listing(folder: Path) -> list[tuple[str, int, int]]:
+    """Every file of a folder with its size and its time."""
+    found = [(path, path.lstat()) for path in sorted(folder.rglob("*"))]
+    return [(str(path), about.st_size, about.st_mtime_ns) for path, about in found if not path.is_dir()]
+
+
+def attempt(good: Path, scratch: Path, generator: np.random.Generator) -> tuple[str, str]:
+    """The damages of one checkpoint, and the line that it was refused with; empty where it was accepted.
+
+    Raises:
+        AssertionError: it took too long or too much memory, ran code, wrote a file, or was refused at length.
+        RuntimeError: it was accepted and is another one, or something else was raised.
+    """
+    folder = scratch / "policy"
+    shutil.copytree(good, folder)
+    (folder / "canary.py").write_text(CANARY)
+    told, message = damage(folder, generator), ""
+    before = listing(scratch)
+    try:
+        isolated(read, (str(folder),), folder, Bounds(MEMORY, CPU_S, (0, 0)), NULL_PROGRESS, MODULES)
+    except InputError as error:
+        message = str(error)
+        assert message.strip(), f"{told}: refused without a word"
+    after = listing(scratch)
+    assert after == before, f"{told}: wrote {set(after) ^ set(before)}"
+    assert len(message.splitlines()) <= 1, f"{told}: {message!r}"
+    assert message.isprintable(), f"{told}: {message!r}"
+    assert len(message) <= LONGEST_MESSAGE, f"{told}: {len(message)} characters"
+    for fate in ("MiB of memory to be read", "s of CPU to read", "the library that reads it died"):
+        assert fate not in message, f"{told}: {message}"
+    return told, message
+
+
+@dataclass
+class Tally:
+    """How many ended how."""
+
+    ended: Counter[str] = field(default_factory=Counter)
+    faults: int = 0
+
+
+def run(goods: Sequence[Path], numbers: range, seed: int, scratch: Path, say: Callable[[str], object]) -> Tally:
+    """Try so many damaged checkpoints; faults are said and counted."""
+    tally = Tally()
+    for number in numbers:
+        good, place = goods[number % len(goods)], scratch / f"try{number}"
+        place.mkdir(parents=True)
+        try:
+            _, message = attempt(good, place, np.random.default_rng([seed, number]))
+        except Exception as error:  # noqa: BLE001 - any other is what is looked for
+            tally.faults += 1
+            say(f"{good.name} {number}: {type(error).__name__}: {str(error)[-1500:]}")
+        else:
+            tally.ended[f"{good.name}: {'refused' if message else 'accepted'}"] += 1
+        shutil.rmtree(place, ignore_errors=True)
+        if (number + 1) % SAID == 0:
+            say(f"{number + 1} inputs, {tally.faults} faults")
+    return tally
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where one checkpoint is neither accepted and equal nor refused in one line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--inputs", type=int, default=5000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="number of the first input")
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as name:
+        goods, began = good_checkpoints(Path(name).resolve()), time.monotonic()
+        numbers = range(options.first, options.first + options.inputs)
+        tally = run(goods, numbers, options.seed, Path(name).resolve() / "tries", lambda text: print(text, flush=True))
+        print(f"{options.inputs} inputs, {tally.faults} faults, {time.monotonic() - began:.0f} s in all")
+        for outcome, number in sorted(tally.ended.items()):
+            print(f"  {outcome}: {number}")
+    return 1 if tally.faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
