@@ -113,7 +113,8 @@ def test_what_is_damaged_or_foreign_is_refused_in_one_line(name: str, folder: Pa
 
 
 @pytest.mark.parametrize(
-    "sizes", [{"width": 4096, "layers": 48}, {"encoder": "pointnext", "blocks": 16}, {"decoder_layers": 48}, {"horizon": 256}]
+    "sizes",
+    [{"width": 4096, "layers": 48}, {"encoder": "pointnext", "blocks": 16}, {"decoder_layers": 48}, {"horizon": 256}],
 )
 def test_a_network_larger_than_its_file_takes_no_memory(sizes: dict[str, int], folder: Path) -> None:
     _edit(folder, lambda c: c["policy"].update(sizes))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Self
 
 from filelock import FileLock, Timeout
 
@@ -14,6 +15,11 @@ class FolderLock:
     """The lock of a folder, which is made if need be. Held from here to ``release`` or to the end of the process.
 
     The file stays: removing it would let two processes hold locks on two files of one name. It says who holds it.
+    A context manager: leaving it releases the lock.
+
+    Args:
+        folder: the folder.
+        name: of the lock's file; a run that calls another one on the same folder has a lock of its own.
 
     Raises:
         InputError: another process holds it, or the folder cannot be written to.
@@ -21,8 +27,8 @@ class FolderLock:
 
     NAME = ".lock"
 
-    def __init__(self, folder: Path) -> None:
-        path = folder / self.NAME
+    def __init__(self, folder: Path, name: str = NAME) -> None:
+        path = folder / name
         self._lock = FileLock(path, blocking=False, thread_local=False, fallback_to_soft=False)
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -46,6 +52,12 @@ class FolderLock:
             self._lock.release()
             remedy = "make room, or choose another folder"
             raise WriteError(f"cannot write: {error.strerror}", file=path, remedy=remedy) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
 
     def release(self) -> None:
         """Let others have the folder."""

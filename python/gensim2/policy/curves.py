@@ -7,9 +7,25 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+
+from gensim2.errors import InputError
 from gensim2.files import append, write_atomic
+from gensim2.foreign.tree import read_regular, why
+from gensim2.record_files import parse_record
 
 CURVES = "curves.jsonl"
+MAX_BYTES = 2**30
+
+
+class _Point(BaseModel):
+    """Values at a step."""
+
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+    __pydantic_extra__: dict[str, float]
+
+    step: int = Field(ge=0)
+    loss: float
 
 
 class Curves:
@@ -44,16 +60,24 @@ class Curves:
 
 
 def read_curves(folder: Path) -> list[dict[str, Any]]:
-    """Return the points of a training's folder, in order; an unfinished last line is left out."""
-    path = folder / CURVES
-    if not path.exists():
+    """Return the points of a training's folder, in order; an unfinished last line is left out.
+
+    Raises:
+        InputError: the file cannot be read, or a line is no point.
+    """
+    path, remedy = folder / CURVES, "delete the file"
+    try:
+        content = read_regular(path, MAX_BYTES)
+    except FileNotFoundError:
         return []
+    except OSError as error:
+        raise InputError(why(error), file=path, remedy=remedy) from error
     found = []
-    for line in path.read_text().splitlines():
-        try:
-            found.append(json.loads(line))
-        except json.JSONDecodeError:
+    for number, line in enumerate(content.splitlines(), 1):
+        if not line.endswith(b"}"):
             break  # a line that was cut short: what follows it is of steps that are taken again
+        point = parse_record(line, TypeAdapter(_Point), path, remedy, f"line {number}")
+        found.append(point.model_dump())
     return found
 
 

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
+from gensim2.data.lock import FolderLock
 from gensim2.errors import InputError
 from gensim2.files import check_writable, write_json
 from gensim2.observations import DepthNoise
@@ -43,6 +44,8 @@ SCENES = 2000
 OBJECTS = 200
 """Generated ones of each class that a keypose policy learns from, where there are as many as are wanted."""
 RESULT_JSON = "result.json"
+LOCK = ".learn.lock"
+"""The training in the same folder has its own."""
 VIDEOS = 3
 """Episodes of each task that are filmed."""
 
@@ -252,40 +255,41 @@ def learn(
         check_demonstrations(demonstrations, record)
     out.mkdir(parents=True, exist_ok=True)
     check_writable(out / LEARN_JSON)
-    record = begin_record(out, record, resume)
-    groups = [tuple(given)] if together or len(given) == 1 else [(one,) for one in given]
-    learned = []
-    for group in groups:
-        folder = out if len(groups) == 1 else out / group[0].spec.name
-        take_demonstrations(record, key_of(folder, out), folder, out)
-        asked = [named[one.spec.name] for one in group]
-        if record.is_of_plans:
-            own = [one for one in beside if one.spec.name in [each.spec.name for each in group]]
-            taught, trained = teach_by_plans(group, own, begun, again, folder, out, record, how, workers, progress)
-        else:
-            taught, trained = teach_by_episodes(group, asked, folder, out, record, how, workers, progress)
-        measured = evaluate_policy(
-            folder,
-            [*known, *asked],
-            controls=controls,
-            control_episodes=control_episodes,
-            episodes=episodes,
-            videos=videos,
-            seed=seed,
-            out=folder / "evaluation",
-            workers=workers,
-            resume=True,
-            progress=progress,
-            **tested_on,
-        )
-        spent = record.data_cpu_s[key_of(folder, out)]
-        learned.append(Learned(folder, taught, spent, trained, measured))
-    result = LearnResult(str(out), record, test_instances, tuple(seen), tuple(learned))
-    write_json(out / RESULT_JSON, result.to_dict())
-    from gensim2.policy.page import write_page
+    with FolderLock(out, LOCK):
+        record = begin_record(out, record, resume)
+        groups = [tuple(given)] if together or len(given) == 1 else [(one,) for one in given]
+        learned = []
+        for group in groups:
+            folder = out if len(groups) == 1 else out / group[0].spec.name
+            take_demonstrations(record, key_of(folder, out), folder, out)
+            asked = [named[one.spec.name] for one in group]
+            if record.is_of_plans:
+                own = [one for one in beside if one.spec.name in [each.spec.name for each in group]]
+                taught, trained = teach_by_plans(group, own, begun, again, folder, out, record, how, workers, progress)
+            else:
+                taught, trained = teach_by_episodes(group, asked, folder, out, record, how, workers, progress)
+            measured = evaluate_policy(
+                folder,
+                [*known, *asked],
+                controls=controls,
+                control_episodes=control_episodes,
+                episodes=episodes,
+                videos=videos,
+                seed=seed,
+                out=folder / "evaluation",
+                workers=workers,
+                resume=True,
+                progress=progress,
+                **tested_on,
+            )
+            spent = record.data_cpu_s[key_of(folder, out)]
+            learned.append(Learned(folder, taught, spent, trained, measured))
+        result = LearnResult(str(out), record, test_instances, tuple(seen), tuple(learned))
+        write_json(out / RESULT_JSON, result.to_dict())
+        from gensim2.policy.page import write_page
 
-    write_page(result)
-    return result
+        write_page(result)
+        return result
 
 
 def _rows(learned: Learned, policy: str) -> list[dict[str, Any]]:

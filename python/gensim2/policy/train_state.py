@@ -16,7 +16,7 @@ from torch import nn
 
 from gensim2.errors import InputError
 from gensim2.files import write_atomic, write_json
-from gensim2.foreign.tree import read_regular, why
+from gensim2.foreign.tensors import Shape, read_shapes, read_tensors, require_shapes
 from gensim2.record_files import read_record
 
 STATE_JSON = "state.json"
@@ -29,8 +29,8 @@ class _Record(BaseModel):
 
     schema_version: Literal[1]
     identity: str
-    step: int
-    cpu_s: float
+    step: int = Field(ge=0)
+    cpu_s: float = Field(ge=0)
     file: str = Field(pattern=r"^state-[0-9a-f]{16}\.safetensors$")
     sha256: str
     losses: list[float] = []
@@ -151,9 +151,6 @@ class TrainState:
         Raises:
             InputError: it is damaged, or of another training or version of gensim2.
         """
-        from safetensors import SafetensorError
-        from safetensors.torch import load
-
         record = read_record(folder / STATE_JSON, _Record, _REMEDY)
         if record.identity != identity.digest:
             others = identity.differs_in(record.settings)
@@ -164,20 +161,16 @@ class TrainState:
             )
         path = folder / record.file
         try:
-            content = read_regular(path, MAX_BYTES)
-        except OSError as error:
-            raise InputError(why(error), file=path, remedy=_REMEDY) from error
-        if hashlib.sha256(content).hexdigest() != record.sha256:
-            raise InputError("is damaged: its digest is another", file=path, remedy=_REMEDY)
+            require_shapes(path, found := read_shapes(path, MAX_BYTES, _REMEDY), self._shapes(found), _REMEDY)
+        except InputError as error:
+            message = f"is of another version of gensim2, or is damaged: {error.message}"
+            raise InputError(message, file=path, remedy=_REMEDY) from error
         parts: dict[str, dict[str, torch.Tensor]] = {"network": {}, "average": {}, "optimizer": {}}
-        try:
-            for name, value in load(content).items():
-                part, _, rest = name.partition(".")
-                parts[part][rest] = value
-            self.network.load_state_dict(parts["network"])
-            self.average.load_state_dict(parts["average"])
-        except (SafetensorError, KeyError, RuntimeError) as error:
-            raise InputError("is of another version of gensim2", file=path, remedy=_REMEDY) from error
+        for name, value in read_tensors(path, MAX_BYTES, record.sha256, _REMEDY).items():
+            part, _, rest = name.partition(".")
+            parts[part][rest] = value
+        self.network.load_state_dict(parts["network"])
+        self.average.load_state_dict(parts["average"])
         for name, parameter in self.network.named_parameters():
             moments = {
                 key: parts["optimizer"][f"{key}.{name}"]
@@ -189,3 +182,17 @@ class TrainState:
                 self.optimizer.state[parameter] = {key: value.to(parameter.device) for key, value in moments.items()}
         self.step, self.cpu_s = record.step, record.cpu_s
         self.losses, self.loss = record.losses, record.loss
+
+    def _shapes(self, found: Mapping[str, Shape]) -> dict[str, Shape]:
+        """Return the shapes of a state's tensors; a parameter that no step has changed has no moments."""
+        modules = {"network": self.network, "average": self.average}
+        shapes = {
+            f"{part}.{name}": Shape.of(value)
+            for part, module in modules.items()
+            for name, value in module.state_dict().items()
+        }
+        for name, parameter in self.network.named_parameters():
+            if f"optimizer.step.{name}" in found:
+                shapes |= {f"optimizer.{key}.{name}": Shape.of(parameter) for key in ("exp_avg", "exp_avg_sq")}
+                shapes[f"optimizer.step.{name}"] = Shape("F32", ())
+        return shapes

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from gensim2.data.lock import FolderLock
 from gensim2.errors import InputError
 from gensim2.evaluation.evaluating import EvaluationResult
 from gensim2.files import check_writable, write_json
@@ -159,27 +160,30 @@ def run_experiment(
         raise InputError(f"no arm can be run on these objects: {name} {reason}", field="assets")
     out.mkdir(parents=True, exist_ok=True)
     check_writable(out / EXPERIMENT_JSON)
-    _begin(out, record, resume)
-    from gensim2.policy.experiments.page import write_page
+    with FolderLock(out):
+        _begin(out, record, resume)
+        from gensim2.policy.experiments.page import write_page
 
-    trained: dict[str, list[_Training]] = defaultdict(list)
-    total = config.seeds * len(arms)
-    there = (
-        read_record(out / RESULT_JSON, _Progressed, "remove it").remaining if (out / RESULT_JSON).exists() else total
-    )
-    # Seeds outermost, so that a long experiment has a first figure of every arm early.
-    for done in range(total):
-        number, arm = done // len(arms), arms[done % len(arms)]
-        progress.message(f"training {done + 1} of {total}: {arm.name}, seed {seed + number}")
-        start = None if arm.start is None else trained[arm.start][number]
-        trained[arm.name].append(_train(arm, start, record, number, out, workers, device, progress))
-        found = tuple(_arm_result(each, trained, record) for each in arms if trained[each.name])
-        result = ExperimentResult(str(out), record, found, skipped, total - done - 1)
-        if result.remaining <= there:  # a resumed run has all figures of before first when it comes to where it was
-            told, there = result.to_dict(), result.remaining
-            write_json(out / RESULT_JSON, told)
-            write_page(told)
-    return result
+        trained: dict[str, list[_Training]] = defaultdict(list)
+        total = config.seeds * len(arms)
+        there = (
+            read_record(out / RESULT_JSON, _Progressed, "remove it").remaining
+            if (out / RESULT_JSON).exists()
+            else total
+        )
+        # Seeds outermost, so that a long experiment has a first figure of every arm early.
+        for done in range(total):
+            number, arm = done // len(arms), arms[done % len(arms)]
+            progress.message(f"training {done + 1} of {total}: {arm.name}, seed {seed + number}")
+            start = None if arm.start is None else trained[arm.start][number]
+            trained[arm.name].append(_train(arm, start, record, number, out, workers, device, progress))
+            found = tuple(_arm_result(each, trained, record) for each in arms if trained[each.name])
+            result = ExperimentResult(str(out), record, found, skipped, total - done - 1)
+            if result.remaining <= there:  # a resumed run writes no fewer figures than there were before
+                told, there = result.to_dict(), result.remaining
+                write_json(out / RESULT_JSON, told)
+                write_page(told)
+        return result
 
 
 def _begin(out: Path, record: ExperimentRecord, resume: bool) -> None:

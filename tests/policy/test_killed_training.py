@@ -1,0 +1,134 @@
+"""A training that is killed and resumed ends as an undisturbed one; a folder has one run; foreign states are refused."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import made_up
+import pytest
+import torch
+
+from gensim2.data.lock import FolderLock
+from gensim2.errors import InputError
+from gensim2.policy.experiments.config import config_of
+from gensim2.policy.experiments.running import run_experiment
+from gensim2.policy.learning import LOCK, learn
+from gensim2.policy.train import train_policy
+
+HERE = Path(__file__).parent
+STEPS = 60
+SCRIPT = f"""
+import sys, time
+sys.path.insert(0, {str(HERE)!r})
+import made_up
+from pathlib import Path
+from gensim2.policy.train import train_policy
+from gensim2.progress import NullProgress
+
+class Slow(NullProgress):
+    def advance(self, steps=1):
+        time.sleep(0.02)
+
+config = made_up.policy()
+training = made_up.training(steps={STEPS}, save_every=3, log_every=2)
+train_policy(made_up.MadeUpSource(config), config, training, Path(sys.argv[1]), resume=True, progress=Slow())
+"""
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Weights, settings and curves; the state says what CPU time it took."""
+    found = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file() and path.name != ".lock"}
+    points = [json.loads(line) for line in (folder / "training/curves.jsonl").read_text().splitlines()]
+    return found | {"curves": json.dumps([{**point, "cpu_s": 0} for point in points]).encode()}
+
+
+def test_a_training_that_is_killed_twice_ends_as_an_undisturbed_one(tmp_path: Path) -> None:
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    config = made_up.policy()
+    training = made_up.training(steps=STEPS, save_every=3, log_every=2)
+    train_policy(made_up.MadeUpSource(config), config, training, whole)
+    state = parts / "training/state.json"
+    for least in (4, 20):
+        process = subprocess.Popen([sys.executable, "-c", SCRIPT, str(parts)])
+        until = time.monotonic() + 240
+        while not state.exists() or json.loads(state.read_text())["step"] < least:
+            assert process.poll() is None, "it ended before it was killed"
+            assert time.monotonic() < until
+            time.sleep(0.01)
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+    assert json.loads(state.read_text())["step"] < STEPS
+    train_policy(made_up.MadeUpSource(config), config, training, parts, resume=True)
+    assert contents(parts) == contents(whole)
+
+
+def _edit(path: Path, **fields: Any) -> None:
+    path.write_text(json.dumps({**json.loads(path.read_text()), **fields}))
+
+
+def _pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def _moments(folder: Path) -> None:
+    from safetensors.torch import load, save
+
+    (path,) = folder.glob("state-*.safetensors")
+    tensors = load(path.read_bytes())
+    name = next(each for each in tensors if each.startswith("optimizer.exp_avg."))
+    content = save({**tensors, name: torch.zeros(3)})
+    digest = hashlib.sha256(content).hexdigest()
+    (folder / f"state-{digest[:16]}.safetensors").write_bytes(content)
+    _edit(folder / "state.json", file=f"state-{digest[:16]}.safetensors", sha256=digest)
+
+
+HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
+    "a path": (lambda f: _edit(f / "state.json", file="../../x.safetensors"), "file"),
+    "a step before the first": (lambda f: _edit(f / "state.json", step=-5), "step"),
+    "a pipe": (lambda f: _pipe(f / "state.json"), "is a pipe"),
+    "a pipe of tensors": (lambda f: _pipe(next(f.glob("state-*"))), "is a pipe"),
+    "curves that are a pipe": (lambda f: _pipe(f / "curves.jsonl"), "is a pipe"),
+    "curves without steps": (lambda f: (f / "curves.jsonl").write_text('{"loss": 1.0}\n'), "line 1: step"),
+    "curves of lists": (lambda f: (f / "curves.jsonl").write_text('[{}]\n{"a": {}}\n'), ""),
+    "moments of another shape": (_moments, "optimizer.exp_avg"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_state_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    config, training = made_up.policy(), made_up.training(steps=4)
+    source = made_up.MadeUpSource(config)
+    train_policy(source, config, training, tmp_path)
+    damage, said = HOSTILE[name]
+    damage(tmp_path / "training")
+    if not said:  # what is no line of ours is of steps that are taken again
+        train_policy(source, config, training, tmp_path, resume=True)
+        return
+    with pytest.raises(InputError) as told:
+        train_policy(source, config, training, tmp_path, resume=True)
+    assert said in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_a_second_learning_and_a_second_experiment_in_a_folder_are_refused(tmp_path: Path) -> None:
+    for name, again in (
+        (LOCK, lambda: learn(["CloseBox"], out=tmp_path, assets="builtin", resume=True)),
+        (
+            FolderLock.NAME,
+            lambda: run_experiment(config_of("generalization", small=True), out=tmp_path, assets="builtin"),
+        ),
+    ):
+        with FolderLock(tmp_path, name), pytest.raises(InputError, match="another run is at work in it"):
+            again()
+    assert not (tmp_path / "learn.json").exists()
+    assert not (tmp_path / "experiment.json").exists()
