@@ -182,12 +182,19 @@ def _pick(values: Sequence[Any], generator: np.random.Generator) -> Any:
 
 def _json(folder: Path, change: Callable[[Any], Any], name: str = CONFIG) -> str:
     path = folder / name
+    if _is_special(path):
+        return "nothing"
     try:
         value = change(json.loads(path.read_bytes()) if path.is_file() else {})
         path.write_text(json.dumps(value))
     except (ValueError, TypeError, LookupError, AttributeError, OSError, RecursionError) as error:
         return f"nothing ({type(error).__name__}: damaged before)"
     return name
+
+
+def _is_special(path: Path) -> bool:
+    """Whether an earlier damage put a link, a pipe or a folder there: writing to it could wait or lead elsewhere."""
+    return os.path.lexists(path) and (path.is_symlink() or not path.is_file())
 
 
 def _values(folder: Path, generator: np.random.Generator) -> str:
@@ -226,14 +233,15 @@ def _size(folder: Path, generator: np.random.Generator) -> str:
 
 
 def _weights_file(folder: Path) -> Path | None:
-    return next((path for path in folder.glob("weights-*.safetensors") if path.is_file()), None)
+    return next((path for path in folder.glob("weights-*.safetensors") if not _is_special(path)), None)
 
 
 def _sealed(folder: Path, content: bytes) -> str:
     """Put weights in the place of others, as a stranger would who knows how."""
     digest = hashlib.sha256(content).hexdigest()
     name = f"weights-{digest[:16]}.safetensors"
-    (folder / name).write_bytes(content)
+    if not _is_special(folder / name):
+        (folder / name).write_bytes(content)
     return _json(folder, lambda config: {**config, "weights": {"file": name, "sha256": digest}})
 
 
@@ -291,7 +299,7 @@ def _arrays(folder: Path, generator: np.random.Generator) -> str:
     import zipfile
 
     path = folder / CLOUDS
-    if path.exists() and not path.is_file():
+    if _is_special(path):
         return "nothing"
     points, colours = np.zeros((3, 64, 3), np.float32), np.zeros((3, 64, 3), np.uint8)
     kinds: dict[str, Callable[[], dict[str, Any]]] = {

@@ -104,3 +104,30 @@ def test_all_text_enters_a_page_at_one_place() -> None:
 
 def test_words_of_people_are_left_as_they_are() -> None:
     assert plain_markdown("watch running: begun", "cloud 31 ms, 2.0 N") == "watch running: begun\n\ncloud 31 ms, 2.0 N"
+
+
+def test_a_page_of_hostile_words_is_text(tmp_path: Path, browser: Browser) -> None:
+    from gensim2.policy.experiments.page import WORDS, write_page
+
+    measures = {f"{kind}_{end}": None for kind in (*WORDS, "lost") for end in ("mean", "interval")}
+    measures |= {"unseen_mean": 0.5, "unseen_interval": [0.4, 0.6], "episodes": 1}
+    about = {"count": None, "demonstrations": 1, "cpu_s": 1.0}
+    arms = [{"name": text, "tasks": [text], "checkpoints": [text], **about, **measures} for text in HOSTILE]
+    told = {"out": str(tmp_path), "title": HOSTILE[0], "about": HOSTILE[1], "seed": 0, "seeds": 1, "remaining": 1}
+    told |= {"arms": arms, "tasks": [{"arm": text, "name": text, **measures} for text in HOSTILE], "episodes": 9}
+    page = browser.new_page()
+    page.goto(write_page({**told, "skipped": dict.fromkeys(HOSTILE, HOSTILE[0])}).as_uri())
+    assert page.evaluate("window.ran") is None
+    assert page.locator("iframe, img, script, style + style").count() == 0
+    assert page.locator("h1").inner_text() == HOSTILE[0]
+    page.close()
+
+
+def test_templates_escape_all_but_drawings_of_our_own() -> None:
+    safe = {
+        (file.name, line.strip()[line.strip().find("{{") :][:60])
+        for file in PYTHON.rglob("*.j2")
+        for line in file.read_text().splitlines()
+        if "| safe" in line or "|safe" in line or "autoescape" in line
+    }
+    assert {name for name, _ in safe} == {"quality.html.j2", "report.html.j2"}, safe

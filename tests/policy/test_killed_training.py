@@ -1,4 +1,4 @@
-"""A training that is killed and resumed ends as an undisturbed one; a folder has one run; foreign states are refused."""
+"""A killed and resumed training ends as an undisturbed one; a folder has one run; hostile states are refused."""
 
 from __future__ import annotations
 

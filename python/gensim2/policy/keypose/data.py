@@ -269,7 +269,17 @@ def read_planned(folder: Path) -> Planned:
     if len(sizes) > 1:
         raise InputError("two shards have clouds or robots of other sizes", file=folder, remedy="make the data again")
     joined = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
+    _check_classes(record, joined, folder)
     return Planned(record, joined, scenes, dict(failed), cpu_s)
+
+
+def _check_classes(record: PlannedRecord, arrays: Mapping[str, npt.NDArray[Any]], folder: Path) -> None:
+    """Refuse examples of steps or strategies that the record does not have."""
+    ways = [len(names) for names in record.ways]
+    for step, way in set(zip(arrays["step"].tolist(), arrays["way"].tolist(), strict=True)):
+        if way != -1 and not (step in range(len(ways)) and way in range(ways[step])):
+            message = f"has an example of strategy {way} of step {step}, and the record has none such"
+            raise InputError(message, file=folder / RECORD, field="ways", remedy="make the data again")
 
 
 def _begin(folder: Path, record: PlannedRecord) -> None:
