@@ -193,8 +193,8 @@ def _json(folder: Path, change: Callable[[Any], Any], name: str = CONFIG) -> str
 
 
 def _is_special(path: Path) -> bool:
-    """Whether an earlier damage put a link, a pipe or a folder there: writing to it could wait or lead elsewhere."""
-    return os.path.lexists(path) and (path.is_symlink() or not path.is_file())
+    """Whether an earlier damage put a link, a pipe, a folder or a terabyte there, which this program must not touch."""
+    return os.path.lexists(path) and (path.is_symlink() or not path.is_file() or path.stat().st_size > 2**24)
 
 
 def _values(folder: Path, generator: np.random.Generator) -> str:

@@ -143,3 +143,10 @@ def test_a_new_one_replaces_the_old_one(folder: Path) -> None:
     assert _weights(folder).name != before
     assert len(list(folder.glob("weights-*"))) == 1
     PolicyCheckpoint.load(folder)
+
+
+@pytest.mark.parametrize("corner", ["OpenDrawer", ["a", 0, 0], [[0.1], 0, 0], [0, 0], {}, 5, [10**400, 0, 0], None])
+def test_a_box_of_no_three_numbers_is_refused(corner: object, folder: Path) -> None:
+    _edit(folder, lambda c: c["observation"]["cloud"].update(low=corner))
+    with pytest.raises(CheckpointError, match="low: must be three numbers"):
+        PolicyCheckpoint.load(folder)

@@ -118,10 +118,7 @@ class CloudSettings:
                 raise InputError(f"there is no setting {name!r}", field="observation", remedy=near(name, known))
         for corner in ("low", "high"):
             if corner in given:
-                numbers = given[corner]
-                if not isinstance(numbers, list | tuple) or not all(_is_number(each) for each in numbers):
-                    raise InputError(f"must be a list of three numbers, got {reprlib.repr(numbers)}", field=corner)
-                given[corner] = tuple(numbers)
+                given[corner] = _corner(given[corner], corner)
         if not (given.get("outliers") is None or _is_number(given["outliers"])):
             raise InputError(f"must be a number, got {reprlib.repr(given['outliers'])}", field="outliers")
         noise = given.get("noise")
@@ -247,6 +244,13 @@ def from_steps(steps: npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _corner(values: Any, name: str) -> tuple[float, ...]:
+    numbers = tuple(values) if isinstance(values, Sequence) and not isinstance(values, str) else ()
+    if len(numbers) != 3 or not all(_is_number(each) and abs(each) <= FARTHEST for each in numbers):
+        raise InputError(f"must be three numbers within {FARTHEST} m of the base", field=name)
+    return numbers
 
 
 def _check_count(value: Any, name: str, least: int) -> None:

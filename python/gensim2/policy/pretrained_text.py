@@ -69,7 +69,7 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
     load = transformers.CLIPTextModelWithProjection if kind == "clip" else transformers.AutoModel
     text: Any
     try:
-        # A folder of weights may name code of its own: it is never run, and nobody is asked whether it may be.
+        # A folder of weights may name code of its own, which transformers would offer to run.
         tokenizer = transformers.AutoTokenizer.from_pretrained(model, trust_remote_code=False)
         text, told = load.from_pretrained(
             model, use_safetensors=True, trust_remote_code=False, output_loading_info=True
