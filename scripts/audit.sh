@@ -26,7 +26,7 @@ else
 fi
 if ! cargo deny --log-level error fetch db >/dev/null 2>&1; then
     say "advisories for crates: SKIPPED, the RustSec database cannot be fetched"
-elif output=$(cargo deny --workspace --log-level error check --disable-fetch advisories 2>&1); then
+elif output=$(cargo deny --workspace --log-level error check advisories 2>&1); then
     say "advisories for crates: passed"
 else
     finding "advisories for crates" "$output"
