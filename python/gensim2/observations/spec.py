@@ -90,7 +90,7 @@ class ObservationSpec:
                 words = given.pop(name)
                 words = (words,) if isinstance(words, str) else words
                 if not isinstance(words, list | tuple) or not all(isinstance(word, str) for word in words):
-                    raise InputError(f"must be a list of names, got {reprlib.repr(words)}", field=name)
+                    raise InputError(f"must be a list of names, got {reprlib.repr(words)}", field=f"observation.{name}")
                 found[name] = tuple(words)
         cloud = given.pop("cloud", None)
         if isinstance(cloud, CloudSettings) and not given:

@@ -218,5 +218,5 @@ class RemoteController:
         try:
             self.observation_spec = ObservationSpec.of(observation)
         except InputError as error:
-            said = f"{error.field} {error.message}"
+            said = f"{(error.field or '').removeprefix('observation.')} {error.message}"
             raise RemoteError(f"{self._server} sent an invalid observation spec: {said}") from error

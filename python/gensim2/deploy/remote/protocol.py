@@ -19,6 +19,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from gensim2.errors import InputError, MissingExtraError
 from gensim2.observations import Camera, Observation, PointCloud
+from gensim2.validation import input_error
 
 VERSION = 1
 MAX_HELLO = 4 << 10
@@ -183,7 +184,7 @@ def _shaped(types: tuple[str, ...], *shape: int | None) -> Any:
     return BeforeValidator(check)
 
 
-class RemoteMessage(BaseModel):
+class WireMessage(BaseModel):
     """Fields that are checked without conversion; unknown fields are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
@@ -195,7 +196,7 @@ Number = Annotated[int, Field(ge=0, lt=2**63)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class Hello(RemoteMessage):
+class Hello(WireMessage):
     """First message of a loop. Its token is checked before anything else of it is read."""
 
     kind: Literal["hello"]
@@ -204,7 +205,7 @@ class Hello(RemoteMessage):
     robot: Word | None = None
 
 
-class Welcome(RemoteMessage):
+class Welcome(WireMessage):
     """Answer to a loop that may ask."""
 
     kind: Literal["welcome"]
@@ -216,14 +217,14 @@ class Welcome(RemoteMessage):
     observation: dict[str, Any]
 
 
-class Refusal(RemoteMessage):
+class Refusal(WireMessage):
     """Answer to anybody else."""
 
     kind: Literal["refused"]
     why: Text
 
 
-class CloudMessage(RemoteMessage):
+class CloudMessage(WireMessage):
     """Point cloud of an observation."""
 
     xyz: Annotated[Any, _shaped(_FLOATS, None, 3)]
@@ -231,7 +232,7 @@ class CloudMessage(RemoteMessage):
     segmentation: Annotated[Any, _shaped(_INTEGERS, None)] | None
 
 
-class CameraMessage(RemoteMessage):
+class CameraMessage(WireMessage):
     """Camera of an observation."""
 
     name: Word
@@ -243,7 +244,7 @@ class CameraMessage(RemoteMessage):
     link: Word | None
 
 
-class ObservationMessage(RemoteMessage):
+class ObservationMessage(WireMessage):
     """Observation of a request."""
 
     step: Number
@@ -269,7 +270,7 @@ class ObservationMessage(RemoteMessage):
         )
 
 
-class Reset(RemoteMessage):
+class Reset(WireMessage):
     """Request to begin an episode."""
 
     kind: Literal["reset"]
@@ -278,7 +279,7 @@ class Reset(RemoteMessage):
     seed: int
 
 
-class Act(RemoteMessage):
+class Act(WireMessage):
     """Request for the next action."""
 
     kind: Literal["act"]
@@ -286,7 +287,7 @@ class Act(RemoteMessage):
     observation: ObservationMessage
 
 
-class Ready(RemoteMessage):
+class Ready(WireMessage):
     """Answer to ``reset``."""
 
     kind: Literal["ready"]
@@ -294,7 +295,7 @@ class Ready(RemoteMessage):
     observation: dict[str, Any]
 
 
-class Action(RemoteMessage):
+class Action(WireMessage):
     """Answer to ``act``; without an action the controller is done."""
 
     kind: Literal["action"]
@@ -303,7 +304,7 @@ class Action(RemoteMessage):
     observation: dict[str, Any]
 
 
-class Failure(RemoteMessage):
+class Failure(WireMessage):
     """Answer to a request that failed, or that could not be read and so has no number."""
 
     kind: Literal["error"]
@@ -311,8 +312,8 @@ class Failure(RemoteMessage):
     why: Text
 
 
-One = TypeVar("One", bound=RemoteMessage)
-Other = TypeVar("Other", bound=RemoteMessage)
+One = TypeVar("One", bound=WireMessage)
+Other = TypeVar("Other", bound=WireMessage)
 
 
 def read_message(message: Mapping[str, Any], one: type[One], other: type[Other], *, sender: str) -> One | Other:
@@ -333,12 +334,7 @@ def read_message(message: Mapping[str, Any], one: type[One], other: type[Other],
     try:
         return kinds[kind].model_validate(message)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        field = ".".join(map(str, first["loc"]))
-        said = str(first["ctx"]["error"]) if first["type"] == "value_error" else str(first["msg"]).lower()
-        if first["type"] not in ("value_error", "missing"):
-            said += f", got {reprlib.repr(first['input'])}"
-        raise RemoteError(f"{sender} sent an invalid {kind} message: {field}: {said}") from error
+        raise RemoteError(f"{sender} sent an invalid {kind} message: {input_error(error)}") from error
 
 
 def observation_to_message(observation: Observation) -> dict[str, Any]:
