@@ -51,7 +51,8 @@ impl JointBuilder {
         // A direction of no length stays one, and is refused.
         let axis = axis.try_normalize(0.0).unwrap_or(axis);
         let (lower, upper, open) = (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY);
-        let joint = Joint { name, kind, axis, lower, upper, velocity: open, effort: open, mimic: None };
+        let [velocity, effort, acceleration, jerk] = [open; 4];
+        let joint = Joint { name, kind, axis, lower, upper, velocity, effort, acceleration, jerk, mimic: None };
         Self { joint, follows: None }
     }
 
@@ -70,6 +71,12 @@ impl JointBuilder {
     /// Sets the torque limit (N m; N for a sliding joint).
     pub fn effort(mut self, limit: f64) -> Self {
         self.joint.effort = limit;
+        self
+    }
+
+    /// Sets the acceleration and jerk limits (rad/s^2 and rad/s^3, or m/s^2 and m/s^3).
+    pub fn acceleration(mut self, limit: f64, jerk: f64) -> Self {
+        (self.joint.acceleration, self.joint.jerk) = (limit, jerk);
         self
     }
 

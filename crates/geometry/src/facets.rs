@@ -14,15 +14,15 @@ const FLAT: f64 = 1e-7;
 impl Convex {
     /// Triangles of the surface (m, shape frame), corners counter-clockwise as seen from outside.
     ///
-    /// A single triangle gives itself, in no particular orientation; any other flat set gives none. A rounded hull is
-    /// given as a polytope that follows it within 2 % of the radius.
+    /// A flat set gives its polygon once, in no particular orientation; points on a line give none. A rounded hull is given
+    /// as a polytope that follows it within 2 % of the radius.
     #[must_use]
     pub fn triangles(&self) -> Vec<[Point3<f64>; 3]> {
         if let ([a, b, c], true) = (self.points(), self.radius() <= 0.0) {
             return vec![[*a, *b, *c]];
         }
         let points = if self.radius() > 0.0 { self.grown_corners() } else { self.points().to_vec() };
-        let Ok((vertices, faces)) = parry3d_f64::transformation::try_convex_hull(&points) else { return Vec::new() };
+        let Ok((vertices, faces)) = parry3d_f64::transformation::try_convex_hull(&points) else { return flat(&points) };
         let middle = vertices.iter().map(|p| p.coords).sum::<Vector3<f64>>() / vertices.len().max(1) as f64;
         let mut out = Vec::with_capacity(faces.len());
         for [i, j, k] in faces {
@@ -30,7 +30,7 @@ impl Convex {
             let Some(normal) = (b - a).cross(&(c - a)).try_normalize(1e-16) else { continue };
             let height = normal.dot(&(a.coords - middle));
             if height.abs() < FLAT {
-                return Vec::new();
+                return flat(&points);
             }
             out.push(if height > 0.0 { [a, b, c] } else { [a, c, b] });
         }
@@ -51,6 +51,35 @@ impl Convex {
             .collect();
         self.points().iter().flat_map(|p| directions.iter().map(move |d| p + d * (OUTWARDS * self.radius()))).collect()
     }
+}
+
+/// Triangles of the convex polygon around points that lie in one plane; none where they lie on a line.
+fn flat(points: &[Point3<f64>]) -> Vec<[Point3<f64>; 3]> {
+    let farthest = |from: &Point3<f64>| points.iter().max_by(|a, b| (*a - from).norm().total_cmp(&(*b - from).norm()));
+    let Some(a) = points.first().and_then(farthest) else { return Vec::new() };
+    let Some(along) = farthest(a).and_then(|b| (b - a).try_normalize(FLAT)) else { return Vec::new() };
+    let off = |p: &Point3<f64>| (p - a) - along * along.dot(&(p - a));
+    let widest = points.iter().map(off).max_by(|v, w| v.norm().total_cmp(&w.norm()));
+    let Some(across) = widest.and_then(|w| w.try_normalize(FLAT)) else { return Vec::new() };
+    // Andrew's monotone chain: lower side first, then the upper one back.
+    let mut sorted: Vec<(f64, f64, Point3<f64>)> =
+        points.iter().map(|p| (along.dot(&(p - a)), across.dot(&(p - a)), *p)).collect();
+    sorted.sort_by(|p, q| p.0.total_cmp(&q.0).then(p.1.total_cmp(&q.1)));
+    let mut ring: Vec<(f64, f64, Point3<f64>)> = Vec::with_capacity(points.len() + 1);
+    for side in [sorted.iter().collect::<Vec<_>>(), sorted.iter().rev().collect()] {
+        let start = ring.len();
+        for p in side {
+            while let [.., q, r] = &ring[start..]
+                && (r.0 - q.0) * (p.1 - q.1) <= (r.1 - q.1) * (p.0 - q.0)
+            {
+                ring.pop();
+            }
+            ring.push(*p);
+        }
+        ring.pop();
+    }
+    let [first, rest @ ..] = ring.as_slice() else { return Vec::new() };
+    rest.windows(2).map(|pair| [first.2, pair[0].2, pair[1].2]).collect()
 }
 
 #[cfg(test)]
@@ -82,9 +111,19 @@ mod tests {
     }
 
     #[test]
-    fn flat_sets_have_no_inside() {
-        let square: Vec<_> = (0..4).map(|i| Point3::new(f64::from(i % 2), f64::from(i / 2), 0.0)).collect();
-        assert!(Convex::hull(&square).unwrap().triangles().is_empty());
-        assert_eq!(Convex::hull(&square[..3]).unwrap().triangles().len(), 1);
+    fn flat_sets_give_their_polygon() {
+        let tilt = Pose::rotation(Vector3::new(0.3, -0.2, 0.5));
+        let grid = |n: i32| -> Vec<_> {
+            (0..n * n).map(|i| tilt * Point3::new(0.2 * f64::from(i % n), 0.1 * f64::from(i / n), 0.0)).collect()
+        };
+        for n in [2, 3, 5] {
+            let (area, _) = area_and_volume(&Convex::hull(&grid(n)).unwrap());
+            let side = f64::from(n - 1);
+            assert!((area - 0.02 * side * side).abs() < 1e-9, "{n}: {area}");
+        }
+        assert_eq!(Convex::hull(&grid(2)[..3]).unwrap().triangles().len(), 1);
+        let line: Vec<_> = (0..4).map(|i| Point3::new(f64::from(i), 2.0 * f64::from(i), 0.0)).collect();
+        assert!(Convex::hull(&line).unwrap().triangles().is_empty());
+        assert!(Convex::hull(&line[..1]).unwrap().triangles().is_empty());
     }
 }

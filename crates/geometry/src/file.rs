@@ -23,11 +23,6 @@ pub(crate) fn read(path: &Path, max_bytes: u64) -> Result<Vec<u8>, String> {
     Ok(content)
 }
 
-/// As [`read`], of text.
-pub(crate) fn read_text(path: &Path) -> Result<String, String> {
-    String::from_utf8(read(path, MAX_XML)?).map_err(|e| format!("cannot be read: {e}"))
-}
-
 #[cfg(test)]
 mod tests {
     use crate::Robot;
@@ -49,7 +44,7 @@ mod tests {
 
     #[test]
     fn a_scale_of_zero_is_named() {
-        assert!(refusal("flat.obj", "1 0 1").contains("scale: a factor is 0"));
+        assert!(refusal("flat.obj", "1 0 1").contains("mesh.scale: a factor is 0"));
     }
 
     #[test]

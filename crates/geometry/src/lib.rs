@@ -26,6 +26,7 @@ mod checked;
 mod collision;
 mod convex;
 mod corners;
+mod description;
 mod distance;
 mod dynamics;
 mod error;
@@ -35,11 +36,14 @@ pub mod lanes;
 mod link;
 mod mesh;
 mod mimic;
+mod obj;
 mod obstacles;
 mod own_points;
+mod ply;
 mod pose;
 mod robot;
 mod screen;
+mod srdf;
 mod urdf;
 mod xml;
 
@@ -49,10 +53,15 @@ pub use chain::{Chain, ChainFrames};
 pub use collision::{MovingShapes, Proximity, Scratch, Target, checked_pairs};
 pub use convex::Convex;
 pub use corners::Corners;
+pub use description::{
+    Description, Geometry, InertialDescription, JointDescription, LimitDescription, LinkDescription, MimicDescription,
+    Origin, ShapeDescription,
+};
 pub use distance::{Contact, signed_distance};
 pub use dynamics::{DynamicsScratch, GRAVITY, Inertia};
 pub use error::{JointCountError, RobotError, ShapeError, UrdfError};
 pub use link::{Joint, JointKind, Link, Mimic};
+pub use obj::Obj;
 pub use obstacles::Obstacles;
 pub use own_points::points_within;
 pub use pose::{

@@ -47,6 +47,10 @@ pub struct Joint {
     pub(crate) velocity: f64,
     #[serde(with = "crate::checked::open_above")]
     pub(crate) effort: f64,
+    #[serde(with = "crate::checked::open_above")]
+    pub(crate) acceleration: f64,
+    #[serde(with = "crate::checked::open_above")]
+    pub(crate) jerk: f64,
     pub(crate) mimic: Option<Mimic>,
 }
 
@@ -99,6 +103,20 @@ impl Joint {
         self.effort
     }
 
+    /// Acceleration limit (rad/s^2 or m/s^2), infinity where there is none.
+    #[inline]
+    #[must_use]
+    pub fn acceleration(&self) -> f64 {
+        self.acceleration
+    }
+
+    /// Jerk limit (rad/s^3 or m/s^3), infinity where there is none.
+    #[inline]
+    #[must_use]
+    pub fn jerk(&self) -> f64 {
+        self.jerk
+    }
+
     /// The joint that it follows, if any.
     #[inline]
     #[must_use]
@@ -116,11 +134,14 @@ impl Joint {
         if self.lower.is_nan() || self.upper.is_nan() || self.lower > self.upper {
             return fail("limit", format!("lower {} must not exceed upper {}", self.lower, self.upper));
         }
-        if self.velocity.is_nan() || self.velocity <= 0.0 {
-            return fail("limit", format!("velocity {} must be positive", self.velocity));
-        }
-        if self.effort.is_nan() || self.effort <= 0.0 {
-            return fail("limit", format!("effort {} must be positive", self.effort));
+        let rates = [
+            ("velocity", self.velocity),
+            ("effort", self.effort),
+            ("acceleration", self.acceleration),
+            ("jerk", self.jerk),
+        ];
+        if let Some((name, value)) = rates.into_iter().find(|(_, v)| v.is_nan() || *v <= 0.0) {
+            return fail("limit", format!("{name} {value} must be positive"));
         }
         if let Some(m) = self.mimic
             && !(m.multiplier.is_finite() && m.offset.is_finite())

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use crate::checked::checked_when_read;
 use crate::pose::{product, rotated, turned};
 use crate::{
-    Chain, ChainFrames, Cover, Joint, JointCountError, JointKind, Link, Mimic, Pose, RobotBuilder, RobotError,
-    UrdfError, file, urdf,
+    Chain, ChainFrames, Cover, Description, Joint, JointCountError, JointKind, Link, Mimic, Pose, RobotBuilder,
+    RobotError, UrdfError, file, srdf, urdf, xml,
 };
 
 /// A robot arm.
@@ -46,11 +46,11 @@ checked_when_read!(Robot);
 impl Robot {
     /// Reads a URDF with its collision meshes, and the pairs that an SRDF disables.
     ///
-    /// Mesh paths are taken relative to the URDF's folder (`package://` is stripped). Without an SRDF, neighbouring
+    /// Mesh paths are relative to the URDF's folder; those of `package://` are looked for in the folders above it too. Without an SRDF, neighbouring
     /// links are not checked against each other, nor pairs that overlap at the middle of all joint ranges.
     ///
     /// # Errors
-    /// An unreadable or malformed file, an unknown link, a loop, inverted limits, a zero axis, or a missing mesh.
+    /// An unreadable or malformed file, an unknown link, a loop, missing or inverted limits, a zero axis, or a missing mesh.
     pub fn from_urdf(
         path: impl AsRef<Path>,
         srdf: Option<&Path>,
@@ -58,12 +58,9 @@ impl Robot {
         base_link: Option<&str>,
     ) -> Result<Self, UrdfError> {
         let path = path.as_ref();
-        let mut robot = urdf::parse(&read_text(path)?, path, hand_link, base_link)?;
-        if let Some(srdf) = srdf {
-            robot.allowed = urdf::disabled_pairs(&read_text(srdf)?, srdf, &robot.links)?;
-        }
-        robot.allow_neighbours(srdf.is_none());
-        Ok(robot)
+        let text = read_text(path)?;
+        let srdf = srdf.map(|srdf| Ok((read_text(srdf)?, srdf.display().to_string()))).transpose()?;
+        Self::of_texts(&text, path, srdf.as_ref().map(|(text, file)| (text.as_str(), file.as_str())), hand_link, base_link)
     }
 
     /// The same from text; `file` names it in errors and is where relative mesh paths begin. `srdf` is text too.
@@ -77,9 +74,22 @@ impl Robot {
         hand_link: &str,
         base_link: Option<&str>,
     ) -> Result<Self, UrdfError> {
-        let mut robot = urdf::parse(text, file.as_ref(), hand_link, base_link)?;
-        if let Some(srdf) = srdf {
-            robot.allowed = urdf::disabled_pairs(srdf, Path::new("SRDF"), &robot.links)?;
+        Self::of_texts(text, file.as_ref(), srdf.map(|text| (text, "SRDF")), hand_link, base_link)
+    }
+
+    /// The robot of a URDF, and of an SRDF with its name.
+    fn of_texts(
+        text: &str,
+        path: &Path,
+        srdf: Option<(&str, &str)>,
+        hand_link: &str,
+        base_link: Option<&str>,
+    ) -> Result<Self, UrdfError> {
+        let description = Description::parse(text, &path.display().to_string())?;
+        let mut robot = urdf::build(&description, path, hand_link, base_link)?;
+        if let Some((text, file)) = srdf {
+            let known = description.links.iter().map(|l| l.name.as_str()).collect();
+            robot.allowed = srdf::disabled_pairs(text, file, &known, &robot.links)?;
         }
         robot.allow_neighbours(srdf.is_none());
         Ok(robot)
@@ -365,5 +375,7 @@ impl Robot {
 }
 
 fn read_text(path: &Path) -> Result<String, UrdfError> {
-    file::read_text(path).map_err(|e| UrdfError::new(&path.display().to_string(), "file", e))
+    let name = path.display().to_string();
+    let content = file::read(path, file::MAX_XML).map_err(|e| UrdfError::new(&name, "file", e))?;
+    xml::decode(&content, &name)
 }

@@ -1,46 +1,30 @@
-//! URDF and SRDF text to a [`Robot`].
+//! A [`Robot`] of a URDF.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Point3, Vector3};
-use urdf_rs::{Geometry, JointType};
 
-use crate::link::FURTHEST;
-use crate::{
-    Convex, Inertia, Joint, JointKind, Link, Mimic, Pose, Robot, UrdfError, mesh, mimic, pose_from_xyz_rpy, xml,
+use crate::description::{
+    Description, Geometry, InertialDescription, JointDescription, Origin, ShapeDescription,
 };
+use crate::link::FURTHEST;
+use crate::{Convex, Inertia, Joint, JointKind, Link, Mimic, Pose, Robot, UrdfError, mesh, mimic};
 
-/// Links per robot: beyond this a file is taken for damaged.
-const MAX_LINKS: usize = 10_000;
-
-pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> Result<Robot, UrdfError> {
+/// The robot below a link, its root where none is named.
+pub(crate) fn build(model: &Description, path: &Path, hand: &str, base: Option<&str>) -> Result<Robot, UrdfError> {
     let file = path.display().to_string();
     let file = file.as_str();
     let fail = |field: &str, message: String| UrdfError::new(file, field, message);
-    let plain = xml::plain(&xml::parse(text, file)?);
-    let model = urdf_rs::read_from_string(&plain).map_err(|e| fail("XML", format!("is not a URDF: {e}")))?;
-    if model.links.is_empty() || model.links.len() > MAX_LINKS {
-        return Err(fail("robot", format!("has {} links; expected 1 to {MAX_LINKS}", model.links.len())));
-    }
-    let mut names = HashSet::new();
-    if let Some(twice) = model.links.iter().find(|l| !names.insert(l.name.as_str())) {
-        return Err(fail(&format!("link {}", twice.name), "stands twice; names are unique".to_owned()));
-    }
-    let index_of = |name: &str| model.links.iter().position(|l| l.name == name);
+    let numbered: HashMap<&str, usize> = model.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
+    let index_of = |name: &str| numbered.get(name).copied();
     let mut parent_joint: Vec<Option<usize>> = vec![None; model.links.len()];
     let mut children: Vec<Vec<usize>> = vec![Vec::new(); model.links.len()];
     for (j, joint) in model.joints.iter().enumerate() {
-        let field = format!("joint {}", joint.name);
-        let named = |which: &str, link: &str| {
-            index_of(link).ok_or_else(|| fail(&field, format!("{which} link {link:?} does not exist")))
-        };
-        let parent = named("parent", &joint.parent.link)?;
-        let child = named("child", &joint.child.link)?;
-        if parent_joint[child].replace(j).is_some() {
-            return Err(fail(&field, format!("link {:?} already has a parent joint", joint.child.link)));
+        if let (Some(parent), Some(child)) = (index_of(&joint.parent), index_of(&joint.child)) {
+            parent_joint[child] = Some(j);
+            children[parent].push(j);
         }
-        children[parent].push(j);
     }
     let root = match base {
         Some(name) => index_of(name).ok_or_else(|| fail("base_link", format!("{name:?} is not a link")))?,
@@ -68,7 +52,7 @@ pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> 
         place[link] = Some(order.len());
         order.push(link);
         for &j in children[link].iter().rev() {
-            if let Some(child) = index_of(&model.joints[j].child.link) {
+            if let Some(child) = index_of(&model.joints[j].child) {
                 stack.push(child);
             }
         }
@@ -77,16 +61,11 @@ pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> 
     let mut slot: Vec<Option<usize>> = vec![None; model.joints.len()];
     let mut joints = Vec::new();
     for (j, joint) in model.joints.iter().enumerate() {
-        let inside = index_of(&joint.child.link).is_some_and(|l| place[l].is_some() && l != root);
+        let inside = index_of(&joint.child).is_some_and(|l| place[l].is_some() && l != root);
         if inside && let Some(built) = moving_joint(joint, file)? {
             slot[j] = Some(joints.len());
             joints.push(built);
         }
-    }
-    let mut names: Vec<&str> = model.joints.iter().map(|j| j.name.as_str()).collect();
-    names.sort_unstable();
-    if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
-        return Err(fail(&format!("joint {}", pair[0]), "stands twice; names are unique".to_owned()));
     }
     for (j, joint) in model.joints.iter().enumerate() {
         if let (Some(at), Some(mimic)) = (slot[j], &joint.mimic) {
@@ -98,9 +77,7 @@ pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> 
                 .and_then(|s| slot[s])
                 .filter(|s| *s != at)
                 .ok_or_else(|| fail(&field, format!("{:?} is not another moving joint", mimic.joint)))?;
-            let (multiplier, offset) = (mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0));
-            finite(file, &field, &[multiplier, offset])?;
-            joints[at].mimic = Some(Mimic { source, multiplier, offset });
+            joints[at].mimic = Some(Mimic { source, multiplier: mimic.multiplier, offset: mimic.offset });
         }
     }
     mimic::compose(&mut joints).map_err(|e| fail(&e.field, e.message))?;
@@ -114,17 +91,12 @@ pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> 
             None => (None, Pose::identity()),
             Some(j) => {
                 let spec = &model.joints[j];
-                let parent = index_of(&spec.parent.link).and_then(|p| place[p]);
+                let parent = index_of(&spec.parent).and_then(|p| place[p]);
                 (parent, origin(file, &format!("joint {}: origin", spec.name), &spec.origin)?)
             }
         };
-        let mut shapes = Vec::new();
-        for (i, collision) in link.collision.iter().enumerate() {
-            let field = format!("link {}: collision {i}", link.name);
-            let pose = self::origin(file, &field, &collision.origin)?;
-            shapes.push(shape(&collision.geometry, &pose, &folder, file, &field)?);
-        }
-        let inertia = inertia(&link.inertial, &link.name, file)?;
+        let shapes = link.collisions.iter().map(|spec| shape(spec, &folder, file)).collect::<Result<_, _>>()?;
+        let inertia = link.inertial.as_ref().map(|spec| inertia(spec, &link.name, file)).transpose()?.flatten();
         links.push(Link {
             name: link.name.clone(),
             parent,
@@ -148,51 +120,73 @@ fn listed(links: &[Link]) -> String {
     if more == 0 { listed } else { format!("{listed} and {more} more") }
 }
 
-fn moving_joint(joint: &urdf_rs::Joint, file: &str) -> Result<Option<Joint>, UrdfError> {
-    let field = format!("joint {}", joint.name);
-    let fail = |part: &str, message: String| UrdfError::new(file, format!("{field}: {part}"), message);
-    let (kind, limited) = match joint.joint_type {
-        JointType::Fixed => return Ok(None),
-        JointType::Revolute => (JointKind::Revolute, true),
-        JointType::Continuous => (JointKind::Revolute, false),
-        JointType::Prismatic => (JointKind::Prismatic, true),
-        JointType::Floating | JointType::Planar | JointType::Spherical => {
+fn moving_joint(joint: &JointDescription, file: &str) -> Result<Option<Joint>, UrdfError> {
+    let fail = |part: &str, message: String| UrdfError::new(file, format!("joint {}: {part}", joint.name), message);
+    let (kind, endless) = match joint.kind.as_str() {
+        "fixed" => return Ok(None),
+        "revolute" => (JointKind::Revolute, false),
+        "continuous" => (JointKind::Revolute, true),
+        "prismatic" => (JointKind::Prismatic, false),
+        "floating" | "planar" | "spherical" => {
             return Err(fail(
                 "type",
                 "floating, planar and spherical joints are not supported; fix or split it".into(),
             ));
         }
+        other => return Err(fail("type", format!("joint type '{other}' is not known; write revolute, prismatic, continuous or fixed"))),
     };
-    let axis = Vector3::from(joint.axis.xyz.0);
+    let axis = Vector3::from(joint.axis);
     let length = axis.norm();
     if !(length.is_finite() && length > 1e-9) {
-        return Err(fail("axis", format!("must be a finite direction, not {:?}", joint.axis.xyz.0)));
+        return Err(fail("axis", format!("must be a finite direction, not {:?}", joint.axis)));
     }
-    let (lower, upper) =
-        if limited { (joint.limit.lower, joint.limit.upper) } else { (f64::NEG_INFINITY, f64::INFINITY) };
-    if lower.is_nan() || upper.is_nan() || lower > upper {
+    // What follows another joint has that joint's limits, and a continuous one has no range.
+    let free = endless || joint.mimic.is_some();
+    if joint.limit.is_none() && !free {
+        let message = "is missing; add <limit lower upper velocity effort>, or make the joint continuous";
+        return Err(fail("limit", message.to_owned()));
+    }
+    let limit = joint.limit.unwrap_or_default();
+    let needed = |name: &str, value: Option<f64>, unless: bool, open: f64| match value {
+        Some(value) => Ok(value),
+        None if unless => Ok(open),
+        None => Err(fail("limit", format!("{name} is missing; write {name}=\"...\""))),
+    };
+    let mut lower = needed("lower", limit.lower, free, f64::NEG_INFINITY)?;
+    let mut upper = needed("upper", limit.upper, free, f64::INFINITY)?;
+    let unlimited = joint.mimic.is_some() || joint.limit.is_none();
+    let mut velocity = needed("velocity", limit.velocity, unlimited, f64::INFINITY)?;
+    if endless {
+        (lower, upper) = (f64::NEG_INFINITY, f64::INFINITY);
+    }
+    if lower > upper || lower == f64::INFINITY || upper == f64::NEG_INFINITY {
         return Err(fail("limit", format!("lower {lower} must not exceed upper {upper}")));
     }
-    let velocity = joint.limit.velocity;
-    if velocity.is_nan() || velocity < 0.0 {
-        return Err(fail("limit", format!("velocity {velocity} must be positive")));
+    if let (false, [soft_lower, soft_upper]) = (endless, joint.soft) {
+        let inner = [lower.max(soft_lower.unwrap_or(lower)), upper.min(soft_upper.unwrap_or(upper))];
+        if inner != [lower, upper] && inner[0] >= inner[1] {
+            let message = format!("the soft limits leave no range of {lower} to {upper}; correct or remove them");
+            return Err(fail("safety_controller", message));
+        }
+        [lower, upper] = inner;
     }
-    // URDF writers put 0 where they know no limit; nothing could move under a true limit of 0.
-    let velocity = if velocity == 0.0 { f64::INFINITY } else { velocity };
-    let effort = joint.limit.effort;
-    if effort.is_nan() {
-        return Err(fail("limit", "effort is not a number".to_owned()));
+    // URDF writers put 0 where they know no limit; nothing could move under a true limit of 0. Planning asks for the
+    // velocity limits that are not known.
+    if velocity == 0.0 {
+        velocity = f64::INFINITY;
     }
-    // Likewise: 0 and less stand for what is not known.
-    let effort = if effort <= 0.0 { f64::INFINITY } else { effort };
+    let effort = limit.effort.filter(|e| *e > 0.0).unwrap_or(f64::INFINITY);
+    // A motion's acceleration and deceleration have one limit.
+    let acceleration = [limit.acceleration, limit.deceleration].into_iter().flatten().fold(f64::INFINITY, f64::min);
+    let jerk = limit.jerk.unwrap_or(f64::INFINITY);
     let (name, axis) = (joint.name.clone(), axis / length);
-    Ok(Some(Joint { name, kind, axis, lower, upper, velocity, effort, mimic: None }))
+    Ok(Some(Joint { name, kind, axis, lower, upper, velocity, effort, acceleration, jerk, mimic: None }))
 }
 
-/// The mass of a link; none where the file says nothing of it.
-fn inertia(spec: &urdf_rs::Inertial, link: &str, file: &str) -> Result<Option<Inertia>, UrdfError> {
-    let urdf_rs::Inertia { ixx, ixy, ixz, iyy, iyz, izz } = spec.inertia;
-    if spec.mass.value == 0.0 && [ixx, ixy, ixz, iyy, iyz, izz].iter().all(|v| *v == 0.0) {
+/// The mass of a link; none where the file gives it no mass.
+fn inertia(spec: &InertialDescription, link: &str, file: &str) -> Result<Option<Inertia>, UrdfError> {
+    let [ixx, ixy, ixz, iyy, iyz, izz] = spec.inertia;
+    if spec.mass == 0.0 && spec.inertia == [0.0; 6] {
         return Ok(None);
     }
     let pose = origin(file, &format!("link {link}: inertial: origin"), &spec.origin)?;
@@ -201,41 +195,31 @@ fn inertia(spec: &urdf_rs::Inertial, link: &str, file: &str) -> Result<Option<In
     let turned = turn * tensor * turn.transpose();
     // Rounding of the turn.
     let tensor = 0.5 * (turned + turned.transpose());
-    let out = Inertia { mass: spec.mass.value, center: pose.translation.vector, tensor };
+    let out = Inertia { mass: spec.mass, center: pose.translation.vector, tensor };
     out.check(link).map_err(|e| UrdfError::new(file, e.field, e.message))?;
     Ok(Some(out))
 }
 
-fn finite(file: &str, field: &str, values: &[f64]) -> Result<(), UrdfError> {
-    match values.iter().find(|v| !v.is_finite()) {
-        Some(v) => Err(UrdfError::new(file, field, format!("{v} is not a finite number"))),
-        None => Ok(()),
-    }
-}
-
-fn origin(file: &str, field: &str, pose: &urdf_rs::Pose) -> Result<Pose, UrdfError> {
-    finite(file, field, &pose.xyz.0)?;
-    finite(file, field, &pose.rpy.0)?;
-    if let Some(v) = pose.xyz.0.iter().find(|v| v.abs() > FURTHEST) {
+fn origin(file: &str, field: &str, origin: &Origin) -> Result<Pose, UrdfError> {
+    if let Some(v) = origin.xyz.iter().find(|v| v.abs() > FURTHEST) {
         return Err(UrdfError::new(file, field, format!("{v} is not within {FURTHEST} m")));
     }
-    Ok(pose_from_xyz_rpy(pose.xyz.0, pose.rpy.0))
+    Ok(origin.pose())
 }
 
-fn shape(geometry: &Geometry, pose: &Pose, folder: &Path, file: &str, field: &str) -> Result<Convex, UrdfError> {
-    let fail = |message: String| UrdfError::new(file, field, message);
-    let built = match geometry {
-        Geometry::Box { size } => Convex::cuboid([size[0] / 2.0, size[1] / 2.0, size[2] / 2.0], pose),
-        Geometry::Sphere { radius } => Convex::ball(*radius, Point3::from(pose.translation.vector)),
-        Geometry::Cylinder { radius, length } => Convex::cylinder(*radius, *length, pose),
-        Geometry::Capsule { radius, length } => Convex::capsule(*radius, *length, pose),
-        Geometry::Mesh { filename, scale } => {
-            let scale = scale.map_or([1.0; 3], |s| s.0);
-            finite(file, field, &scale)?;
+fn shape(spec: &ShapeDescription, folder: &Path, file: &str) -> Result<Convex, UrdfError> {
+    let fail = |message: String| UrdfError::new(file, &spec.field, message);
+    let pose = &origin(file, &format!("{}: origin", spec.field), &spec.origin)?;
+    let built = match &spec.geometry {
+        Geometry::Box(size) => Convex::cuboid(size.map(|side| side / 2.0), pose),
+        Geometry::Sphere(radius) => Convex::ball(*radius, Point3::from(pose.translation.vector)),
+        Geometry::Cylinder([radius, length]) => Convex::cylinder(*radius, *length, pose),
+        Geometry::Capsule([radius, length]) => Convex::capsule(*radius, *length, pose),
+        Geometry::Mesh { filename, paths, scale } => {
             if scale.contains(&0.0) {
-                return Err(fail("scale: a factor is 0; it must not be".to_owned()));
+                return Err(UrdfError::new(file, format!("{}: mesh.scale", spec.field), "a factor is 0; it must not be"));
             }
-            let vertices = mesh::read(&resolve(filename, folder)).map_err(fail)?;
+            let vertices = mesh::read(&resolve(filename, paths, folder)).map_err(|why| fail(format!("mesh {why}")))?;
             let points: Vec<_> =
                 vertices.iter().map(|v| pose * Point3::new(v.x * scale[0], v.y * scale[1], v.z * scale[2])).collect();
             Convex::hull(&points)
@@ -244,36 +228,91 @@ fn shape(geometry: &Geometry, pose: &Pose, folder: &Path, file: &str, field: &st
     built.map_err(|e| fail(e.to_string()))
 }
 
-/// `package://name/rest` is looked for as `name/rest` and as `rest` beside the URDF and in the folders above it.
-fn resolve(filename: &str, folder: &Path) -> PathBuf {
-    let plain = filename.strip_prefix("file://").unwrap_or(filename);
-    let Some(inside) = plain.strip_prefix("package://") else {
-        return folder.join(plain);
-    };
-    let rest = inside.split_once('/').map_or(inside, |(_, rest)| rest);
-    folder
-        .ancestors()
-        .flat_map(|a| [a.join(inside), a.join(rest)])
-        .find(|candidate| candidate.is_file())
-        .unwrap_or_else(|| folder.join(inside))
+/// The first path that leads to a file; those of a package are looked for in the folders above the URDF too.
+fn resolve(filename: &str, paths: &[String], folder: &Path) -> PathBuf {
+    let above = if filename.contains("://") { usize::MAX } else { 1 };
+    let places = folder.ancestors().take(above).flat_map(|place| paths.iter().map(move |path| place.join(path)));
+    let first = paths.first().map(|path| folder.join(path)).unwrap_or_default();
+    places.into_iter().find(|path| path.is_file()).unwrap_or(first)
 }
 
-pub(crate) fn disabled_pairs(text: &str, path: &Path, links: &[Link]) -> Result<Vec<(usize, usize)>, UrdfError> {
-    let file = path.display().to_string();
-    let file = file.as_str();
-    let document = xml::parse(text, file)?;
-    let mut pairs = Vec::new();
-    for node in document.descendants().filter(|n| n.has_tag_name("disable_collisions")) {
-        let link = |attribute: &str| {
-            node.attribute(attribute)
-                .ok_or_else(|| UrdfError::new(file, "disable_collisions", format!("lacks {attribute}")))
+#[cfg(test)]
+mod tests {
+    use crate::{Robot, UrdfError};
+
+    /// An arm of one joint `j`, and a joint `k` that follows it.
+    fn arm(j: &str, k: &str) -> Result<Robot, UrdfError> {
+        let joint = |name: &str, parent: &str, child: &str, rest: &str| {
+            format!(r#"<joint name="{name}" {rest}<parent link="{parent}"/><child link="{child}"/></joint>"#)
         };
-        let (a, b) = (link("link1")?, link("link2")?);
-        let at = |name: &str| links.iter().position(|l| l.name == name);
-        // An SRDF may speak of links above the chosen base; those cannot collide with anything here.
-        if let (Some(a), Some(b)) = (at(a), at(b)) {
-            pairs.push((a.min(b), a.max(b)));
-        }
+        let text = format!(
+            r#"<robot name="a"><link name="l0"/><link name="l1"/><link name="l2"/>{}{}</robot>"#,
+            joint("j", "l0", "l1", j),
+            joint("k", "l1", "l2", k)
+        );
+        Robot::from_urdf_str(&text, "a.urdf", None, "l2", None)
     }
-    Ok(pairs)
+
+    const FIXED: &str = r#"type="fixed">"#;
+    const FOLLOWS: &str = r#"type="revolute"><mimic joint="j"/>"#;
+
+    #[test]
+    fn a_limit_that_is_missing_is_named() {
+        for (limit, named) in [
+            ("", "joint j: limit: is missing"),
+            (r#"<limit effort="1" velocity="1"/>"#, "joint j: limit: lower is missing"),
+            (r#"<limit lower="0" effort="1" velocity="1"/>"#, "joint j: limit: upper is missing"),
+            (r#"<limit upper="1" effort="1" velocity="1"/>"#, "joint j: limit: lower is missing"),
+            (r#"<limit lower="0" upper="1" effort="1"/>"#, "joint j: limit: velocity is missing"),
+            (r#"<limit lower="1" upper="0" velocity="1"/>"#, "joint j: limit: lower 1 must not exceed upper 0"),
+            (r#"<limit lower="inf" upper="inf" velocity="1"/>"#, "joint j: limit: lower inf must not exceed"),
+        ] {
+            for kind in ["revolute", "prismatic"] {
+                let error = arm(&format!(r#"type="{kind}">{limit}"#), FIXED).unwrap_err().to_string();
+                assert!(error.contains(named), "{error}");
+            }
+        }
+        let endless = arm(r#"type="continuous">"#, FIXED).unwrap();
+        assert_eq!((endless.joints()[0].lower(), endless.joints()[0].velocity()), (f64::NEG_INFINITY, f64::INFINITY));
+        let odd = arm(r#"type="hinge">"#, FIXED).unwrap_err();
+        assert!(odd.to_string().contains("joint j: type: joint type 'hinge' is not known"), "{odd}");
+    }
+
+    #[test]
+    fn a_follower_without_limits_restricts_nothing() {
+        let lead = r#"type="revolute"><limit lower="-1" upper="2" effort="1" velocity="1"/>"#;
+        for limit in ["", r#"<limit effort="1"/>"#] {
+            let robot = arm(lead, &format!("{FOLLOWS}{limit}")).unwrap();
+            assert_eq!(robot.range(0), Some((-1.0, 2.0)));
+        }
+        let robot = arm(lead, &format!(r#"{FOLLOWS}<limit upper="1"/>"#)).unwrap();
+        assert_eq!(robot.range(0), Some((-1.0, 1.0)));
+    }
+
+    #[test]
+    fn limits_of_acceleration_and_jerk_are_read() {
+        let limit = |rest: &str| {
+            let text = format!(r#"type="revolute"><limit lower="-1" upper="2" effort="0" velocity="0" {rest}/>"#);
+            let joint = arm(&text, FIXED).unwrap().joints()[0].clone();
+            [joint.velocity(), joint.effort(), joint.acceleration(), joint.jerk()]
+        };
+        let open = f64::INFINITY;
+        assert_eq!(limit(""), [open; 4]);
+        assert_eq!(limit(r#"acceleration="3" deceleration="2" jerk="5""#), [open, open, 2.0, 5.0]);
+        assert_eq!(limit(r#"deceleration="2""#)[2], 2.0);
+    }
+
+    #[test]
+    fn soft_limits_hold() {
+        let range = |soft: &str| {
+            let limit = r#"<limit lower="-1" upper="2" effort="1" velocity="1"/>"#;
+            arm(&format!(r#"type="revolute">{limit}<safety_controller k_velocity="1" {soft}/>"#), FIXED)
+                .map(|robot| (robot.joints()[0].lower(), robot.joints()[0].upper()))
+        };
+        assert_eq!(range("").unwrap(), (-1.0, 2.0));
+        assert_eq!(range(r#"soft_upper_limit="1.5""#).unwrap(), (-1.0, 1.5));
+        assert_eq!(range(r#"soft_lower_limit="-3" soft_upper_limit="3""#).unwrap(), (-1.0, 2.0));
+        let empty = range(r#"soft_lower_limit="0" soft_upper_limit="0""#).unwrap_err().to_string();
+        assert!(empty.contains("joint j: safety_controller"), "{empty}");
+    }
 }

@@ -1,21 +1,61 @@
-//! XML text before a URDF reader sees it: readers differ in what they forgive, and some panic on what is not well formed
-//! or names a namespace in an odd place. So one strict parser reads first, and hands on no more than a URDF is made of.
+//! XML documents: bytes in the encoding that they declare, elements and attributes by name, numbers, and errors that
+//! name the element.
 
 use roxmltree::{Document, Node};
 
 use crate::UrdfError;
 
 /// Elements inside elements: XML readers descend by recursion, and a stack ends.
-const DEEPEST: usize = 100;
+const DEEPEST: usize = 64;
+const MAX_ELEMENTS: usize = 50_000;
 
-/// Well-formed text, its elements not deeper than a robot description ever needs.
-pub(crate) fn parse<'t>(text: &'t str, file: &str) -> Result<Document<'t>, UrdfError> {
-    check_depth(text, file)?;
-    Document::parse(text).map_err(|e| UrdfError::new(file, "XML", format!("is not well formed: {e}")))
+/// Returns the text of a document in the encoding that its byte order mark or its first line declares, else UTF-8.
+pub(crate) fn decode(content: &[u8], file: &str) -> Result<String, UrdfError> {
+    let fail = |message: String| UrdfError::new(file, "XML", format!("not XML: {message}"));
+    let declared = declared_encoding(content);
+    let encoding = match &declared {
+        None => encoding_rs::UTF_8,
+        Some(label) => encoding_rs::Encoding::for_label(label.as_bytes())
+            .ok_or_else(|| fail(format!("the encoding {label:?} is not known; save the file as UTF-8")))?,
+    };
+    // A byte order mark counts before a declaration.
+    let (text, encoding, malformed) = encoding.decode(content);
+    if malformed {
+        let name = encoding.name();
+        return Err(fail(format!("the file is not {name}; declare its encoding in the first line, or save it as UTF-8")));
+    }
+    Ok(text.into_owned())
 }
 
-fn check_depth(text: &str, file: &str) -> Result<(), UrdfError> {
-    let mut depth = 0_usize;
+/// The encoding in `<?xml ... encoding="..."?>` at the beginning of a document.
+fn declared_encoding(content: &[u8]) -> Option<String> {
+    let head = String::from_utf8_lossy(&content[..content.len().min(200)]).into_owned();
+    let head = head.trim_start_matches('\u{feff}').strip_prefix("<?xml")?;
+    let (_, rest) = head[..head.find("?>")?].split_once("encoding")?;
+    let rest = rest.trim_start().strip_prefix('=')?.trim_start();
+    let quote = rest.chars().next().filter(|c| matches!(c, '"' | '\''))?;
+    rest[1..].split_once(quote).map(|(label, _)| label.to_owned())
+}
+
+/// Parses well-formed text of bounded size and depth whose root element is `robot`.
+pub(crate) fn parse<'t>(text: &'t str, file: &str) -> Result<Document<'t>, UrdfError> {
+    let fail = |message: String| UrdfError::new(file, "XML", message);
+    check_size(text).map_err(fail)?;
+    let document = Document::parse(text).map_err(|e| match e {
+        roxmltree::Error::DtdDetected => fail("has a DOCTYPE, which a URDF does not need; remove it".to_owned()),
+        _ if text.trim().is_empty() => fail("not XML: no element found".to_owned()),
+        _ => fail(format!("not XML: {e}")),
+    })?;
+    let root = document.root_element().tag_name().name();
+    if root != "robot" {
+        return Err(fail(format!("the first element is <{root}>; expected <robot>")));
+    }
+    Ok(document)
+}
+
+/// Refuses text with too many elements, or elements too deep in each other.
+fn check_size(text: &str) -> Result<(), String> {
+    let (mut depth, mut count) = (0_usize, 0_usize);
     let mut rest = text;
     while let Some(open) = rest.find('<') {
         rest = &rest[open + 1..];
@@ -26,49 +66,200 @@ fn check_depth(text: &str, file: &str) -> Result<(), UrdfError> {
         let tag = &rest[..rest.find('>').unwrap_or(rest.len())];
         if tag.starts_with('/') {
             depth = depth.saturating_sub(1);
-        } else if !(tag.starts_with(['!', '?']) || tag.ends_with('/')) {
-            depth += 1;
+        } else if !tag.starts_with(['!', '?']) {
+            count += 1;
+            depth += usize::from(!tag.ends_with('/'));
         }
         if depth > DEEPEST {
-            return Err(UrdfError::new(file, "XML", format!("has elements more than {DEEPEST} deep")));
+            return Err(format!("has elements over {DEEPEST} levels deep"));
+        }
+        if count > MAX_ELEMENTS {
+            return Err(format!("has over {MAX_ELEMENTS} elements"));
         }
     }
     Ok(())
 }
 
-/// Elements and attributes alone; what belongs to a namespace (extensions of other tools) is left out.
-pub(crate) fn plain(document: &Document<'_>) -> String {
-    let mut out = String::new();
-    write_element(document.root_element(), &mut out);
-    out
+/// An element, with the words that name it in errors.
+#[derive(Clone)]
+pub(crate) struct Element<'d> {
+    node: Node<'d, 'd>,
+    pub field: String,
+    file: &'d str,
 }
 
-fn write_element(node: Node<'_, '_>, out: &mut String) {
-    let name = node.tag_name().name();
-    out.push('<');
-    out.push_str(name);
-    for attribute in node.attributes().filter(|a| a.namespace().is_none()) {
-        out.push(' ');
-        out.push_str(attribute.name());
-        out.push_str("=\"");
-        for c in attribute.value().chars() {
-            match c {
-                '&' => out.push_str("&amp;"),
-                '<' => out.push_str("&lt;"),
-                '>' => out.push_str("&gt;"),
-                '"' => out.push_str("&quot;"),
-                // Line ends and the like read the same this way in every reader.
-                c if c.is_control() => out.push_str(&format!("&#{};", u32::from(c))),
-                c => out.push(c),
+impl<'d> Element<'d> {
+    pub fn root(document: &'d Document<'d>, file: &'d str) -> Self {
+        Self { node: document.root_element(), field: "robot".to_owned(), file }
+    }
+
+    /// The same element under another name in errors.
+    pub fn called(&self, field: String) -> Self {
+        Self { field, ..self.clone() }
+    }
+
+    pub fn fail(&self, message: impl Into<String>) -> UrdfError {
+        UrdfError::new(self.file, &self.field, message)
+    }
+
+    /// An error about one of its attributes.
+    pub fn wrong(&self, attribute: &str, message: impl Into<String>) -> UrdfError {
+        UrdfError::new(self.file, format!("{}.{attribute}", self.field), message)
+    }
+
+    pub fn name(&self) -> &'d str {
+        self.node.tag_name().name()
+    }
+
+    /// Elements inside this one; those of another namespace are extensions of other tools, and left out.
+    ///
+    /// # Errors
+    /// A macro of xacro.
+    pub fn children(&self) -> Result<Vec<Element<'d>>, UrdfError> {
+        let mut out = Vec::new();
+        for node in self.node.children().filter(Node::is_element) {
+            let tag = node.tag_name();
+            // Xacro goes by the prefix, whatever the namespace.
+            if tag.namespace().is_some_and(|uri| node.lookup_prefix(uri) == Some("xacro")) {
+                let message = format!("<xacro:{}> is not filled in; {}", tag.name(), expand(self.file));
+                return Err(self.fail(message));
+            }
+            if tag.namespace() == self.node.tag_name().namespace() {
+                out.push(Self { node, field: format!("{}: {}", self.field, tag.name()), file: self.file });
             }
         }
-        out.push('"');
+        Ok(out)
     }
-    out.push('>');
-    for child in node.children().filter(|c| c.is_element() && c.tag_name().namespace() == node.tag_name().namespace()) {
-        write_element(child, out);
+
+    /// Refuses elements and attributes that look like misspelt ones; a name that is not like any known is an extension.
+    pub fn check_spelling(&self, elements: &[&str], attributes: &[&str]) -> Result<(), UrdfError> {
+        for child in self.children()? {
+            if let Some(meant) = meant(child.name(), elements) {
+                return Err(self.fail(format!("<{}> is not known; write <{meant}>", child.name())));
+            }
+        }
+        for attribute in self.node.attributes().filter(|a| a.namespace().is_none()) {
+            if let Some(meant) = meant(attribute.name(), attributes) {
+                return Err(self.fail(format!("{} is not known; write {meant}", attribute.name())));
+            }
+        }
+        Ok(())
     }
-    out.push_str("</");
-    out.push_str(name);
-    out.push('>');
+
+    /// Names of its attributes.
+    pub fn attributes(&self) -> impl Iterator<Item = &'d str> {
+        self.node.attributes().filter(|a| a.namespace().is_none()).map(|a| a.name())
+    }
+
+    /// The only element of this name inside this one.
+    pub fn child(&self, name: &str) -> Result<Option<Element<'d>>, UrdfError> {
+        let mut named = self.children()?.into_iter().filter(|c| c.name() == name);
+        let first = named.next();
+        if named.next().is_some() {
+            return Err(self.fail(format!("has two <{name}>; keep one")));
+        }
+        Ok(first)
+    }
+
+    /// An attribute that xacro has filled in, where it had to.
+    pub fn text(&self, name: &str) -> Result<Option<&'d str>, UrdfError> {
+        let Some(value) = self.node.attribute(name) else { return Ok(None) };
+        if value.contains("${") || value.contains("$(") {
+            return Err(self.wrong(name, format!("{value:?} is not filled in; {}", expand(self.file))));
+        }
+        Ok(Some(value))
+    }
+
+    pub fn required(&self, name: &str) -> Result<&'d str, UrdfError> {
+        match self.text(name)?.map(str::trim) {
+            Some(value) if !value.is_empty() => Ok(value),
+            _ => Err(self.wrong(name, format!("is missing; write {name}=\"...\""))),
+        }
+    }
+
+    /// Numbers of an attribute, which may be infinite.
+    pub fn open<const N: usize>(&self, name: &str) -> Result<Option<[f64; N]>, UrdfError> {
+        let Some(text) = self.text(name)? else { return Ok(None) };
+        let numbers: Vec<f64> = text.split_whitespace().map_while(|word| word.parse().ok()).collect();
+        let whole = numbers.len() == text.split_whitespace().count() && numbers.iter().all(|v| !v.is_nan());
+        match <[f64; N]>::try_from(numbers) {
+            Ok(numbers) if whole => Ok(Some(numbers)),
+            _ => Err(self.wrong(name, format!("not {}: {text:?}", wanted(N)))),
+        }
+    }
+
+    /// Finite numbers of an attribute.
+    pub fn numbers<const N: usize>(&self, name: &str) -> Result<Option<[f64; N]>, UrdfError> {
+        let found = self.open(name)?;
+        match found.iter().flatten().find(|v| !v.is_finite()) {
+            Some(v) => Err(self.wrong(name, format!("not {}: {v}", wanted(N)))),
+            None => Ok(found),
+        }
+    }
+
+    pub fn number(&self, name: &str) -> Result<Option<f64>, UrdfError> {
+        Ok(self.numbers::<1>(name)?.map(|[value]| value))
+    }
+
+    /// Positive, finite numbers of an attribute that must be there.
+    pub fn positive<const N: usize>(&self, name: &str) -> Result<[f64; N], UrdfError> {
+        let _ = self.required(name)?;
+        let found = self.numbers(name)?.ok_or_else(|| self.wrong(name, "is missing"))?;
+        match found.iter().find(|v| **v <= 0.0) {
+            Some(v) => Err(self.wrong(name, format!("must be positive, not {v}"))),
+            None => Ok(found),
+        }
+    }
+}
+
+fn wanted(count: usize) -> String {
+    match count {
+        1 => "one finite number".to_owned(),
+        3 => "three finite numbers".to_owned(),
+        4 => "four finite numbers".to_owned(),
+        n => format!("{n} finite numbers"),
+    }
+}
+
+fn expand(file: &str) -> String {
+    format!("run `xacro {file} > robot.urdf` and read that")
+}
+
+/// The known name that an unknown one is taken for a misspelling of.
+fn meant<'n>(name: &str, known: &[&'n str]) -> Option<&'n str> {
+    if known.contains(&name) {
+        return None;
+    }
+    let lower = name.to_ascii_lowercase();
+    let typos = |k: &str| strsim::osa_distance(&lower, k);
+    known.iter().copied().find(|k| typos(k) <= if k.len() > 5 { 2 } else { usize::from(k.len() > 3) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{decode, meant};
+
+    #[test]
+    fn documents_are_read_in_the_encoding_that_they_declare() {
+        let latin = b"<?xml version='1.0' encoding='ISO-8859-1'?><robot name='tr\xe4ger'/>";
+        assert!(decode(latin, "a").unwrap().contains("träger"));
+        let refused = decode(b"<robot name='tr\xe4ger'/>", "a").unwrap_err();
+        assert!(refused.message.contains("not UTF-8"), "{refused}");
+        let mut wide = vec![0xff, 0xfe];
+        wide.extend("<?xml version=\"1.0\" encoding=\"UTF-16\"?><robot/>".encode_utf16().flat_map(u16::to_le_bytes));
+        assert!(decode(&wide, "a").unwrap().ends_with("<robot/>"));
+        assert!(decode(b"\xef\xbb\xbf<robot/>", "a").unwrap().starts_with('<'));
+        assert!(decode(b"<?xml version='1.0' encoding='klingon'?><robot/>", "a").is_err());
+    }
+
+    #[test]
+    fn misspelt_names_are_told_from_extensions() {
+        let known = ["limit", "origin", "collision", "safety_controller"];
+        assert_eq!(meant("limits", &known), Some("limit"));
+        assert_eq!(meant("colision", &known), Some("collision"));
+        assert_eq!(meant("Origin", &known), Some("origin"));
+        for other in ["limit", "hardwareInterface", "sensor", "contact", "gazebo"] {
+            assert_eq!(meant(other, &known), None, "{other}");
+        }
+    }
 }
