@@ -31,6 +31,8 @@ from ._native import (
     min_clearance,
     plan,
     plan_batch,
+    read_obj,
+    read_urdf,
     refine,
     retime,
 )
@@ -98,6 +100,8 @@ __all__ = [
     "min_clearance",
     "plan",
     "plan_batch",
+    "read_obj",
+    "read_urdf",
     "refine",
     "retime",
 ]

@@ -42,6 +42,8 @@ class KpamError(Exception):
     """The file at fault, where there is one."""
     field: str | None
     """Path of the field at fault, e.g. ``constraint_list[2].tolerance`` or ``options.margin``."""
+    message: str | None
+    """Fault and remedy, without file and field."""
 
 class UrdfError(KpamError):
     """A robot description that cannot be used: file, field, remedy."""
@@ -67,15 +69,17 @@ class Robot:
         """Read a URDF and its collision meshes.
 
         Args:
-            path: URDF file; paths of meshes are relative to it, ``package://`` is stripped.
+            path: URDF file; paths of meshes are relative to it, those of ``package://`` to it or a folder above it.
             hand_link: link that carries the tool. The joints between ``base_link`` and it are planned, poses and tool
                 keypoints are in its frame, moving joints below it are fingers.
-            srdf: SRDF file whose pairs of links are not checked for collision. Without one, neighbours and links that
+            srdf: SRDF file: pairs of ``disable_collisions``, and links of ``disable_default_collisions`` but for the
+                pairs of ``enable_collisions``, are not checked for collision. Without one, neighbours and links that
                 overlap at the middle of all joint ranges are not.
             base_link: link of the base frame; default: the only link without a parent.
 
         Raises:
-            UrdfError: a file cannot be read, or is no robot of this kind.
+            UrdfError: a file cannot be read, or is no robot of this kind: a limit is missing, a name is misspelt or
+                unknown, xacro is not filled in. Names the link or joint.
         """
     @property
     def name(self) -> str:
@@ -98,7 +102,14 @@ class Robot:
         """(n,) upper joint limits, rad or m; infinity for continuous joints."""
     @property
     def velocity(self) -> Array:
-        """(n,) velocity limits, rad/s or m/s; infinity where the URDF gives no limit."""
+        """(n,) velocity limits, rad/s or m/s; infinity where the URDF gives none, or 0. Planning asks for the others by
+        ``velocity_limits``."""
+    @property
+    def acceleration(self) -> Array:
+        """(n,) acceleration limits, rad/s^2 or m/s^2; infinity where the URDF gives none."""
+    @property
+    def jerk(self) -> Array:
+        """(n,) jerk limits, rad/s^3 or m/s^3; infinity where the URDF gives none."""
     def surface(self, link: str) -> tuple[Array, Array]:
         """Return (M, 3, 3) triangles of a link's collision shapes and (K, 4) centres and radii of its balls, m, in the
         link frame."""
@@ -186,7 +197,7 @@ class Shape:
         """Triangles (M, 3) over (N, 3) vertices: a surface; what lies wholly inside it does not touch it."""
     @staticmethod
     def point_cloud(points: Numbers, radius: float) -> Shape:
-        """Point cloud: (N, 3) points, each a ball of ``radius`` (m)."""
+        """Point cloud: (N, 3) points, each a ball of ``radius`` (m). Without points it is no obstacle."""
 
 class Body:
     """A body of the scene. Pickles."""
@@ -426,7 +437,8 @@ class Scene:
         Args:
             q_start: (n,) full joint vector; joints that do not move the hand stay there.
             goal: (n,) joints, or (K, n) of which any will do, or a pose (4, 4) of ``link`` in the base frame. With
-                four joints, (4, 4) that is a rigid transform is a pose.
+                four joints, (4, 4) that is a rigid transform is a pose. Joints that do not move the hand have their value
+                of ``q_start``.
             link: link that the pose is of (default: the hand).
             margin: distance in m, 0 to 0.1. A pair that is nearer at the start or at the goal keeps what it has there.
             samples: most samples of the search.
@@ -435,8 +447,8 @@ class Scene:
             acceleration_scale: share of the acceleration and jerk limits, above 0 to 1.
             limits: acceleration and jerk limits of an arm that is known; "fr3" has velocity limits that depend on the
                 position, too.
-            velocity_limits: (n,) rad/s or m/s instead of the URDF's.
-            acceleration_limits: (n,) rad/s^2 or m/s^2 instead of those of ``limits``.
+            velocity_limits: (n,) rad/s or m/s instead of the URDF's; needed where it has none.
+            acceleration_limits: (n,) rad/s^2 or m/s^2 instead of the URDF's and those of ``limits``.
             jerk_limits: (n,) rad/s^3 or m/s^3, likewise.
             torque_limits: (n,) N m, or N; torques are not looked at by default.
             path: a config whose axis constraints hold all along: the direction between two keypoints of the tool keeps
@@ -482,7 +494,7 @@ class Scene:
         (n,) a list of them, for (N, n) a list of such lists."""
 
 class Motion:
-    """Motion to a goal, or why there is none."""
+    """Motion to a goal, or why there is none. Pickles."""
 
     @property
     def status(self) -> MotionStatus:
@@ -506,6 +518,10 @@ class Motion:
     @property
     def checks(self) -> int | None:
         """Configurations that were looked at."""
+    @property
+    def assumed_limits(self) -> list[str]:
+        """Limits ("acceleration", "jerk") that neither the options nor the URDF give, so that plain ones are assumed:
+        ``limits`` or lists of them say better. Empty where there is no motion."""
     @property
     def cpu_ms(self) -> float:
         """CPU time of planning (ms)."""
@@ -667,7 +683,7 @@ class Plan:
         m), ``depth`` (m of overlap that is let pass for it)."""
     @property
     def assumed_limits(self) -> list[str]:
-        """Limits ("acceleration", "jerk") of which nothing was said, so that plain ones are assumed."""
+        """Limits ("acceleration", "jerk") that neither the options nor the URDF give, so that plain ones are assumed."""
     @property
     def q_actuation(self) -> Array | None:
         """(n,) the cheapest pose that meets all constraints, obstacles left out."""
@@ -712,6 +728,33 @@ class Plan:
         """Thread CPU time of planning: ``setup``, ``actuation``, ``trajectory``, ``total``. Does not pickle."""
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as JSON holds them."""
+
+def read_urdf(content: bytes, file: str) -> dict[str, Any]:
+    """Read a URDF as it is written: every number is checked, and only the defaults of URDF itself are filled in.
+
+    Args:
+        content: of the file, in the encoding that it declares.
+        file: its name, for errors.
+
+    Returns:
+        ``name``, ``links``, ``joints`` and ``materials``; None for what is not written or infinite.
+
+    Raises:
+        UrdfError: it is no URDF; names the link or joint, the attribute and the remedy.
+    """
+
+def read_obj(content: bytes) -> tuple[Array, list[tuple[str, npt.NDArray[np.int64]]], list[str]]:
+    """Read a Wavefront OBJ file.
+
+    Args:
+        content: of the file.
+
+    Returns:
+        (N, 3) vertices; the name and the (M, 3) triangles of each material; names of the material files.
+
+    Raises:
+        ValueError: a vertex is not three numbers, or a face has under three corners or refers to no vertex.
+    """
 
 def plan(
     problem: KeypointProblem,

@@ -49,7 +49,7 @@ KINDS = (
     ),
     Kind("mesh path is a device", urdf(LEFT, "/dev/zero.obj"), r"/dev/zero\.obj lies outside the folder"),
     Kind("mesh path is overlong", urdf(LEFT, "x" * 5000 + ".obj"), r"xxx\.\.\. cannot be read: File name too long"),
-    Kind("mesh path is empty", urdf(LEFT, ""), r"only mesh geometry is read"),
+    Kind("mesh path is empty", urdf(LEFT, ""), r"mesh\.filename: is missing"),
     Kind("mesh is missing", lambda folder: (folder / LEFT).unlink(), None, r"1 mesh files missing: textured_objs/left"),
     Kind("mesh is an STL file", urdf(LEFT, "textured_objs/left.stl"), r"'.*left\.stl' is no \.obj file \(convert"),
     Kind(

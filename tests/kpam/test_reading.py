@@ -46,12 +46,13 @@ def cases(panda: kpam.Robot) -> dict[str, tuple[Any, Callable[[Any], Any]]]:
         "problem": (question, lambda question: kpam.plan(question, max_checks=100)),
         "plan": (plan, lambda former: kpam.plan(question, warm_start=former, resume="let_go", max_checks=100)),
         "trajectory": (plan.trajectory, lambda trajectory: trajectory.sample(0.5)),
+        "motion": (scene.plan_to(Q_START, Q_START), lambda motion: (motion.corners, motion.trajectory, motion.nearer)),
         "gripper": (gripper, lambda gripper: scene.grasps("table", gripper, options={"samples": 4, "trials": 4})),
     }
 
 
 @pytest.mark.parametrize(
-    "name", ["robot", "shape", "body", "joint", "scene", "problem", "plan", "trajectory", "gripper"]
+    "name", ["robot", "shape", "body", "joint", "scene", "problem", "plan", "trajectory", "motion", "gripper"]
 )
 def test_tampered_pickles_are_refused_or_serve(panda: kpam.Robot, name: str) -> None:
     value, use = cases(panda)[name]

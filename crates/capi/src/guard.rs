@@ -90,18 +90,22 @@ pub(crate) unsafe fn held<'a, T>(handle: *const T, name: &str) -> Result<&'a T, 
     unsafe { handle.as_ref() }.ok_or_else(|| Fault::invalid(format!("{name} is null")))
 }
 
-/// Gives a value away through a pointer.
+/// Runs what a function of the interface makes, and gives it away through a pointer, which is null where it makes nothing.
 ///
 /// # Safety
 /// `out` is null or may be written.
-pub(crate) unsafe fn give<T>(out: *mut *mut T, value: impl FnOnce() -> Result<T, Fault>) -> Result<(), Fault> {
+pub(crate) unsafe fn giving<T>(out: *mut *mut T, make: impl FnOnce() -> Result<T, Fault>) -> kpam_status {
     if out.is_null() {
-        return Err(Fault::invalid("out is null"));
+        return guarded(|| Err(Fault::invalid("out is null")));
     }
-    let value = Box::into_raw(Box::new(value()?));
     // SAFETY: as this function's.
-    unsafe { *out = value };
-    Ok(())
+    unsafe { *out = std::ptr::null_mut() };
+    guarded(|| {
+        let value = Box::into_raw(Box::new(make()?));
+        // SAFETY: likewise.
+        unsafe { *out = value };
+        Ok(())
+    })
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! The solver for C and what can call C: load a robot, plan, sample in a control loop, brake, go over to another motion.
 //!
-//! Functions return a [`kpam_status`] and write what they make through a pointer; [`kpam_last_error`] has the sentence.
+//! Functions return a [`kpam_status`] and write what they make through a pointer, null where they make nothing;
+//! [`kpam_last_error`] has the sentence.
 //! Nothing panics across the border: a panic comes back as [`kpam_status::KPAM_PANIC`]. Metres, radians, seconds; joint
 //! vectors are in the order of the URDF; poses are 4 x 4 row-major in the base frame. Handles may be read from several
 //! threads at once and are freed once.

@@ -10,7 +10,7 @@ use gensim2_kpam::options::LimitSet;
 use gensim2_kpam::{Body, Goal, Role, Scene, TransitOptions, plan_to};
 use nalgebra::Matrix4;
 
-use crate::guard::{Fault, give, guarded, held, kpam_status, numbers, text};
+use crate::guard::{Fault, giving, guarded, held, kpam_status, numbers, text};
 use crate::trajectory::kpam_trajectory;
 
 /// A robot and what stands about it.
@@ -90,19 +90,17 @@ pub unsafe extern "C" fn kpam_scene_load(
     hand_link: *const c_char,
     out: *mut *mut kpam_scene,
 ) -> kpam_status {
-    guarded(|| {
+    let read = || {
         // SAFETY: as this function's.
         let (urdf, hand) = unsafe { (text(urdf, "urdf")?, text(hand_link, "hand_link")?) };
         // SAFETY: likewise.
         let srdf = if srdf.is_null() { None } else { Some(unsafe { text(srdf, "srdf") }?) };
-        let read = || {
-            let robot = Robot::from_urdf(urdf, srdf.map(Path::new), hand, None)
-                .map_err(|e| Fault(kpam_status::KPAM_FILE, e.to_string()))?;
-            Scene::new(Arc::new(robot), Vec::new(), Vec::new()).map(kpam_scene).map_err(Fault::invalid)
-        };
-        // SAFETY: likewise.
-        unsafe { give(out, read) }
-    })
+        let robot = Robot::from_urdf(urdf, srdf.map(Path::new), hand, None)
+            .map_err(|e| Fault(kpam_status::KPAM_FILE, e.to_string()))?;
+        Scene::new(Arc::new(robot), Vec::new(), Vec::new()).map(kpam_scene).map_err(Fault::invalid)
+    };
+    // SAFETY: likewise.
+    unsafe { giving(out, read) }
 }
 
 /// Number of entries of a joint vector; 0 for null.
@@ -159,7 +157,7 @@ pub unsafe extern "C" fn kpam_plan_joints(
     options: *const kpam_options,
     out: *mut *mut kpam_trajectory,
 ) -> kpam_status {
-    guarded(|| {
+    let find = || {
         // SAFETY: as this function's.
         let scene = &unsafe { held(scene, "scene") }?.0;
         let n = scene.robot().joints().len();
@@ -167,14 +165,12 @@ pub unsafe extern "C" fn kpam_plan_joints(
         let (start, goal) = unsafe { (numbers(q_start, n, "q_start")?, numbers(q_goal, n, "q_goal")?) };
         // SAFETY: likewise.
         let options = unsafe { options.as_ref() }.copied().unwrap_or_else(|| kpam_options_default()).transit()?;
-        let find = || {
-            let found = plan_to(scene, start, &Goal::Joints(vec![goal.to_vec()]), &options).map_err(Fault::invalid)?;
-            let motion = found.map_err(|why| Fault(kpam_status::KPAM_NO_MOTION, why.to_string()))?;
-            Ok(kpam_trajectory(motion.trajectory))
-        };
-        // SAFETY: likewise.
-        unsafe { give(out, find) }
-    })
+        let found = plan_to(scene, start, &Goal::Joints(vec![goal.to_vec()]), &options).map_err(Fault::invalid)?;
+        let motion = found.map_err(|why| Fault(kpam_status::KPAM_NO_MOTION, why.to_string()))?;
+        Ok(kpam_trajectory(motion.trajectory))
+    };
+    // SAFETY: likewise.
+    unsafe { giving(out, find) }
 }
 
 /// Frees a scene; null is nothing.

@@ -1,8 +1,8 @@
 //! Motions in time: samples for control loops, the fastest stop, going over to another motion.
 
-use gensim2_kpam::{Limits, ProblemError, RetimeOptions, Trajectory, retime};
+use gensim2_kpam::{Limits, RetimeOptions, Trajectory, retime};
 
-use crate::guard::{Fault, give, guarded, held, kpam_status, numbers};
+use crate::guard::{Fault, giving, guarded, held, kpam_status, numbers};
 
 /// A timed motion of all joints.
 pub struct kpam_trajectory(pub(crate) Trajectory);
@@ -74,14 +74,12 @@ pub unsafe extern "C" fn kpam_trajectory_sample_into(
 unsafe fn made_of(
     trajectory: *const kpam_trajectory,
     out: *mut *mut kpam_trajectory,
-    make: impl FnOnce(&Trajectory) -> Result<Trajectory, ProblemError>,
+    make: impl FnOnce(&Trajectory) -> Result<Trajectory, Fault>,
 ) -> kpam_status {
-    guarded(|| {
-        // SAFETY: as this function's.
-        let motion = &unsafe { held(trajectory, "trajectory") }?.0;
-        // SAFETY: likewise.
-        unsafe { give(out, || make(motion).map(kpam_trajectory).map_err(Fault::invalid)) }
-    })
+    // SAFETY: as this function's.
+    let motion = || Ok(&unsafe { held(trajectory, "trajectory") }?.0);
+    // SAFETY: likewise.
+    unsafe { giving(out, || make(motion()?).map(kpam_trajectory)) }
 }
 
 /// Makes the fastest stop within the limits of velocity, acceleration and jerk from the state at time `t` on, along the
@@ -96,7 +94,7 @@ pub unsafe extern "C" fn kpam_trajectory_brake(
     out: *mut *mut kpam_trajectory,
 ) -> kpam_status {
     // SAFETY: as this function's.
-    unsafe { made_of(trajectory, out, |motion| motion.brake(t)) }
+    unsafe { made_of(trajectory, out, |motion| motion.brake(t).map_err(Fault::invalid)) }
 }
 
 /// Makes the motion that is `trajectory` from time `t` on: a stream that is spliced again and again stays small by this.
@@ -110,7 +108,7 @@ pub unsafe extern "C" fn kpam_trajectory_since(
     out: *mut *mut kpam_trajectory,
 ) -> kpam_status {
     // SAFETY: as this function's.
-    unsafe { made_of(trajectory, out, |motion| motion.since(t)) }
+    unsafe { made_of(trajectory, out, |motion| motion.since(t).map_err(Fault::invalid)) }
 }
 
 /// Makes the motion that is `trajectory` until time `t` and `next` from there on. Both are in the same state at `t`, to
@@ -125,12 +123,10 @@ pub unsafe extern "C" fn kpam_trajectory_splice(
     t: f64,
     out: *mut *mut kpam_trajectory,
 ) -> kpam_status {
-    guarded(|| {
-        // SAFETY: as this function's.
-        let (motion, next) = unsafe { (&held(trajectory, "trajectory")?.0, &held(next, "next")?.0) };
-        // SAFETY: likewise.
-        unsafe { give(out, || motion.splice(next, t).map(kpam_trajectory).map_err(Fault::invalid)) }
-    })
+    // SAFETY: as this function's.
+    let next = || Ok(&unsafe { held(next, "next") }?.0);
+    // SAFETY: likewise.
+    unsafe { made_of(trajectory, out, |motion| motion.splice(next()?, t).map_err(Fault::invalid)) }
 }
 
 /// Makes the fastest motion found through waypoints (`count` rows of `joints` numbers) within velocity, acceleration and
@@ -153,7 +149,7 @@ pub unsafe extern "C" fn kpam_retime(
     start_time: f64,
     out: *mut *mut kpam_trajectory,
 ) -> kpam_status {
-    guarded(|| {
+    let make = || {
         if !(1..=1_000_000).contains(&count) || !(1..=gensim2_kpam::MAX_JOINTS).contains(&joints) {
             return Err(Fault::invalid(format!("count, joints: {count} waypoints of {joints} joints cannot be timed")));
         }
@@ -175,10 +171,10 @@ pub unsafe extern "C" fn kpam_retime(
         options.start_acceleration = optional(start_acceleration, "start_acceleration")?;
         options.start_time = start_time;
         let rows: Vec<Vec<f64>> = rows.chunks_exact(joints).map(<[f64]>::to_vec).collect();
-        let make = || retime(&rows, &limits, &options).map(|r| kpam_trajectory(r.trajectory)).map_err(Fault::invalid);
-        // SAFETY: likewise.
-        unsafe { give(out, make) }
-    })
+        retime(&rows, &limits, &options).map(|r| kpam_trajectory(r.trajectory)).map_err(Fault::invalid)
+    };
+    // SAFETY: likewise.
+    unsafe { giving(out, make) }
 }
 
 /// Frees a motion; null is nothing.

@@ -81,6 +81,11 @@ pub(crate) fn build(model: &Description, path: &Path, hand: &str, base: Option<&
         }
     }
     mimic::compose(&mut joints).map_err(|e| fail(&e.field, e.message))?;
+    for (j, spec) in model.joints.iter().enumerate() {
+        if let Some(at) = slot[j].filter(|_| spec.kind != "continuous") {
+            joints[at] = bounded_by_source(&joints, &joints[at]);
+        }
+    }
 
     let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
     let mut links = Vec::with_capacity(order.len());
@@ -181,6 +186,22 @@ fn moving_joint(joint: &JointDescription, file: &str) -> Result<Option<Joint>, U
     let jerk = limit.jerk.unwrap_or(f64::INFINITY);
     let (name, axis) = (joint.name.clone(), axis / length);
     Ok(Some(Joint { name, kind, axis, lower, upper, velocity, effort, acceleration, jerk, mimic: None }))
+}
+
+/// A joint that follows another, its missing limits as the other's make them.
+fn bounded_by_source(joints: &[Joint], joint: &Joint) -> Joint {
+    let mut out = joint.clone();
+    if let Some(m) = joint.mimic {
+        let ends = [joints[m.source].lower, joints[m.source].upper].map(|limit| m.multiplier * limit + m.offset);
+        let (lower, upper) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        if out.lower.is_infinite() && lower <= out.upper {
+            out.lower = lower;
+        }
+        if out.upper.is_infinite() && upper >= out.lower {
+            out.upper = upper;
+        }
+    }
+    out
 }
 
 /// The mass of a link; none where the file gives it no mass.
@@ -285,6 +306,10 @@ mod tests {
             let robot = arm(lead, &format!("{FOLLOWS}{limit}")).unwrap();
             assert_eq!(robot.range(0), Some((-1.0, 2.0)));
         }
+        let back = arm(lead, r#"type="prismatic"><mimic joint="j" multiplier="-0.5" offset="1"/>"#).unwrap();
+        assert_eq!((back.range(0), back.joints()[1].lower(), back.joints()[1].upper()), (Some((-1.0, 2.0)), 0.0, 1.5));
+        let still = arm(r#"type="continuous">"#, r#"type="revolute"><mimic joint="j" multiplier="0"/>"#).unwrap();
+        assert_eq!(still.range(0), Some((f64::NEG_INFINITY, f64::INFINITY)));
         let robot = arm(lead, &format!(r#"{FOLLOWS}<limit upper="1"/>"#)).unwrap();
         assert_eq!(robot.range(0), Some((-1.0, 1.0)));
     }

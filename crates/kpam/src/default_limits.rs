@@ -1,4 +1,4 @@
-//! Acceleration and jerk limits where none are given: a URDF holds neither.
+//! Acceleration and jerk limits where neither the options nor the URDF give any: few URDFs do.
 
 use crate::ProblemError;
 use crate::model::{MAX_JOINTS, Model, Row};
@@ -39,21 +39,33 @@ pub(crate) fn greatest_velocity(options: &Options) -> Option<[f64; 7]> {
     (options.limits == Some(LimitSet::Fr3)).then_some(FR3_VELOCITY)
 }
 
-/// Acceleration and jerk limits of the variables that hold where the options give none.
-pub(crate) fn default_limits(options: &Options) -> (Row, Row) {
+/// Acceleration and jerk limits of the variables that hold where the options give none: the URDF's, and those of the arm
+/// that the options name; else assumed ones.
+pub(crate) fn default_limits(model: &Model, options: &Options) -> (Row, Row) {
     let (mut acceleration, mut jerk) = ([ACCELERATION; MAX_JOINTS], [JERK; MAX_JOINTS]);
     if options.limits == Some(LimitSet::Panda) {
         acceleration[..7].copy_from_slice(&PANDA_ACCELERATION);
         jerk[..7].copy_from_slice(&PANDA_JERK);
     }
+    let named = matches!(options.limits, Some(LimitSet::Panda | LimitSet::Fr3));
+    for (usual, own) in [(&mut acceleration, &model.acceleration), (&mut jerk, &model.jerk)] {
+        for (usual, own) in usual.iter_mut().zip(own) {
+            *usual = if named || own.is_infinite() { usual.min(*own) } else { *own };
+        }
+    }
     (acceleration, jerk)
 }
 
 /// Names of the limits that nothing is known of and that are assumed.
-pub(crate) fn assumed_limits(options: &Options) -> Vec<String> {
-    let given = [("acceleration", &options.acceleration_limits), ("jerk", &options.jerk_limits)];
-    let open = given.into_iter().filter(|(_, list)| options.limits.is_none() && list.is_none());
-    open.map(|(name, _)| name.to_owned()).collect()
+pub(crate) fn assumed_limits(model: &Model, options: &Options) -> Vec<String> {
+    let known = [
+        ("acceleration", &options.acceleration_limits, &model.acceleration),
+        ("jerk", &options.jerk_limits, &model.jerk),
+    ];
+    let open = known.into_iter().filter(|(_, list, own)| {
+        options.limits.is_none() && list.is_none() && own[..model.n()].iter().any(|v| v.is_infinite())
+    });
+    open.map(|(name, ..)| name.to_owned()).collect()
 }
 
 /// Refuses the limits of an arm of seven joints for one that has not seven.

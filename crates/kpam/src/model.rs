@@ -25,6 +25,10 @@ pub struct Model {
     pub upper: Row,
     /// Velocity limits (rad/s or m/s), those of joints that follow included.
     pub velocity: Row,
+    /// Acceleration limits (rad/s^2 or m/s^2) of the URDF, those of joints that follow included; infinity for none.
+    pub acceleration: Row,
+    /// Jerk limits (rad/s^3 or m/s^3) of the URDF, those of joints that follow included; infinity for none.
+    pub jerk: Row,
     /// Variables of which a whole turn changes nothing, so that they count modulo one turn.
     endless: [bool; MAX_JOINTS],
     /// Half of the range drawn from where limits are open (rad or m).
@@ -82,7 +86,9 @@ impl Model {
             });
         }
         let velocity = map.least(|j| joints[j].velocity());
-        Ok(Self { map, lower, upper, velocity, endless, reach, columns })
+        let acceleration = map.least(|j| joints[j].acceleration());
+        let jerk = map.least(|j| joints[j].jerk());
+        Ok(Self { map, lower, upper, velocity, acceleration, jerk, endless, reach, columns })
     }
 
     /// Map from variables to full joint vectors.

@@ -6,7 +6,7 @@ use gensim2_geometry::Robot;
 use serde::{Deserialize, Serialize};
 
 use crate::ProblemError;
-use crate::default_limits::check_limit_set;
+use crate::default_limits::{check_limit_set, greatest_velocity};
 use crate::model::Model;
 
 /// Slowest, gentlest limits (per second, and its powers): motions under them still have a length one can store.
@@ -95,9 +95,9 @@ pub struct Options {
     pub acceleration_scale: f64,
     /// Velocity limits (rad/s or m/s) a full joint, 0.001 to 1e9; by default the URDF's.
     pub velocity_limits: Option<Vec<f64>>,
-    /// Acceleration limits (rad/s^2 or m/s^2) a full joint, 0.001 to 1e9; by default those of `limits`.
+    /// Acceleration limits (rad/s^2 or m/s^2) a full joint, 0.001 to 1e9; by default the URDF's, else those of `limits`.
     pub acceleration_limits: Option<Vec<f64>>,
-    /// Jerk limits (rad/s^3 or m/s^3) a full joint, 0.001 to 1e9; by default those of `limits`.
+    /// Jerk limits (rad/s^3 or m/s^3) a full joint, 0.001 to 1e9; by default the URDF's, else those of `limits`.
     pub jerk_limits: Option<Vec<f64>>,
     /// Torque limits (N m; N for sliding joints) a full joint, 0.001 to 1e9; by default torques are not looked at.
     pub torque_limits: Option<Vec<f64>>,
@@ -287,16 +287,28 @@ impl Options {
     }
 }
 
-/// A joint that all but stands still has no motion that one could wait for, or store.
+/// A joint that all but stands still has no motion that one could wait for, or store; one without a limit would go as fast
+/// as its acceleration allows.
 fn check_speeds(robot: &Robot, model: &Model, options: &Options) -> Result<(), ProblemError> {
-    let velocity = options.velocity_limits.as_ref().map_or(model.velocity, |l| model.map().least(|j| l[j]));
-    match model.map().indices().iter().zip(velocity).find(|(_, speed)| *speed < GENTLEST) {
+    let mut velocity = options.velocity_limits.as_ref().map_or(model.velocity, |l| model.map().least(|j| l[j]));
+    if let Some(most) = greatest_velocity(options) {
+        velocity.iter_mut().zip(most).for_each(|(own, most)| *own = own.min(most));
+    }
+    let odd = |speed: f64| speed < GENTLEST || speed.is_infinite();
+    match model.map().indices().iter().zip(velocity).find(|(_, speed)| odd(*speed)) {
         None => Ok(()),
         Some((j, speed)) => {
             let name = &robot.joints()[*j].name();
-            let message = format!(
-                "let {name} go at {speed:e} per second (those of joints that mimic it included); give at least {GENTLEST}"
-            );
+            let message = if speed.is_infinite() {
+                format!(
+                    "joint {name} has no velocity limit (velocity=\"0\" in a URDF says that it is not known); write it in the \
+                     joint's <limit>, or give options.velocity_limits"
+                )
+            } else {
+                format!(
+                    "let {name} go at {speed:e} per second (those of joints that mimic it included); give at least {GENTLEST}"
+                )
+            };
             Err(ProblemError::new("options.velocity_limits", message))
         }
     }

@@ -171,7 +171,7 @@ pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py,
 
 /// Header of pickles, and the number of the layout of all values in them: one more with every change of any.
 const TAG: &[u8; 4] = b"kpam";
-const LAYOUT: u8 = 1;
+const LAYOUT: u8 = 2;
 
 /// Bytes for pickling.
 pub(crate) fn freeze<T: Serialize>(value: &T) -> PyResult<Vec<u8>> {

@@ -22,6 +22,7 @@ pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     let base = py.get_type::<KpamError>();
     base.setattr("file", py.None())?;
     base.setattr("field", py.None())?;
+    base.setattr("message", py.None())?;
     m.add("KpamError", base)?;
     m.add("UrdfError", py.get_type::<UrdfError>())?;
     m.add("ConfigError", py.get_type::<ConfigError>())?;
@@ -36,7 +37,8 @@ fn located<T: PyTypeInfo>(file: Option<&str>, field: &str, message: &str) -> PyE
         };
         let error = PyErr::new::<T, _>(text);
         let value = error.value(py);
-        match value.setattr("file", file).and_then(|()| value.setattr("field", field)) {
+        let named = value.setattr("file", file).and_then(|()| value.setattr("field", field));
+        match named.and_then(|()| value.setattr("message", message)) {
             Ok(()) => error,
             Err(other) => other,
         }

@@ -93,6 +93,16 @@ impl PyRobot {
     }
 
     #[getter]
+    fn acceleration<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::array1(py, &self.0.joints().iter().map(|j| j.acceleration()).collect::<Vec<_>>()).into_any()
+    }
+
+    #[getter]
+    fn jerk<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::array1(py, &self.0.joints().iter().map(|j| j.jerk()).collect::<Vec<_>>()).into_any()
+    }
+
+    #[getter]
     fn effort<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
         convert::array1(py, &self.0.joints().iter().map(|j| j.effort()).collect::<Vec<_>>()).into_any()
     }
@@ -295,13 +305,12 @@ impl PyShape {
         Ok(Self(out))
     }
 
-    /// Points (N, 3), each a ball of `radius` (m).
+    /// Points (N, 3), each a ball of `radius` (m); without points it is no obstacle.
     #[staticmethod]
     fn point_cloud(py: Python<'_>, points: &Bound<'_, PyAny>, radius: f64) -> PyResult<Self> {
         let points = convert::points(points, "points")?;
-        if points.is_empty() {
-            return Err(problem_error("points", "is empty"));
-        }
+        // The radius counts without a point, too.
+        Convex::ball(radius, Point3::origin()).map_err(|e| from_shape(&e))?;
         let mut out = Vec::with_capacity(points.len());
         for (k, point) in points.into_iter().enumerate() {
             if k % LONG == 0 {

@@ -2,6 +2,7 @@
 
 mod convert;
 mod errors;
+mod files;
 mod geometry;
 mod grasps;
 mod interrupt;
@@ -36,6 +37,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<timing::PyTrajectory>()?;
     m.add_class::<plan::PyPlan>()?;
     m.add_class::<transit::PyMotion>()?;
+    m.add_function(wrap_pyfunction!(files::read_urdf, m)?)?;
+    m.add_function(wrap_pyfunction!(files::read_obj, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan_batch, m)?)?;
     m.add_function(wrap_pyfunction!(planning::ik, m)?)?;

@@ -5,6 +5,7 @@ use std::time::Duration;
 use gensim2_kpam::options::LimitSet;
 use gensim2_kpam::{Cancel, Goal, Motion, NoMotion, TransitOptions};
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 
 use crate::convert;
 use crate::errors::{from_problem, problem_error};
@@ -78,10 +79,26 @@ impl PyMotion {
         self.0.as_ref().ok().map(|m| m.checks)
     }
 
+    /// Limits ("acceleration", "jerk") of which neither the options nor the URDF say anything, so that plain ones are
+    /// assumed; empty where there is no motion.
+    #[getter]
+    fn assumed_limits(&self) -> Vec<String> {
+        self.0.as_ref().map_or_else(|_| Vec::new(), |m| m.assumed_limits.clone())
+    }
+
     /// CPU time of planning (ms).
     #[getter]
     fn cpu_ms(&self) -> f64 {
         self.1
+    }
+
+    #[staticmethod]
+    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
+        convert::thaw(bytes).map(|(found, cpu_ms)| Self(found, cpu_ms))
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&(&self.0, self.1))?),)))
     }
 
     fn __repr__(&self) -> String {

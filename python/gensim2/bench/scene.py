@@ -16,7 +16,7 @@ from gensim2.errors import InputError
 from gensim2.objects.errors import MissingFileError
 from gensim2.objects.kinematics import joint_motion
 from gensim2.objects.library.folder import ObjectFolder
-from gensim2.objects.library.urdf import MOVABLE, Urdf, fixed_frames, mesh_elements, read_urdf, unit_axis
+from gensim2.objects.library.urdf import MOVABLE, Urdf, fixed_frames, read_urdf, shape_elements, unit_axis
 from gensim2.objects.shapes import transform
 
 if TYPE_CHECKING:
@@ -104,12 +104,16 @@ def _mesh_hulls(folder: Path, name: str, scale: float) -> tuple[Array, ...]:
 
 def _link_hulls(urdf: Urdf, link: str, T_body_link: Array, scale: float, warnings: list[str]) -> list[Array]:
     hulls = []
-    for element in mesh_elements(urdf, link, "collision"):
-        try:
-            parts = _mesh_hulls(urdf.file.parent, element.name, scale)
-        except MissingFileError:
-            warnings.append(f"missing mesh: {element.name}")
-            continue
+    for element in shape_elements(urdf, link, "collision"):
+        shape = element.shape
+        if isinstance(shape, str):
+            try:
+                parts = _mesh_hulls(urdf.file.parent, shape, scale)
+            except MissingFileError:
+                warnings.append(f"missing mesh: {shape}")
+                continue
+        else:
+            parts = (scale * np.asarray(shape.mesh().vertices),)
         pose = T_body_link @ _scaled(element.T, scale)
         hulls += [transform(pose, element.scale * hull) for hull in parts]
     return hulls

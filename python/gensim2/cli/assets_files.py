@@ -97,6 +97,7 @@ class _Scale(click.ParamType[float | str]):
 @click.option(
     "--scale", type=_Scale(), default="auto", show_default=True, metavar="S|auto", help="Metres a unit of the model."
 )
+@click.option("--license", metavar="TEXT", default="unstated", show_default=True, help="Terms of the model.")
 @_out
 @_force
 @options.json_file
@@ -108,6 +109,7 @@ def import_(
     name: str,
     joint: str | None,
     scale: Any,
+    license: str,
     out: Path,
     force: bool,
     json_file: str | None,
@@ -126,7 +128,9 @@ def import_(
         from gensim2.inspection.validate import check_object
         from gensim2.objects.library.importer import import_object  # brings SciPy: after what can be refused
 
-        imported = import_object(folder, out, asset_class, name, joint=joint, scale=scale, replace=force)
+        imported = import_object(
+            folder, out, asset_class, name, joint=joint, scale=scale, license=license, replace=force
+        )
         progress.start(f"taking {asset_class}/{name} apart and checking it", 1)
         checked = check_object(open_library(out), asset_class, name)
         progress.advance()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,8 +13,9 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from gensim2.errors import InputError
+from gensim2.foreign.tree import read_regular, why
 from gensim2.objects.kinematics import joint_motion
-from gensim2.objects.library.urdf import Urdf, UrdfJoint, parse_urdf, unit_axis
+from gensim2.objects.library.urdf import MAX_URDF, Urdf, UrdfJoint, parse_urdf, unit_axis
 
 Array = npt.NDArray[np.float64]
 
@@ -28,9 +28,9 @@ def read_urdf(file: Path) -> Urdf:
         InputError: it cannot be read, or its links form no tree.
     """
     try:
-        return parse_urdf(ET.parse(file).getroot(), file)
-    except (OSError, ET.ParseError) as error:
-        raise InputError(f"cannot be read: {error}", file=file) from error
+        return parse_urdf(read_regular(file, MAX_URDF), file)
+    except OSError as error:
+        raise InputError(why(error), file=file) from error
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,13 @@ import numpy.typing as npt
 import trimesh
 
 from gensim2.errors import InputError, MissingExtraError
-from gensim2.objects.library.urdf import Primitive, Urdf, visual_elements
+from gensim2.objects.library.urdf import Urdf, shape_elements
 from gensim2.raycast.kinematics import read_urdf
 
 Array = npt.NDArray[np.float64]
 Color = npt.NDArray[np.uint8]
 
+SPHERE_DETAIL = 3  # subdivisions of a sphere
 WHITE = (255, 255, 255)
 
 NEARLY = 0.01
@@ -159,7 +160,7 @@ def read_links(file: Path) -> Mapping[str, Surface | None]:
     """Read the visible surface of each link of a URDF, in its frame; None where it has none. Read once a process.
 
     Raises:
-        InputError: a visual is neither a mesh file nor a box, a cylinder or a sphere, or cannot be read.
+        InputError: a visual cannot be read.
     """
     urdf = read_urdf(file)
     return {link: _read_link(urdf, link) for link in urdf.links}
@@ -167,23 +168,17 @@ def read_links(file: Path) -> Mapping[str, Surface | None]:
 
 def _read_link(urdf: Urdf, link: str) -> Surface | None:
     surfaces = []
-    for element in visual_elements(urdf, link):
+    for element in shape_elements(urdf, link, "visual"):
         shape = element.shape
-        surface = read_mesh(urdf.file.parent / shape) if isinstance(shape, str) else _primitive(shape)
+        if isinstance(shape, str):
+            surface = read_mesh(urdf.file.parent / shape)
+        else:
+            mesh = shape.mesh(SPHERE_DETAIL)
+            surface = _surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
         if surface is not None:
             color = None if element.rgba is None else _rgb(element.rgba)
             surfaces.append(surface.moved(element.T, element.scale).painted(color))
     return Surface.joined(surfaces)
-
-
-def _primitive(shape: Primitive) -> Surface:
-    """A box, a cylinder along z or a sphere about the origin."""
-    mesh = {
-        "box": lambda size: trimesh.creation.box(size),
-        "cylinder": lambda size: trimesh.creation.cylinder(size[0], size[1]),
-        "sphere": lambda size: trimesh.creation.icosphere(radius=size[0]),
-    }[shape.kind](shape.size)
-    return _surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
 
 
 def _surface(vertices: Array, faces: npt.NDArray[np.integer]) -> Surface:

@@ -174,7 +174,7 @@ impl<'p> Planner<'p> {
         out.q_actuation = Some(self.full(&cheapest.x));
         out.cost = Some(cheapest.cost);
         out.start_overlap = self.world.start_overlap;
-        out.assumed_limits = assumed_limits(&self.problem.options);
+        out.assumed_limits = assumed_limits(self.model, &self.problem.options);
         if !out.assumed_limits.is_empty() {
             let names = out.assumed_limits.join(" and ");
             out.warnings

@@ -51,11 +51,7 @@ impl KeypointProblem {
         if !self.object_yaw.is_finite() {
             return fail("object_yaw", format!("{} is not finite", self.object_yaw));
         }
-        for (i, body) in self.bodies.iter().enumerate() {
-            if self.bodies[..i].iter().any(|b| b.name == body.name) {
-                return fail(&format!("bodies[{i}].name"), format!("{:?} is taken; names are unique", body.name));
-            }
-        }
+        self.bodies.check_names(&self.robot)?;
         self.options.check(&self.robot, &model)?;
         resting_joints(self)?;
         self.check_contacts()?;

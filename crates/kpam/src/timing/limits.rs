@@ -88,7 +88,7 @@ impl Limits {
         // Limits of mimic joints bind the variables that drive them.
         let given = |list: &Option<Vec<f64>>| list.as_ref().map(|l| model.map().least(|j| l[j]));
         let velocity = given(&o.velocity_limits).unwrap_or(model.velocity);
-        let usual = default_limits(o);
+        let usual = default_limits(model, o);
         let velocity = greatest_velocity(o).map_or(velocity, |most| {
             let mut out = velocity;
             out.iter_mut().zip(most).for_each(|(own, most)| *own = own.min(most));

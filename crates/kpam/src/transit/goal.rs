@@ -4,7 +4,7 @@ use gensim2_geometry::{Chain, ChainFrames, JointKind, Pose, rotation_log};
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 use super::question::check_seed;
-use super::{TransitOptions, finite, within_limits};
+use super::{SLACK, TransitOptions, finite, within_limits};
 use crate::body::rigid;
 use crate::free_space::Draws;
 use crate::model::{MAX_JOINTS, Model, Row};
@@ -61,6 +61,7 @@ impl Goal {
                             return Err(ProblemError::new(field, message));
                         }
                         finite(&field, q)?;
+                        check_others(scene, model, &field, q)?;
                         let x = model.unwound(&model.pick(q), &model.start());
                         within_limits(model, &field, &x).map(|()| x)
                     })
@@ -69,6 +70,19 @@ impl Goal {
             Self::Pose { pose, link } => rows(scene, model, pose, link.as_deref(), GOALS, options.seed),
         }
     }
+}
+
+/// Refuses a goal for a joint that planning does not move there: it stays, or follows another.
+fn check_others(scene: &Scene, model: &Model, field: &str, q: &[f64]) -> Result<(), ProblemError> {
+    let (mut reached, joints) = (Vec::new(), scene.robot().joints());
+    model.map().positions(&model.pick(q), &mut reached);
+    let Some(j) = (0..q.len()).find(|j| (reached[*j] - q[*j]).abs() > SLACK) else { return Ok(()) };
+    let why = match joints[j].mimic() {
+        Some(mimic) => format!("follows {}", joints[mimic.source].name()),
+        None => "does not move the hand and stays as in q_start".to_owned(),
+    };
+    let message = format!("{} is not reached: joint {} {why}, give {}", q[j], joints[j].name(), reached[j]);
+    Err(ProblemError::new(format!("{field}[{j}]"), message))
 }
 
 /// Distinct joint vectors (one entry a joint) that bring a link, the hand where none is named, to a pose in the base

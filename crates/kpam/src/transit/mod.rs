@@ -15,6 +15,7 @@ use std::time::Instant;
 
 use gensim2_geometry::{Needs, Other};
 
+use crate::default_limits::assumed_limits;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::timing::{Builder, Dynamics, Limits, Method, Spline};
 use crate::world::{Compiled, TOUCH};
@@ -30,6 +31,10 @@ use tree::Manner;
 
 /// Clearance of the search beyond the margin (m), for the curve that the corners are rounded to.
 const CURVED: f64 = 1e-3;
+/// Bodies that touch measure up to this deep in each other (m), by rounding.
+const CONTACT: f64 = 1e-7;
+/// Joint values may be off by this (rad or m), by rounding.
+const SLACK: f64 = 1e-6;
 /// Most searches.
 const TRIES: usize = 200;
 /// Samples of the shortest search. How long a search takes has a heavy tail: many short ones, and ever more seldom a
@@ -42,8 +47,8 @@ const FINEST: f64 = 8.0;
 /// Factor by which the remaining edges are checked more finely.
 const FINER: f64 = 4.0;
 
-/// Plans a motion from rest at `q_start` (one entry a joint) to rest at one of the goals, the easiest to reach; joints
-/// that do not move the hand stay where they are.
+/// Plans a motion from rest at `q_start` (one entry a joint) to rest at one of the goals, the easiest to reach. Joints
+/// that do not move the hand stay where they are: goals have the values of `q_start` for them.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -135,7 +140,7 @@ impl Transit<'_> {
             bodies: world.named(self.scene, *group, *other),
             distance: *distance,
         };
-        let overlap = |close: &Close| close.iter().find(|c| c.2 < 0.0).map(told);
+        let overlap = |close: &Close| close.iter().find(|c| c.2 < -CONTACT).map(told);
         let at_start = self.close(&self.start);
         if let Some(hit) = overlap(&at_start) {
             return Err(NoMotion::StartBlocked(hit));
@@ -171,6 +176,7 @@ impl Transit<'_> {
                 };
                 *place = place.min(need);
             }
+            world.leave_out_still(&mut needs, |joint| self.model.map().driven().iter().any(|d| d.joint == joint));
             needs
         };
         let all: Vec<&Close> = std::iter::once(&at_start).chain(open.iter().map(|g| &g.2)).collect();
@@ -213,7 +219,9 @@ impl Transit<'_> {
                         near.sort_by(|a, b| a.bodies.cmp(&b.bodies).then(a.distance.total_cmp(&b.distance)));
                         near.dedup_by(|b, a| a.bodies == b.bodies);
                         let corners = path.iter().map(|x| self.full(x)).collect();
-                        return Ok(Motion { trajectory, goal: *number, corners, nearer: near, checks: field.checks });
+                        let (goal, checks) = (*number, field.checks);
+                        let assumed_limits = assumed_limits(self.model, &self.options.limits());
+                        return Ok(Motion { trajectory, goal, corners, nearer: near, checks, assumed_limits });
                     }
                     Err(stuck) => breach = Some(stuck),
                 }
@@ -340,7 +348,6 @@ fn finite(field: &str, q: &[f64]) -> Result<(), ProblemError> {
 
 /// Refuses variables outside their limits; rounding is forgiven.
 fn within_limits(model: &Model, field: &str, x: &Row) -> Result<(), ProblemError> {
-    const SLACK: f64 = 1e-6;
     for v in 0..model.n() {
         let (low, high) = (model.lower[v], model.upper[v]);
         if !(x[v] >= low - SLACK && x[v] <= high + SLACK) {

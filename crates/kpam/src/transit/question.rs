@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
+use crate::checked::checked_when_read;
 use crate::options::LimitSet;
 use crate::{Cancel, Options, ProblemError, SolverConfig, Trajectory};
 
@@ -72,7 +74,7 @@ impl Default for TransitOptions {
 }
 
 /// Two things that are near each other at an end of a motion.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Approached {
     /// Link or held body, and body or link.
@@ -82,7 +84,8 @@ pub struct Approached {
 }
 
 /// A motion found: timed, and proven to keep its distances all along.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
 #[non_exhaustive]
 pub struct Motion {
     /// The motion; it begins at time 0.
@@ -95,10 +98,26 @@ pub struct Motion {
     pub nearer: Vec<Approached>,
     /// Configurations that were looked at.
     pub checks: u64,
+    /// Limits ("acceleration", "jerk") of which neither the options nor the URDF say anything, so that plain ones are
+    /// assumed.
+    pub assumed_limits: Vec<String>,
+}
+
+checked_when_read!(Motion);
+
+impl Motion {
+    /// Whether its corners have an entry a joint, and its numbers are finite.
+    fn check(&self) -> Result<(), ProblemError> {
+        let fits = |q: &Vec<f64>| q.len() == self.trajectory.joints() && q.iter().all(|v| v.is_finite());
+        if self.corners.iter().all(fits) && self.nearer.iter().all(|a| a.distance.is_finite()) {
+            return Ok(());
+        }
+        Err(ProblemError::new("corners", "must have a finite number a joint"))
+    }
 }
 
 /// Why there is no motion.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum NoMotion {
     /// Something overlaps at the start.

@@ -3,10 +3,10 @@
 use std::ops::Deref;
 use std::sync::{Arc, OnceLock};
 
-use gensim2_geometry::{Convex, Obstacles};
+use gensim2_geometry::{Convex, Obstacles, Robot};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::{Body, Role};
+use crate::{Body, ProblemError, Role};
 
 #[derive(Default)]
 struct Shared {
@@ -28,6 +28,19 @@ impl Bodies {
                 (shapes, &body.pose)
             }))
         })
+    }
+
+    /// Refuses names that two bodies have, or a body and a link: messages name both by them.
+    pub(crate) fn check_names(&self, robot: &Robot) -> Result<(), ProblemError> {
+        for (i, Body { name, .. }) in self.iter().enumerate() {
+            let message = match () {
+                () if self[..i].iter().any(|b| b.name == *name) => format!("{name:?} is taken; names are unique"),
+                () if robot.link_index(name).is_some() => format!("{name:?} is a link of the robot; rename the body"),
+                () => continue,
+            };
+            return Err(ProblemError::new(format!("bodies[{i}].name"), message));
+        }
+        Ok(())
     }
 
     /// Whether what tells of places begins at once, as [`crate::Scene::is_ready`].

@@ -73,6 +73,23 @@ impl Compiled {
         Needs { bodies: self.checked.iter().map(need).collect(), pairs: vec![margin; self.screen.pairs().len()] }
     }
 
+    /// Leaves out what no joint that moves brings nearer or farther: it stays as it is at the start.
+    pub fn leave_out_still(&self, needs: &mut Needs, moves: impl Fn(usize) -> bool) {
+        let driving = |g: usize| self.carriers[g].iter().map(|(j, _)| *j).filter(|j| moves(*j)).collect::<Vec<_>>();
+        let carried: Vec<Vec<usize>> = (0..self.carriers.len()).map(driving).collect();
+        let bodies = self.screen.bodies().max(1);
+        for (row, joints) in needs.bodies.chunks_mut(bodies).zip(&carried) {
+            if joints.is_empty() {
+                row.fill(f64::NEG_INFINITY);
+            }
+        }
+        for (need, (a, b)) in needs.pairs.iter_mut().zip(self.screen.pairs()) {
+            if carried[*a] == carried[*b] {
+                *need = f64::NEG_INFINITY;
+            }
+        }
+    }
+
     /// Names of a group and what it is near to.
     pub fn named(&self, scene: &Scene, group: usize, other: Other) -> [String; 2] {
         let second = match (other, self.screen.body(other)) {

@@ -109,12 +109,7 @@ impl Scene {
 
     fn check(&self) -> Result<(), ProblemError> {
         let (bodies, joints) = (&self.bodies, &self.joints);
-        for (i, body) in bodies.iter().enumerate() {
-            if bodies[..i].iter().any(|b| b.name == body.name) {
-                let message = format!("{:?} is taken; names are unique", body.name);
-                return Err(ProblemError::new(format!("bodies[{i}].name"), message));
-            }
-        }
+        bodies.check_names(&self.robot)?;
         for (i, joint) in joints.iter().enumerate() {
             if joints[..i].iter().any(|j| j.name == joint.name) {
                 let message = format!("{:?} is taken; names are unique", joint.name);

@@ -101,11 +101,9 @@ class FolderShelf(ArticulatedShelf):
 
     @cached_property
     def license(self) -> str:  # type: ignore[override]
-        from gensim2.objects.library.released import LICENSE, declared_license
+        from gensim2.objects.library.released import license_of
 
-        terms = {
-            declared_license(ObjectFolder(self._folder / name / ids[0])) or LICENSE for name, ids in self._found.items()
-        }
+        terms = {license_of(ObjectFolder(self._folder / name / ids[0])) for name, ids in self._found.items()}
         return "; ".join(sorted(terms))
 
     def classes(self) -> tuple[str, ...]:

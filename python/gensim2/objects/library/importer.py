@@ -41,18 +41,18 @@ from gensim2.objects.generators.generate import generate
 from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.library.export import MESHES, write_folder
 from gensim2.objects.library.folder import MAX_BYTES, MAX_JSON, ObjectFolder
+from gensim2.objects.library.info import LONGEST_TEXT, UNSTATED
 from gensim2.objects.library.keypoints import closest_axis, derived_head
 from gensim2.objects.library.meshes import MeshReader
 from gensim2.objects.library.prepare import EFFORT_LIMIT, VELOCITY_LIMIT, numbers, rpy_from_matrix
-from gensim2.objects.library.released import LICENSE
 from gensim2.objects.library.urdf import (
+    MAX_URDF,
     MOVABLE,
     URDF,
     UrdfJoint,
     fixed_frames,
-    mesh_elements,
     parse_urdf,
-    read_urdf,
+    shape_elements,
     unit_axis,
 )
 from gensim2.objects.shapes import Mesh, pose, transform
@@ -102,6 +102,7 @@ def import_object(
     *,
     joint: str | None = None,
     scale: float | Literal["auto"] = "auto",
+    license: str = UNSTATED,
     replace: bool = False,
 ) -> Imported:
     """Write ``library/articulated_objs/<asset_class>/<name>`` from a PartNet-Mobility folder.
@@ -109,6 +110,7 @@ def import_object(
     Args:
         joint: name of the joint that stays movable.
         scale: metres a unit of the model.
+        license: terms of the model, in its maker's words.
         replace: take the place of an object that is there already, edited or not.
 
     Raises:
@@ -120,9 +122,12 @@ def import_object(
             raise InputError(f"{reprlib.repr(word)} cannot name a folder", field=field, remedy=RULE)
     if scale != "auto" and not (math.isfinite(scale) and scale > 0):
         raise InputError(f"must be a positive number, is {scale}", field="scale")
+    if not (license.strip() and license.isprintable() and len(license) <= LONGEST_TEXT):
+        remedy = f"1 to {LONGEST_TEXT} printable characters, such as CC BY 4.0"
+        raise InputError(f"{reprlib.repr(license)} states no terms", field="license", remedy=remedy)
     model = _Source(source, asset_class, joint)
     size = model.scale() if scale == "auto" else scale
-    info = model.info(size)
+    info = model.info(size) | {"license": license}
 
     def write(folder: Path) -> None:
         model.copy_files(folder)
@@ -141,13 +146,15 @@ class _Source:
         self.folder, self.asset_class = ObjectFolder(folder), asset_class
         self.notes: list[str] = []
         self.fixed: list[str] = []
+        self.file = self.folder.path / URDF
         try:
-            written = read_urdf(self.folder)
+            content = self.folder.read(URDF, MAX_URDF)
         except MissingFileError as error:
             raise AssetError(
                 error.message, file=error.file, remedy=f"give a PartNet-Mobility folder, with {URDF}"
             ) from error
-        self.file, self.root = written.file, written.root
+        written = parse_urdf(content, self.file)
+        self.root = _editable(content, self.file)
         self.semantics = _semantics(self.folder)
         chosen = self._choose(written.joints, joint)
         by_name = {joint.name: joint for joint in written.joints}
@@ -157,7 +164,7 @@ class _Source:
                 self._settle(element, each)
             elif each.type != "fixed":
                 self._fix(element, each)
-        urdf = parse_urdf(self.root, self.file)
+        urdf = parse_urdf(ET.tostring(self.root, encoding="utf-8"), self.file)
         self.joint = next(j for j in urdf.joints if j.name == chosen.name)
         self.axis = unit_axis(self.joint, self.file)
         frames = fixed_frames(urdf, self.joint)
@@ -167,7 +174,7 @@ class _Source:
         self.handles: list[Mesh] = []
         for group, members in frames.items():
             for name, T in members.items():
-                seen, solid = (mesh_elements(urdf, name, kind) for kind in ("visual", "collision"))
+                seen, solid = (shape_elements(urdf, name, kind) for kind in ("visual", "collision"))
                 for part in seen:
                     looked_at = reader.get(part, 1.0, T)
                     if group == "moving" and "handle" in (part.label or ""):
@@ -181,9 +188,10 @@ class _Source:
                 "the moving link has no collision geometry",
                 file=self.file,
                 field=f"link {self.joint.child}",
-                remedy="choose another joint with --joint",
+                remedy="; ".join(reader.warnings())
+                or "give it collision elements, or choose another joint with --joint",
             )
-        first = mesh_elements(urdf, self.joint.child, "collision")
+        first = shape_elements(urdf, self.joint.child, "collision")
         self._T_link_object = first[0].T if first else np.eye(4)
 
     def _choose(self, joints: Sequence[UrdfJoint], name: str | None) -> UrdfJoint:
@@ -318,9 +326,19 @@ class _Source:
             "scale": scale,
             "axis": closest_axis(axis, self._T_link_object),
             "joint_position_range": [lower * length + 0.0, upper * length + 0.0],
-            "license": LICENSE,
             "imported": {"joint": joint.name, "fixed": self.fixed, "notes": self.notes},
         }
+
+
+def _editable(content: bytes, file: Path) -> ET.Element:
+    """Elements of a URDF that was read, without its default namespace."""
+    try:
+        root = ET.XML(content)
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise AssetError(f"not XML: {error}", file=file) from error
+    for element in root.iter():
+        element.tag = element.tag.removeprefix(root.tag.removesuffix("robot"))
+    return root
 
 
 def _kind(joint: UrdfJoint) -> str:

@@ -17,6 +17,7 @@ from gensim2.objects.library.urdf import LARGEST, plain_name
 Array = npt.NDArray[np.float64]
 
 INFO = "info.json"
+UNSTATED = "unstated"  # terms of a model whose maker states none
 FIELDS = ("keypoints", "keypoint_descriptions", "scale", "axis", "joint_position_range", "collision", "license")
 OWN_NOTES = ("imported",)  # what our importer leaves for the user
 SMALLEST_SCALE = 1e-6

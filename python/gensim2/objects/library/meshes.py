@@ -1,4 +1,4 @@
-"""Mesh files of one object, in the frames that its URDF puts them in."""
+"""Surfaces of one object, in the frames that its URDF puts them in."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy.typing as npt
 from gensim2.foreign.tree import Reference, shortened
 from gensim2.objects.errors import AssetError, MissingFileError
 from gensim2.objects.library.folder import ObjectFolder
-from gensim2.objects.library.objfile import read_obj
-from gensim2.objects.library.urdf import URDF, MeshElement
-from gensim2.objects.shapes import Mesh, transform
+from gensim2.objects.library.objfile import DEFAULT_LOOK, read_obj
+from gensim2.objects.library.urdf import URDF, Primitive, ShapeElement
+from gensim2.objects.shapes import Look, Mesh, transform
 
 Array = npt.NDArray[np.float64]
 
@@ -31,20 +31,23 @@ class MeshReader:
         self._broken: dict[str, str] = {}
         self._materials: dict[str, bool] = {}
 
-    def get(self, element: MeshElement, scale: float, T: Array) -> list[Mesh]:
+    def get(self, element: ShapeElement, scale: float, T: Array) -> list[Mesh]:
         """Meshes of an element in the frame that ``T`` (unscaled) maps its link to, scaled.
 
         Raises:
             AssetError: the file is no OBJ file by its name, is no regular file inside the folder, or there are too many
                 triangles.
         """
-        if element.name not in self._read:
-            self._read[element.name] = self._meshes(element)
-        place = T @ element.T
-        found = [
-            Mesh(scale * transform(place, element.scale * m.vertices), m.faces, m.look)
-            for m in self._read[element.name]
-        ]
+        place, shape = T @ element.T, element.shape
+        if isinstance(shape, Primitive):
+            surface = shape.mesh()
+            look = DEFAULT_LOOK if element.rgba is None else Look(tuple(element.rgba.tolist()))
+            meshes = [Mesh(np.asarray(surface.vertices), np.asarray(surface.faces, np.int64), look)]
+        else:
+            if shape not in self._read:
+                self._read[shape] = self._meshes(shape, element.field)
+            meshes = self._read[shape]
+        found = [Mesh(scale * transform(place, element.scale * m.vertices), m.faces, m.look) for m in meshes]
         self._triangles += sum(len(m.faces) for m in found)
         if self._triangles > MAX_TRIANGLES:
             raise AssetError(
@@ -55,21 +58,21 @@ class MeshReader:
             )
         return found
 
-    def _meshes(self, element: MeshElement) -> list[Mesh]:
-        if not element.name.lower().endswith(".obj"):
+    def _meshes(self, name: str, field: str) -> list[Mesh]:
+        if not name.lower().endswith(".obj"):
             raise AssetError(
-                f"{reprlib.repr(element.name)} is no .obj file",
+                f"{reprlib.repr(name)} is no .obj file",
                 file=self._folder.path / URDF,
-                field=element.field,
+                field=field,
                 remedy="convert meshes to Wavefront OBJ",
             )
         try:
-            meshes, materials = read_obj(self._folder, element.name, Reference(URDF, element.field))
+            meshes, materials = read_obj(self._folder, name, Reference(URDF, field))
         except MissingFileError:
-            self._missing.append(element.name)
+            self._missing.append(name)
             return []
         except ValueError as error:
-            self._broken[element.name] = shortened(str(error))
+            self._broken[name] = shortened(str(error))
             return []
         self._materials |= materials
         return meshes

@@ -1,4 +1,4 @@
-"""Just enough of Wavefront OBJ and MTL: vertices, polygons, one diffuse colour a group."""
+"""Wavefront OBJ, from the reader that robots have (``gensim2_kpam.read_obj``), with one diffuse colour a material."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+import gensim2_kpam
 from gensim2.foreign.tree import Reference
 from gensim2.objects.errors import MissingFileError
 from gensim2.objects.library.folder import ObjectFolder
@@ -72,65 +73,32 @@ def read_obj(folder: ObjectFolder, name: str, named_by: Reference | None = None)
         AssetError: the file, or a material file that it names, cannot be read.
         ValueError: the file is not OBJ, holds no triangle, or has vertices that are not numbers.
     """
-    vertices: list[list[float]] = []
+    vertices, groups, libraries = gensim2_kpam.read_obj(folder.read(name, MAX_MESH, named_by))
     looks: dict[str, Look] = {}
-    libraries: dict[str, bool] = {}
-    groups: dict[str, list[tuple[int, int, int]]] = {}
-    material = ""
-    text = folder.read(name, MAX_MESH, named_by).decode(errors="replace").replace("\r\n", "\n").replace("\\\n", " ")
-    for line in text.splitlines():
-        words = line.split()
-        if not words:
-            continue
-        if words[0] == "v":
-            if len(words) < 4:
-                raise ValueError("a vertex has under three numbers")
-            vertices.append([float(words[1]), float(words[2]), float(words[3])])
-        elif words[0] == "f":
-            corners = [_index(word, len(vertices)) for word in words[1:]]
-            if len(corners) < 3:
-                raise ValueError("a face has under three corners")
-            faces = groups.setdefault(material, [])
-            faces.extend((corners[0], corners[k], corners[k + 1]) for k in range(1, len(corners) - 1))
-        elif words[0] == "usemtl":
-            material = " ".join(words[1:])
-        elif words[0] == "mtllib" and len(words) > 1:
-            library = str(PurePosixPath(name).parent / line.split(None, 1)[1].strip())
-            if library not in libraries:
-                try:
-                    found = folder.read(library, MAX_MATERIALS, Reference(name, "mtllib"))
-                    looks.update(read_materials(found.decode(errors="replace"), PurePosixPath(library).name))
-                    libraries[library] = True
-                except MissingFileError:
-                    libraries[library] = False
-    meshes = _meshes(np.array(vertices, float).reshape(-1, 3), groups, looks)
-    return ObjFile(meshes, libraries)
+    there: dict[str, bool] = {}
+    for library in libraries:
+        path = str(PurePosixPath(name).parent / library)
+        try:
+            found = folder.read(path, MAX_MATERIALS, Reference(name, "mtllib"))
+            looks.update(read_materials(found.decode(errors="replace"), PurePosixPath(path).name))
+            there[path] = True
+        except MissingFileError:
+            there[path] = False
+    return ObjFile(_meshes(vertices, groups, looks), there)
 
 
-def _index(word: str, count: int) -> int:
-    """Index from 0 of a face's corner ``12/3/4``; negative ones count back from the ``count`` vertices so far."""
-    index = int(word.split("/", 1)[0])
-    if index > 0:
-        return index - 1
-    if index == 0 or index < -count:
-        raise ValueError("a face refers to a vertex that is not there")
-    return count + index
-
-
-def _meshes(points: Array, groups: dict[str, list[tuple[int, int, int]]], looks: dict[str, Look]) -> list[Mesh]:
+def _meshes(points: Array, groups: Sequence[tuple[str, npt.NDArray[np.int64]]], looks: dict[str, Look]) -> list[Mesh]:
     if not groups:
         raise ValueError("holds no triangle")
     if len(groups) > MAX_LOOKS:
         raise ValueError(f"{len(groups)} materials, at most {MAX_LOOKS}")
     if not np.isfinite(points).all():
         raise ValueError("a vertex is not finite")
-    if len(points) and np.abs(points).max() > FARTHEST_VERTEX:
+    if np.abs(points).max() > FARTHEST_VERTEX:
         raise ValueError(f"a vertex is beyond {FARTHEST_VERTEX:g}")
     meshes = []
-    for name, faces in groups.items():
-        if max(map(max, faces)) >= len(points):
-            raise ValueError("a face refers to a vertex that is not there")
-        used, renumbered = np.unique(np.array(faces, np.int64), return_inverse=True)
+    for name, faces in groups:
+        used, renumbered = np.unique(faces, return_inverse=True)
         meshes.append(Mesh(points[used], renumbered.reshape(-1, 3), looks.get(name, DEFAULT_LOOK)))
     return meshes
 

@@ -25,18 +25,19 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
 from gensim2.objects.errors import AssetError
+from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.library.cache import cached_hulls, source_digest
 from gensim2.objects.library.folder import ObjectFolder
-from gensim2.objects.library.info import INFO, NARROWEST, Info, read_info
+from gensim2.objects.library.info import INFO, NARROWEST, UNSTATED, Info, read_info
 from gensim2.objects.library.keypoints import closest_axis, read_keypoints
 from gensim2.objects.library.meshes import MeshReader, listed
 from gensim2.objects.library.urdf import (
     Urdf,
     UrdfJoint,
     fixed_frames,
-    mesh_elements,
     movable_joint,
     read_urdf,
+    shape_elements,
     unit_axis,
 )
 from gensim2.objects.meshwork.clearance import Motion, decompose_pair
@@ -130,12 +131,15 @@ def _engines_drop(meshes: list[Mesh]) -> bool:
     return len(corners) < SOLID_CORNERS and float(np.ptp(corners, axis=0).min()) > 1e-6
 
 
-def declared_license(folder: ObjectFolder) -> str | None:
-    """The terms that ``info.json`` of an instance states, if any; what is wrong with the file shows at loading."""
+def license_of(folder: ObjectFolder) -> str:
+    """Return the terms that ``info.json`` of an instance states; those of PartNet-Mobility where a model of a released
+    class states none and says by its ``meta.json`` that it is one. What is wrong with a file shows at loading."""
     try:
-        return read_info(folder).license
+        stated = read_info(folder).license
     except AssetError:
-        return None
+        stated = None
+    is_released = folder.path.parent.name in JOINT_TYPES and folder.has("meta.json")
+    return stated or (LICENSE if is_released else UNSTATED)
 
 
 def _declared_hulls(meshes: list[Mesh], info: Info) -> list[Array]:
@@ -218,7 +222,7 @@ def read_model(
         T_link_object=T_link_object,
         object_axis=info.axis or closest_axis(axis, T_link_object),
         content_hash=content_hash,
-        license=info.license or LICENSE,
+        license=license_of(folder),
         warnings=tuple(warnings),
     )
 
@@ -257,15 +261,15 @@ def _read_geometry(
     flat: list[str] = []
     for group, members in frames.items():
         for name, T in members.items():
-            for element in mesh_elements(urdf, name, "visual"):
+            for element in shape_elements(urdf, name, "visual"):
                 seen[group] += reader.get(element, scale, T)
-            collisions = mesh_elements(urdf, name, "collision")
+            collisions = shape_elements(urdf, name, "collision")
             if name == joint.child and collisions:
                 T_object = collisions[0].T
             for element in collisions:
                 read = reader.get(element, scale, T)
                 if _engines_drop(read):
-                    flat.append(element.name)
+                    flat.append(str(element.shape))
                 solid[group] += read
     if flat:
         warnings.append(

@@ -15,7 +15,7 @@ from gensim2.objects.generators.rigid.household import HOUSEHOLD
 from gensim2.objects.generators.rigid.parts import scaled
 from gensim2.objects.library.cache import source_digest
 from gensim2.objects.library.folder import ObjectFolder
-from gensim2.objects.library.info import is_number, numbers, read_info
+from gensim2.objects.library.info import UNSTATED, is_number, numbers, read_info
 from gensim2.objects.library.shelf import RigidShelf
 from gensim2.objects.library.sources import maniskill_data
 from gensim2.objects.library.urdf import plain_name
@@ -95,13 +95,13 @@ class FolderRigidShelf(RigidShelf):
     """
 
     source: Source = "real"
-    license = YCB_LICENSE
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._names = tuple(sorted(p.name for p in folder.iterdir() if os.path.lexists(p / "collision.obj")))
         for name in self._names:
             plain_name(name, folder / name, "name of the folder")
+        self.license = "; ".join(dict.fromkeys(_usual_license(name) for name in self._names)) or YCB_LICENSE
 
     def classes(self) -> tuple[str, ...]:
         return self._names
@@ -122,7 +122,7 @@ class FolderRigidShelf(RigidShelf):
         }
         # Of another unit than metres the scale says nothing of how large the object is beside a natural one.
         mass = known_mass(asset_class, info.scale) if NATURAL[0] <= info.scale <= NATURAL[1] else None
-        terms = info.license or self.license
+        terms = info.license or _usual_license(asset_class)
         return load_from_meshes(
             asset_class, folder, "collision.obj", info.scale, keypoints, mass, None, terms, source_digest(*_MODULES),
             hulls,
@@ -175,6 +175,11 @@ class YcbShelf(RigidShelf):
             asset_class, folder, "collision.ply", scale, keypoints, mass, density, self.license,
             source_digest(*_MODULES), hulls,
         )  # fmt: skip
+
+
+def _usual_license(name: str) -> str:
+    """Terms of a model that states none: those of the release's models, which are of the YCB set."""
+    return YCB_LICENSE if name in CLASSES else UNSTATED
 
 
 NATURAL = (0.3, 3.0)

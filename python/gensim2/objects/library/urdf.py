@@ -1,74 +1,82 @@
-"""URDF of an object as it was written: links, joints and mesh elements, unscaled.
+"""URDF as it was written, unscaled, from the reader that robots have (``gensim2_kpam.read_urdf``).
 
-What is no tree of links, or holds an implausible number, is refused here, for the reader and the importer alike.
+What is no tree of links, or holds an implausible number, is refused here, for objects and for links that are looked at.
 """
 
 from __future__ import annotations
 
 import reprlib
-import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+import gensim2_kpam
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.folder import ObjectFolder
+
+if TYPE_CHECKING:
+    import trimesh
 
 Array = npt.NDArray[np.float64]
 
 URDF = "mobility.urdf"
 MAX_URDF = 16 * 2**20  # bytes
-MAX_ELEMENTS = 50_000
-DEEPEST = 64  # elements in each other
+DEEPEST = 64  # joints that mimic each other in a row
 LARGEST = 1e6  # units or radians: what is beyond is a mistake, and squares of it would lose all digits
 LONGEST_NAME = 100
 MOVABLE = ("revolute", "prismatic", "continuous")
-
-
-class _Builder(ET.TreeBuilder):
-    """An element tree of bounded size and depth, without declarations that could expand."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._count = self._depth = 0
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Called before any entity is known."""
-        raise AssetError("has a DOCTYPE, which a URDF does not need", remedy="remove it")
-
-    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
-        self._count += 1
-        self._depth += 1
-        if self._count > MAX_ELEMENTS:
-            raise AssetError(f"has over {MAX_ELEMENTS} elements")
-        if self._depth > DEEPEST:
-            raise AssetError(f"has elements over {DEEPEST} levels deep")
-        return super().start(tag, attrs)
-
-    def end(self, tag: str, /) -> ET.Element:
-        self._depth -= 1
-        return super().end(tag)
+SPHERE_DETAIL = 2  # subdivisions of a sphere that collides: 162 corners, which physics engines take for one hull
 
 
 @dataclass(frozen=True)
-class MeshElement:
+class Primitive:
+    """A shape without a file.
+
+    Attributes:
+        kind: ``box`` (size: its three sides), ``cylinder`` (radius, length along z), ``capsule`` (radius, length
+            between the centres of its caps) or ``sphere`` (radius).
+        size: m.
+    """
+
+    kind: str
+    size: tuple[float, ...]
+
+    def mesh(self, sphere_detail: int = SPHERE_DETAIL) -> trimesh.Trimesh:
+        """Return its surface about the origin."""
+        from trimesh import creation
+
+        if self.kind == "box":
+            return creation.box(self.size)
+        if self.kind == "cylinder":
+            return creation.cylinder(*self.size)
+        if self.kind == "capsule":
+            return creation.capsule(radius=self.size[0], height=self.size[1], count=(16, 16))
+        return creation.icosphere(sphere_detail, self.size[0])
+
+
+@dataclass(frozen=True)
+class ShapeElement:
     """A visual or collision element.
 
     Attributes:
-        name: of the mesh file, relative to the object's folder.
-        field: of the URDF that names it, for errors.
+        shape: a mesh file, relative to the URDF's folder, or a primitive.
+        field: of the URDF that holds it, for errors.
         T: (4, 4) pose in its link, unscaled.
-        scale: (3,) of the file's vertices.
+        scale: (3,) of a mesh file's vertices.
         label: name of the element, if any.
+        rgba: (4,) where the material has a colour.
     """
 
-    name: str
+    shape: str | Primitive
     field: str
     T: Array
     scale: Array
     label: str | None
+    rgba: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,15 +99,15 @@ class Urdf:
 
     Attributes:
         file: it was read from.
-        root: its XML.
-        links: by name.
+        links: by name, as ``gensim2_kpam.read_urdf`` gives them.
         joints: in the order of the file; names differ.
+        materials: (4,) colours by name.
     """
 
     file: Path
-    root: ET.Element
-    links: dict[str, ET.Element]
+    links: Mapping[str, Mapping[str, Any]]
     joints: tuple[UrdfJoint, ...]
+    materials: Mapping[str, Array]
 
 
 def read_urdf(folder: ObjectFolder) -> Urdf:
@@ -109,43 +117,25 @@ def read_urdf(folder: ObjectFolder) -> Urdf:
         AssetError: it cannot be read, is not XML or not bounded; names are missing, doubled or unfit; links form no
             tree; joints that mimic form a loop; a number is none or absurd.
     """
-    file, content = folder.path / URDF, folder.read(URDF, MAX_URDF)
+    return parse_urdf(folder.read(URDF, MAX_URDF), folder.path / URDF)
+
+
+def parse_urdf(content: bytes, file: Path) -> Urdf:
+    """As :func:`read_urdf`, of a file's content."""
     try:
-        root = ET.XML(content, parser=ET.XMLParser(target=_Builder()))
-    except AssetError as error:
-        raise AssetError(error.message, file=file, remedy=error.remedy) from error
-    except (ET.ParseError, ValueError, LookupError) as error:
-        raise AssetError(f"not XML: {error}", file=file) from error
-    return parse_urdf(root, file)
-
-
-def parse_urdf(root: ET.Element, file: Path) -> Urdf:
-    """As :func:`read_urdf`, of XML."""
-    links: dict[str, ET.Element] = {}
-    for link in root.findall("link"):
-        name = plain_name(link.get("name"), file, "link")
-        if name in links:
-            raise AssetError("two links have this name", file=file, field=f"link {name}", remedy="rename one")
-        links[name] = link
-    joints: dict[str, UrdfJoint] = {}
-    parents: dict[str, str] = {}
-    for element in root.findall("joint"):
-        joint = _joint(element, file)
-        field = f"joint {joint.name}"
-        if joint.name in joints:
-            raise AssetError("two joints have this name", file=file, field=field, remedy="rename one")
-        for name in (joint.parent, joint.child):
-            if name not in links:
-                raise AssetError(f"no link {reprlib.repr(name)}", file=file, field=field)
-        if joint.child in parents:
-            other = parents[joint.child]
-            raise AssetError(f"link {joint.child} hangs on {other} already", file=file, field=field)
-        joints[joint.name], parents[joint.child] = joint, joint.name
+        written = gensim2_kpam.read_urdf(content, str(file))
+    except gensim2_kpam.UrdfError as error:
+        field = None if error.field in ("XML", "robot") else error.field
+        raise AssetError(str(error.message), file=file, field=field) from error
+    links = {plain_name(link["name"], file, "link"): link for link in written["links"]}
+    joints = {joint["name"]: _joint(joint, file) for joint in written["joints"]}
     _refuse_mimic_loops(joints, file)
-    roots = [name for name in links if name not in parents]
+    children = {joint.child for joint in joints.values()}
+    roots = [name for name in links if name not in children]
     if len(roots) != 1:
         raise AssetError(f"{len(roots)} root links, one is needed", file=file, field="link")
-    return Urdf(file, root, links, tuple(joints.values()))
+    materials = {name: np.array(rgba) for name, rgba in written["materials"]}
+    return Urdf(file, links, tuple(joints.values()), materials)
 
 
 def plain_name(name: str | None, file: Path, field: str) -> str:
@@ -179,152 +169,93 @@ def _refuse_mimic_loops(joints: dict[str, UrdfJoint], file: Path) -> None:
             leader = joints[leader].mimics
 
 
-def _joint(element: ET.Element, file: Path) -> UrdfJoint:
-    name = plain_name(element.get("name"), file, "joint")
+def _joint(written: Mapping[str, Any], file: Path) -> UrdfJoint:
+    name = plain_name(written["name"], file, "joint")
     field = f"joint {name}"
-    parent, child, limit, axis, mimic = (element.find(k) for k in ("parent", "child", "limit", "axis", "mimic"))
-    if parent is None or child is None:
-        raise AssetError("a joint needs a parent and a child", file=file, field=field)
-    limits = None
-    if limit is not None and limit.get("lower") is not None and limit.get("upper") is not None:
-        low, high = (_numbers(limit.get(k), file, f"{field}: limit.{k}", 1)[0] for k in ("lower", "upper"))
-        limits = (float(low), float(high))
+    limit = written["limit"] or {}
+    lower, upper = (
+        None if limit.get(end) is None else float(_bounded([limit[end]], file, f"{field}: limit.{end}")[0])
+        for end in ("lower", "upper")
+    )
     return UrdfJoint(
         name,
-        element.get("type") or "",
-        parent.get("link") or "",
-        child.get("link") or "",
-        _origin(element.find("origin"), file, f"{field}: origin"),
-        _numbers(None if axis is None else axis.get("xyz"), file, f"{field}: axis", 3, "1 0 0"),
-        limits,
-        None if mimic is None else mimic.get("joint") or "",
+        written["kind"],
+        written["parent"],
+        written["child"],
+        _pose(written["origin"], file, f"{field}: origin"),
+        _bounded(written["axis"], file, f"{field}: axis"),
+        None if lower is None or upper is None else (lower, upper),
+        None if written["mimic"] is None else written["mimic"]["joint"],
     )
 
 
-def _numbers(text: str | None, file: Path, field: str, count: int, default: str = "") -> Array:
-    wanted = {1: "one finite number", 3: "three finite numbers", 4: "four finite numbers"}[count]
-    try:
-        value = np.array([float(x) for x in (text or default).split()])
-    except ValueError as error:
-        raise AssetError(f"not {wanted}", file=file, field=field) from error
-    if value.shape != (count,) or not np.isfinite(value).all():
-        raise AssetError(f"not {wanted}", file=file, field=field)
+def _bounded(numbers: Sequence[float], file: Path, field: str) -> Array:
+    value = np.array(numbers, float)
     if not np.abs(value).max() <= LARGEST:
         raise AssetError(f"{np.abs(value).max():.3g} is beyond {LARGEST:g}", file=file, field=field)
     return value
 
 
-def _origin(element: ET.Element | None, file: Path, field: str) -> Array:
+def _pose(origin: Mapping[str, Any], file: Path, field: str) -> Array:
     T = np.eye(4)
-    if element is not None:
+    T[:3, 3] = _bounded(origin["xyz"], file, f"{field}.xyz")
+    turn = _bounded(origin["rpy"], file, f"{field}.rpy")
+    if origin["quat_xyzw"] is not None or turn.any():
         from scipy.spatial.transform import Rotation  # here: whoever only names objects needs no SciPy
 
-        roll_pitch_yaw = _numbers(element.get("rpy"), file, f"{field}.rpy", 3, "0 0 0")
-        T[:3, :3] = Rotation.from_euler("xyz", roll_pitch_yaw).as_matrix()
-        T[:3, 3] = _numbers(element.get("xyz"), file, f"{field}.xyz", 3, "0 0 0")
+        quaternion = origin["quat_xyzw"]
+        rotation = Rotation.from_euler("xyz", turn) if quaternion is None else Rotation.from_quat(quaternion)
+        T[:3, :3] = rotation.as_matrix()
     return T
 
 
-def mesh_elements(urdf: Urdf, link: str, kind: str) -> list[MeshElement]:
-    """Elements of a link; ``kind`` is ``visual`` or ``collision``.
+def shape_elements(urdf: Urdf, link: str, kind: str) -> list[ShapeElement]:
+    """Return the elements of a link: meshes, boxes, cylinders, capsules and spheres.
+
+    Args:
+        urdf: the file.
+        link: name of the link.
+        kind: ``visual`` or ``collision``.
 
     Raises:
-        AssetError: one is something else than a mesh file, or its scale is not positive.
+        AssetError: a number is absurd, or a mesh's scale is not positive.
     """
     found = []
-    for element in urdf.links[link].findall(kind):
+    for element in urdf.links[link][f"{kind}s"]:
         field = f"link {link}: {kind}"
-        mesh = element.find("geometry/mesh")
-        if mesh is None or not mesh.get("filename"):
-            raise AssetError("only mesh geometry is read", file=urdf.file, field=field)
-        scale = _numbers(mesh.get("scale"), urdf.file, f"{field}: mesh.scale", 3, "1 1 1")
-        if not scale.min() > 0:
-            raise AssetError("must be positive", file=urdf.file, field=f"{field}: mesh.scale")
-        T = _origin(element.find("origin"), urdf.file, f"{field}.origin")
-        found.append(MeshElement(str(mesh.get("filename")), field, T, scale, element.get("name")))
-    return found
-
-
-@dataclass(frozen=True)
-class Primitive:
-    """A shape without a file.
-
-    Attributes:
-        kind: ``box`` (size: its three sides), ``cylinder`` (radius, length along z) or ``sphere`` (radius).
-        size: m.
-    """
-
-    kind: str
-    size: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class VisualElement:
-    """Visual element of a link.
-
-    Attributes:
-        shape: file name of a mesh, or a primitive.
-        T: (4, 4) in the link's frame.
-        scale: (3,) of a mesh.
-        rgba: (4,) where the material has a colour.
-    """
-
-    shape: str | Primitive
-    T: Array
-    scale: Array
-    rgba: Array | None
-
-
-_PRIMITIVES = {"box": (("size", 3),), "cylinder": (("radius", 1), ("length", 1)), "sphere": (("radius", 1),)}
-
-
-def visual_elements(urdf: Urdf, link: str) -> list[VisualElement]:
-    """Return the visual elements of a link: meshes, boxes, cylinders and spheres.
-
-    Raises:
-        AssetError: one is something else, or a number is none.
-    """
-    found = []
-    for element in urdf.links[link].findall("visual"):
-        field = f"link {link}: visual"
-        T = _origin(element.find("origin"), urdf.file, f"{field}.origin")
-        mesh = element.find("geometry/mesh")
-        scale = np.ones(3)
-        shape: str | Primitive
-        if mesh is not None and mesh.get("filename"):
-            shape = str(mesh.get("filename"))
-            scale = _numbers(mesh.get("scale"), urdf.file, f"{field}: mesh.scale", 3, "1 1 1")
+        ((shape, size),) = element["geometry"].items()
+        scale, is_mesh = np.ones(3), shape == "mesh"
+        if is_mesh:
+            scale = _bounded(size["scale"], urdf.file, f"{field}: mesh.scale")
+            if not scale.min() > 0:
+                raise AssetError("must be positive", file=urdf.file, field=f"{field}: mesh.scale")
         else:
-            shape = _primitive(element, urdf.file, field)
-        found.append(VisualElement(shape, T, scale, _color(urdf, element, field)))
+            size = tuple(_bounded(np.atleast_1d(size), urdf.file, f"{field}: {shape}").tolist())
+        found.append(
+            ShapeElement(
+                _mesh_file(size["paths"], urdf.file.parent) if is_mesh else Primitive(shape, size),
+                field,
+                _pose(element["origin"], urdf.file, f"{field}.origin"),
+                scale,
+                element["name"],
+                _color(urdf, element, is_mesh),
+            )
+        )
     return found
 
 
-def _primitive(element: ET.Element, file: Path, field: str) -> Primitive:
-    for kind, numbers in _PRIMITIVES.items():
-        shape = element.find(f"geometry/{kind}")
-        if shape is not None:
-            sizes = [
-                float(each)
-                for name, count in numbers
-                for each in _numbers(shape.get(name), file, f"{field}: {kind}.{name}", count)
-            ]
-            if min(sizes) <= 0.0:
-                raise AssetError("must be positive", file=file, field=f"{field}: {kind}")
-            return Primitive(kind, tuple(sizes))
-    raise AssetError("is no mesh file, box, cylinder or sphere", file=file, field=field)
+def _mesh_file(paths: Sequence[str], folder: Path) -> str:
+    """The first of a mesh's paths that leads to a file; the likeliest where none does."""
+    if len(paths) == 1:
+        return paths[0]
+    return next((path for path in paths if (folder / path).is_file()), paths[0])
 
 
-def _color(urdf: Urdf, element: ET.Element, field: str) -> Array | None:
+def _color(urdf: Urdf, element: Mapping[str, Any], is_mesh: bool) -> Array | None:
     """Colour of the element's material; a primitive may also name one of the robot's (meshes bring their own)."""
-    material = element.find("material")
-    if material is None:
-        return None
-    paint = material.find("color")
-    if paint is None and element.find("geometry/mesh") is None:
-        named = (each for each in urdf.root.findall("material") if each.get("name") == material.get("name"))
-        paint = next((color for each in named if (color := each.find("color")) is not None), None)
-    return None if paint is None else _numbers(paint.get("rgba"), urdf.file, f"{field}: material.color", 4)
+    if element["rgba"] is not None:
+        return np.array(element["rgba"])
+    return None if is_mesh else urdf.materials.get(element["material"])
 
 
 def movable_joint(urdf: Urdf) -> UrdfJoint:
