@@ -122,7 +122,7 @@ def test_a_follower_without_limits_restricts_nothing_and_fingers_may_touch(tmp_p
     for second in ("", '<limit lower="0" upper="0.04" effort="5" velocity="0.1"/>'):
         robot = read(tmp_path, arm(more=fingers(second)))
         pads = ([0, 0, 0.1], [0, 0, 0], [0, 0.03, 0.1])
-        assert kpam.ParallelGripper.of_robot(robot, *pads).stroke == pytest.approx(0.08)
+        assert kpam.ParallelGripper.of_robot(robot, *pads).stroke == pytest.approx((0.0, 0.08))
         motion = kpam.Scene(robot).plan_to([0.0] * 6, [0.5] * 4 + [0.0, 0.0])
         assert motion.status == "solved", motion.reason
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
@@ -16,8 +17,12 @@ from gensim2.errors import InputError
 from gensim2.inspection.checks import geometric_findings
 from gensim2.inspection.validate import check_object
 from gensim2.objects import AssetError, open_library
+from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.importer import import_object, on_surface, usual_size
+from gensim2.objects.library.meshes import MeshReader
+from gensim2.objects.library.released import LICENSE, license_of
 from gensim2.objects.library.sources import find_source
+from gensim2.objects.library.urdf import read_urdf, shape_elements
 from gensim2.objects.shapes import Look, Mesh, transform
 
 BOARDS = {
@@ -195,6 +200,97 @@ def test_a_continuous_joint_gets_a_range(partnet: Path, tmp_path: Path) -> None:
     assert any("0 to 90 degrees" in note for note in done.notes)
     joint = open_library(tmp_path / "lib").load("box_rotate", "a").joint
     assert (joint.lower, joint.upper) == (0.0, pytest.approx(np.pi / 2))
+
+
+def test_a_quaternion_turns_the_object_like_roll_pitch_and_yaw(partnet: Path, tmp_path: Path) -> None:
+    import_object(partnet, tmp_path / "lib", "drawer", "a")
+    change(partnet, 'rpy="1.570796326794897 0 -1.570796326794897"', 'quat_xyzw="0.5 -0.5 -0.5 0.5"')
+    import_object(partnet, tmp_path / "lib", "drawer", "b")
+    one, other = (open_library(tmp_path / "lib").load("drawer", name).joint for name in "ab")
+    np.testing.assert_allclose(one.axis, other.axis, atol=1e-9)
+    np.testing.assert_allclose(one.origin, other.origin, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("textured_objs/", "package://cabinet/textured_objs/"),
+        ("textured_objs/", "file://textured_objs/"),
+        ("textured_objs/", "textured_objs\\"),
+        ("textured_objs/", "package://cabinet\\textured_objs\\"),
+    ],
+)
+def test_mesh_names_of_other_tools_are_resolved(partnet: Path, tmp_path: Path, old: str, new: str) -> None:
+    expected = import_object(partnet, tmp_path / "lib", "drawer", "a").scale
+    change(partnet, old, new)
+    done = import_object(partnet, tmp_path / "lib", "drawer", "b")
+    assert done.scale == expected
+    assert not any("missing" in note for note in done.notes)
+    assert {path.name for path in done.folder.glob("textured_objs/*.obj")} == {
+        path.name for path in partnet.glob("textured_objs/*.obj")
+    }
+
+
+@pytest.mark.parametrize("name", ["package://gone/lid.obj", "file:///gone/lid.obj", "gone\\lid.obj"])
+def test_a_mesh_that_is_not_found_is_named(partnet: Path, tmp_path: Path, name: str) -> None:
+    change(partnet, "textured_objs/lid.obj", name)
+    change(partnet, "textured_objs/knob.obj", name)
+    with pytest.raises(AssetError, match=r"lid\.obj"):
+        import_object(partnet, tmp_path / "lib", "box_rotate", "a")
+
+
+@pytest.mark.parametrize(
+    ("shape", "extent"),
+    [
+        ('<box size="1.2 0.05 0.8"/>', (1.2, 0.05, 0.8)),
+        ('<cylinder radius="0.4" length="0.1"/>', (0.8, 0.8, 0.1)),
+        ('<sphere radius="0.3"/>', (0.6, 0.6, 0.6)),
+        ('<capsule radius="0.1" length="0.4"/>', (0.2, 0.2, 0.6)),
+    ],
+)
+def test_shapes_without_a_file_are_taken(partnet: Path, tmp_path: Path, shape: str, extent: tuple[float, ...]) -> None:
+    change(partnet, '<mesh filename="textured_objs/lid.obj"/>', shape)
+    change(partnet, '<mesh filename="textured_objs/knob.obj"/>', shape)
+    folder = ObjectFolder(import_object(partnet, tmp_path / "lib", "box_rotate", "a").folder)
+    for kind in ("visual", "collision"):
+        for element in shape_elements(read_urdf(folder), "link_0", kind):
+            (mesh,) = MeshReader(folder).get(element, 1.0, np.eye(4))
+            np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), extent, rtol=0.01)
+
+
+def test_an_object_of_boxes_loads(partnet: Path, tmp_path: Path) -> None:
+    for name, (low, high) in {**BOARDS, **LID, **TRAY}.items():
+        size, middle = np.subtract(high, low), np.mean([low, high], axis=0)
+        if name in LID:
+            middle = middle - HINGE
+        place = f'xyz="{" ".join(map(str, middle))}"'
+        text = (partnet / "mobility.urdf").read_text()
+        mesh = f'<mesh filename="textured_objs/{name}.obj"/>'
+        for old in re.findall(rf'<origin xyz="[^"]*"/><geometry>{mesh}', text):
+            text = text.replace(old, f'<origin {place}/><geometry><box size="{" ".join(map(str, size))}"/>')
+        (partnet / "mobility.urdf").write_text(text)
+    done = import_object(partnet, tmp_path / "lib", "box_rotate", "a")
+    instance = open_library(tmp_path / "lib").load("box_rotate", "a")
+    moving = np.concatenate(instance.hulls[instance.joint.child_link])
+    extent = np.ptp([*LID["lid"], *LID["knob"]], axis=0)
+    np.testing.assert_allclose(np.ptp(moving, axis=0), done.scale * extent, atol=2e-3)
+
+
+def test_terms_are_the_makers(partnet: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    import_object(partnet, tmp_path / "lib", "drawer", "a")
+    import_object(partnet, tmp_path / "lib", "drawer", "b", license="CC BY 4.0")
+    library = open_library(tmp_path / "lib")
+    assert [library.load("drawer", name).license for name in "ab"] == ["unstated", "CC BY 4.0"]
+    for file in (tmp_path / "lib").rglob("info.json"):
+        info = json.loads(file.read_text())
+        del info["license"]
+        file.write_text(json.dumps(info))
+        assert license_of(ObjectFolder(file.parent)) == LICENSE  # a released class, and PartNet's meta.json
+        (file.parent / "meta.json").unlink()
+        assert license_of(ObjectFolder(file.parent)) == "unstated"
+    words = ["assets", "import", str(partnet), "--class", "drawer", "--name", "c", "--out", str(tmp_path / "lib")]
+    assert cli.run([*words, "--license", " "]) == 2
+    assert "license: ' ' states no terms" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,10 @@ fn odd_numbers_and_counts_are_refused_or_served() {
             kpam_trajectory_free(motion);
             let (half, mut pose) = ([odd; 3], [0.0; 16]);
             (0..4).for_each(|k| pose[5 * k] = 1.0);
-            assert_eq!(kpam_scene_add_box(scene, c"b".as_ptr(), half.as_ptr(), [odd; 16].as_ptr()), kpam_status::KPAM_INVALID);
+            assert_eq!(
+                kpam_scene_add_box(scene, c"b".as_ptr(), half.as_ptr(), [odd; 16].as_ptr()),
+                kpam_status::KPAM_INVALID
+            );
             let status = kpam_scene_add_box(scene, c"b".as_ptr(), half.as_ptr(), pose.as_ptr());
             assert_ne!(status, kpam_status::KPAM_PANIC, "{}", last());
         }
@@ -111,7 +114,9 @@ fn odd_numbers_and_counts_are_refused_or_served() {
     // SAFETY: likewise; counts that do not fit are refused before anything is read.
     unsafe {
         refused(call(|out| kpam_plan_joints(scene, START.as_ptr(), GOAL.as_ptr(), &raw const options, out)));
-        for (count, joints) in [(usize::MAX, 2), (2, usize::MAX), (usize::MAX, usize::MAX), (0, 2), (2, 0), (1 << 40, 1)] {
+        for (count, joints) in
+            [(usize::MAX, 2), (2, usize::MAX), (usize::MAX, usize::MAX), (0, 2), (2, 0), (1 << 40, 1)]
+        {
             let limits = START.as_ptr();
             refused(call(|out| {
                 kpam_retime(rows.as_ptr(), count, joints, limits, limits, limits, null(), null(), 0.0, out)
@@ -130,7 +135,8 @@ fn odd_last() -> f64 {
 
 #[test]
 fn files_that_are_none_are_refused() {
-    for (urdf, hand) in [("", ""), ("no.urdf", "flange"), ("/dev/zero", "x"), ("/", "x"), (URDF, "no"), (URDF, "a\nb")] {
+    for (urdf, hand) in [("", ""), ("no.urdf", "flange"), ("/dev/zero", "x"), ("/", "x"), (URDF, "no"), (URDF, "a\nb")]
+    {
         refused(load(urdf, hand));
     }
     // SAFETY: a string that ends with a zero, of other than UTF-8.

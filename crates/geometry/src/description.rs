@@ -221,7 +221,9 @@ fn once<'n>(file: &str, kind: &str, mut names: impl Iterator<Item = &'n str>) ->
     let mut seen = HashSet::new();
     match names.find(|name| !seen.insert(*name)) {
         None => Ok(()),
-        Some(twice) => Err(UrdfError::new(file, format!("{kind} {twice}"), format!("two {kind}s have this name; rename one"))),
+        Some(twice) => {
+            Err(UrdfError::new(file, format!("{kind} {twice}"), format!("two {kind}s have this name; rename one")))
+        }
     }
 }
 
@@ -297,7 +299,7 @@ fn mesh_paths(filename: &str) -> Vec<String> {
     let mut out = match scheme.to_ascii_lowercase().as_str() {
         "package" | "model" => {
             let package = inside.trim_start_matches('/');
-            let rest = package.split_once('/').map(|(_, rest)| rest.to_owned());
+            let rest = package.split_once(['/', '\\']).map(|(_, rest)| rest.to_owned());
             std::iter::once(package.to_owned()).chain(rest).collect()
         }
         "file" => vec![inside.strip_prefix("localhost/").map_or(inside.to_owned(), |path| format!("/{path}"))],
@@ -380,7 +382,9 @@ fn joint(element: &Element<'_>) -> Result<JointDescription, UrdfError> {
     let element = element.called(format!("joint {name}"));
     element.check_spelling(&JOINT, &["name", "type"])?;
     let (Some(parent), Some(child)) = (element.child("parent")?, element.child("child")?) else {
-        return Err(element.fail("a joint needs a parent and a child; write <parent link=\"...\"/><child link=\"...\"/>"));
+        return Err(
+            element.fail("a joint needs a parent and a child; write <parent link=\"...\"/><child link=\"...\"/>")
+        );
     };
     let (parent, child) = (parent.required("link")?.to_owned(), child.required("link")?.to_owned());
     let axis = match element.child("axis")? {
@@ -462,7 +466,8 @@ mod tests {
 
     #[test]
     fn every_refusal_names_link_or_joint_and_attribute() {
-        let mesh = |rest: &str| format!(r#"<collision><geometry><mesh filename="m.stl" {rest}/></geometry></collision>"#);
+        let mesh =
+            |rest: &str| format!(r#"<collision><geometry><mesh filename="m.stl" {rest}/></geometry></collision>"#);
         let solid = |shape: &str| format!("<collision><geometry>{shape}</geometry></collision>");
         let inertial = |parts: &str| format!("<inertial>{parts}</inertial>");
         let tensor = r#"<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>"#;
@@ -522,7 +527,8 @@ mod tests {
         assert_eq!(mesh_paths("file:///m/a%20b.stl"), ["/m/a%20b.stl", "/m/a b.stl"]);
         assert_eq!(mesh_paths("FILE://localhost/b.stl"), ["/b.stl"]);
         assert_eq!(mesh_paths("m\\b.stl"), ["m\\b.stl", "m/b.stl"]);
-        assert_eq!(mesh_paths("package://arm\\m\\b.stl"), ["arm\\m\\b.stl", "arm/m/b.stl"]);
+        let mixed = ["arm\\m\\b.stl", "m\\b.stl", "arm/m/b.stl", "m/b.stl"];
+        assert_eq!(mesh_paths("package://arm\\m\\b.stl"), mixed);
     }
 
     #[test]

@@ -35,9 +35,13 @@ impl Obj {
                     let fail = |why: &str| format!("line {}: {why}", number + 1);
                     let count = out.vertices.len();
                     let corners: Vec<u32> = words
-                        .map(|word| corner(word, count).ok_or_else(|| fail("a face refers to a vertex that is not there")))
+                        .map(|word| {
+                            corner(word, count).ok_or_else(|| fail("a face refers to a vertex that is not there"))
+                        })
                         .collect::<Result<_, _>>()?;
-                    let [start, rest @ ..] = corners.as_slice() else { return Err(fail("a face has under three corners")) };
+                    let [start, rest @ ..] = corners.as_slice() else {
+                        return Err(fail("a face has under three corners"));
+                    };
                     if rest.len() < 2 {
                         return Err(fail("a face has under three corners"));
                     }

@@ -100,7 +100,8 @@ pub(crate) fn read(content: &[u8]) -> Result<Surface, String> {
         for _ in 0..section.rows {
             let (mut vertex, mut corners) = ([0.0; 3], Vec::new());
             for property in &section.properties {
-                let is_face = section.name == "face" && ["vertex_indices", "vertex_index"].contains(&property.name.as_str());
+                let is_face =
+                    section.name == "face" && ["vertex_indices", "vertex_index"].contains(&property.name.as_str());
                 let Some(count) = property.count else {
                     let value = body.next(property.kind)?;
                     if let Some(axis) = ["x", "y", "z"].iter().position(|axis| property.name == *axis) {
@@ -185,7 +186,8 @@ mod tests {
         };
         let rows: [[f64; 3]; 3] = [[0.0, 0.0, 0.0], [1.5, 2.5, 3.5], [0.0, 1.0, 0.0]];
         let expected = (rows.to_vec(), vec![[0, 2, 1]]);
-        let (mut little, mut big) = (header("binary_little_endian").into_bytes(), header("binary_big_endian").into_bytes());
+        let (mut little, mut big) =
+            (header("binary_little_endian").into_bytes(), header("binary_big_endian").into_bytes());
         let mut text = header("ascii");
         for [x, y, z] in rows {
             text += &format!("7 {x} {y} {z}\n");

@@ -60,7 +60,13 @@ impl Robot {
         let path = path.as_ref();
         let text = read_text(path)?;
         let srdf = srdf.map(|srdf| Ok((read_text(srdf)?, srdf.display().to_string()))).transpose()?;
-        Self::of_texts(&text, path, srdf.as_ref().map(|(text, file)| (text.as_str(), file.as_str())), hand_link, base_link)
+        Self::of_texts(
+            &text,
+            path,
+            srdf.as_ref().map(|(text, file)| (text.as_str(), file.as_str())),
+            hand_link,
+            base_link,
+        )
     }
 
     /// The same from text; `file` names it in errors and is where relative mesh paths begin. `srdf` is text too.

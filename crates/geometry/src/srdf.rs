@@ -36,7 +36,8 @@ pub(crate) fn disabled_pairs(
         if known.contains(name) {
             return Ok(links.iter().position(|l| l.name() == name));
         }
-        Err(element.wrong(attribute, format!("{name:?} is not a link of the robot; correct the name, or remove the line")))
+        Err(element
+            .wrong(attribute, format!("{name:?} is not a link of the robot; correct the name, or remove the line")))
     };
     let (mut of_links, mut off, mut on) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
     for element in root.children()? {
@@ -75,9 +76,8 @@ mod tests {
 
     fn pairs(srdf: &str) -> Result<Vec<(usize, usize)>, UrdfError> {
         let links: String = (0..4).map(|i| format!(r#"<link name="l{i}"/>"#)).collect();
-        let joint = |i: usize| {
-            format!(r#"<joint name="j{i}" type="fixed"><parent link="l0"/><child link="l{i}"/></joint>"#)
-        };
+        let joint =
+            |i: usize| format!(r#"<joint name="j{i}" type="fixed"><parent link="l0"/><child link="l{i}"/></joint>"#);
         let urdf = format!(r#"<robot name="a">{links}{}</robot>"#, [joint(1), joint(2), joint(3)].concat());
         let srdf = format!(r#"<robot name="a">{srdf}</robot>"#);
         let robot = Robot::from_urdf_str(&urdf, "a.urdf", Some(&srdf), "l3", None)?;
@@ -89,7 +89,8 @@ mod tests {
         assert_eq!(pairs("").unwrap(), []);
         assert_eq!(pairs(r#"<disable_collisions link1="l2" link2="l1"/>"#).unwrap(), [(1, 2)]);
         assert_eq!(pairs(r#"<disable_default_collisions link="l2"/>"#).unwrap(), [(1, 2), (2, 3)]);
-        let some = r#"<disable_default_collisions link="l2"/><enable_collisions link1="l3" link2="l2"/><group name="g"/>"#;
+        let some =
+            r#"<disable_default_collisions link="l2"/><enable_collisions link1="l3" link2="l2"/><group name="g"/>"#;
         assert_eq!(pairs(some).unwrap(), [(1, 2)]);
     }
 

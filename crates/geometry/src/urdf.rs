@@ -5,9 +5,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use crate::description::{
-    Description, Geometry, InertialDescription, JointDescription, Origin, ShapeDescription,
-};
+use crate::description::{Description, Geometry, InertialDescription, JointDescription, Origin, ShapeDescription};
 use crate::link::FURTHEST;
 use crate::{Convex, Inertia, Joint, JointKind, Link, Mimic, Pose, Robot, UrdfError, mesh, mimic};
 
@@ -138,7 +136,12 @@ fn moving_joint(joint: &JointDescription, file: &str) -> Result<Option<Joint>, U
                 "floating, planar and spherical joints are not supported; fix or split it".into(),
             ));
         }
-        other => return Err(fail("type", format!("joint type '{other}' is not known; write revolute, prismatic, continuous or fixed"))),
+        other => {
+            return Err(fail(
+                "type",
+                format!("joint type '{other}' is not known; write revolute, prismatic, continuous or fixed"),
+            ));
+        }
     };
     let axis = Vector3::from(joint.axis);
     let length = axis.norm();
@@ -238,7 +241,11 @@ fn shape(spec: &ShapeDescription, folder: &Path, file: &str) -> Result<Convex, U
         Geometry::Capsule([radius, length]) => Convex::capsule(*radius, *length, pose),
         Geometry::Mesh { filename, paths, scale } => {
             if scale.contains(&0.0) {
-                return Err(UrdfError::new(file, format!("{}: mesh.scale", spec.field), "a factor is 0; it must not be"));
+                return Err(UrdfError::new(
+                    file,
+                    format!("{}: mesh.scale", spec.field),
+                    "a factor is 0; it must not be",
+                ));
             }
             let vertices = mesh::read(&resolve(filename, paths, folder)).map_err(|why| fail(format!("mesh {why}")))?;
             let points: Vec<_> =

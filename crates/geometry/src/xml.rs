@@ -22,7 +22,9 @@ pub(crate) fn decode(content: &[u8], file: &str) -> Result<String, UrdfError> {
     let (text, encoding, malformed) = encoding.decode(content);
     if malformed {
         let name = encoding.name();
-        return Err(fail(format!("the file is not {name}; declare its encoding in the first line, or save it as UTF-8")));
+        return Err(fail(format!(
+            "the file is not {name}; declare its encoding in the first line, or save it as UTF-8"
+        )));
     }
     Ok(text.into_owned())
 }
@@ -171,8 +173,8 @@ impl<'d> Element<'d> {
     }
 
     pub fn required(&self, name: &str) -> Result<&'d str, UrdfError> {
-        match self.text(name)?.map(str::trim) {
-            Some(value) if !value.is_empty() => Ok(value),
+        match self.text(name)? {
+            Some(value) if !value.trim().is_empty() => Ok(value),
             _ => Err(self.wrong(name, format!("is missing; write {name}=\"...\""))),
         }
     }

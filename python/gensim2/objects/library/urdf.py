@@ -189,7 +189,7 @@ def _joint(written: Mapping[str, Any], file: Path) -> UrdfJoint:
     )
 
 
-def _bounded(numbers: Sequence[float], file: Path, field: str) -> Array:
+def _bounded(numbers: npt.ArrayLike, file: Path, field: str) -> Array:
     value = np.array(numbers, float)
     if not np.abs(value).max() <= LARGEST:
         raise AssetError(f"{np.abs(value).max():.3g} is beyond {LARGEST:g}", file=file, field=field)
