@@ -437,7 +437,7 @@ class Scene:
         Args:
             q_start: (n,) full joint vector; joints that do not move the hand stay there.
             goal: (n,) joints, or (K, n) of which any will do, or a pose (4, 4) of ``link`` in the base frame. With
-                four joints, (4, 4) that is a rigid transform is a pose. Joints that do not move the hand have their value
+                four joints, (4, 4) that is a rigid transform is a pose. Joints that do not move the hand have the value
                 of ``q_start``.
             link: link that the pose is of (default: the hand).
             margin: distance in m, 0 to 0.1. A pair that is nearer at the start or at the goal keeps what it has there.
@@ -683,7 +683,7 @@ class Plan:
         m), ``depth`` (m of overlap that is let pass for it)."""
     @property
     def assumed_limits(self) -> list[str]:
-        """Limits ("acceleration", "jerk") that neither the options nor the URDF give, so that plain ones are assumed."""
+        """Limits ("acceleration", "jerk") that neither options nor URDF give, so that plain ones are assumed."""
     @property
     def q_actuation(self) -> Array | None:
         """(n,) the cheapest pose that meets all constraints, obstacles left out."""

@@ -30,11 +30,11 @@ class Options(TypedDict, total=False):
     acceleration_scale: float
     """Fraction of the acceleration and jerk limits, 0.001 to 1 (0.5)."""
     velocity_limits: npt.ArrayLike | None
-    """(n,) from 0.001 rad/s or m/s; default the URDF's."""
+    """(n,) from 0.001 rad/s or m/s; default the URDF's; needed where it has none, or 0."""
     acceleration_limits: npt.ArrayLike | None
-    """(n,) from 0.001 per second squared; default those of ``limits``."""
+    """(n,) from 0.001 per second squared; default the URDF's, else those of ``limits``."""
     jerk_limits: npt.ArrayLike | None
-    """(n,) from 0.001 per second cubed; default those of ``limits``."""
+    """(n,) from 0.001 per second cubed; default the URDF's, else those of ``limits``."""
     torque_limits: npt.ArrayLike | None
     """(n,) from 0.001 N m (N for sliding joints), by inverse dynamics of the URDF's masses; default: torques are not
     looked at. ``Robot.effort`` has the URDF's."""
