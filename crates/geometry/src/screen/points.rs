@@ -401,7 +401,7 @@ mod tests {
                 .map(|k| Point3::new(0.0, f64::from(k % 100) * 0.01, f64::from(k / 100) * 0.01))
                 .chain([-0.3 - shift, 0.5].map(|x| Point3::new(x, 0.0, 0.0)))
                 .collect();
-            let grid = PointGrid::new(0, &points, 0.0);
+            let grid = PointGrid::new(0, &points, 0.0, 0.0);
             let found = f64::from(grid.bounds(&[x, y, z].map(|v| F32x8::splat(v as f32))).to_array()[2]);
             prop_assert!(found <= x.hypot(0.0072) && (x < 0.04 || found > x - 0.015), "{found} {x}");
         }
