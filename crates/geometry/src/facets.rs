@@ -14,15 +14,15 @@ const FLAT: f64 = 1e-7;
 impl Convex {
     /// Triangles of the surface (m, shape frame), corners counter-clockwise as seen from outside.
     ///
-    /// A flat set gives its polygon once, in no particular orientation; points on a line give none. A rounded hull is given
-    /// as a polytope that follows it within 2 % of the radius.
+    /// A single triangle gives itself, in no particular orientation; any other flat set has no inside and gives none. A
+    /// rounded hull is given as a polytope that follows it within 2 % of the radius.
     #[must_use]
     pub fn triangles(&self) -> Vec<[Point3<f64>; 3]> {
         if let ([a, b, c], true) = (self.points(), self.radius() <= 0.0) {
             return vec![[*a, *b, *c]];
         }
         let points = if self.radius() > 0.0 { self.grown_corners() } else { self.points().to_vec() };
-        let Ok((vertices, faces)) = parry3d_f64::transformation::try_convex_hull(&points) else { return flat(&points) };
+        let Ok((vertices, faces)) = parry3d_f64::transformation::try_convex_hull(&points) else { return Vec::new() };
         let middle = vertices.iter().map(|p| p.coords).sum::<Vector3<f64>>() / vertices.len().max(1) as f64;
         let mut out = Vec::with_capacity(faces.len());
         for [i, j, k] in faces {
@@ -30,11 +30,19 @@ impl Convex {
             let Some(normal) = (b - a).cross(&(c - a)).try_normalize(1e-16) else { continue };
             let height = normal.dot(&(a.coords - middle));
             if height.abs() < FLAT {
-                return flat(&points);
+                return Vec::new();
             }
             out.push(if height > 0.0 { [a, b, c] } else { [a, c, b] });
         }
         out
+    }
+
+    /// As [`Convex::triangles`], to be looked at: a flat set gives its polygon, seen from both sides alike; points on a line
+    /// give none.
+    #[must_use]
+    pub fn surface(&self) -> Vec<[Point3<f64>; 3]> {
+        let solid = self.triangles();
+        if solid.is_empty() { flat(self.points()) } else { solid }
     }
 
     /// The corners, each with points of its ball.
@@ -117,13 +125,15 @@ mod tests {
             (0..n * n).map(|i| tilt * Point3::new(0.2 * f64::from(i % n), 0.1 * f64::from(i / n), 0.0)).collect()
         };
         for n in [2, 3, 5] {
-            let (area, _) = area_and_volume(&Convex::hull(&grid(n)).unwrap());
+            let flat = Convex::hull(&grid(n)).unwrap();
+            assert!(flat.triangles().is_empty());
+            let area: f64 = flat.surface().iter().map(|[a, b, c]| 0.5 * (b - a).cross(&(c - a)).norm()).sum();
             let side = f64::from(n - 1);
             assert!((area - 0.02 * side * side).abs() < 1e-9, "{n}: {area}");
         }
-        assert_eq!(Convex::hull(&grid(2)[..3]).unwrap().triangles().len(), 1);
+        assert_eq!(Convex::hull(&grid(2)[..3]).unwrap().surface().len(), 1);
         let line: Vec<_> = (0..4).map(|i| Point3::new(f64::from(i), 2.0 * f64::from(i), 0.0)).collect();
-        assert!(Convex::hull(&line).unwrap().triangles().is_empty());
-        assert!(Convex::hull(&line[..1]).unwrap().triangles().is_empty());
+        assert!(Convex::hull(&line).unwrap().surface().is_empty());
+        assert!(Convex::hull(&line[..1]).unwrap().surface().is_empty());
     }
 }

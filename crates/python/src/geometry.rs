@@ -25,7 +25,7 @@ fn surface<'py>(py: Python<'py>, shapes: &[Convex]) -> PyResult<(Bound<'py, PyAn
     let corners: Vec<f64> = shapes
         .iter()
         .filter(|s| !is_ball(s))
-        .flat_map(Convex::triangles)
+        .flat_map(Convex::surface)
         .flatten()
         .flat_map(|p| [p.x, p.y, p.z])
         .collect();
