@@ -428,11 +428,17 @@ class Scene:
         torque_limits: Sequence[float] | None = None,
         path: SolverConfig | None = None,
         tool_keypoints: Mapping[str, Numbers] | None = None,
+        start_velocity: Numbers | None = None,
+        start_acceleration: Numbers | None = None,
+        start_time: float = 0.0,
+        warm_start: Trajectory | None = None,
         max_checks: int | None = None,
         deadline_ms: float | None = None,
         cancel: Cancel | None = None,
     ) -> Motion:
-        """Plan a timed motion from rest at ``q_start`` (n,) to rest at a goal, clear by ``margin`` all along.
+        """Plan a timed motion from ``q_start`` (n,) to rest at a goal, clear by ``margin`` all along.
+
+        A start under way takes the fastest motion within the limits where that is free, and a way round otherwise.
 
         Args:
             q_start: (n,) full joint vector; joints that do not move the hand stay there.
@@ -455,6 +461,11 @@ class Scene:
                 its angle to a direction of the base (``target_axis_frame`` "world") within ``tolerance`` rad. Start and
                 goal lie within 0.85 of that.
             tool_keypoints: (3,) each, m in the hand frame, that it names; those of held bodies are there.
+            start_velocity: (n,) rad/s or m/s at the start; default: at rest.
+            start_acceleration: (n,) rad/s^2 or m/s^2 at the start; default: none.
+            start_time: time of the start, s; the motion begins then.
+            warm_start: the motion under way. It goes on where it passes the start at ``start_time``, ends at a goal and
+                is still free, unless another motion arrives earlier.
             max_checks: most configurations to be looked at.
             deadline_ms: wall time after which the search ends; without one, the same question has the same answer.
             cancel: ends the search from another thread.
@@ -464,6 +475,15 @@ class Scene:
 
         Raises:
             ProblemError: an argument does not fit the robot.
+
+        Example:
+            ```python
+            q, v, a = motion.sample(t)
+            state = {"start_velocity": v, "start_acceleration": a, "start_time": t}
+            again = scene.plan_to(q, q_goal, **state, warm_start=motion)
+            if again.trajectory is not None:
+                motion = motion.splice(again.trajectory, t)
+            ```
         """
     def ik(
         self, pose: Numbers, q_start: Numbers, *, link: str | None = None, max_solutions: int = 16, seed: int = 0

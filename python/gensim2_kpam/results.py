@@ -54,6 +54,8 @@ class MotionStatus(StrEnum):
     """The search ended without a motion; there may be one."""
     UNTIMED = "untimed"
     """A free way was found, and no motion along it that keeps the limits."""
+    CANNOT_STOP = "cannot_stop"
+    """No motion from the state at the start stays within the joints' limits."""
     LATE = "late"
     """The deadline passed."""
     CANCELLED = "cancelled"

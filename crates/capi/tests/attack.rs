@@ -188,7 +188,7 @@ fn threads_share_a_scene_and_a_motion_and_have_sentences_of_their_own() {
     let work = move |number: usize| {
         let (scene, motion) = (shared as *const kpam_scene, moving as *const kpam_trajectory);
         for round in 0..20 {
-            if (number + round) % 2 == 0 {
+            if (number + round).is_multiple_of(2) {
                 refused(load(&format!("no{number}.urdf"), "flange"));
                 assert!(last().contains(&format!("no{number}.urdf")));
             }

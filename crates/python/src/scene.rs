@@ -15,6 +15,7 @@ use crate::grasps::{PyGrasp, PyGraspPlan, PyParallelGripper};
 use crate::interrupt::interruptible;
 use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, keypoints, read_options};
 use crate::renamed;
+use crate::timing::PyTrajectory;
 use crate::transit::{Asked, PyMotion, limit_set};
 
 /// So many configurations are checked without a thread of their own.
@@ -212,12 +213,14 @@ impl PyScene {
         self.plan_grasp_with(py, task, &grasps, &targets)
     }
 
-    /// A timed motion from rest at `q_start` to rest at one of the goals, that keeps `margin` (m) all along: `goal` is
-    /// (n,), or (K, n) of which any will do, or the pose (4, 4) of `link` (default: the hand) in the base frame.
+    /// A timed motion from `q_start` to rest at one of the goals, that keeps `margin` (m) all along: `goal` is (n,), or
+    /// (K, n) of which any will do, or the pose (4, 4) of `link` (default: the hand) in the base frame.
     #[pyo3(signature = (
         q_start, goal, *, link = None, margin = 0.005, samples = 100_000, seed = 0, velocity_scale = 1.0,
         acceleration_scale = 1.0, limits = None, velocity_limits = None, acceleration_limits = None,
-        jerk_limits = None, torque_limits = None, path = None, tool_keypoints = None, max_checks = None, deadline_ms = None, cancel = None
+        jerk_limits = None, torque_limits = None, path = None, tool_keypoints = None, start_velocity = None,
+        start_acceleration = None, start_time = 0.0, warm_start = None, max_checks = None, deadline_ms = None,
+        cancel = None
     ))]
     #[allow(clippy::too_many_arguments)]
     fn plan_to(
@@ -238,6 +241,10 @@ impl PyScene {
         torque_limits: Option<Vec<f64>>,
         path: Option<&Bound<'_, PySolverConfig>>,
         tool_keypoints: Option<&Bound<'_, PyAny>>,
+        start_velocity: Option<&Bound<'_, PyAny>>,
+        start_acceleration: Option<&Bound<'_, PyAny>>,
+        start_time: f64,
+        warm_start: Option<&Bound<'_, PyTrajectory>>,
         max_checks: Option<u64>,
         deadline_ms: Option<f64>,
         cancel: Option<&Bound<'_, PyCancel>>,
@@ -252,6 +259,14 @@ impl PyScene {
         options.path = path.map(|config| config.get().0.clone());
         options.tool_keypoints =
             tool_keypoints.map(|map| keypoints(map, "tool_keypoints")).transpose()?.unwrap_or_default();
+        let joints = self.0.robot().joints().len();
+        let rates = |list: Option<&Bound<'_, PyAny>>, field: &str| {
+            list.map(|list| convert::vector(list, field, Some(joints))).transpose()
+        };
+        options.start_velocity = rates(start_velocity, "start_velocity")?;
+        options.start_acceleration = rates(start_acceleration, "start_acceleration")?;
+        options.start_time = start_time;
+        options.warm_start = warm_start.map(|motion| motion.get().0.clone());
         self.motion_to(py, q_start, Asked { goal, link, deadline_ms, cancel, options })
     }
 

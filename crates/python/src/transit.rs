@@ -26,6 +26,7 @@ impl PyMotion {
             Err(NoMotion::GoalsBlocked(_)) => "goals_blocked",
             Err(NoMotion::Unreachable) => "unreachable",
             Err(NoMotion::Untimed) => "untimed",
+            Err(NoMotion::CannotStop(..)) => "cannot_stop",
             Err(NoMotion::Late) => "late",
             Err(NoMotion::Cancelled) => "cancelled",
             Err(_) => "not_found",

@@ -19,10 +19,10 @@ use self::batch::BatchProjection;
 pub(crate) use self::clearing::HEEDED;
 use self::multistart::Aside;
 use self::projection::{Aim, Residuals};
-use crate::KeypointProblem;
 use crate::model::{MAX_JOINTS, Model, Placed, Row, Weighed};
 use crate::qp::{ActiveSet, Bound};
 use crate::resolve::Resolved;
+use crate::{Cancel, KeypointProblem};
 
 /// Poses closer than this in every joint are one (rad or m).
 const SAME: f64 = 0.02;
@@ -46,6 +46,8 @@ pub(crate) struct ActuationSearch<'p> {
     problem: &'p KeypointProblem,
     model: &'p Model,
     resolved: &'p Resolved,
+    /// Set once the search has to end.
+    pub over: Cancel,
     start: Row,
     start_hand: Pose,
     lower: Row,
@@ -80,6 +82,7 @@ impl<'p> ActuationSearch<'p> {
             problem,
             model,
             resolved,
+            over: Cancel::new(),
             start,
             start_hand: placed.hand,
             lower: model.lower,
@@ -217,7 +220,7 @@ mod tests {
     use super::*;
     use crate::SolverConfig;
     use crate::resolve::AxisBound;
-    use gensim2_geometry::Robot;
+    use gensim2_geometry::{ChainFrames, Robot};
     use nalgebra::Vector3;
     use proptest::prelude::*;
     use std::sync::Arc;
@@ -304,12 +307,26 @@ mod tests {
         fn poses_found_meet_the_constraints(
             inner in -1.0..1.0f64, tolerance in 0.005..0.2f64,
             angle in -1.5..1.5f64, out in 0.35..0.6f64, up in 0.2..0.5f64,
+            met_at in prop::option::of(prop::collection::vec(-2.5..2.5f64, 6)),
         ) {
-            let problem = problem(inner, tolerance, [out * angle.cos(), out * angle.sin(), up]);
+            // Any target, or one that some joint vector meets.
+            let (inner, target) = match &met_at {
+                None => (inner, [out * angle.cos(), out * angle.sin(), up]),
+                Some(q) => {
+                    let robot = arm();
+                    let mut frames = ChainFrames::default();
+                    robot.chain().forward(q, &mut frames).unwrap();
+                    let along = frames.tip.rotation * Vector3::z();
+                    (along.z, (frames.tip.translation.vector + 0.1 * along).into())
+                }
+            };
+            let mut problem = problem(inner, tolerance, target);
+            problem.options.workspace = None;
             let model = Model::new(&problem.robot, &problem.q_start).unwrap();
             let resolved = problem.resolve().unwrap();
             let mut search = ActuationSearch::new(&problem, &model, &resolved);
             let found = search.all(24);
+            prop_assert!(met_at.is_none() || !found.candidates.is_empty(), "{met_at:?}");
             for c in &found.candidates {
                 prop_assert!(search.violation(&c.x) <= 0.0);
                 prop_assert!((search.cost(&c.x) - c.cost).abs() < 1e-9);

@@ -54,7 +54,7 @@ impl ActuationSearch<'_> {
         self.aside = Aside::default();
         loop {
             let (mut arrived, mut sent): (Vec<Arrival>, usize) = (Vec::new(), 0);
-            loop {
+            while !self.over.is_cancelled() {
                 let few = arrived.len() < ENOUGH;
                 let hard = few || HARD[1] * arrived.len() < HARD[0] * sent;
                 let end = match used {
@@ -104,7 +104,12 @@ impl ActuationSearch<'_> {
         let Aside { waiting, mut arrived } = std::mem::take(&mut self.aside);
         arrived.extend(self.arrivals(&waiting, PROJECTIONS, &mut missed).0);
         let mut poses = known.to_vec();
-        poses.extend(arrived.iter().filter_map(|a| self.home(a, &mut missed)));
+        for arrival in arrived {
+            if self.over.is_cancelled() {
+                break;
+            }
+            poses.extend(self.home(&arrival, &mut missed));
+        }
         self.distinct(poses)
     }
 
@@ -162,7 +167,7 @@ impl ActuationSearch<'_> {
     fn descend_cheapest(&mut self, missed: &mut Missed) -> Vec<Candidate> {
         let mut arrived = std::mem::take(&mut self.aside.arrived).into_iter();
         let (mut poses, mut optima): (Vec<Candidate>, Vec<Candidate>) = (Vec::new(), Vec::new());
-        while poses.len() < self.problem.options.num_refinements {
+        while poses.len() < self.problem.options.num_refinements && !self.over.is_cancelled() {
             let Some(arrival) = arrived.next() else { break };
             let Some(pose) = self.home(&arrival, missed) else { continue };
             optima.extend(self.descend(&pose.x, &optima));

@@ -3,7 +3,7 @@
 use super::planner::{PAD, Planner};
 use crate::free_space::{self, NoWay, Sampling};
 use crate::model::{Model, Row};
-use crate::timing::{Spline, rounded, turn};
+use crate::timing::{Spline, rounded};
 use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, Way, World};
 
 /// Free motions are searched for with this much more than the margin (m): a smooth curve may take it from its corners.
@@ -31,33 +31,20 @@ impl Planner<'_> {
     pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<Approach, NoWay> {
         let n = self.model.n();
         let segment = self.world.schedule.toward(self.entry);
-        let braking = self.choose_start_transition(segment);
+        let braking = self.stop_hit(segment);
         if let (Some(hit), true) = (&braking, self.problem.options.avoid_collisions) {
             return Err(NoWay::Blocked(hit.clone()));
         }
-        let transition = self.transitions[self.transition].clone();
-        let start = transition.rest();
+        let start = self.rest();
         let straight = |corners: &[Row]| rounded(n, corners, WIDE, NEAR);
         if !self.problem.options.avoid_collisions {
             let hit = braking.or_else(|| self.world.sweep(&start, goal, segment, &Margins::plain(0.0)));
-            let room = [&self.model.lower, &self.model.upper];
-            let pieces = match turn(
-                &self.builder,
-                &transition,
-                room,
-                goal,
-                |end| straight(&[*end, *goal])[1..].to_vec(),
-                |_| true,
-            ) {
-                Some(turned) => vec![turned.waypoints],
-                None => transition.line().into_iter().chain([straight(&[start, *goal])]).collect(),
-            };
+            let pieces = vec![straight(&[start, *goal])];
             return Ok(Approach { pieces, corners: Vec::new(), kept: Margins::plain(0.0), hit });
         }
         // What overlaps at the start comes apart first, and then stays apart.
         let out = self.way_out(&start, segment);
         let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
-        pieces.splice(0..0, transition.line());
         let mut wide = self.margins(&start, goal, segment, self.margin + CURVED, out.is_some());
         if out.is_some() {
             // What came apart keeps what it has there; all else what it has at the start, not on the way out.
@@ -68,11 +55,7 @@ impl Planner<'_> {
         // On the way out of what it overlaps at the start the motion is still inside.
         let kept = Margins { forgiving: true, ..wide.with_clearance(self.margin) };
         if let Some(way) = self.warm_start_way(&begin, goal, segment, &curved) {
-            let along = |_: &Row, _: f64| way.clone();
             let corners: Vec<_> = pieces.iter().cloned().chain(way.windows(2).map(<[_]>::to_vec)).collect();
-            if let Some(turned) = self.turned(&way, segment, &curved, along).filter(|_| out.is_none()) {
-                return Ok(Approach { pieces: vec![turned], corners, kept, hit: None });
-            }
             if curve_is_free(&mut self.world, self.model, &Spline::through(n, &way, None), segment, &curved) {
                 pieces.push(way);
                 return Ok(Approach { pieces, corners, kept, hit: None });
@@ -84,14 +67,6 @@ impl Planner<'_> {
             Ok(corners) => corners,
         };
         let stops: Vec<_> = pieces.iter().cloned().chain(corners.windows(2).map(straight)).collect();
-        let from = |end: &Row, spacing: f64| {
-            let mut corners = corners.clone();
-            corners[0] = *end;
-            rounded(n, &corners, spacing, NEAR)
-        };
-        if let Some(turned) = self.turned(&corners, segment, &curved, from).filter(|_| out.is_none()) {
-            return Ok(Approach { pieces: vec![turned], corners: stops, kept, hit: None });
-        }
         if corners.len() == 2 {
             return Ok(Approach { pieces: stops, corners: Vec::new(), kept, hit: None });
         }
@@ -110,63 +85,33 @@ impl Planner<'_> {
         })
     }
 
-    /// The way along waypoints from a start under way, which leaves its line in a turn without coming to rest, where
-    /// such a one is free. `from` gives the waypoints from the end of the turn on, that end first, for a spacing.
-    fn turned(
-        &mut self,
-        way: &[Row],
-        segment: MotionSegment,
-        margins: &Margins,
-        from: impl Fn(&Row, f64) -> Vec<Row>,
-    ) -> Option<Vec<Row>> {
-        let transition = &self.transitions[self.transition];
-        let (builder, model, world) = (&self.builder, self.model, &mut self.world);
-        SPACINGS.into_iter().find_map(|spacing| {
-            let free = |path: &Spline| curve_is_free(world, model, path, segment, margins);
-            turn(
-                builder,
-                transition,
-                [&model.lower, &model.upper],
-                way.get(1)?,
-                |end| from(end, spacing)[1..].to_vec(),
-                free,
-            )
-            .map(|turned| turned.waypoints)
-        })
-    }
-
     /// Margins of the free motion between two poses; `parted` where what overlapped at the start has come apart.
     fn margins(&mut self, from: &Row, to: &Row, segment: MotionSegment, clearance: f64, parted: bool) -> Margins {
         let margins = self.world.margins_between([State::still(from), State::still(to)], segment, clearance);
         if parted { margins.parted() } else { margins }
     }
 
-    /// Whether no way from the start to rest is known to be free: then there is no motion to any pose.
+    /// Whether the stop from the start is known not to be free: then there is no motion to any pose.
     pub(super) fn start_is_blocked(&self) -> bool {
-        self.problem.options.avoid_collisions && self.transition_checked.as_ref().is_some_and(Option::is_some)
+        self.problem.options.avoid_collisions && self.stop_checked.as_ref().is_some_and(Option::is_some)
     }
 
-    /// Chooses the first way from the start to rest that is free, where none was chosen yet; what is in the way where
-    /// none is.
-    fn choose_start_transition(&mut self, segment: MotionSegment) -> Option<Hit> {
-        if self.transition_checked.is_none() {
-            let mut first = None;
+    /// Finds what is in the way of the stop from the start, where that was not looked for yet.
+    fn stop_hit(&mut self, segment: MotionSegment) -> Option<Hit> {
+        if self.stop_checked.is_none() {
             let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
-            let start = self.start.position;
+            let start = self.start[0];
             let margins = self.margins(&start, &start, segment, clearance, false);
-            for (k, transition) in self.transitions.iter().enumerate() {
-                let way = transition.way(&self.start);
-                match self.world.sweep_along(Way::still(&way), segment, &margins) {
-                    None => {
-                        (self.transition, first) = (k, None);
-                        break;
-                    }
-                    Some((_, hit)) => first = first.or(Some(hit)),
-                }
-            }
-            self.transition_checked = Some(first);
+            let way = self.stop_way();
+            let hit = self.world.sweep_along(Way::still(&way), segment, &margins);
+            self.stop_checked = Some(hit.map(|(_, hit)| hit));
         }
-        self.transition_checked.clone().flatten()
+        self.stop_checked.clone().flatten()
+    }
+
+    /// Waypoints of the stop, or the start alone where it is at rest.
+    pub(super) fn stop_way(&self) -> Vec<Row> {
+        if self.stop.is_empty() { vec![self.start[0]] } else { self.stop.iter().map(|node| node.position).collect() }
     }
 
     /// Corners of a free motion that keeps to margins.

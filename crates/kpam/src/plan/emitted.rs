@@ -3,7 +3,7 @@
 use super::attempt::Attempt;
 use super::failure::Failure;
 use super::planner::Planner;
-use super::timed::{Stretch, Timed};
+use super::timed::{Stretch, TakeUp, Timed};
 use crate::Trajectory;
 use crate::model::Row;
 use crate::world::{Hit, Margins, State, TOUCH, Way};
@@ -92,7 +92,7 @@ impl Planner<'_> {
     /// where they meet, then the free motion stops wherever it turns.
     pub(super) fn emit(&mut self, attempt: &mut Attempt) -> Result<Timed, Failure> {
         let clock = self.clock.clone();
-        let keyframes = attempt.motions.keyframes.len();
+        let mut manner = TakeUp::GoesOn;
         let mut stops: Vec<bool> = Vec::new();
         loop {
             let mut segments = self.segments(attempt, clock.as_deref());
@@ -100,12 +100,16 @@ impl Planner<'_> {
             for (segment, stop) in segments.iter_mut().zip(&stops) {
                 segment.stops |= stop;
             }
-            let timed = self.timed(&segments, keyframes)?;
+            let (timed, taken) = self.timed(attempt, &segments, manner)?;
             if !self.problem.options.avoid_collisions {
                 return Ok(timed);
             }
             let met = self.first_hit(&timed, &segments).or_else(|| self.comes_back(&timed, &segments));
             let Some((k, hit)) = met else { return Ok(timed) };
+            if taken == TakeUp::GoesOn || (taken == TakeUp::Blended && k < attempt.approach.len().max(1)) {
+                manner = if taken == TakeUp::GoesOn { TakeUp::Blended } else { TakeUp::Stopped };
+                continue;
+            }
             let toward = segments[k].toward;
             let joined: Vec<usize> = (k.saturating_sub(1)..=k).filter(|segment| !segments[*segment].stops).collect();
             let free = k < attempt.approach.len();
@@ -131,7 +135,7 @@ impl Planner<'_> {
         }
         let toward = segments[0].segment;
         let approach = segments.iter().zip(&timed.spans).take_while(|(segment, _)| segment.segment == toward);
-        let start = self.start.position;
+        let start = self.start[0];
         let mut before = self.world.overlaps(State::still(&start), toward);
         for (k, (_, span)) in approach.enumerate() {
             for x in Samples::of(&timed.trajectory, self.model.n(), *span, OFF).waypoints {

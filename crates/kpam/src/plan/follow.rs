@@ -122,7 +122,7 @@ impl Planner<'_> {
             out.failure = Some(Failure::Inside { keyframe: self.entry, hit });
             return;
         }
-        let way = self.transitions[self.transition].way(&self.start);
+        let way = self.stop_way();
         let brake = Way { waypoints: &way, travel: &[travel], off: &[] };
         let margins = self.world.margins_between([start, start], segment, self.margin);
         if let Some((_, hit)) = self.world.sweep_along(brake, segment, &margins) {

@@ -17,6 +17,7 @@ mod trials;
 use serde::{Deserialize, Serialize};
 
 use crate::actuation::ActuationSearch;
+use crate::cancel::end_of;
 use crate::fingers::resting_joints;
 use crate::model::{Model, Row};
 use crate::resolve::Resolved;
@@ -225,8 +226,10 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;
     let entry = entry(problem, request)?;
+    let over = request.cancel.clone().unwrap_or_default().until(end_of(begun, request.deadline));
     let mut search = ActuationSearch::new(problem, &model, &resolved);
-    let mut planner = match Planner::new(problem, &model, &resolved, request, begun, entry) {
+    search.over = over.clone();
+    let mut planner = match Planner::new(problem, &model, &resolved, request, begun, entry, over) {
         Ok(planner) => planner,
         Err(e) => {
             let joint = &problem.robot.joints()[model.map().indices()[e.joint]].name();
@@ -251,6 +254,7 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     let found = search.cheapest(problem.options.num_seeds);
     times.actuation = clock.elapsed().as_secs_f64() - times.setup;
     let plan = match found.candidates.first() {
+        None if planner.world.is_over() => planner.ended("no actuation pose was found"),
         None => {
             let boxed = outside_the_box(problem, &model, &resolved);
             planner.infeasible(found.best_effort, boxed)

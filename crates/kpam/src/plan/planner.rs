@@ -4,16 +4,17 @@ use std::time::Instant;
 
 use super::failure::inside;
 use super::trials::Trials;
-use super::{Collision, Lack, Outcome, Plan, Request, refused};
-use crate::KeypointProblem;
+use super::{Collision, Lack, Plan, Request, refused};
 use crate::actuation::Candidate;
+use crate::cancel::end_of;
 use crate::default_limits::{ASSUMED, assumed_limits};
 use crate::hand_path::Follower;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::options::Timing;
 use crate::resolve::Resolved;
-use crate::timing::{Builder, CannotStop, Dynamics, Limits, Method, Start, StartTransition, start_transitions};
+use crate::timing::{Builder, CannotStop, Dynamics, Limits, Method, Node, can_stop, stop};
 use crate::world::{Hit, State, World};
+use crate::{Cancel, KeypointProblem};
 
 pub(super) struct Planner<'p> {
     pub problem: &'p KeypointProblem,
@@ -21,14 +22,14 @@ pub(super) struct Planner<'p> {
     pub resolved: &'p Resolved,
     pub follower: Follower<'p>,
     pub world: World<'p>,
-    /// State at the start, the ways from there to where planning begins, and the one that is taken.
-    pub start: Start,
-    pub transitions: Vec<StartTransition>,
-    pub transition: usize,
+    /// State at the start: position, velocity and acceleration.
+    pub start: [Row; 3],
+    /// The stop from there, where planning begins; none at rest.
+    pub stop: Vec<Node>,
     /// Clearance (m) that is kept from what may not be touched.
     pub margin: f64,
-    /// Obstacle to all of them, once that was looked at.
-    pub transition_checked: Option<Option<Hit>>,
+    /// Obstacle to the stop, once that was looked at.
+    pub stop_checked: Option<Option<Hit>>,
     /// Inputs of a trajectory of this problem.
     pub builder: Builder,
     pub clock: Option<Vec<f64>>,
@@ -59,20 +60,25 @@ impl<'p> Planner<'p> {
         request: &Request<'p>,
         begun: Instant,
         entry: usize,
+        over: Cancel,
     ) -> Result<Self, CannotStop> {
         let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MAX_JOINTS], |v| model.pick(v));
         let options = &problem.options;
-        let start = Start {
-            position: model.start(),
-            velocity: rates(&options.start_velocity),
-            acceleration: rates(&options.start_acceleration),
-        };
+        let start = [model.start(), rates(&options.start_velocity), rates(&options.start_acceleration)];
         let mut builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time)
-            .loaded(Dynamics::asked(&problem.robot, model, options));
-        let transitions = start_transitions(&mut builder, &start, &model.lower, &model.upper)?;
+            .loaded(Dynamics::asked(&problem.robot, model, options))
+            .cancelled_by(Some(over));
+        let mut stopping = Vec::new();
+        if start[1..].iter().flatten().any(|v| *v != 0.0) {
+            let [position, velocity, acceleration] = &start;
+            can_stop(builder.limits(), &model.lower, &model.upper, position, velocity, acceleration)?;
+            builder.admit(position, velocity, acceleration);
+            stopping = stop(builder.limits(), position, velocity, acceleration);
+        }
         let mut world = World::new(problem, model);
         world.measure_start(State::still(&model.start()), world.schedule.toward(entry));
-        world.limit(request.max_checks, request.deadline.map(|d| begun + d), request.cancel.clone());
+        let end = end_of(begun, request.deadline);
+        world.limit(request.max_checks, end, request.cancel.clone());
         let timing =
             problem.options.timing.unwrap_or(if problem.config.has_times() { Timing::Config } else { Timing::Limits });
         let clock = match timing {
@@ -87,10 +93,9 @@ impl<'p> Planner<'p> {
             follower: Follower::new(problem, model),
             world,
             start,
-            transitions,
-            transition: 0,
+            stop: stopping,
             margin: options.margin,
-            transition_checked: None,
+            stop_checked: None,
             builder,
             clock,
             exit: None,
@@ -101,6 +106,11 @@ impl<'p> Planner<'p> {
             partial: options.allow_partial,
             acting: None,
         })
+    }
+
+    /// Where planning begins: where the arm can rest.
+    pub(super) fn rest(&self) -> Row {
+        self.stop.last().map_or(self.start[0], |node| node.position)
     }
 
     pub(super) fn full(&self, x: &Row) -> Vec<f64> {
@@ -118,7 +128,7 @@ impl<'p> Planner<'p> {
 
     pub(super) fn set_margin(&mut self, margin: f64) {
         if self.margin.to_bits() != margin.to_bits() {
-            (self.margin, self.transition_checked, self.exit, self.boxed_in) = (margin, None, None, 0);
+            (self.margin, self.stop_checked, self.exit, self.boxed_in) = (margin, None, None, 0);
         }
     }
 
@@ -146,6 +156,15 @@ impl<'p> Planner<'p> {
         Some(out)
     }
 
+    /// The plan of a problem whose planning had to end; `so_far` is what was found by then.
+    pub(super) fn ended(&self, so_far: &str) -> Plan {
+        if self.world.is_cancelled() {
+            return refused(Lack::Cancelled, "planning was cancelled".to_owned());
+        }
+        let spent = if self.world.is_spent() { "the collision checks are spent" } else { "the time is up" };
+        refused(Lack::NotFound, format!("{spent}; so far {so_far}"))
+    }
+
     /// Result of the trials; `cheapest` is the pose that obstacles aside would be taken.
     pub(super) fn conclude(&mut self, trials: Trials, cheapest: &Candidate) -> Plan {
         let solved = trials.done();
@@ -158,16 +177,13 @@ impl<'p> Planner<'p> {
             }
             None => refused(Lack::NotFound, "no actuation pose was tried".to_owned()),
         };
-        if !solved && self.world.is_cancelled() {
-            (out.outcome, out.reason) = (Outcome::Failed(Lack::Cancelled), "planning was cancelled".to_owned());
-            // Times are of a trajectory.
-            out.keyframes.iter_mut().for_each(|keyframe| keyframe.time = None);
-        } else if !solved && self.world.is_spent() && out.trajectory().is_none() {
-            out.outcome = Outcome::Failed(Lack::NotFound);
-            out.reason = format!("the collision checks are spent; so far {}", out.reason);
-        } else if !solved && self.world.is_late() && out.trajectory().is_none() {
-            out.outcome = Outcome::Failed(Lack::NotFound);
-            out.reason = format!("the time is up; so far {}", out.reason);
+        if !solved && self.world.is_over() && (self.world.is_cancelled() || out.trajectory().is_none()) {
+            let ended = self.ended(&out.reason);
+            if self.world.is_cancelled() {
+                // Times are of a trajectory.
+                out.keyframes.iter_mut().for_each(|keyframe| keyframe.time = None);
+            }
+            (out.outcome, out.reason) = (ended.outcome, ended.reason);
         }
         out.tried = tried;
         out.tried_poses = poses;

@@ -119,7 +119,7 @@ impl Planner<'_> {
     /// end of one segment and the beginning of another: what may touch in the one may have to keep clear in the other.
     fn tell_of_contacts(&mut self, attempt: &Attempt, out: &mut Plan) {
         let schedule = self.world.schedule;
-        let start = self.start.position;
+        let start = self.start[0];
         let mut places = Vec::new();
         if self.entry <= attempt.motions.actuation {
             let approach = schedule.toward(self.entry);

@@ -80,7 +80,7 @@ impl Planner<'_> {
     /// The rest of the hand path that the motion goes on along: joint waypoints, the fraction of the whole path that is
     /// done at each, and what of the rest they cover. The earlier plan's way is taken where the arm is on it.
     pub(super) fn rest_of(&mut self, path: &HandPath) -> (Vec<Row>, Vec<f64>, f64) {
-        let start = self.transitions[self.transition].rest();
+        let start = self.rest();
         let rest = Rest::new(path, &self.follower.hand(&start));
         if let Some(way) = self.former_waypoints(&start, self.entry.checked_sub(1))
             && self.keeps_to(path, &way, rest.off.norm())

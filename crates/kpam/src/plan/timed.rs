@@ -2,14 +2,13 @@
 
 use std::borrow::Cow;
 
-use super::approach::{NEAR, WIDE};
 use super::attempt::Attempt;
 use super::failure::Failure;
 use super::planner::Planner;
 use crate::hand_path::OFF_PATH;
 use crate::model::{MAX_JOINTS, Row};
 use crate::motion::HandPath;
-use crate::timing::{Builder, Refusal, Spline, Trajectory, append, length, rounded, unit};
+use crate::timing::{Blend, Builder, Node, Refusal, Spline, Trajectory, keeps, length, to_rest};
 use crate::world::{Margins, MotionSegment};
 
 /// A motion in time.
@@ -26,7 +25,26 @@ pub(super) struct Timed {
 const BEND: usize = 6;
 /// Parts of an interval in which the speed of the point that touches is looked at.
 const LOOKS: u32 = 4;
+/// Places of the approach that a start under way goes to at the most, before it keeps to the curve.
+const PLACES: usize = 4;
+/// The motion under way goes on unless another one saves this much time (s).
+const SAVES: f64 = 1e-6;
+/// Difference of two states (rad or m, and rates) that are the same.
+const SAME: f64 = 1e-6;
+
+/// Ways in which a start under way may take up a motion: those that come first are quicker.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum TakeUp {
+    /// The earlier plan's motion goes on.
+    GoesOn,
+    /// The motion begins while the start still brakes.
+    Blended,
+    /// It begins once the start has stopped.
+    Stopped,
+}
+
 /// Joint waypoints that lead from one keyframe, or stop, to the next.
+#[derive(Clone)]
 pub(super) struct Stretch<'a> {
     pub waypoints: Cow<'a, [Row]>,
     /// Travel of the object's joint at the waypoints.
@@ -48,31 +66,143 @@ pub(super) struct Stretch<'a> {
 }
 
 impl Planner<'_> {
-    /// The timed motion along segments.
-    pub(super) fn timed(&mut self, segments: &[Stretch<'_>], keyframes: usize) -> Result<Timed, Failure> {
+    /// The timed motion along segments, and how a start under way takes it up: at the soonest, but in no quicker manner than
+    /// `manner`.
+    pub(super) fn timed(
+        &mut self,
+        attempt: &Attempt,
+        segments: &[Stretch<'_>],
+        manner: TakeUp,
+    ) -> Result<(Timed, TakeUp), Failure> {
+        let keyframes = attempt.motions.keyframes.len();
+        let going_on = if manner == TakeUp::GoesOn { self.going_on(attempt, segments) } else { None };
+        let other = if self.stop.is_empty() {
+            self.timed_from_rest(segments, keyframes).map(|timed| (timed, TakeUp::Stopped))
+        } else {
+            self.taken_up(segments, keyframes, manner.max(TakeUp::Blended))
+        };
+        match (going_on, other) {
+            (Some(rest), Ok((other, _))) if rest.trajectory.end() > other.trajectory.end() + SAVES => {
+                Ok((other, TakeUp::Blended))
+            }
+            (Some(rest), _) => Ok((rest, TakeUp::GoesOn)),
+            (None, other) => other,
+        }
+    }
+
+    /// The rest of the earlier plan's motion, where it passes the start at the start time and leads to the same pose.
+    fn going_on(&self, attempt: &Attempt, segments: &[Stretch<'_>]) -> Option<Timed> {
+        let former = self.warm_start?;
+        let (motion, pose, start) = (former.trajectory()?, former.q_plan.as_ref()?, self.builder.now());
+        let same = pose.len() == motion.joints()
+            && motion.goes_on_from(self.model.map(), start, &self.start, SAME)
+            && self.model.are_near(&self.model.pick(pose), &attempt.x, SAME)
+            && self.builder.limits().admit(motion.limits())
+            && former.keyframes.len() == attempt.motions.keyframes.len();
+        if !same || self.stop.is_empty() || self.clock.is_some() || start >= motion.end() {
+            return None;
+        }
+        let mut times = vec![None; former.keyframes.len()];
+        let mut spans: Vec<[f64; 2]> = Vec::new();
+        for segment in segments {
+            let keyframe = segment.keyframe?;
+            let (begin, end) = (spans.last().map_or(start, |span| span[1]), former.keyframes[keyframe].time?);
+            if !(begin..=motion.end()).contains(&end) {
+                return None;
+            }
+            times[keyframe] = Some(end);
+            spans.push([begin, end]);
+        }
+        let trajectory = motion.since(start).ok()?;
+        let whole = spans.last().is_some_and(|span| span[1] >= trajectory.end() - SAVES);
+        (whole && self.builder.bears(&trajectory)).then_some(Timed { trajectory, times, spans })
+    }
+
+    /// The soonest motion from a start under way: to a place of the approach, and along the segments from there.
+    fn taken_up(
+        &mut self,
+        segments: &[Stretch<'_>],
+        keyframes: usize,
+        manner: TakeUp,
+    ) -> Result<(Timed, TakeUp), Failure> {
+        let free = segments.first().filter(|first| !first.contact && self.clock.is_none() && manner == TakeUp::Blended);
+        let places = free.map_or(0, |first| first.waypoints.len() - 1);
+        let mut best: Option<Timed> = None;
+        let mut failure = None;
+        for part in 0..=places.min(PLACES) {
+            let place = part * places / places.clamp(1, PLACES);
+            match self.past(segments, keyframes, place, manner) {
+                Ok(Some(timed)) if best.as_ref().is_none_or(|b| timed.trajectory.end() < b.trajectory.end()) => {
+                    best = Some(timed);
+                }
+                Ok(_) => {}
+                Err(why) => failure = failure.or(Some(why)),
+            }
+        }
+        let untimed = Failure::Untimed { keyframe: segments.first().map_or(self.entry, |first| first.toward) };
+        best.map(|timed| (timed, manner)).ok_or_else(|| failure.unwrap_or(untimed))
+    }
+
+    /// The motion to a waypoint of the first segment and on from there, as soon as `manner` allows.
+    fn past(
+        &mut self,
+        segments: &[Stretch<'_>],
+        keyframes: usize,
+        place: usize,
+        manner: TakeUp,
+    ) -> Result<Option<Timed>, Failure> {
+        let room = [&self.model.lower, &self.model.upper];
+        let mut rest = segments.to_vec();
+        let mut lead = self.stop.clone();
+        if place > 0 {
+            let waypoints = segments[0].waypoints[place..].to_vec();
+            let [position, velocity, acceleration] = &self.start;
+            lead = to_rest(self.builder.limits(), position, velocity, acceleration, &waypoints[0]);
+            let path = Spline::through(self.model.n(), &waypoints, None);
+            if !keeps(self.builder.limits(), room, &lead) || !path.keeps_within(0..path.intervals(), room[0], room[1]) {
+                return Ok(None);
+            }
+            rest[0].waypoints = Cow::Owned(waypoints);
+        }
+        let mut timed = self.timed_from_rest(&rest, keyframes)?;
+        let start = timed.trajectory.start();
+        // Keyframes are met by the motion itself, once the lead has come to rest.
+        let first = timed.times.iter().flatten().copied().fold(f64::INFINITY, f64::min);
+        let earliest = lead.last().map_or(0.0, |node: &Node| node.time) - (first - start);
+        let blend = Blend { lead: &lead, limits: self.builder.limits(), room, earliest };
+        let (trajectory, late) = match manner {
+            TakeUp::Stopped => blend.one_after_the_other(&timed.trajectory),
+            TakeUp::GoesOn | TakeUp::Blended => blend.of(&timed.trajectory),
+        };
+        timed.times.iter_mut().flatten().for_each(|time| *time += late);
+        timed.spans.iter_mut().flatten().for_each(|time| *time += late);
+        if let Some(first) = timed.spans.first_mut() {
+            first[0] = start;
+        }
+        timed.trajectory = trajectory;
+        Ok(self.builder.bears(&timed.trajectory).then_some(timed))
+    }
+
+    /// The timed motion along segments from rest where they begin.
+    fn timed_from_rest(&mut self, segments: &[Stretch<'_>], keyframes: usize) -> Result<Timed, Failure> {
         let mut times = vec![None; keyframes];
         let mut ends: Vec<f64> = Vec::with_capacity(segments.len());
-        let transition = self.transitions[self.transition].clone();
         let mut builder = self.builder.clone();
-        append(&mut builder, &transition, &self.start);
-        let mut velocity = transition.velocity();
         let mut rest = segments;
         let mut outcome = Ok(());
         while !rest.is_empty() && outcome.is_ok() {
             let whole = rest.iter().position(|segment| segment.stops).map_or(rest.len(), |k| k + 1);
-            let mut joined = self.joined(&rest[..whole], &velocity);
+            let mut joined = self.joined(&rest[..whole]);
             outcome = loop {
-                match self.drive(&mut builder, &rest[..joined], &velocity, &mut times) {
+                match self.drive(&mut builder, &rest[..joined], &mut times) {
                     Ok(passed) => {
                         ends.extend(passed);
                         break Ok(());
                     }
-                    // Only a start under way can be too fast for a bend.
                     Err(_) if joined > 1 => joined -= 1,
                     Err(failure) => break Err(failure),
                 }
             };
-            velocity = [0.0; MAX_JOINTS];
             rest = &rest[joined..];
         }
         outcome?;
@@ -119,24 +249,6 @@ impl Planner<'_> {
             });
         }
         let first = attempt.first;
-        if self.entry > act
-            && let (Some(line), Some(travel)) =
-                (self.transitions[self.transition].line(), attempt.travel[first].first())
-        {
-            // Under way past the actuation: on along the line, and back to the path of the hand without a stop.
-            segments.push(Stretch {
-                waypoints: Cow::Owned(rounded(n, &line, WIDE, NEAR)),
-                travel: Cow::Owned(vec![*travel]),
-                segment: self.world.schedule.along(first),
-                kept: &attempt.margins[first],
-                keyframe: None,
-                toward: self.entry,
-                contact: self.entry > act,
-                hand: None,
-                stops: clock.is_some(),
-                due: None,
-            });
-        }
         for (i, waypoints) in attempt.paths.iter().enumerate().skip(first) {
             if waypoints.len() < 2 {
                 break;
@@ -164,11 +276,11 @@ impl Planner<'_> {
     }
 
     /// Number of segments that can be driven in one go.
-    fn joined(&mut self, segments: &[Stretch<'_>], velocity: &Row) -> usize {
+    fn joined(&mut self, segments: &[Stretch<'_>]) -> usize {
         let mut count = segments.len();
         // A segment fewer may bend otherwise at the end, never more.
         while count > 1 {
-            let (path, ends) = self.path(&segments[..count], velocity);
+            let (path, ends) = self.path(&segments[..count]);
             let bad = (0..count - 1).find(|k| !self.bend_stands(&segments[*k], &segments[k + 1], &path, &ends, *k));
             match bad {
                 Some(k) => count = k + 1,
@@ -179,7 +291,7 @@ impl Planner<'_> {
     }
 
     /// The path through segments, and the waypoint at the start of each and at the end.
-    fn path(&self, segments: &[Stretch<'_>], velocity: &Row) -> (Spline, Vec<usize>) {
+    fn path(&self, segments: &[Stretch<'_>]) -> (Spline, Vec<usize>) {
         let mut waypoints: Vec<Row> = Vec::new();
         let mut ends = vec![0];
         for segment in segments {
@@ -187,10 +299,7 @@ impl Planner<'_> {
             waypoints.extend_from_slice(&segment.waypoints[usize::from(!waypoints.is_empty())..]);
             ends.push(waypoints.len() - 1);
         }
-        let n = self.model.n();
-        let moving = velocity[..n].iter().any(|v| *v != 0.0);
-        let tangent = unit(n, velocity);
-        (Spline::through(n, &waypoints, moving.then_some(&tangent)), ends)
+        (Spline::through(self.model.n(), &waypoints, None), ends)
     }
 
     /// Whether the path keeps to joint limits and to the hand's path where segment `k` meets the next.
@@ -261,22 +370,22 @@ impl Planner<'_> {
         &mut self,
         builder: &mut Builder,
         segments: &[Stretch<'_>],
-        velocity: &Row,
         times: &mut [Option<f64>],
     ) -> Result<Vec<f64>, Failure> {
-        let (path, ends) = self.path(segments, velocity);
+        let (path, ends) = self.path(segments);
         let slowest = self.slowest(segments, &path, &ends);
         let last = &segments[segments.len() - 1];
         let marks = &ends[1..];
         let begin = builder.now();
-        let passed = builder.push(&path, &slowest, velocity, last.due, marks).map_err(|refusal| match refusal {
-            Refusal::TooLong(needed) => {
-                let allowed = last.due.map_or(0.0, |d| d - begin);
-                Failure::TooFast { keyframe: last.toward, allowed, needed }
-            }
-            // Timing is not cancelled within a plan: it takes well under a millisecond.
-            Refusal::TooSharp | Refusal::Cancelled => Failure::Untimed { keyframe: last.toward },
-        })?;
+        let passed =
+            builder.push(&path, &slowest, &[0.0; MAX_JOINTS], last.due, marks).map_err(|refusal| match refusal {
+                Refusal::TooLong(needed) => {
+                    let allowed = last.due.map_or(0.0, |d| d - begin);
+                    Failure::TooFast { keyframe: last.toward, allowed, needed }
+                }
+                // Where planning has to end, the plan says so.
+                Refusal::TooSharp | Refusal::Cancelled => Failure::Untimed { keyframe: last.toward },
+            })?;
         for (segment, time) in segments.iter().zip(&passed) {
             if let Some(keyframe) = segment.keyframe {
                 times[keyframe] = Some(*time);

@@ -141,6 +141,21 @@ impl Limits {
         out
     }
 
+    /// Whether a motion that keeps `other` keeps these, up to [`TOLERANCE`].
+    pub(crate) fn admit(&self, other: &Self) -> bool {
+        let within = |own: &Row, other: &Row| (0..self.joints).all(|v| other[v] <= own[v] * (1.0 + 2.0 * TOLERANCE));
+        let bound = match (&self.envelope, &other.envelope) {
+            (None, _) => true,
+            (Some(own), Some(other)) => own.admits(other),
+            (Some(_), None) => false,
+        };
+        self.joints == other.joints
+            && bound
+            && within(&self.velocity, &other.velocity)
+            && within(&self.acceleration, &other.acceleration)
+            && within(&self.jerk, &other.jerk)
+    }
+
     /// Width (s) of the moving average that bounds jerk, and the limits that a motion keeps to before it is averaged.
     /// `None` where the average would take a joint further off its path than [`AVERAGING_DEVIATION`].
     ///

@@ -8,6 +8,7 @@
 //! are known ([`torque`]). A start under way leaves along its own line ([`start_transition`], [`stop`]).
 
 mod barrier;
+mod blend;
 mod conic;
 mod envelope;
 mod grid;
@@ -19,6 +20,7 @@ mod retime;
 mod smooth;
 mod spline;
 mod start_transition;
+mod state_to_state;
 mod stop;
 mod stream;
 mod third_order;
@@ -26,13 +28,16 @@ mod time_scaling;
 mod torque;
 mod trajectory;
 
+pub(crate) use blend::{Blend, keeps};
 pub use envelope::Braking;
 pub(crate) use envelope::Envelope;
 pub use limits::Limits;
+pub(crate) use motion::Node;
 pub use retime::{RetimeOptions, Retimed, retime};
 pub(crate) use spline::{Spline, distance, length, rounded};
-pub(crate) use start_transition::{Start, StartTransition, append, start_transitions, turn, unit};
+pub(crate) use state_to_state::to_rest;
 pub use stop::CannotStop;
+pub(crate) use stop::{can_stop, stop};
 pub use time_scaling::Method;
 pub(crate) use torque::Dynamics;
 pub(crate) use trajectory::{Builder, Refusal};

@@ -12,9 +12,12 @@ pub(crate) struct Node {
     pub time: f64,
     pub position: Row,
     pub velocity: Row,
-    /// Acceleration right after it, where that is known: between nodes that are close in time, positions tell it badly.
+    /// Acceleration there, where it is known and continuous: between nodes that are close in time, positions tell it badly.
     pub acceleration: Option<Row>,
 }
+
+/// Accelerations below this (rad/s^2 or m/s^2) may be rounding.
+const NOISE: f64 = 1e-8;
 
 /// The cubic between two nodes: position, velocity and halves and sixths of the derivatives that follow, at its start.
 struct Cubic([Row; 4]);
@@ -24,11 +27,17 @@ impl Cubic {
         let h = b.time - a.time;
         let mut out = [a.position, a.velocity, [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]];
         for v in 0..joints {
-            if let Some(acceleration) = &a.acceleration {
-                out[2][v] = 0.5 * acceleration[v];
-                out[3][v] = (b.velocity[v] - a.velocity[v] - acceleration[v] * h) / (3.0 * h * h);
+            if let (Some(from), Some(to)) = (&a.acceleration, &b.acceleration) {
+                out[2][v] = 0.5 * from[v];
+                out[3][v] = (to[v] - from[v]) / (6.0 * h);
             } else {
                 let slope = (b.position[v] - a.position[v]) / h;
+                // Over a short time, positions of an even motion tell an acceleration that is rounding.
+                let rounding = f64::EPSILON * a.position[v].abs().max(b.position[v].abs());
+                let even = a.velocity[v] == b.velocity[v] && (slope - b.velocity[v]).abs() * h <= 4.0 * rounding;
+                if even && rounding > NOISE * h * h {
+                    continue;
+                }
                 out[2][v] = (3.0 * slope - 2.0 * a.velocity[v] - b.velocity[v]) / h;
                 out[3][v] = (a.velocity[v] + b.velocity[v] - 2.0 * slope) / (h * h);
             }
@@ -163,6 +172,12 @@ pub(crate) fn peaks(limits: &Limits, a: &Node, b: &Node) -> [f64; 3] {
     out
 }
 
+/// Bounds of a joint between two nodes on the quintic that joins them: no polynomial exceeds its Bernstein coefficients.
+pub(crate) fn smooth_range(a: &Node, b: &Node, v: usize) -> (f64, f64) {
+    let control = Quintic::between(a, b, v).control.map(|c| a.position[v] + c);
+    control.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(*c), high.max(*c)))
+}
+
 /// Bernstein coefficients of the position and the velocity of a joint between two nodes.
 pub(crate) fn curve(joints: usize, v: usize, a: &Node, b: &Node) -> ([f64; 4], [f64; 3]) {
     let (cubic, h) = (Cubic::between(joints, a, b), b.time - a.time);
@@ -263,6 +278,18 @@ impl Piece {
     /// Number of joints.
     pub fn joints(&self) -> usize {
         self.joints
+    }
+
+    /// The motion through the same nodes with an even jerk between them.
+    pub fn with_even_jerk(self) -> Self {
+        Self { smooth: false, ..self }
+    }
+
+    /// The same motion later by `time` (s).
+    pub fn delayed(mut self, time: f64) -> Self {
+        self.start += time;
+        self.counts += time;
+        self
     }
 
     /// Whether it has nodes, in order and each with its numbers.

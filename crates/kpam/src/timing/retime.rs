@@ -1,8 +1,11 @@
 //! Retiming of given waypoints.
 
+use super::blend::keeps;
 use super::limits::Limits;
 use super::spline::Spline;
 use super::start_transition::{Start, StartTransition, append, start_transitions, turn, unit};
+use super::state_to_state::to_rest;
+use super::stop::{CannotStop, can_stop};
 use super::time_scaling::Method;
 use super::trajectory::{Builder, Refusal, Trajectory};
 use crate::model::{JointMap, MAX_JOINTS};
@@ -42,7 +45,8 @@ pub struct Retimed {
 }
 
 /// The fastest motion found along the cubic spline through joint waypoints, within velocity, acceleration and jerk
-/// limits, at rest at the stops and at the end.
+/// limits, at rest at the stops and at the end. From a start under way to one other waypoint it is the fastest that there is,
+/// on no path.
 ///
 /// Velocity and acceleration are those of the time-optimal motion on the path; the jerk limits add a moving average,
 /// which takes a joint off the path, and off a waypoint that it passes, by at most 1e-4 rad (or m). Where that would be
@@ -109,6 +113,23 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
         None => ([f64::NEG_INFINITY; MAX_JOINTS], [f64::INFINITY; MAX_JOINTS]),
     };
     let mut builder = Builder::new(*limits, options.method, options.start_time).cancelled_by(options.cancel.clone());
+    // A goal alone binds no path.
+    if let ([_, goal], true) = (points.as_slice(), options.slowest.is_empty()) {
+        let moving = start.velocity.iter().chain(&start.acceleration).any(|v| *v != 0.0);
+        let check = |e: CannotStop| ProblemError::new(format!("start_velocity[{}]", e.joint), e.reason);
+        if moving {
+            let Start { position, velocity, acceleration } = &start;
+            can_stop(limits, &lower, &upper, position, velocity, acceleration).map_err(check)?;
+            builder.admit(position, velocity, acceleration);
+            let nodes = to_rest(builder.limits(), position, velocity, acceleration, goal);
+            if keeps(builder.limits(), [&lower, &upper], &nodes) {
+                builder.append_nodes(&nodes);
+                let trajectory = builder.build(&JointMap::each(joints, &start.position[..joints]));
+                let times = vec![trajectory.start(), trajectory.end()];
+                return Ok(Retimed { trajectory, times });
+            }
+        }
+    }
     let mut found = start_transitions(&mut builder, &start, &lower, &upper)
         .map_err(|e| ProblemError::new(format!("start_velocity[{}]", e.joint), e.reason))?;
     let transition = found.swap_remove(0);
@@ -300,6 +321,36 @@ mod tests {
             };
             let again = retime(&rest, &limits, &options).map_err(|e| TestCaseError::fail(e.to_string()))?;
             check(&again.trajectory, &limits)?;
+        }
+
+        #[test]
+        fn no_acceleration_exceeds_its_limit_at_extreme_ratios(
+            waypoints in joint_lists(2..6),
+            exponents in prop::collection::vec((-3.0..3.0f64, -3.0..4.0f64, -2.0..7.0f64), 3),
+            speed in prop::collection::vec(-1.0..1.0f64, 3),
+            gain in prop::collection::vec(-1.0..1.0f64, 3),
+        ) {
+            let list = |pick: fn(&(f64, f64, f64)) -> f64| exponents.iter().map(|e| 10f64.powf(pick(e))).collect::<Vec<f64>>();
+            let (v, a, j) = (list(|e| e.0), list(|e| e.1), list(|e| e.2));
+            let limits = Limits::new(&v, &a, &j).unwrap();
+            let room = |i: usize| v[i] - 0.5 * (gain[i] * a[i]).powi(2) / j[i];
+            let start = |i: usize, value: f64| if room(i) > 0.0 { value } else { 0.0 };
+            let options = RetimeOptions {
+                start_velocity: Some((0..3).map(|i| start(i, speed[i] * room(i))).collect()),
+                start_acceleration: Some((0..3).map(|i| start(i, gain[i] * a[i])).collect()),
+                ..RetimeOptions::default()
+            };
+            let Ok(out) = retime(&waypoints, &limits, &options) else { return Ok(()) };
+            let end = out.trajectory.end();
+            let late = (0..=3000).map(|k| end * f64::from(k) / 3000.0);
+            let early = (0..200).map(|k| end * 1e-9_f64.powf(f64::from(k) / 200.0));
+            for t in late.chain(early).chain(out.trajectory.times().iter().copied()) {
+                let now = out.trajectory.sample(t);
+                for i in 0..3 {
+                    let (is, most) = (now.acceleration[i].abs(), a[i]);
+                    prop_assert!(is <= most * (1.0 + 1e-5), "joint {i} at {t}: {is} exceeds {most}");
+                }
+            }
         }
 
         #[test]

@@ -33,8 +33,8 @@ const NEGLIGIBLE: f64 = 1.004;
 /// A path whose curve lies this near to a line (rad or m) is straight.
 const STRAIGHT: f64 = 1e-10;
 
-/// The fastest motion found along a path from `velocity` along its tangent, without acceleration there, to rest: nodes
-/// joined by quintics, and the node at each knot. `None` where the path cannot be followed from that velocity.
+/// The fastest motion found along a path from `velocity` along its tangent, without acceleration there, to rest: nodes, the
+/// node at each knot, and whether jerk is constant between nodes; quintics join them else. `None` where the path cannot be followed from that velocity.
 pub(crate) fn drive(
     limits: &Limits,
     path: &Spline,
@@ -42,22 +42,23 @@ pub(crate) fn drive(
     velocity: &Row,
     load: Load<'_>,
     cancel: Option<&Cancel>,
-) -> Option<(Vec<Node>, Vec<usize>)> {
+) -> Option<(Vec<Node>, Vec<usize>, bool)> {
     let n = limits.joints();
     let knots = &path.knots;
     if path.length() == 0.0 {
         let still = velocity[..n].iter().all(|v| *v == 0.0);
         let node = Node { time: 0.0, position: path.at(0, 0.0), velocity: *velocity, acceleration: None };
-        return still.then(|| (vec![node], vec![0; knots.len()]));
+        return still.then(|| (vec![node], vec![0; knots.len()], false));
     }
     let begin = path.start_speed(velocity);
     let paces = path.paces(slowest);
     let straight = path.bend() * path.length() * path.length() < 8.0 * STRAIGHT;
     let one_pace = paces.windows(2).all(|pair| pair[0] == pair[1]) && begin <= paces[0];
     if straight && load.is_none() && !slowed(limits, path) && one_pace {
-        return along_line(limits, path, paces[0], begin);
+        // Quintics round the accelerations of short phases; from rest their rounding is far below the limits.
+        return along_line(limits, path, paces[0], begin).map(|(nodes, knots)| (nodes, knots, begin > 0.0));
     }
-    curved(limits, path, &paces, begin, load, cancel)
+    curved(limits, path, &paces, begin, load, cancel).map(|(nodes, knots)| (nodes, knots, false))
 }
 
 /// Whether the position of some joint bounds the speed along a straight path: most at its end.
@@ -318,7 +319,7 @@ mod tests {
             let (velocity, speed) = start(&limits, &path, 0.8);
             let slow = 0.3 * speed;
             let least: Vec<f64> = path.knots.windows(2).map(|k| (k[1] - k[0]) / slow).collect();
-            let (nodes, of_knot) = drive(&limits, &path, &least, &velocity, None, None).unwrap();
+            let (nodes, of_knot, _) = drive(&limits, &path, &least, &velocity, None, None).unwrap();
             // It brakes within half of the first stretch, and goes on at the pace.
             let times: Vec<f64> = of_knot.iter().map(|k| nodes[*k].time).collect();
             assert!(times[1] > 0.5 * least[0] && times[1] < least[0], "{times:?} {least:?}");
@@ -331,7 +332,7 @@ mod tests {
         let limits = Limits::new(&[2.0; 2], &[5.0; 2], &[50.0; 2]).unwrap();
         let path = bent();
         let least = [2.0, 3.0];
-        let (nodes, of_knot) = drive(&limits, &path, &least, &[0.0; MAX_JOINTS], None, None).unwrap();
+        let (nodes, of_knot, _) = drive(&limits, &path, &least, &[0.0; MAX_JOINTS], None, None).unwrap();
         let times: Vec<f64> = of_knot.iter().map(|k| nodes[*k].time).collect();
         assert!(times[1] - times[0] >= 2.0 - 1e-6 && times[2] - times[1] >= 3.0 - 1e-6, "{times:?}");
         assert!(times[2] < 5.6, "{times:?}");
@@ -344,7 +345,7 @@ mod tests {
             let time = |bend: f64| {
                 let waypoints = [row([0.0; 3]), row([0.5, 0.25 + bend, -0.1]), row([1.0, 0.5, -0.2])];
                 let path = Spline::through(3, &waypoints, None);
-                let (nodes, _) = drive(&limits, &path, &[], &[0.0; MAX_JOINTS], None, None).unwrap();
+                let (nodes, ..) = drive(&limits, &path, &[], &[0.0; MAX_JOINTS], None, None).unwrap();
                 nodes[nodes.len() - 1].time
             };
             let (straight, bent) = (time(0.0), time(1e-4));

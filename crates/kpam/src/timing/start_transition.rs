@@ -52,23 +52,6 @@ impl StartTransition {
         }
     }
 
-    /// The line from where the first path begins to rest, where there is one.
-    pub fn line(&self) -> Option<Vec<Row>> {
-        match self {
-            Self::Line { begin, brake, .. } => Some(vec![*begin, *brake]),
-            _ => None,
-        }
-    }
-
-    /// Waypoints, close to each other, of the way that planning does not choose.
-    pub fn way(&self, start: &Start) -> Vec<Row> {
-        match self {
-            Self::Resting(position) => vec![*position],
-            Self::Line { begin, brake, .. } => vec![start.position, *begin, *brake],
-            Self::Stop { nodes } => nodes.iter().map(|n| n.position).collect(),
-        }
-    }
-
     /// Starts of paths that leave the line in a turn towards `next`, widest last; none where there is no line.
     pub fn turns(&self, joints: usize, next: &Row) -> Vec<Vec<Row>> {
         let Self::Line { begin, brake, .. } = self else { return Vec::new() };

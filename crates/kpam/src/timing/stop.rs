@@ -1,12 +1,14 @@
 //! Bringing joints under way to rest, each as soon as its own limits allow: what decides whether a start can be planned
 //! from at all.
 
+use serde::{Deserialize, Serialize};
+
 use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, range};
 use crate::model::{MAX_JOINTS, Row};
 
 /// A joint that leaves its limits however it moves on.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct CannotStop {
     /// Number of the joint among those that move.
@@ -19,12 +21,12 @@ pub struct CannotStop {
 const SHORTEST: f64 = 1e-8;
 
 /// A phase of constant jerk: its duration (s) and the jerk.
-type Phase = (f64, f64);
+pub(super) type Phase = (f64, f64);
 
 /// State of a joint: position, velocity, acceleration.
-type State = [f64; 3];
+pub(super) type State = [f64; 3];
 
-fn go_on([position, velocity, acceleration]: State, jerk: f64, t: f64) -> State {
+pub(super) fn go_on([position, velocity, acceleration]: State, jerk: f64, t: f64) -> State {
     [
         position + t * (velocity + t * (0.5 * acceleration + t * jerk / 6.0)),
         velocity + t * (acceleration + 0.5 * t * jerk),
@@ -44,7 +46,7 @@ fn settling_in(time: f64, acceleration: f64) -> [Phase; 3] {
 }
 
 /// Phases that bring a joint to rest in the least time.
-fn stopping(velocity: f64, acceleration: f64, most: f64, jerk: f64) -> [Phase; 3] {
+pub(super) fn stopping(velocity: f64, acceleration: f64, most: f64, jerk: f64) -> [Phase; 3] {
     // Velocity once the acceleration is taken away: what has to be braked.
     let left = velocity + 0.5 * acceleration * acceleration.abs() / jerk;
     if left == 0.0 {
@@ -63,26 +65,26 @@ fn stopping(velocity: f64, acceleration: f64, most: f64, jerk: f64) -> [Phase; 3
 }
 
 /// Nodes of a motion of constant jerk phases, one list a joint, at every change of any joint's phase.
-fn nodes(limits: &Limits, start: &[State], phases: &[[Phase; 3]]) -> Vec<Node> {
+pub(super) fn nodes(limits: &Limits, start: &[State], phases: &[impl AsRef<[Phase]>]) -> Vec<Node> {
     let mut times: Vec<f64> = vec![0.0];
     for joint in phases {
         let mut t = 0.0;
-        for (duration, _) in joint {
+        for (duration, _) in joint.as_ref() {
             t += duration;
             times.push(t);
         }
     }
     times.sort_by(f64::total_cmp);
-    times.dedup_by(|b, a| *b - *a < 1e-9);
+    times.dedup();
     times
         .iter()
         .map(|time| {
             let [mut position, mut velocity, mut acceleration] = [[0.0; MAX_JOINTS]; 3];
             for v in 0..limits.joints() {
                 let (mut state, mut left, mut whole) = (start[v], *time, 0.0);
-                for (duration, jerk) in phases[v] {
+                for (duration, jerk) in phases[v].as_ref() {
                     let t = duration.min(left);
-                    state = go_on(state, jerk, t);
+                    state = go_on(state, *jerk, t);
                     left -= t;
                     whole += duration;
                 }
@@ -96,8 +98,13 @@ fn nodes(limits: &Limits, start: &[State], phases: &[[Phase; 3]]) -> Vec<Node> {
         .collect()
 }
 
+/// State of joint `v`.
+pub(super) fn state_of(position: &Row, velocity: &Row, acceleration: &Row, v: usize) -> State {
+    [position[v], velocity[v], acceleration[v]]
+}
+
 fn states(joints: usize, position: &Row, velocity: &Row, acceleration: &Row) -> Vec<State> {
-    (0..joints).map(|v| [position[v], velocity[v], acceleration[v]]).collect()
+    (0..joints).map(|v| state_of(position, velocity, acceleration, v)).collect()
 }
 
 /// The motion in which every joint comes to rest as soon as it can.

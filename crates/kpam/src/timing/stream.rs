@@ -2,46 +2,122 @@
 
 use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, Piece, peaks};
+use super::smooth::along;
+use super::stop::{State, go_on, stopping};
 use super::trajectory::Trajectory;
 use crate::ProblemError;
+use crate::model::{MAX_JOINTS, Row};
 
-/// Intervals between nodes of a stop: many follow the motion's jerk closely, few average what it has of that.
-const INTERVALS: [usize; 3] = [8, 16, 48];
-/// Shares of a stop in which its deceleration grows, and again falls: the shorter, the faster where jerk allows.
-const EDGES: [f64; 3] = [0.05, 0.2, 0.5];
-/// Durations tried, bisections of the first that stands, and the least one (s).
-const TRIES: u32 = 20;
-const HALVINGS: usize = 12;
-const SHORTEST: f64 = 1e-3;
+/// Intervals between nodes of a stop that takes the least time, and how many there are at the most.
+const INTERVALS: [f64; 2] = [16.0, 48.0];
+const MOST: usize = 1500;
+/// Shares of the limits on acceleration along the path that a stop uses, and of those of its limits on jerk: the first that
+/// keep the joints' limits.
+const SHARES: [f64; 9] = [1.0, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3, 0.15];
+const SHARP: [f64; 3] = [1.0, 0.6, 0.3];
+/// Bisections of the time at which the last ramp begins, and the share of an interval by which it may begin early.
+const HALVINGS: usize = 40;
+const SOON: f64 = 0.3;
+/// Share of an interval that an acceleration takes to change at the least, if it is not to change evenly.
+const EVEN: f64 = 0.3;
+/// Share of the jerk limit that rounding may take: intervals are short.
+const ROUNDING: f64 = 1e-5;
+/// Longest interval (s) over which the length of the way is measured at once.
+const LONGEST: f64 = 0.02;
+/// Speeds below this (rad/s or m/s) are rest.
+const STILL: f64 = 1e-9;
 
-/// Clock of a motion that is slowed to a stop: its reading, rate and derivative of the rate.
-struct Slowing {
-    begin: f64,
-    duration: f64,
-    edge: f64,
+/// The path of a motion from a time on by its length.
+struct Path<'m> {
+    motion: &'m Trajectory,
+    /// Times (s) and lengths (rad or m) up to them.
+    places: Vec<(f64, f64)>,
 }
 
-impl Slowing {
-    /// The rate falls from 1 to 0; its derivative is a trapezoid, so that nothing jumps.
-    fn at(&self, t: f64) -> [f64; 3] {
-        let (whole, edge) = (self.duration, self.edge * self.duration);
-        let most = 1.0 / (whole - edge);
-        let t = t.clamp(0.0, whole);
-        // Integrals of the trapezoid: from the start where it grows, from the end where it falls.
-        let grown = |t: f64| [most * t / edge, 0.5 * most * t * t / edge, most * t * t * t / (6.0 * edge)];
-        if t <= edge {
-            let [gain, lost, gone] = grown(t);
-            [self.begin + t - gone, 1.0 - lost, -gain]
-        } else if t <= whole - edge {
-            let [_, lost, gone] = grown(edge);
-            let over = t - edge;
-            [self.begin + t - (gone + over * lost + 0.5 * most * over * over), 1.0 - lost - most * over, -most]
-        } else {
-            // The whole takes half its duration of the clock.
-            let [gain, left, behind] = grown(whole - t);
-            [self.begin + 0.5 * whole - behind, left, -gain]
+impl<'m> Path<'m> {
+    /// The path from `begin` until the motion rests.
+    fn new(motion: &'m Trajectory, begin: f64) -> Self {
+        let speed = |t: f64| norm(motion, &motion.moving_with_rates(t)[1]);
+        let mut places = vec![(begin, 0.0)];
+        let mut before = speed(begin);
+        // Between its corners the motion is one polynomial.
+        let corners = motion.from(begin).into_iter().flat_map(|piece| piece.corners());
+        let (mut from, mut length) = (begin, 0.0);
+        'way: for corner in corners.filter(|t| *t > begin) {
+            let parts = ((corner - from) / LONGEST).ceil().max(1.0);
+            let step = (corner - from) / parts;
+            for k in 0..parts as usize {
+                let to = if k as f64 + 1.0 < parts { from + step } else { corner };
+                length += gone(&speed, from, to);
+                if to > from {
+                    places.push((to, length));
+                    from = to;
+                }
+                let now = speed(to);
+                if now < STILL && before > now {
+                    break 'way;
+                }
+                before = now;
+            }
         }
+        Self { motion, places }
     }
+
+    fn length(&self) -> f64 {
+        self.places.last().map_or(0.0, |place| place.1)
+    }
+
+    /// Time at which the motion has come so far.
+    fn time(&self, length: f64) -> f64 {
+        let k = self.places.partition_point(|place| place.1 <= length).clamp(1, self.places.len() - 1);
+        let ((mut low, from), (mut high, to)) = (self.places[k - 1], self.places[k]);
+        let speed = |t: f64| norm(self.motion, &self.motion.moving_with_rates(t)[1]);
+        let begin = low;
+        let mut at = low + (high - low) * ((length - from) / (to - from).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        for _ in 0..20 {
+            let off = from + gone(&speed, begin, at) - length;
+            if off > 0.0 {
+                high = at
+            } else {
+                low = at
+            }
+            let next = at - off / speed(at);
+            let next = if next > low && next < high { next } else { 0.5 * (low + high) };
+            if next == at {
+                break;
+            }
+            at = next;
+        }
+        at
+    }
+
+    /// The state on the path where the length, its speed and acceleration are given.
+    fn at(&self, [length, speed, gain]: State) -> [Row; 3] {
+        let joints = self.motion.limits().joints();
+        let time = self.time(length);
+        let [position, velocity, acceleration] = self.motion.moving_with_rates(time);
+        let own = norm(self.motion, &velocity);
+        let along: f64 = (0..joints).map(|v| velocity[v] * acceleration[v]).sum::<f64>() / (own * own);
+        let [mut rate, mut change] = [[0.0; MAX_JOINTS]; 2];
+        for v in 0..joints {
+            let tangent = velocity[v] / own;
+            let bend = (acceleration[v] - along * velocity[v]) / (own * own);
+            rate[v] = tangent * speed;
+            change[v] = tangent * gain + bend * speed * speed;
+        }
+        [position, rate, change]
+    }
+}
+
+/// Length of the way between two times: Gauss and Legendre's rule of three points.
+fn gone(speed: &impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
+    let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
+    let off = half * 0.6_f64.sqrt();
+    half * (5.0 * speed(middle - off) + 8.0 * speed(middle) + 5.0 * speed(middle + off)) / 9.0
+}
+
+fn norm(motion: &Trajectory, row: &Row) -> f64 {
+    row[..motion.limits().joints()].iter().map(|v| v * v).sum::<f64>().sqrt()
 }
 
 impl Trajectory {
@@ -69,46 +145,38 @@ impl Trajectory {
         Ok(())
     }
 
-    /// The motion that comes to rest as soon as the limits allow from the state at time `t` (s) on, along the same path:
-    /// its clock is slowed to a halt. It begins at `t`; where the motion ends before it could be slowed, it is the rest
-    /// of the motion. Fastest among stops whose deceleration of the clock is a trapezoid. The limits are those of velocity,
-    /// acceleration and jerk: a stop may ask for more torque than the motion did.
+    /// The motion that comes to rest as soon as the limits allow from the state at time `t` (s) on, along the same path. It
+    /// begins at `t`; where the motion ends before it could be slowed, it is the rest of the motion. It brakes at
+    /// every place as hard as the limits of velocity, acceleration and jerk allow there: a stop may ask for more torque than
+    /// the motion did.
     ///
     /// # Errors
     /// A time that is not finite.
     pub fn brake(&self, t: f64) -> Result<Self, ProblemError> {
         let begin = self.nearest(t)?;
         let left = self.end() - begin;
-        let mut best: Option<(f64, Vec<Node>)> = None;
-        for (edge, count) in EDGES.iter().flat_map(|edge| INTERVALS.map(|count| (*edge, count))) {
-            let stop = |duration: f64| {
-                let nodes = self.slowed(&Slowing { begin, duration, edge }, count);
-                self.within(&nodes).then_some(nodes)
-            };
-            // What is longer may exceed a limit that is kept before and after: the first that stands, and down from it.
-            let most = best.as_ref().map_or(left, |(found, _)| *found);
-            let mut durations = (0..TRIES).map(|k| SHORTEST * (most / SHORTEST).powf(f64::from(k) / f64::from(TRIES)));
-            let mut low = SHORTEST;
-            let found = durations.find_map(|duration| {
-                let nodes = stop(duration);
-                if nodes.is_none() {
-                    low = duration;
-                }
-                nodes.map(|nodes| (duration, nodes))
-            });
-            let Some((mut high, mut nodes)) = found else { continue };
-            for _ in 0..HALVINGS {
-                let middle = 0.5 * (low + high);
-                match stop(middle) {
-                    Some(shorter) => (high, nodes) = (middle, shorter),
-                    None => low = middle,
-                }
+        let [_, velocity, acceleration] = self.moving_with_rates(begin);
+        let speed = norm(self, &velocity);
+        if speed < STILL && norm(self, &acceleration) < STILL {
+            let node = [node_of(self.moving_with_rates(begin))];
+            let rest = vec![Piece::plain(begin, self.limits().joints(), &node)];
+            return Ok(self.with(rest, vec![begin], *self.limits()));
+        }
+        let path = Path::new(self, begin);
+        let along: f64 = (0..self.limits().joints()).map(|v| velocity[v] * acceleration[v]).sum::<f64>() / speed;
+        let mut best: Option<Vec<Node>> = None;
+        for intervals in INTERVALS {
+            let shares = SHARES.iter().flat_map(|share| SHARP.map(|sharp| [*share, sharp * share]));
+            let stop = |shares: [f64; 2]| self.stopped(&path, [0.0, speed, along], shares, intervals);
+            let Some(nodes) = shares.into_iter().find_map(stop) else { continue };
+            let time = |nodes: &[Node]| nodes[nodes.len() - 1].time;
+            if best.as_ref().is_none_or(|best| time(&nodes) < time(best)) {
+                best = Some(nodes);
             }
-            best = Some((high, nodes));
         }
         let pieces = match best {
             // What would end no sooner is the rest of the motion.
-            Some((duration, nodes)) if duration < left => {
+            Some(nodes) if nodes[nodes.len() - 1].time < left => {
                 vec![Piece::smooth(begin, self.limits().joints(), &nodes, &[])]
             }
             _ => self.from(begin),
@@ -118,46 +186,88 @@ impl Trajectory {
         Ok(self.with(pieces, times, *self.limits()))
     }
 
+    /// Nodes of the stop along a path from a state on it that uses shares of the limits on acceleration and jerk; `None` where
+    /// that breaks a limit of some joint, or the path ends before.
+    fn stopped(&self, path: &Path<'_>, start: State, shares: [f64; 2], intervals: f64) -> Option<Vec<Node>> {
+        let limits = self.limits();
+        let tangent = path.at([0.0, 1.0, 0.0])[1];
+        let most = along(limits, &tangent);
+        let least: f64 =
+            stopping(start[1], start[2], most.acceleration.max(-start[2]), most.jerk).iter().map(|p| p.0).sum();
+        let step = least / intervals;
+        let (mut time, mut state) = (0.0, start);
+        let mut nodes = vec![Node { time, ..node_of(self.moving_with_rates(path.places[0].0)) }];
+        let mut push = |time: f64, state: State| {
+            let node = Node { time, ..node_of(path.at(state)) };
+            let [fast, hard, sharp] = peaks(limits, &nodes[nodes.len() - 1], &node);
+            let kept = fast.max(hard) <= 1.0 + TOLERANCE && sharp <= 1.0 + ROUNDING;
+            nodes.push(node);
+            kept.then_some(())
+        };
+        for _ in 0..MOST {
+            let [length, speed, gain] = state;
+            if length >= path.length() {
+                return None;
+            }
+            let [_, tangent, bend] = path.at([length, 1.0, 0.0]);
+            let jerk = shares[1] * along(limits, &tangent).jerk;
+            // As hard as each joint allows beside what the bend takes.
+            let mut hardest = f64::NEG_INFINITY;
+            for v in 0..limits.joints() {
+                let (limit, taken) = (shares[0] * limits.acceleration[v], bend[v] * speed * speed);
+                let room = if tangent[v] > 0.0 { limit + taken } else { limit - taken };
+                hardest = hardest.max(-(room.max(0.0)) / tangent[v].abs());
+            }
+            let wanted = hardest.max(-(2.0 * jerk * speed).sqrt());
+            // At once where that takes long, else evenly.
+            let change = wanted - gain;
+            let soon = (change.abs() / jerk).min(step);
+            let whole = if soon > EVEN * step { soon } else { step };
+            let rate = (change / whole).clamp(-jerk, jerk);
+            // The greatest speed is met at a node: between nodes it is bounded from above only.
+            let peak = -gain / rate;
+            let whole = if peak > EVEN * step { whole.min(peak) } else { whole };
+            let ends = |t: f64| {
+                let [_, speed, gain] = go_on(state, rate, t);
+                gain < 0.0 && speed <= 0.5 * gain * gain / jerk
+            };
+            let mut late = whole;
+            if ends(whole) {
+                let mut low = 0.0;
+                for _ in 0..HALVINGS {
+                    let middle = 0.5 * (low + late);
+                    if ends(middle) { late = middle } else { low = middle }
+                }
+            }
+            // The last ramp: one of constant jerk that ends at rest.
+            if gain < 0.0 && ends(late) && late < SOON * step {
+                let (last, jerk) = (-2.0 * speed / gain, 0.5 * gain * gain / speed);
+                let parts = (last / step).ceil().max(1.0);
+                for k in 1..=parts as usize {
+                    let late = last * k as f64 / parts;
+                    let mut at = go_on(state, jerk, late);
+                    if k as f64 == parts {
+                        (at[1], at[2]) = (0.0, 0.0);
+                    }
+                    if at[0] >= path.length() {
+                        return None;
+                    }
+                    push(time + late, at)?;
+                }
+                return Some(nodes);
+            }
+            (time, state) = (time + late, go_on(state, rate, late));
+            push(time, state)?;
+        }
+        None
+    }
+
     /// The time (s) within the motion that is nearest to a finite one.
     fn nearest(&self, t: f64) -> Result<f64, ProblemError> {
         if !t.is_finite() {
             return Err(ProblemError::new("t", format!("{t} is not finite")));
         }
         Ok(t.clamp(self.start(), self.end()))
-    }
-
-    /// States of the motion on a slowing clock.
-    fn slowed(&self, slowing: &Slowing, count: usize) -> Vec<Node> {
-        let n = self.limits().joints();
-        (0..=count)
-            .map(|k| {
-                let share = k as f64 / count as f64;
-                // Nodes at the corners of the trapezoid, a quarter of them on each edge.
-                let edge = slowing.edge;
-                let at = match share {
-                    s if s <= 0.25 => 4.0 * s * edge,
-                    s if s >= 0.75 => 1.0 - 4.0 * (1.0 - s) * edge,
-                    s => edge + 2.0 * (s - 0.25) * (1.0 - 2.0 * edge),
-                };
-                let time = at * slowing.duration;
-                let [clock, rate, gain] = slowing.at(time);
-                let [position, mut velocity, mut acceleration] = self.moving_with_rates(clock);
-                for v in 0..n {
-                    acceleration[v] = acceleration[v] * rate * rate + velocity[v] * gain;
-                    velocity[v] *= rate;
-                }
-                Node { time, position, velocity, acceleration: Some(acceleration) }
-            })
-            .collect::<Vec<Node>>()
-    }
-
-    /// Whether quintics through nodes keep the limits.
-    fn within(&self, nodes: &[Node]) -> bool {
-        let apart = |pair: &[Node]| pair[1].time - pair[0].time > 1e-9;
-        nodes
-            .windows(2)
-            .filter(|pair| apart(pair))
-            .all(|pair| peaks(self.limits(), &pair[0], &pair[1]).into_iter().all(|share| share <= 1.0 + TOLERANCE))
     }
 
     /// This motion from time `t` (s) on: a stream that is spliced again and again forgets what lies behind it by this.
@@ -210,6 +320,11 @@ impl Trajectory {
         times.extend(next.times().iter().filter(|time| **time > t));
         Ok(self.with(pieces, times, wider(self.limits(), next.limits())))
     }
+}
+
+/// A node at time 0 in a state.
+fn node_of([position, velocity, acceleration]: [Row; 3]) -> Node {
+    Node { time: 0.0, position, velocity, acceleration: Some(acceleration) }
 }
 
 /// The limits that are the wider of two.
@@ -268,11 +383,31 @@ mod tests {
                     last = now;
                 }
                 assert!(last.velocity.iter().chain(&last.acceleration).all(|v| v.abs() < 1e-8), "{last:?}");
-                // On its path with quintics a stop takes longer than joints by themselves, up to five times as seen.
-                let [_, v, acceleration] = before;
-                let own =
-                    (0..2).map(|i| v[i].abs() / a + 2.0 * acceleration[i].abs() / j + 2.0 * a / j).fold(0.0, f64::max);
-                assert!(stop.end() - t <= (5.5 * own + 0.05).min(whole.end() - t + 1e-9), "{} {own}", stop.end() - t);
+                // On a path that bends a stop takes longer than joints by themselves, up to five times as seen.
+                let [position, v, acceleration] = before;
+                let own = shortest(&limits, &position, &v, &acceleration);
+                assert!(stop.end() - t <= (5.5 * own + 0.02).min(whole.end() - t + 1e-9), "{} {own}", stop.end() - t);
+            }
+        }
+    }
+
+    /// Time in which every joint by itself comes to rest.
+    fn shortest(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row) -> f64 {
+        crate::timing::stop(limits, position, velocity, acceleration).last().unwrap().time
+    }
+
+    #[test]
+    fn on_a_straight_path_no_stop_is_shorter() {
+        for (a, j) in [(10.0, 5000.0), (10.0, 300.0), (5.0, 50.0), (2.0, 10.0), (1.0, 2.0)] {
+            let limits = Limits::new(&[1.5; 2], &[a; 2], &[j; 2]).unwrap();
+            let line =
+                retime(&[vec![0.0, 0.0], vec![3.0, -1.0]], &limits, &RetimeOptions::default()).unwrap().trajectory;
+            for k in 1..40 {
+                let t = line.end() * f64::from(k) / 40.0;
+                let [position, velocity, acceleration] = line.moving_with_rates(t);
+                let own = shortest(&limits, &position, &velocity, &acceleration);
+                let stop = line.brake(t).unwrap().end() - t;
+                assert!(stop <= 1.05 * own + 2e-3, "{stop} and not {own} at {t} of {}, ({a}, {j})", line.end());
             }
         }
     }

@@ -210,11 +210,11 @@ impl Builder {
         room: f64,
     ) -> Result<Vec<f64>, Refusal> {
         let load = self.dynamics.as_ref().map(|dynamics| (dynamics, room));
-        let (mut nodes, of_knot) = match &self.averaged {
+        let (mut nodes, of_knot, cubic) = match &self.averaged {
             Some((_, before)) => {
                 let (nodes, grid) = drive(self.method, before, path, slowest, velocity, load, self.cancel.as_ref())
                     .ok_or_else(|| self.refusal())?;
-                (nodes, grid.station_of)
+                (nodes, grid.station_of, false)
             }
             None => smooth::drive(&self.limits, path, slowest, velocity, load, self.cancel.as_ref())
                 .ok_or_else(|| self.refusal())?,
@@ -243,6 +243,7 @@ impl Builder {
         let joints = self.limits.joints();
         let piece = match self.averaged {
             Some(_) => Piece::averaged(self.now, width, joints, &nodes, &places),
+            None if cubic => Piece::smooth(self.now, joints, &nodes, &places).with_even_jerk(),
             None => Piece::smooth(self.now, joints, &nodes, &places),
         };
         let end = piece.end();
@@ -251,6 +252,11 @@ impl Builder {
         let times = places.iter().map(|node| passed(*node)).collect();
         self.append(piece);
         Ok(times)
+    }
+
+    /// Whether a motion keeps the torque limits.
+    pub fn bears(&self, motion: &Trajectory) -> bool {
+        self.dynamics.as_ref().is_none_or(|d| motion.pieces().iter().all(|piece| d.share(piece) <= SAMPLED))
     }
 
     /// The trajectory of all joints that the variables drive.
@@ -355,6 +361,18 @@ impl Trajectory {
 
     pub(crate) fn pieces(&self) -> &[Piece] {
         &self.pieces
+    }
+
+    /// Whether this motion, of the same joints as `map`, passes a state at a time up to `most` (rad or m, and rates), where
+    /// all other joints stand as in `map`.
+    pub(crate) fn goes_on_from(&self, map: &JointMap, t: f64, state: &[Row; 3], most: f64) -> bool {
+        let near = |a: f64, b: f64| (a - b).abs() <= most;
+        let moved = |joint: usize| map.driven().iter().any(|driven| driven.joint == joint);
+        map.driven() == self.joints.driven()
+            && map.joints() == self.joints()
+            && (0..map.joints()).all(|j| moved(j) || near(map.rest()[j], self.joints.rest()[j]))
+            && (self.start()..=self.end()).contains(&t)
+            && self.moving_with_rates(t).iter().zip(state).all(|(a, b)| a.iter().zip(b).all(|(a, b)| near(*a, *b)))
     }
 
     /// Pieces from a time on; the first counts from there.

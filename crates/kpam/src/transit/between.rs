@@ -3,6 +3,7 @@
 //! Quinlan's bubbles.
 
 use super::sweep::{Look, Sweep};
+use crate::Trajectory;
 use crate::world::TOUCH;
 
 /// Single precision is this good (m).
@@ -22,15 +23,20 @@ pub(super) struct Travel {
 
 impl Sweep<'_> {
     /// How the joints go from one look to the next.
-    pub fn travel(&self, a: &Look, b: &Look) -> Travel {
+    pub fn travel(&self, motion: &Trajectory, a: &Look, b: &Look) -> Travel {
         let h = b.time - a.time;
+        let hardest = motion.hardest([a.time, b.time]);
+        let mut acceleration = vec![0.0; a.q.len()];
+        for driven in self.model.map().driven() {
+            acceleration[driven.joint] = driven.factor.abs() * hardest[driven.variable];
+        }
         let joints = 0..a.q.len();
         let apart = |j: usize| (a.q[j] - b.q[j]).abs();
         Travel {
             // A joint that turns back between them moves no further than its acceleration allows.
-            gone: joints.clone().map(|j| apart(j).max(0.5 * self.acceleration[j] * h * h) as f32).collect(),
+            gone: joints.clone().map(|j| apart(j).max(0.5 * acceleration[j] * h * h) as f32).collect(),
             apart: joints.clone().map(|j| apart(j) as f32).collect(),
-            off: joints.map(|j| (0.125 * self.acceleration[j] * h * h) as f32).collect(),
+            off: joints.map(|j| (0.125 * acceleration[j] * h * h) as f32).collect(),
         }
     }
 
@@ -149,7 +155,7 @@ mod tests {
     use crate::model::{MAX_JOINTS, Model, Row};
     use crate::timing::{Builder, Limits, Method, Spline};
     use crate::world::Compiled;
-    use crate::{Scene, TransitOptions};
+    use crate::{Cancel, Scene, TransitOptions};
 
     /// An arm that turns, slides and turns again, with a box on each link.
     fn arm() -> Arc<Robot> {
@@ -202,13 +208,13 @@ mod tests {
             let mut builder = Builder::new(limits, Method::default(), 0.0);
             builder.push(&Spline::through(5, &waypoints, None), &[], &[0.0; MAX_JOINTS], None, &[]).unwrap();
             let motion = builder.build(model.map());
-            let acceleration = limits.acceleration[..5].to_vec();
-            let mut sweep = Sweep::new(&scene, &model, &needs, acceleration, [1.0; MAX_JOINTS]);
+            let over = Cancel::new();
+            let mut sweep = Sweep::new(&scene, &model, &needs, [1.0; MAX_JOINTS], &over);
             for k in 0..40 {
                 let h = 0.01 + 0.1 * draws.unit();
                 let begin = (motion.end() - h) * f64::from(k) / 39.0;
-                let looks = sweep.look(&motion, &[begin, begin + h]).unwrap();
-                let travel = sweep.travel(&looks[0], &looks[1]);
+                let looks = sweep.look(&motion, &[begin, begin + h]).ok().unwrap();
+                let travel = sweep.travel(&motion, &looks[0], &looks[1]);
                 let mut places = |t: f64| -> Vec<Vec<Point3<f64>>> {
                     model.map().positions(&motion.moving(t), &mut q);
                     Compiled::poses(&scene, &q, &mut poses);

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use gensim2_geometry::{Batch, LANES, Needs, Other, Pose, Suspect};
 
+use super::NoMotion;
 use super::path::Along;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::world::Compiled;
@@ -25,6 +26,16 @@ pub(super) struct Ending {
     pub cancel: Option<Cancel>,
     pub deadline: Option<Instant>,
     pub max_checks: Option<u64>,
+}
+
+impl Ending {
+    /// Why planning has to end, where it was cancelled or is late.
+    pub fn reason(&self) -> Option<NoMotion> {
+        if self.cancel.as_ref().is_some_and(Cancel::is_cancelled) {
+            return Some(NoMotion::Cancelled);
+        }
+        self.deadline.is_some_and(|end| Instant::now() >= end).then_some(NoMotion::Late)
+    }
 }
 
 /// A scene as one search sees it.
@@ -75,16 +86,7 @@ impl<'s> Field<'s> {
 
     /// Whether the search has to end.
     pub fn is_over(&self) -> bool {
-        self.ending.max_checks.is_some_and(|most| self.checks >= most) || self.is_cancelled() || self.is_late()
-    }
-
-    pub fn is_cancelled(&self) -> bool {
-        self.ending.cancel.as_ref().is_some_and(Cancel::is_cancelled)
-    }
-
-    /// Whether the deadline has passed.
-    pub fn is_late(&self) -> bool {
-        self.ending.deadline.is_some_and(|end| Instant::now() >= end)
+        self.ending.max_checks.is_some_and(|most| self.checks >= most) || self.ending.reason().is_some()
     }
 
     /// Takes a configuration to where what holds all along holds; whether that is possible.

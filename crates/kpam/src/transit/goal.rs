@@ -8,7 +8,7 @@ use super::{SLACK, TransitOptions, finite, within_limits};
 use crate::body::rigid;
 use crate::free_space::Draws;
 use crate::model::{MAX_JOINTS, Model, Row};
-use crate::{ProblemError, Scene};
+use crate::{Cancel, ProblemError, Scene};
 
 /// Goal of a motion.
 #[derive(Debug, Clone)]
@@ -29,8 +29,9 @@ pub enum Goal {
 pub const MAX_SOLUTIONS: usize = 256;
 /// Joint vectors that a pose as a goal is taken for.
 const GOALS: usize = 16;
-/// Places from which solutions are looked for, a solution asked for.
+/// Places from which solutions are looked for, a solution asked for, and of how many solutions at the least.
 const SEEDS: usize = 8;
+const LEAST: usize = 16;
 /// Rounds of the search from one place.
 const ROUNDS: usize = 60;
 /// A pose is met within this (m and rad).
@@ -46,6 +47,7 @@ impl Goal {
         model: &Model,
         q_start: &[f64],
         options: &TransitOptions,
+        over: &Cancel,
     ) -> Result<Vec<Row>, ProblemError> {
         match self {
             Self::Joints(list) => {
@@ -67,7 +69,15 @@ impl Goal {
                     })
                     .collect()
             }
-            Self::Pose { pose, link } => rows(scene, model, pose, link.as_deref(), GOALS, options.seed),
+            Self::Pose { pose, link } => {
+                // The end of the motion under way is a solution that it need not leave.
+                let last = options.warm_start.as_ref().filter(|motion| motion.joints() == q_start.len());
+                let first: Vec<Row> =
+                    last.map(|motion| model.pick(&motion.sample(motion.end()).position)).into_iter().collect();
+                let ask =
+                    Ask { pose, link: link.as_deref(), max_solutions: GOALS, seed: options.seed, first: &first, over };
+                ask.rows(scene, model)
+            }
         }
     }
 }
@@ -105,7 +115,8 @@ pub fn solutions(
     check_seed(seed)?;
     finite("q_start", q_start)?;
     let model = Model::new(scene.robot(), q_start)?;
-    let found = rows(scene, &model, pose, link, max_solutions, seed)?;
+    let ask = Ask { pose, link, max_solutions, seed, first: &[], over: &Cancel::new() };
+    let found = ask.rows(scene, &model)?;
     Ok(found
         .iter()
         .map(|x| {
@@ -116,47 +127,60 @@ pub fn solutions(
         .collect())
 }
 
-fn rows(
-    scene: &Scene,
-    model: &Model,
-    pose: &Pose,
-    link: Option<&str>,
+/// Question for joint vectors that bring a link to a pose.
+struct Ask<'a> {
+    pose: &'a Pose,
+    link: Option<&'a str>,
     max_solutions: usize,
     seed: usize,
-) -> Result<Vec<Row>, ProblemError> {
-    rigid("pose", pose)?;
-    let robot = &**scene.robot();
-    let unknown = |name: &str| ProblemError::new("link", format!("{name:?} is not a link of {:?}", robot.name()));
-    let link = match link {
-        Some(name) => robot.link_index(name).ok_or_else(|| unknown(name))?,
-        None => robot.hand(),
-    };
-    let chain = robot.chain_to(link).ok_or_else(|| unknown("?"))?;
-    let mut search = Search { chain: &chain, model, goal: *pose, q: Vec::new(), frames: ChainFrames::default() };
-    let mut draws = Draws::of(0x696b_696b, seed);
-    let start = model.start();
-    let mut found: Vec<Row> = Vec::new();
-    for k in 0..SEEDS * max_solutions {
-        let mut x = start;
-        if k > 0 {
-            for (v, value) in x.iter_mut().enumerate().take(model.n()) {
-                let (low, high) = model.range(v);
-                *value = low + (high - low) * draws.unit();
+    /// Places from which they are looked for first.
+    first: &'a [Row],
+    over: &'a Cancel,
+}
+
+impl Ask<'_> {
+    fn rows(&self, scene: &Scene, model: &Model) -> Result<Vec<Row>, ProblemError> {
+        rigid("pose", self.pose)?;
+        let robot = &**scene.robot();
+        let unknown = |name: &str| ProblemError::new("link", format!("{name:?} is not a link of {:?}", robot.name()));
+        let link = match self.link {
+            Some(name) => robot.link_index(name).ok_or_else(|| unknown(name))?,
+            None => robot.hand(),
+        };
+        let chain = robot.chain_to(link).ok_or_else(|| unknown("?"))?;
+        let mut search =
+            Search { chain: &chain, model, goal: *self.pose, q: Vec::new(), frames: ChainFrames::default() };
+        let mut draws = Draws::of(0x696b_696b, self.seed);
+        let start = model.start();
+        let drawn = (0..SEEDS * self.max_solutions.max(LEAST)).map(|k| {
+            let mut x = start;
+            if k > 0 {
+                for (v, value) in x.iter_mut().enumerate().take(model.n()) {
+                    let (low, high) = model.range(v);
+                    *value = low + (high - low) * draws.unit();
+                }
+            }
+            x
+        });
+        let mut found: Vec<Row> = Vec::new();
+        for x in self.first.iter().copied().chain(drawn) {
+            if self.over.is_cancelled() {
+                break;
+            }
+            let Some(x) = search.from(&x) else { continue };
+            let x = model.unwound(&x, &start);
+            let apart = |other: &Row| (0..model.n()).map(|v| (other[v] - x[v]).abs()).fold(0.0, f64::max);
+            if found.iter().all(|other| apart(other) > SAME) {
+                found.push(x);
+            }
+            if found.len() == self.max_solutions {
+                break;
             }
         }
-        let Some(x) = search.from(&x) else { continue };
-        let x = model.unwound(&x, &start);
-        let apart = |other: &Row| (0..model.n()).map(|v| (other[v] - x[v]).abs()).fold(0.0, f64::max);
-        if found.iter().all(|other| apart(other) > SAME) {
-            found.push(x);
-        }
-        if found.len() == max_solutions {
-            break;
-        }
+        let way = |x: &Row| (0..model.n()).map(|v| (x[v] - start[v]).powi(2)).sum::<f64>();
+        found.sort_by(|a, b| way(a).total_cmp(&way(b)));
+        Ok(found)
     }
-    let way = |x: &Row| (0..model.n()).map(|v| (x[v] - start[v]).powi(2)).sum::<f64>();
-    found.sort_by(|a, b| way(a).total_cmp(&way(b)));
-    Ok(found)
 }
 
 struct Search<'a> {

@@ -4,6 +4,7 @@
 mod between;
 mod field;
 mod goal;
+mod moving;
 mod path;
 mod question;
 mod rounding;
@@ -15,14 +16,16 @@ use std::time::Instant;
 
 use gensim2_geometry::{Needs, Other};
 
+use crate::cancel::end_of;
 use crate::default_limits::assumed_limits;
 use crate::model::{MAX_JOINTS, Model, Row};
-use crate::timing::{Builder, Dynamics, Limits, Method, Spline};
+use crate::timing::{Builder, Dynamics, Limits, Method, Spline, can_stop, stop};
 use crate::world::{Compiled, TOUCH};
-use crate::{ProblemError, Scene, Trajectory};
+use crate::{Cancel, ProblemError, Scene, Trajectory};
 
 use field::{Ending, Field, RESOLUTION};
 pub use goal::{Goal, MAX_SOLUTIONS, solutions};
+use moving::State;
 use path::Along;
 pub use question::{Approached, Motion, NoMotion, TransitOptions};
 use rounding::Rounding;
@@ -47,8 +50,12 @@ const FINEST: f64 = 8.0;
 /// Factor by which the remaining edges are checked more finely.
 const FINER: f64 = 4.0;
 
-/// Plans a motion from rest at `q_start` (one entry a joint) to rest at one of the goals, the easiest to reach. Joints
-/// that do not move the hand stay where they are: goals have the values of `q_start` for them.
+/// Plans a motion from `q_start` (one entry a joint) to rest at one of the goals, the easiest to reach. Joints that do not
+/// move the hand stay where they are: goals have the values of `q_start` for them. The motion begins at rest, or in the
+/// velocity and acceleration that the options give.
+///
+/// From a start in motion the planner first tries the fastest motion to a goal, and the rest of the present motion if the
+/// options name it, and returns the earlier of the free ones. Otherwise it searches for a way round.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -89,33 +96,46 @@ pub fn plan_to(
     let start = model.start();
     within_limits(&model, "q_start", &start)?;
     let mut along = Along::of(options.path.as_ref(), scene, &options.tool_keypoints)?;
-    let goals = goal.joints(scene, &model, q_start, options)?;
+    let deadline = end_of(begun, options.deadline);
+    let over = options.cancel.clone().unwrap_or_default().until(deadline);
+    let ending = Ending { cancel: options.cancel.clone(), deadline, max_checks: options.max_checks };
+    let asked = options.limits();
+    asked.check(robot, &model)?;
+    let goals = goal.joints(scene, &model, q_start, options, &over)?;
     if goals.is_empty() {
-        return Ok(Err(NoMotion::Unreachable));
+        return Ok(Err(ending.reason().unwrap_or(NoMotion::Unreachable)));
     }
     if let Some(along) = &mut along {
         along.check(&model, "q_start", &start)?;
         goals.iter().try_for_each(|x| along.check(&model, "goal", x))?;
     }
-    let ending = Ending {
-        cancel: options.cancel.clone(),
-        deadline: options.deadline.map(|d| begun + d),
-        max_checks: options.max_checks,
-    };
-    let asked = options.limits();
-    asked.check(robot, &model)?;
-    let limits = Limits::asked(&model, &asked);
+    let mut limits = Limits::asked(&model, &asked);
     let dynamics = Dynamics::asked(robot, &model, &asked);
-    Ok(Transit { scene, model: &model, options, start, goals, ending, limits, dynamics, along }.plan())
+    let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MAX_JOINTS], |v| model.pick(v));
+    let state = [start, rates(&options.start_velocity), rates(&options.start_acceleration)];
+    let is_moving = state[1..].iter().flatten().any(|v| *v != 0.0);
+    if is_moving {
+        let [position, velocity, acceleration] = &state;
+        if let Err(e) = can_stop(&limits, &model.lower, &model.upper, position, velocity, acceleration) {
+            let joint = robot.joints()[model.map().indices()[e.joint]].name().to_owned();
+            return Ok(Err(NoMotion::CannotStop(joint, e)));
+        }
+        limits = limits.admitting(position, velocity, acceleration);
+    }
+    Ok(Transit { scene, model: &model, options, state, is_moving, goals, ending, over, limits, dynamics, along }.plan())
 }
 
 struct Transit<'a> {
     scene: &'a Scene,
     model: &'a Model,
     options: &'a TransitOptions,
-    start: Row,
+    state: State,
+    /// Whether the start is under way.
+    is_moving: bool,
     goals: Vec<Row>,
     ending: Ending,
+    /// Set once planning has to end.
+    over: Cancel,
     limits: Limits,
     dynamics: Option<Dynamics>,
     along: Option<Along>,
@@ -127,6 +147,8 @@ enum Stuck {
     /// The curve leaves what holds along the path.
     Off,
     Untimed,
+    /// Planning has to end.
+    Over,
 }
 
 /// Pair at an end of a motion that is nearer than the margin: group, thing, and distance.
@@ -141,13 +163,16 @@ impl Transit<'_> {
             distance: *distance,
         };
         let overlap = |close: &Close| close.iter().find(|c| c.2 < -CONTACT).map(told);
-        let at_start = self.close(&self.start);
+        let at_start = self.close(&self.state[0]);
         if let Some(hit) = overlap(&at_start) {
             return Err(NoMotion::StartBlocked(hit));
         }
         let mut open: Vec<(usize, Row, Close)> = Vec::new();
         let mut blocked = None;
         for (k, goal) in self.goals.iter().enumerate() {
+            if let Some(reason) = self.ending.reason() {
+                return Err(reason);
+            }
             let close = self.close(goal);
             match overlap(&close) {
                 Some(hit) => blocked = blocked.or(Some(hit)),
@@ -183,6 +208,20 @@ impl Transit<'_> {
         let goals: Vec<Row> = open.iter().map(|g| g.1).collect();
         let mut field = Field::new(self.scene, self.model, nearer(&all, margin + CURVED), self.ending.clone());
         field.along.clone_from(&self.along);
+        let told_of = |field: &Field<'_>, trajectory: Trajectory, way: &[Row], number: usize, close: &Close| {
+            let mut near: Vec<Approached> = at_start.iter().chain(close).map(told).collect();
+            near.sort_by(|a, b| a.bodies.cmp(&b.bodies).then(a.distance.total_cmp(&b.distance)));
+            near.dedup_by(|b, a| a.bodies == b.bodies);
+            let corners = way.iter().map(|x| self.full(x)).collect();
+            let assumed_limits = assumed_limits(self.model, &self.options.limits());
+            Motion { trajectory, goal: number, corners, nearer: near, checks: field.checks, assumed_limits }
+        };
+        let soonest = self.at_once(&mut field, &open, |close| nearer(&[&at_start, close], margin));
+        if let Some((trajectory, k)) = soonest {
+            let (number, goal, close) = &open[k];
+            return Ok(told_of(&field, trajectory, &[self.state[0], *goal], *number, close));
+        }
+        let begin = self.beginning(&mut field);
         let (mut left, mut breach) = (self.options.samples, None);
         for attempt in 0..TRIES {
             let (samples, manner) = match attempt {
@@ -190,7 +229,7 @@ impl Transit<'_> {
                 _ => (left.min(SHORTEST * luby(attempt)), Manner::Thorough),
             };
             let seed = self.options.seed + attempt;
-            let Some(mut path) = tree::search(&mut field, &self.start, &goals, samples, seed, manner) else {
+            let Some(mut path) = tree::search(&mut field, &begin, &goals, samples, seed, manner) else {
                 left -= samples;
                 if left == 0 || field.is_over() {
                     break;
@@ -207,22 +246,18 @@ impl Transit<'_> {
             for path in taut.iter().chain(std::iter::once(&path)) {
                 let usual = field.resolution;
                 field.resolution = usual / FINER;
-                let stands = path.windows(2).all(|edge| field.is_edge_free(&edge[0], &edge[1]));
+                let stands = path.windows(2).all(|edge| !field.is_over() && field.is_edge_free(&edge[0], &edge[1]));
                 field.resolution = usual;
                 if !stands {
                     continue;
                 }
                 let needs = nearer(&[&at_start, close], margin);
-                match self.timed(&mut field, path, &needs, limits) {
-                    Ok(trajectory) => {
-                        let mut near: Vec<Approached> = at_start.iter().chain(close).map(told).collect();
-                        near.sort_by(|a, b| a.bodies.cmp(&b.bodies).then(a.distance.total_cmp(&b.distance)));
-                        near.dedup_by(|b, a| a.bodies == b.bodies);
-                        let corners = path.iter().map(|x| self.full(x)).collect();
-                        let (goal, checks) = (*number, field.checks);
-                        let assumed_limits = assumed_limits(self.model, &self.options.limits());
-                        return Ok(Motion { trajectory, goal, corners, nearer: near, checks, assumed_limits });
-                    }
+                let timed = match self.is_moving {
+                    true => self.blended(&mut field, path, &needs),
+                    false => self.timed(&mut field, path, &needs),
+                };
+                match timed {
+                    Ok(trajectory) => return Ok(told_of(&field, trajectory, path, *number, close)),
                     Err(stuck) => breach = Some(stuck),
                 }
             }
@@ -231,15 +266,11 @@ impl Transit<'_> {
             }
             field.resolution = (0.5 * field.resolution).max(RESOLUTION / FINEST);
         }
-        Err(match () {
-            () if field.is_cancelled() => NoMotion::Cancelled,
-            () if field.is_late() => NoMotion::Late,
-            () => match breach {
-                Some(Stuck::Untimed) => NoMotion::Untimed,
-                Some(Stuck::Near(found)) => NoMotion::NotFound(Some(found)),
-                Some(Stuck::Off) | None => NoMotion::NotFound(None),
-            },
-        })
+        Err(self.ending.reason().unwrap_or(match breach {
+            Some(Stuck::Untimed) => NoMotion::Untimed,
+            Some(Stuck::Near(found)) => NoMotion::NotFound(Some(found)),
+            Some(Stuck::Off | Stuck::Over) | None => NoMotion::NotFound(None),
+        }))
     }
 
     fn full(&self, x: &Row) -> Vec<f64> {
@@ -270,46 +301,54 @@ impl Transit<'_> {
             .collect()
     }
 
-    /// Whether a motion keeps to what holds along the path.
-    fn stays(&self, field: &Field<'_>, trajectory: &Trajectory) -> bool {
-        let is_over = || field.is_cancelled() || field.is_late();
-        self.along.clone().is_none_or(|mut along| along.proves(self.model, trajectory, &is_over))
+    /// Where a search begins: where the arm would stop, as the start under way has no straight edges; at the start where
+    /// something is in the way there.
+    fn beginning(&self, field: &mut Field<'_>) -> Row {
+        let [position, velocity, acceleration] = &self.state;
+        let nodes = stop(&self.limits, position, velocity, acceleration);
+        match nodes.last() {
+            Some(last) if self.is_moving && field.blocked_at(&[last.position]).is_none() => last.position,
+            _ => *position,
+        }
+    }
+
+    fn sweep<'s>(&'s self, needs: &'s Needs, field: &Field<'_>) -> Sweep<'s> {
+        Sweep::new(self.scene, self.model, needs, field.weights, &self.over)
+    }
+
+    /// Proves that a motion keeps its distances and what holds along the path.
+    fn proven(&self, field: &mut Field<'_>, sweep: &mut Sweep<'_>, motion: &Trajectory) -> Result<(), Stuck> {
+        let found = sweep.breach(motion);
+        field.checks += std::mem::take(&mut sweep.checks);
+        found?;
+        let is_over = || self.over.is_cancelled();
+        let stays = self.along.clone().is_none_or(|mut along| along.proves(self.model, motion, &is_over));
+        if stays { Ok(()) } else { Err(Stuck::Off) }
     }
 
     fn builder(&self) -> Builder {
-        Builder::new(self.limits, Method::default(), 0.0).loaded(self.dynamics.clone())
+        Builder::new(self.limits, Method::default(), self.options.start_time)
+            .loaded(self.dynamics.clone())
+            .cancelled_by(Some(self.over.clone()))
     }
 
     /// The motion along corners: rounded as widely as it stays free, else stopping at each corner. What is in the way
     /// where neither will do.
-    fn timed(
-        &self,
-        field: &mut Field<'_>,
-        corners: &[Row],
-        needs: &Needs,
-        limits: &Limits,
-    ) -> Result<Trajectory, Stuck> {
+    fn timed(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
-        let mut acceleration = vec![0.0; self.scene.robot().joints().len()];
-        for driven in self.model.map().driven() {
-            acceleration[driven.joint] = driven.factor.abs() * limits.acceleration[driven.variable];
-        }
-        let mut sweep = Sweep::new(self.scene, self.model, needs, acceleration, field.weights);
+        let mut sweep = self.sweep(needs, field);
         let rest = [0.0; MAX_JOINTS];
         let mut breach = Stuck::Untimed;
         let mut rounding = Rounding::new(corners);
-        while let Some(path) = rounding.next(field, n, self.model) {
+        while let Some((path, ..)) = rounding.next(field, n, self.model) {
             let mut builder = self.builder();
             if builder.push(&path, &[], &rest, None, &[]).is_err() {
                 break;
             }
             let trajectory = builder.build(self.model.map());
-            let found = sweep.breach(&trajectory);
-            field.checks += std::mem::take(&mut sweep.checks);
-            match found {
-                None if self.stays(field, &trajectory) => return Ok(trajectory),
-                None => breach = Stuck::Off,
-                Some(found) => breach = Stuck::Near(found),
+            match self.proven(field, &mut sweep, &trajectory) {
+                Ok(()) => return Ok(trajectory),
+                Err(found) => breach = found,
             }
             if corners.len() < 3 {
                 return Err(breach);
@@ -320,13 +359,7 @@ impl Transit<'_> {
         let straight = |edge: &[Row]| Spline::through(n, edge, None);
         if corners.windows(2).all(|edge| builder.push(&straight(edge), &[], &rest, None, &[]).is_ok()) {
             let trajectory = builder.build(self.model.map());
-            let found = sweep.breach(&trajectory);
-            field.checks += sweep.checks;
-            return match found {
-                None if self.stays(field, &trajectory) => Ok(trajectory),
-                None => Err(Stuck::Off),
-                Some(found) => Err(Stuck::Near(found)),
-            };
+            return self.proven(field, &mut sweep, &trajectory).map(|()| trajectory);
         }
         Err(breach)
     }

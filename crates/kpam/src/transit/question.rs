@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
 use crate::options::LimitSet;
-use crate::{Cancel, Options, ProblemError, SolverConfig, Trajectory};
+use crate::{Cancel, CannotStop, Options, ProblemError, SolverConfig, Trajectory};
 
 /// Greatest seed.
 const MAX_SEED: usize = 1_000_000;
@@ -43,6 +43,15 @@ pub struct TransitOptions {
     pub path: Option<SolverConfig>,
     /// Keypoints of the tool that it names (m, hand frame), beside those of what the hand holds.
     pub tool_keypoints: BTreeMap<String, Vector3<f64>>,
+    /// Velocity at the start (rad/s or m/s), one entry a joint; at rest where there is none.
+    pub start_velocity: Option<Vec<f64>>,
+    /// Acceleration there (rad/s^2 or m/s^2), likewise.
+    pub start_acceleration: Option<Vec<f64>>,
+    /// Time of the start (s).
+    pub start_time: f64,
+    /// The motion under way. Where it passes the start at `start_time` and is still free, it goes on unless another one
+    /// ends sooner.
+    pub warm_start: Option<Trajectory>,
     /// Ends the search after so many configurations.
     pub max_checks: Option<u64>,
     /// Ends the search after so long; without one, the same question has the same answer.
@@ -66,6 +75,10 @@ impl Default for TransitOptions {
             torque_limits: None,
             path: None,
             tool_keypoints: BTreeMap::new(),
+            start_velocity: None,
+            start_acceleration: None,
+            start_time: 0.0,
+            warm_start: None,
             max_checks: None,
             deadline: None,
             cancel: None,
@@ -88,7 +101,7 @@ pub struct Approached {
 #[serde(remote = "Self")]
 #[non_exhaustive]
 pub struct Motion {
-    /// The motion; it begins at time 0.
+    /// The motion; it begins at the start time.
     pub trajectory: Trajectory,
     /// Index, among the goals that were given, of the one that the motion ends at.
     pub goal: usize,
@@ -130,6 +143,8 @@ pub enum NoMotion {
     NotFound(Option<Approached>),
     /// A free way was found, and no motion along it that keeps the limits of velocity, acceleration, jerk and torque.
     Untimed,
+    /// No motion from the state at the start stays within the joints' limits: the joint, by its name, and why.
+    CannotStop(String, CannotStop),
     /// The time is up; there may be a motion.
     Late,
     /// The caller cancelled it.
@@ -148,6 +163,7 @@ impl std::fmt::Display for NoMotion {
                 write!(f, "the search was spent without a free motion; the last came too near at {}", told(a))
             }
             Self::Untimed => write!(f, "a free way was found, and no motion along it keeps the joints' limits"),
+            Self::CannotStop(joint, e) => write!(f, "{joint} cannot be stopped in time: {}", e.reason),
             Self::Late => write!(f, "the time was up before a free motion was found"),
             Self::Cancelled => write!(f, "planning was cancelled"),
         }
@@ -165,6 +181,9 @@ impl TransitOptions {
             acceleration_limits: self.acceleration_limits.clone(),
             jerk_limits: self.jerk_limits.clone(),
             torque_limits: self.torque_limits.clone(),
+            start_velocity: self.start_velocity.clone(),
+            start_acceleration: self.start_acceleration.clone(),
+            start_time: self.start_time,
             ..Options::default()
         }
     }

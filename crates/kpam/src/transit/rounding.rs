@@ -23,8 +23,9 @@ impl<'c> Rounding<'c> {
         Self { corners, spacing: vec![WIDEST; corners.len().saturating_sub(1)] }
     }
 
-    /// The next curve that is free as far as it is looked at; `None` where some corner would have to be too tight.
-    pub fn next(&mut self, field: &mut Field<'_>, n: usize, model: &Model) -> Option<Spline> {
+    /// The next curve that is free as far as it is looked at, its waypoints, and how many of them follow the first on its
+    /// edge; `None` where some corner would have to be too tight.
+    pub fn next(&mut self, field: &mut Field<'_>, n: usize, model: &Model) -> Option<(Spline, Vec<Row>, usize)> {
         loop {
             if self.spacing.iter().any(|s| *s < TIGHTEST) || field.is_over() {
                 return None;
@@ -48,7 +49,10 @@ impl<'c> Rounding<'c> {
                 }
                 field.blocked_at(&curve).map(|k| place[k])
             });
-            let Some((interval, part)) = blocked else { return Some(path) };
+            let Some((interval, part)) = blocked else {
+                let first = edge_of.iter().filter(|edge| **edge == 0).count();
+                return Some((path, waypoints, first));
+            };
             // A straight way cannot be driven otherwise.
             if self.corners.len() < 3 {
                 return None;

@@ -96,7 +96,7 @@ fn skip(field: &mut Field<'_>, path: &mut Vec<Row>) {
     let mut i = 0;
     while i + 2 < path.len() {
         let mut j = path.len() - 1;
-        while j > i + 1 {
+        while j > i + 1 && !field.is_over() {
             if field.is_edge_free(&path[i].clone(), &path[j].clone()) {
                 path.drain(i + 1..j);
                 break;

@@ -3,15 +3,18 @@
 
 use gensim2_geometry::{Batch, JointKind, LANES, Needs, Other, Pose, Screen, Suspect};
 
-use super::Approached;
+use super::{Approached, Stuck};
 use crate::model::{Model, Row};
 use crate::world::Compiled;
-use crate::{Scene, Trajectory};
+use crate::{Cancel, Scene, Trajectory};
 
 /// Distances beyond this (m) are not told apart.
 const REACH: f32 = 0.08;
 /// Spacing of the first configurations (weighted, m).
 const FIRST: f64 = 0.09;
+/// Times between places at which the way is measured (s), and how many of them there are at the most.
+const STEP: f64 = 0.02;
+const MAX_STEPS: f64 = 5e3;
 /// Most configurations: a motion that needs more is not proven.
 const MAX_LOOKS: usize = 20_000;
 /// Pairs that leave less than this (m) are measured in full.
@@ -41,11 +44,11 @@ pub(super) struct Sweep<'s> {
     pub model: &'s Model,
     pub world: &'s Compiled,
     pub needs: &'s Needs,
-    /// Greatest acceleration of each joint of the full vector (rad/s^2 or m/s^2).
-    pub acceleration: Vec<f64>,
     /// Mean levers (m), for the first spacing.
     pub weights: Row,
     pub checks: u64,
+    /// Set once the proof has to end.
+    over: &'s Cancel,
     /// Whether each joint slides.
     pub slides: Vec<bool>,
     batch: Batch,
@@ -53,7 +56,7 @@ pub(super) struct Sweep<'s> {
 }
 
 impl<'s> Sweep<'s> {
-    pub fn new(scene: &'s Scene, model: &'s Model, needs: &'s Needs, acceleration: Vec<f64>, weights: Row) -> Self {
+    pub fn new(scene: &'s Scene, model: &'s Model, needs: &'s Needs, weights: Row, over: &'s Cancel) -> Self {
         let world = scene.compiled();
         let slides = scene.robot().joints().iter().map(|joint| joint.kind() == JointKind::Prismatic).collect();
         Self {
@@ -61,9 +64,9 @@ impl<'s> Sweep<'s> {
             model,
             world,
             needs,
-            acceleration,
             weights,
             checks: 0,
+            over,
             slides,
             batch: Batch::default(),
             poses: Vec::new(),
@@ -74,13 +77,19 @@ impl<'s> Sweep<'s> {
         &self.world.screen
     }
 
-    /// The first breach found, or none where the whole motion keeps its distances.
-    pub fn breach(&mut self, motion: &Trajectory) -> Option<Approached> {
+    /// Proves that the whole motion keeps its distances.
+    ///
+    /// # Errors
+    /// The first breach found, or that the proof had to end.
+    pub fn breach(&mut self, motion: &Trajectory) -> Result<(), Stuck> {
         let (start, end) = (motion.start(), motion.end());
         let mut times = vec![start];
-        let steps = ((end - start) / 0.02).ceil().max(1.0) as usize;
+        let steps = ((end - start) / STEP).ceil().clamp(1.0, MAX_STEPS) as usize;
         let (mut last, mut gone) = (motion.moving(start), 0.0);
         for k in 1..=steps {
+            if self.over.is_cancelled() {
+                return Err(Stuck::Over);
+            }
             let t = start + (end - start) * k as f64 / steps as f64;
             let x = motion.moving(t);
             gone += (0..self.model.n()).map(|v| (self.weights[v] * (x[v] - last[v])).powi(2)).sum::<f64>().sqrt();
@@ -90,34 +99,28 @@ impl<'s> Sweep<'s> {
                 gone = 0.0;
             }
         }
-        let mut looks = match self.look(motion, &times) {
-            Ok(looks) => looks,
-            Err(breach) => return Some(breach),
-        };
+        let mut looks = self.look(motion, &times)?;
         loop {
             let mut between = Vec::new();
             for k in 0..looks.len() - 1 {
                 let (before, after) = looks.split_at_mut(k + 1);
-                if before[k].sure || self.certify(&mut before[k], &mut after[0]) {
+                if before[k].sure || self.certify(motion, &mut before[k], &mut after[0]) {
                     before[k].sure = true;
                     continue;
                 }
                 if let Some(breach) = self.touching(&before[k]).or_else(|| self.touching(&after[0])) {
-                    return Some(breach);
+                    return Err(Stuck::Near(breach));
                 }
                 between.push(0.5 * (before[k].time + after[0].time));
             }
             if between.is_empty() {
-                return None;
+                return Ok(());
             }
             if looks.len() > MAX_LOOKS {
                 let names = ["motion".to_owned(), "what is near it".to_owned()];
-                return Some(Approached { bodies: names, distance: 0.0 });
+                return Err(Stuck::Near(Approached { bodies: names, distance: 0.0 }));
             }
-            let more = match self.look(motion, &between) {
-                Ok(more) => more,
-                Err(breach) => return Some(breach),
-            };
+            let more = self.look(motion, &between)?;
             // What is certified is not looked at again: only the neighbours of what is new are kept.
             let mut merged: Vec<Look> = Vec::with_capacity(looks.len() + more.len());
             let mut old = looks.into_iter().peekable();
@@ -133,12 +136,15 @@ impl<'s> Sweep<'s> {
     }
 
     /// Looks at the motion at some times; a breach where something is too near for certain.
-    pub(super) fn look(&mut self, motion: &Trajectory, times: &[f64]) -> Result<Vec<Look>, Approached> {
+    pub(super) fn look(&mut self, motion: &Trajectory, times: &[f64]) -> Result<Vec<Look>, Stuck> {
         let screen = self.screen();
         let (groups, joints) = (screen.groups(), self.scene.robot().joints().len());
         let count = groups + screen.pairs().len();
         let mut out: Vec<Look> = Vec::with_capacity(times.len());
         for chunk in times.chunks(LANES) {
+            if self.over.is_cancelled() {
+                return Err(Stuck::Over);
+            }
             self.checks += chunk.len() as u64;
             let first = out.len();
             for (lane, time) in chunk.iter().enumerate() {
@@ -189,7 +195,7 @@ impl<'s> Sweep<'s> {
                     if !is_clear(look.gaps[place], 0.0) {
                         self.measure(look, place);
                         if let Some(breach) = self.touching(look) {
-                            return Err(breach);
+                            return Err(Stuck::Near(breach));
                         }
                     }
                 }
@@ -237,8 +243,8 @@ impl<'s> Sweep<'s> {
     }
 
     /// Whether nothing between two configurations can be nearer than it may be.
-    fn certify(&mut self, a: &mut Look, b: &mut Look) -> bool {
-        let travel = self.travel(a, b);
+    fn certify(&mut self, motion: &Trajectory, a: &mut Look, b: &mut Look) -> bool {
+        let travel = self.travel(motion, a, b);
         let groups = self.screen().groups();
         (0..a.gaps.len()).all(|place| {
             if self.covers(a, b, place, groups, &travel) {

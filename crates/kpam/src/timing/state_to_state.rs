@@ -1,0 +1,280 @@
+//! The fastest motion from a state under way to rest at a goal, each joint by itself within its limits of velocity,
+//! acceleration and jerk (Kröger, "On-Line Trajectory Generation in Robotic Systems", 2010; Berscheid and Kröger,
+//! "Jerk-limited Real-time Trajectory Generation with Arbitrary Target States", 2021).
+//!
+//! From the place where the joint would stop, the goal lies on one side. The fastest motion accelerates to that side for a
+//! time, and stops from there: the later it stops, the further it comes. At its greatest velocity it cruises.
+//!
+//! A joint that has time left cruises more slowly. No duration above the least one is blocked: whoever is at rest at the goal
+//! can wait there.
+
+use super::limits::Limits;
+use super::motion::Node;
+use super::stop::{Phase, State, go_on, nodes, state_of, stopping};
+use crate::model::Row;
+
+/// Rounds of a search for a root at the most.
+const ROUNDS: usize = 200;
+/// Share of a time below which a joint that could take longer waits at the goal instead.
+const SAME: f64 = 1e-9;
+
+/// Greatest velocity, acceleration and jerk of a joint.
+type Most = [f64; 3];
+
+/// Phases of constant jerk, one after the other.
+type Phases = Vec<Phase>;
+
+fn duration(phases: &[Phase]) -> f64 {
+    phases.iter().map(|(time, _)| time).sum()
+}
+
+fn after(state: State, phases: &[Phase]) -> State {
+    phases.iter().fold(state, |state, (time, jerk)| go_on(state, *jerk, *time))
+}
+
+/// The state with the goal at zero, seen so that the joint has to go further than where it would stop; and the sign of
+/// that side, 0 where it stops at the goal.
+fn seen_from_goal(state: State, goal: f64, [_, acceleration, jerk]: Most) -> (State, f64) {
+    let [position, velocity, gain] = [state[0] - goal, state[1], state[2]];
+    let stopped = after([position, velocity, gain], &stopping(velocity, gain, acceleration, jerk))[0];
+    let side = if stopped < 0.0 {
+        1.0
+    } else if stopped > 0.0 {
+        -1.0
+    } else {
+        0.0
+    };
+    if side < 0.0 { ([-position, -velocity, -gain], side) } else { ([position, velocity, gain], side) }
+}
+
+/// Phases in which a joint accelerates upwards as hard as it can for a time.
+fn accelerating(gain: f64, time: f64, [_, acceleration, jerk]: Most) -> [Phase; 2] {
+    let ramp = ((acceleration - gain) / jerk).clamp(0.0, time);
+    [(ramp, jerk), (time - ramp, 0.0)]
+}
+
+/// Longest time in which it may do so before its velocity would exceed the limit.
+fn longest([_, velocity, gain]: State, [most, acceleration, jerk]: Most) -> f64 {
+    let peak = (jerk * (most - velocity) + 0.5 * gain * gain).max(0.0).sqrt();
+    if peak <= acceleration {
+        return ((peak - gain) / jerk).max(0.0);
+    }
+    let ramp = ((acceleration - gain) / jerk).max(0.0);
+    let gained = ramp * 0.5 * (acceleration + gain) + 0.5 * acceleration * acceleration / jerk;
+    ramp + ((most - velocity - gained) / acceleration).max(0.0)
+}
+
+/// Argument between `low` and `high` where a growing function is zero: false position with halved weights (Illinois), and
+/// bisection where that is slow.
+fn root(mut low: f64, mut high: f64, value: impl Fn(f64) -> f64) -> f64 {
+    let (mut below, mut above) = (value(low), value(high));
+    let mut side = 0;
+    for round in 0..ROUNDS {
+        if high - low <= 4.0 * f64::EPSILON * high.abs() || below == 0.0 {
+            return low;
+        }
+        if above == 0.0 {
+            return high;
+        }
+        let secant = (low * above - high * below) / (above - below);
+        let middle = 0.5 * (low + high);
+        let inside = secant > low && secant < high && round % 3 != 2;
+        let at = if inside { secant } else { middle };
+        if at <= low || at >= high {
+            break;
+        }
+        let now = value(at);
+        if now > 0.0 {
+            (high, above) = (at, now);
+            below *= if side == 1 { 0.5 } else { 1.0 };
+            side = 1;
+        } else {
+            (low, below) = (at, now);
+            above *= if side == -1 { 0.5 } else { 1.0 };
+            side = -1;
+        }
+    }
+    low
+}
+
+/// The fastest motion of a joint to rest at zero, which lies above where it would stop.
+fn fastest_up(state: State, most: Most) -> Phases {
+    let [limit, acceleration, jerk] = most;
+    let whole = |time: f64| {
+        let up = accelerating(state[2], time, most);
+        let [_, velocity, gain] = after(state, &up);
+        let mut out = up.to_vec();
+        out.extend(stopping(velocity, gain, acceleration, jerk));
+        out
+    };
+    let end = |time: f64| after(state, &whole(time))[0];
+    let last = longest(state, most);
+    if end(last) > 0.0 {
+        return whole(root(0.0, last, end));
+    }
+    let mut out = accelerating(state[2], last, most).to_vec();
+    let [_, _, gain] = after(state, &out);
+    out.push((gain.max(0.0) / jerk, -jerk));
+    let [position, velocity, _] = after(state, &out);
+    let down = stopping(velocity, 0.0, acceleration, jerk);
+    let left = -after([position, velocity, 0.0], &down)[0];
+    out.push(((left / velocity.min(limit).max(f64::MIN_POSITIVE)).max(0.0), 0.0));
+    out.extend(down);
+    out
+}
+
+/// The motion that cruises at `pace`, above zero, and how far it comes without any cruise.
+fn at_pace(state: State, pace: f64, [_, acceleration, jerk]: Most) -> (Phases, f64) {
+    let mut out = stopping(state[1] - pace, state[2], acceleration, jerk).to_vec();
+    let [position, ..] = after(state, &out);
+    let down = stopping(pace, 0.0, acceleration, jerk);
+    let end = after([position, pace, 0.0], &down)[0];
+    out.push(((-end / pace).max(0.0), 0.0));
+    out.extend(down);
+    (out, end)
+}
+
+/// The motion of a joint to rest at zero, which lies above where it would stop, that takes `time`, by cruising slowly; the
+/// fastest where none does.
+fn lasting_up(state: State, most: Most, time: f64) -> Phases {
+    let fastest = fastest_up(state, most);
+    if duration(&fastest) >= time * (1.0 - SAME) {
+        return fastest;
+    }
+    let greatest = if at_pace(state, most[0], most).1 <= 0.0 {
+        most[0]
+    } else {
+        root(0.0, most[0], |pace| at_pace(state, pace.max(f64::MIN_POSITIVE), most).1)
+    };
+    let late = |pace: f64| time - duration(&at_pace(state, pace, most).0);
+    // Between the fastest motion, which need not stop accelerating on the way, and the fastest with a cruise it waits.
+    if greatest.is_nan() || greatest <= 0.0 || late(greatest) < 0.0 {
+        return fastest;
+    }
+    let mut low = greatest;
+    for _ in 0..ROUNDS {
+        low *= 0.5;
+        if late(low) <= 0.0 {
+            return at_pace(state, root(low, greatest, late), most).0;
+        }
+    }
+    fastest
+}
+
+/// Phases of a joint to rest at `goal` in the least time, or in `time` where that is longer.
+fn phases(state: State, goal: f64, most: Most, time: Option<f64>) -> Phases {
+    let (seen, side) = seen_from_goal(state, goal, most);
+    let out = match time {
+        _ if side == 0.0 => stopping(seen[1], seen[2], most[1], most[2]).to_vec(),
+        None => fastest_up(seen, most),
+        Some(time) => lasting_up(seen, most, time),
+    };
+    out.into_iter().map(|(time, jerk)| (time, if side < 0.0 { -jerk } else { jerk })).collect()
+}
+
+/// Nodes of the fastest motion from a state that can be stopped within the limits to rest at `goal`; joints that need less
+/// time than the slowest take as much, but for those that would have to cruise faster than they can: they wait.
+pub(crate) fn to_rest(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row, goal: &Row) -> Vec<Node> {
+    let joints = 0..limits.joints();
+    let most = |v: usize| [limits.velocity[v], limits.acceleration[v], limits.jerk[v]];
+    let state = |v: usize| state_of(position, velocity, acceleration, v);
+    let time = joints.clone().map(|v| duration(&phases(state(v), goal[v], most(v), None))).fold(0.0, f64::max);
+    let list: Vec<Phases> = joints.clone().map(|v| phases(state(v), goal[v], most(v), Some(time))).collect();
+    let states: Vec<State> = joints.clone().map(state).collect();
+    let mut out = nodes(limits, &states, &list);
+    if let (true, Some(last)) = (out.len() > 1, out.last_mut()) {
+        for v in joints {
+            (last.position[v], last.velocity[v]) = (goal[v], 0.0);
+        }
+        last.acceleration = last.acceleration.map(|row| row.map(|_| 0.0));
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::MAX_JOINTS;
+    use proptest::prelude::*;
+
+    fn row(values: &[f64]) -> Row {
+        let mut out = [0.0; MAX_JOINTS];
+        out[..values.len()].copy_from_slice(values);
+        out
+    }
+
+    /// Least time by brute force: two phases of acceleration and a stop on a grid of switching times.
+    fn by_search(state: State, goal: f64, most: Most) -> f64 {
+        let (seen, _) = seen_from_goal(state, goal, most);
+        let mut best = f64::INFINITY;
+        // Peak accelerations, cruising or not: each gives one motion that comes to the goal by a longer hold or cruise.
+        for k in 0..=400 {
+            let peak = seen[2] + (most[1] - seen[2]) * f64::from(k) / 400.0;
+            let ramp = ((peak - seen[2]) / most[2], most[2]);
+            let total = |hold: f64| {
+                let up = [ramp, (hold, 0.0)];
+                let [_, v, a] = after(seen, &up);
+                let fits = v.max(v + 0.5 * a * a.abs() / most[2]) <= most[0] * (1.0 + 1e-9);
+                let mut all = up.to_vec();
+                all.extend(stopping(v, a, most[1], most[2]));
+                (after(seen, &all)[0], duration(&all), fits)
+            };
+            let (mut low, mut high) = (0.0, 50.0);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if total(middle).0 > 0.0 { high = middle } else { low = middle }
+            }
+            let (end, time, fits) = total(low);
+            if fits && end.abs() < 1e-6 {
+                best = best.min(time);
+            }
+        }
+        best
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(400))]
+        #[test]
+        fn motions_end_at_rest_at_the_goal_within_the_limits_and_no_search_finds_a_faster_one(
+            q in -2.0..2.0f64, goal in -2.0..2.0f64, speed in -1.0..1.0f64, gain in -1.0..1.0f64,
+            (v, a, j) in (-1.0..1.0f64, -0.5..1.5f64, 0.5..4.0f64), longer in 1.0..3.0f64,
+        ) {
+            let most = [10f64.powf(v), 10f64.powf(a), 10f64.powf(j)];
+            let a0 = gain * most[1];
+            let room = most[0] - 0.5 * a0 * a0 / most[2];
+            prop_assume!(room > 0.0);
+            let state = [q, speed * room, a0];
+            let least = duration(&phases(state, goal, most, None));
+            for time in [None, Some(longer * least)] {
+                let found = phases(state, goal, most, time);
+                let mut now = state;
+                for (t, jerk) in &found {
+                    prop_assert!(*t >= 0.0 && jerk.abs() <= most[2]);
+                    for k in 0..=20 {
+                        let [_, v, a] = go_on(now, *jerk, t * f64::from(k) / 20.0);
+                        prop_assert!(v.abs() <= most[0] * (1.0 + 1e-9) && a.abs() <= most[1] * (1.0 + 1e-9), "{v} {a}");
+                    }
+                    now = go_on(now, *jerk, *t);
+                }
+                prop_assert!((now[0] - goal).abs() < 1e-9 && now[1].abs() < 1e-7 && now[2].abs() < 1e-6, "{now:?}");
+                let taken = duration(&found);
+                prop_assert!(taken >= least * (1.0 - 1e-9) && taken <= time.unwrap_or(least) * (1.0 + 1e-6));
+            }
+            prop_assert!(by_search(state, goal, most) >= least * (1.0 - 1e-5), "{} {least}", by_search(state, goal, most));
+        }
+    }
+
+    #[test]
+    fn joints_arrive_together_and_one_that_stops_at_the_goal_waits() {
+        let limits = Limits::new(&[1.0; 3], &[2.0; 3], &[20.0; 3]).unwrap();
+        let (q, v, a) = (row(&[0.0, 0.0, 0.0]), row(&[0.5, -0.3, 0.4]), row(&[1.0, 0.0, 0.0]));
+        let stopped = after([0.0, 0.4, 0.0], &stopping(0.4, 0.0, 2.0, 20.0))[0];
+        let found = to_rest(&limits, &q, &v, &a, &row(&[1.5, 0.2, stopped]));
+        let last = found[found.len() - 1];
+        assert_eq!(last.position, row(&[1.5, 0.2, stopped]));
+        assert_eq!((last.velocity, last.acceleration), ([0.0; MAX_JOINTS], Some([0.0; MAX_JOINTS])));
+        // The second joint moves nearly until the end, the third no longer.
+        let before = found.iter().rfind(|node| node.time < 0.999 * last.time).unwrap();
+        assert!(before.velocity[1].abs() > 1e-6 && before.velocity[2].abs() < 1e-9);
+    }
+}
