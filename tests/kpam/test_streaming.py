@@ -68,7 +68,8 @@ def test_straight_motions_take_the_known_time(a: float, j: float, length: float)
 def test_a_stop_keeps_the_limits_and_the_path(acceleration: float, jerk: float) -> None:
     whole = motion(acceleration, jerk)
     path = whole.sample(np.linspace(0, whole.duration, 20001))[0]
-    for now in np.linspace(0.0, 0.95, 8) * whole.duration:
+    assert whole.brake(0.0).duration == 0.0
+    for now in np.linspace(0.02, 0.95, 8) * whole.duration:
         stop = whole.brake(now)
         assert_within(stop, now, acceleration, jerk)
         for was, begins in zip(whole.sample(now), stop.sample(now), strict=True):
