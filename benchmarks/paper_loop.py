@@ -288,7 +288,7 @@ def main(arguments: list[str] | None = None) -> int:
     numbers = range(options.first, options.first + options.draws)
     done = {(line["task"], line["way"], line["draw"]) for line in lines}
     if not options.table:
-        for module in worker.PRELOAD:
+        for module in worker.PRELOAD["sapien"]:
             importlib.import_module(module)
         worker.prepare(CIRCUMSTANCES)
     for draw, name in () if options.table else itertools.product(numbers, options.tasks):

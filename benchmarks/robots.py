@@ -80,7 +80,7 @@ def main(arguments: list[str] | None = None) -> int:
         numbers = range(options.episodes)
         jobs += [("do", robot, task, options.seed + number) for task in options.tasks for number in numbers]
         jobs += [("lift", robot, name, options.seed, number) for name in options.objects for number in numbers]
-    with WorkerPool(options.workers, preload=PRELOAD) as pool:
+    with WorkerPool(options.workers, preload=PRELOAD["sapien"]) as pool:
         found = {}
         for index, result in run(pool.map_unordered(_job, enumerated(jobs)), "episodes"):
             found[index] = result

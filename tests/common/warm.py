@@ -25,7 +25,7 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 #: What simulators, renderers and readers of exports need.
 MODULES = (
-    *PRELOAD,
+    *PRELOAD["sapien"],
     "gensim2.sim.env",
     "gensim2.data.observing",
     "gensim2.data.formats.importing",

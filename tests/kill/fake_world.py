@@ -20,6 +20,7 @@ from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, PlanRecord, StepRecord, StrictMiss
 from gensim2.rollout.recording import Recording
 from gensim2.scenes.config import SceneOptions
+from gensim2.scenes.engine import ENGINES
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies, Strategies
 
@@ -32,7 +33,7 @@ REPLACED = ("PRELOAD", "prepare", "screen_scene", "episode", "trial", "demonstra
 
 def install() -> None:
     """Let this process's runs happen in the made-up world."""
-    worker.PRELOAD = ("gensim2.rollout.worker", "gensim2.rollout.recording")
+    worker.PRELOAD = dict.fromkeys(ENGINES, ("gensim2.rollout.worker", "gensim2.rollout.recording"))
     worker.prepare = prepare
     worker.screen_scene = screen_scene
     worker.episode = episode

@@ -106,10 +106,10 @@ def test_at_rest_it_stays_where_it_is(any_robot: str) -> None:
     for _ in range(20):
         lane.step(profile.rest_action)
     assert lane.q[: profile.arm_size] == pytest.approx(profile.reset_qpos[: profile.arm_size], abs=1e-5)
-    links = {link.name for link in lane._require_arm().articulation.links}
+    links = {link.name for link in lane._robot.articulation.links}
     touching = [
         {body.entity.name for body in contact.bodies}
-        for contact in lane._scene.get_contacts()
+        for contact in lane._scene.scene.get_contacts()
         if any(np.linalg.norm(point.impulse) > 0 for point in contact.points)
     ]
     assert [pair for pair in touching if pair & links] == []

@@ -61,13 +61,13 @@ def openness_in(lane: HeadlessEnv) -> float:
 
 def test_scene_settings_are_the_original_s() -> None:
     lane = lane_on("box_rotate")
-    config = lane._system.config
+    config = lane._scene.system.config
     assert config.gravity.tolist() == pytest.approx([0, 0, -9.81])
     assert (config.enable_tgs, config.enable_pcm, config.enable_ccd) == (False, False, False)
     assert config.enable_friction_every_iteration
     assert config.bounce_threshold == 2.0
-    assert lane._system.timestep == pytest.approx(0.01)
-    for articulation in (articulation_in(lane), lane._require_arm().articulation):
+    assert lane._scene.system.timestep == pytest.approx(0.01)
+    for articulation in (articulation_in(lane), lane._robot.articulation):
         assert (articulation.solver_position_iterations, articulation.solver_velocity_iterations) == (10, 1)
         assert articulation.sleep_threshold == pytest.approx(0.005)
         for link in articulation.links:
@@ -76,7 +76,7 @@ def test_scene_settings_are_the_original_s() -> None:
                 material = shape.physical_material
                 found = [material.static_friction, material.dynamic_friction, material.restitution]
                 assert found == pytest.approx([0.3, 0.3, 0.1])
-    (table,) = lane._system.rigid_static_components
+    (table,) = lane._scene.system.rigid_static_components
     material = table.collision_shapes[0].physical_material
     found = [material.static_friction, material.dynamic_friction, material.restitution]
     assert found == pytest.approx([1.0, 0.2, 0.01])
@@ -86,10 +86,10 @@ def test_ours_stays_ours_beside_it() -> None:
     """PhysX's settings and SAPIEN's default material belong to the process: the last scene's must not be taken."""
     lane_on("box_rotate", "original")
     lane = lane_on("box_rotate", "default")
-    assert (lane._system.config.enable_tgs, lane._system.config.enable_pcm) == (True, True)
+    assert (lane._scene.system.config.enable_tgs, lane._scene.system.config.enable_pcm) == (True, True)
     articulation = articulation_in(lane)
     assert articulation.solver_position_iterations == 15
-    robot = lane._require_arm().articulation
+    robot = lane._robot.articulation
     for link in (*articulation.links, *robot.links):
         for shape in link.collision_shapes:
             assert shape.physical_material.restitution == 0.0
@@ -107,7 +107,7 @@ def test_fingers_are_soft_where_there_is_something_to_pick_up() -> None:
     lane.reset(0)
     env = GenSim2Env(task, assets="builtin", physics="original")
     env.reset(seed=0)
-    for robot_there in (lane._require_arm().articulation, env.unwrapped.agent.robot._objs[0]):
+    for robot_there in (lane._robot.articulation, env.unwrapped.agent.robot._objs[0]):
         fingers = [joint for joint in robot_there.active_joints if "finger" in joint.name]
         assert {(joint.stiffness, joint.damping) for joint in fingers} == {(100.0, 1.0)}
     assert lane.scene_state().finger_stiffness == env.unwrapped.scene_state().finger_stiffness == 100.0
@@ -190,7 +190,7 @@ def test_a_toaster_s_lever_stays_up_and_yields_to_a_push() -> None:
     lane.reset(0, {"openness": 0.3}, robot=False)
     part = lane.parts["object"]
     lever = part.keypoints()["articulated_object_head"]
-    builder = lane._scene.create_actor_builder()
+    builder = lane._scene.scene.create_actor_builder()
     builder.add_box_collision(half_size=[0.01, 0.01, 0.01])
     builder.set_initial_pose(sapien.Pose([lever[0], lever[1], lever[2] + 0.03]))
     block = builder.build(name="block").find_component_by_type(physx.PhysxRigidDynamicComponent)
@@ -198,7 +198,7 @@ def test_a_toaster_s_lever_stays_up_and_yields_to_a_push() -> None:
     block.linear_damping = block.angular_damping = 60.0
     for _ in range(100):
         block.add_force_at_point([0.0, 0.0, -1.0], block.entity.pose.p)
-        lane._system.step()
+        lane._scene.system.step()
     assert lane.measure().openness["object"] > 0.6
 
 
@@ -283,7 +283,7 @@ def test_a_pose_that_has_what_moves_in_the_table_is_raised(monkeypatch: pytest.M
     toaster = articulation_in(lane).links[-1]
     for _ in range(100):
         toaster.add_force_at_point([5.0, 0.0, 0.0], (toaster.entity.pose * toaster.cmass_local_pose).p)
-        lane._system.step()
+        lane._scene.system.step()
     assert openness_in(lane) > 0.8
 
 

@@ -146,7 +146,7 @@ def test_links_and_ids_are_the_simulators(name: str) -> None:
     profile = robot(name)
     scene = RaycastScene(profile, models(lane), [camera()])
     poses = scene.poses(states(lane))[0]
-    entities = {entity.per_scene_id: entity for entity in lane._scene.entities}
+    entities = {entity.per_scene_id: entity for entity in lane._scene.scene.entities}
     assert set(scene.names) == set(entities), "every link and body has the id that the simulator gave it"
     seen = [solid.id for solid in scene._solids]
     for id, pose in zip(seen, poses, strict=True):

@@ -69,7 +69,7 @@ class PoolEvaluator:
             workers,
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
-            preload=worker.PRELOAD,
+            preload=worker.PRELOAD[scene.engine],
             prepare=partial(worker.prepare, scene),
             on_failure=self._failed,
         )

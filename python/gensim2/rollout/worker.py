@@ -19,6 +19,7 @@ from gensim2.rollout.config import DEFAULT_ROLLOUT, EpisodeConfig, RolloutOption
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
 from gensim2.rollout.record import Episode
 from gensim2.scenes.config import SceneConfig, SceneOptions
+from gensim2.scenes.engine import Engine
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies, Strategies, with_strategies
 
@@ -33,14 +34,13 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 
-#: What a worker needs and takes seconds to import.
-PRELOAD: Sequence[str] = (
-    "gensim2.rollout.worker",
-    "gensim2.rollout.chain",
-    "gensim2.rollout.run",
-    "gensim2.planning.steps",
-    "gensim2.sim.headless",
-)
+_PLANNING = ("gensim2.rollout.worker", "gensim2.rollout.chain", "gensim2.rollout.run", "gensim2.planning.steps")
+
+#: Modules that a worker needs and that take seconds to import, by the engine of its scenes.
+PRELOAD: Mapping[Engine, tuple[str, ...]] = {
+    "sapien": (*_PLANNING, "gensim2.sim.headless", "gensim2.sim.sapien_scene"),
+    "mujoco": (*_PLANNING, "gensim2.sim.headless", "gensim2.sim.mujoco.scene"),
+}
 
 #: For screening, where hundreds of candidates are planned and most cannot work: few poses, short searches. Measured on
 #: closing real laptops: the same answers as with the planner's defaults, in a 30th of the time.
@@ -53,15 +53,12 @@ Screened = tuple[float, str | None, dict[str, Any]]
 
 def prepare(scene: SceneOptions) -> None:
     """Read and build what every episode of a run needs and only the first of a process would pay for."""
-    import sapien
-
-    from gensim2.sim.arm import Arm
-    from gensim2.sim.physics import named_physics
+    from gensim2.sim.engines import scene_class
 
     open_library(scene.assets).classes()
-    profile, physics = robot(scene.robot), named_physics(scene.physics)
+    profile = robot(scene.robot)
     assert profile.model
-    Arm(sapien.Scene([physics.new_system(profile)]), profile, physics)
+    scene_class(scene.engine).prepare(profile, scene.physics)
 
 
 @lru_cache(maxsize=2)

@@ -14,6 +14,7 @@ from typing import Any, TypedDict, Unpack, cast
 from gensim2.objects import open_library
 from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.scenes.arguments import ObjectSource, Words, check_words
+from gensim2.scenes.engine import DEFAULT_ENGINE, Engine, check_engine
 from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name, physics_word
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
 from gensim2.tasks.spec import TaskSpec
@@ -34,6 +35,7 @@ class SceneArguments(TypedDict, total=False):
         physics: ``"default"``, ``"original"``, a mixture of both, or a file of switches (docs/simulation.md).
         robot: name of a known robot (:func:`gensim2.load_robot` makes one's own known).
         randomization: ``"paper"`` for the task's own ranges, ``"paper-half"`` or ``"wide"`` (docs/simulation.md).
+        engine: ``"sapien"`` or ``"mujoco"`` (docs/simulation.md).
     """
 
     assets: str | Path | ObjectSource | None
@@ -41,6 +43,7 @@ class SceneArguments(TypedDict, total=False):
     physics: str
     robot: str
     randomization: str
+    engine: str
 
 
 SCENE_FIELDS: tuple[str, ...] = tuple(SceneArguments.__annotations__)
@@ -55,20 +58,23 @@ class SceneOptions:
         physics: the word for its switches (:mod:`gensim2.scenes.physics`); never a file's name.
         robot: word of a known robot; none is loaded.
         randomization: name of the preset, which says what becomes of the tasks' ranges.
+        engine: that simulates the scenes.
 
     Raises:
-        InputError: there is no such physics, robot or randomization.
+        InputError: there is no such physics, robot, randomization or engine, or the engine cannot simulate the physics.
     """
 
     assets: str
     physics: str = DEFAULT_PHYSICS
     robot: str = DEFAULT_ROBOT
     randomization: PresetName = DEFAULT_PRESET
+    engine: Engine = DEFAULT_ENGINE
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "physics", physics_word(self.physics))
         object.__setattr__(self, "robot", robot_key(self.robot))
         preset(self.randomization)
+        check_engine(self.engine, self.physics)
 
     @classmethod
     def of(cls, **scene: Unpack[SceneArguments]) -> SceneOptions:
@@ -78,7 +84,7 @@ class SceneOptions:
             InputError: the folder, the robot or a preset cannot be used.
             MissingExtraError: the robot's model comes with a package that is not installed.
         """
-        words = {name: scene[name] for name in ("physics", "robot", "randomization") if name in scene}
+        words = {name: scene[name] for name in ("physics", "robot", "randomization", "engine") if name in scene}
         check_words(**words)
         if "physics" in words:
             words["physics"] = physics_name(words["physics"])
@@ -110,8 +116,8 @@ class SceneOptions:
     @property
     def environment(self) -> dict[str, str]:
         """Arguments of the registered environment, where they are not its defaults."""
-        defaults = {"physics": DEFAULT_PHYSICS, "robot": DEFAULT_ROBOT, "randomization": DEFAULT_PRESET}
-        return {name: getattr(self, name) for name, default in defaults.items() if getattr(self, name) != default}
+        usual = SceneOptions(self.assets).to_record()
+        return {name: value for name, value in self.to_record().items() if value != usual[name]}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,11 +11,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_type_hints
 
 from gensim2.errors import InputError, near
 from gensim2.renamed import current
 from gensim2.yaml_files import read_yaml
+
+if TYPE_CHECKING:
+    from gensim2.robots import RobotProfile
 
 PhysicsSource = Literal["default", "original"]
 Gripper = Literal["default", "soft", "original"]
@@ -51,10 +54,9 @@ class PhysicsSwitches:
     criteria_rate: PhysicsSource = "default"
     hulls: PhysicsSource = "default"
 
-    @property
-    def criteria_seconds(self) -> float | None:
-        """From one look at the criteria of ``paper`` to the next; None: every control step."""
-        return None if self.criteria_rate == "default" else ORIGINAL_CRITERIA_SECONDS
+    def criteria_steps(self, robot: RobotProfile) -> int:
+        """Control steps between two evaluations of the criteria of ``paper``."""
+        return 1 if self.criteria_rate == "default" else robot.steps(ORIGINAL_CRITERIA_SECONDS)
 
 
 ORIGINAL_CRITERIA_SECONDS = 0.85

@@ -9,6 +9,7 @@ from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.robots import robot as robot_profile
 from gensim2.scenes.arguments import as_library, as_task, check_names, check_words, chosen_instances
 from gensim2.scenes.config import SceneArguments
+from gensim2.scenes.engine import DEFAULT_ENGINE, check_engine
 from gensim2.scenes.goal import check_false_at_start, check_reachable
 from gensim2.scenes.initial_state import InitialState, PlacementError, sample_initial_state
 from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name, physics_switches
@@ -33,6 +34,7 @@ class SceneSampler:
         robot: word by which any process finds the robot.
         profile: of it.
         physics: the word for its switches.
+        engine: that simulates them.
         randomization: the preset.
         instances: ids that are drawn from, by object.
 
@@ -41,11 +43,12 @@ class SceneSampler:
     """
 
     def __init__(self, task: str | TaskSpec | Mapping[str, Any], **scene: Unpack[SceneArguments]) -> None:
-        words = {name: scene.get(name) for name in ("robot", "physics", "randomization")}
+        words = {name: scene.get(name) for name in ("robot", "physics", "randomization", "engine")}
         check_words(**words)
         self.robot = robot_key(scene.get("robot") or DEFAULT_ROBOT)
         self.profile = robot_profile(self.robot)
         self.physics = physics_name(scene.get("physics", DEFAULT_PHYSICS))
+        self.engine = check_engine(scene.get("engine", DEFAULT_ENGINE), self.physics)
         self.randomization = preset(scene.get("randomization", DEFAULT_PRESET))
         self.task = as_task(task)
         check_names(self.task, self.profile)

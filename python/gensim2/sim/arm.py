@@ -14,17 +14,12 @@ from sapien import physx
 from sapien.wrapper.articulation_builder import ArticulationBuilder
 from sapien.wrapper.urdf_loader import URDFLoader
 
-from gensim2.errors import InputError
-from gensim2.observations.proprioception import tool_pose
 from gensim2.robots import RobotProfile
 from gensim2.sim.agents import urdf_config
+from gensim2.sim.engines import checked_command
 from gensim2.sim.gripper import Transmission, robot_joints
-from gensim2.sim.parts import Row, articulation_state
 from gensim2.sim.physics import Physics
-from gensim2.sim.scene_state import RobotReader
-
-NO_POSE = np.full(7, np.nan, dtype=np.float32)
-"""Pose of a tool that is not worked out."""
+from gensim2.sim.sapien_parts import SapienRobot
 
 
 class Arm:
@@ -52,12 +47,7 @@ class Arm:
             joint.set_friction(0.0)
         self.transmission = Transmission(self.articulation, profile)
         physics.prepare_robot(self.articulation, profile)
-        self.reader = RobotReader(profile, self.articulation)
-
-    @property
-    def command_size(self) -> int:
-        """Numbers of an action."""
-        return len(self._arm) + 1
+        self.reader = SapienRobot(profile, self.articulation)
 
     def put(self, start: Sequence[float]) -> None:
         """Stand where an episode starts: (n,) all active joints, rad and m."""
@@ -69,25 +59,13 @@ class Arm:
         Raises:
             InputError: the action has the wrong shape or is not finite.
         """
-        command = np.asarray(action, dtype=np.float32)
         size = len(self._arm)
-        if command.shape != (size + 1,) or not np.isfinite(command).all():
-            raise InputError(f"must be {size + 1} finite numbers", field="action")
+        command = checked_command(action, size + 1)
         for index, joint in enumerate(self._arm):
             joint.drive_target = command[index : index + 1]
         target = self._profile.gripper.target(command[size:])
         for joint in self._motors:
             joint.drive_target = target
-
-    def state(self) -> Row:
-        """(13 + 2 n,) ManiSkill's: root pose, root velocities, qpos, qvel."""
-        return articulation_state(self.articulation)
-
-    def observed(self, tool: bool = True) -> list[Row]:
-        """Return the first part of observations: qpos, qvel, pose of the tool in the base frame (7,), NaN without
-        ``tool``."""
-        qpos = self.articulation.qpos
-        return [qpos, self.articulation.qvel, tool_pose(self._profile, qpos) if tool else NO_POSE]
 
 
 def parsed(

@@ -28,7 +28,8 @@ from gensim2.sim.managed import build_part, spare_imports_from_collection
 from gensim2.sim.observed import RAYCAST, RaycastObservations
 from gensim2.sim.physics import named_physics
 from gensim2.sim.registration import MODULE, recordable
-from gensim2.sim.scene_state import RobotReader, read_scene
+from gensim2.sim.sapien_parts import SapienRobot
+from gensim2.sim.scene_state import read_scene
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.reward import StagedReward
@@ -198,7 +199,7 @@ class GenSim2Env(RaycastObservations):
     def _load_scene(self, options: dict[str, Any]) -> None:
         seed = int(self._episode_seed[0])
         setup = self._sampler.sample(seed, options)
-        self._robot = RobotReader(self.profile, self.agent.robot._objs[0])
+        self._robot = SapienRobot(self.profile, self.agent.robot._objs[0])
         self.table = build_table(self.scene, visible=self.scene.can_render())
         self._parts = {name: build_part(self.scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:

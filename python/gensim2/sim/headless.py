@@ -1,43 +1,35 @@
-"""Physics-only environment: the scene of :class:`~gensim2.sim.env.GenSim2Env`, without ManiSkill around each step.
+"""Physics-only environment in one of the engines; nothing here imports an engine that is not asked for.
 
-Same bodies in the same order, same drives, same numbers: for the same actions the states are those of the registered
-environment, bit for bit. What is left out is what a search or a collection never looks at: tensors of one row, rewards,
-observations that were not asked for, and reading the same URDF at every reset: a file that changes under a process is
-not read again.
+In SAPIEN it is the scene of :class:`~gensim2.sim.env.GenSim2Env`, without ManiSkill around each step: the same bodies in
+the same order, the same drives and numbers. For the same actions its states are those of the registered environment,
+bit for bit. It leaves out what a search or a collection never reads: tensors of one row, rewards, and observations that
+were not asked for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
-import sapien
-from sapien.wrapper.articulation_builder import ArticulationBuilder
 
 from gensim2.errors import GenSim2Error, InputError, near
-from gensim2.objects import RigidObject
 from gensim2.observations import Observation, ObservationSpec
+from gensim2.observations.proprioception import tool_pose
 from gensim2.planning.scene import Scene
 from gensim2.robots import OPEN
 from gensim2.scenes.config import SceneArguments, SceneOptions
-from gensim2.scenes.initial_state import InitialState, PlacedObject
+from gensim2.scenes.initial_state import InitialState
+from gensim2.scenes.physics import physics_switches
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.scenes.sampler import SceneSampler
 from gensim2.seeding import check_seed
-from gensim2.sim.arm import Arm, built, parsed
-from gensim2.sim.contacts import touched
-from gensim2.sim.objects import check_object
-from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
-from gensim2.sim.physics import Physics, named_physics, vary
-from gensim2.sim.rigid import build_rigid
+from gensim2.sim.engines import scene_class
+from gensim2.sim.parts import Array, RigidPart, Row
 from gensim2.sim.scene_access import SceneAccessMixin
-from gensim2.sim.scene_state import RobotReader, read_scene
-from gensim2.sim.table import build_table
+from gensim2.sim.scene_state import RobotReader, StandingRobot, read_scene
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.spec import TaskSpec
 
@@ -46,10 +38,30 @@ if TYPE_CHECKING:
     from gensim2.sim.pictures import StatePictures
 
 
+NO_POSE = np.full(7, np.nan, dtype=np.float32)
+"""Pose of a tool that is not worked out."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """State of an episode from which it goes on.
+
+    Attributes:
+        physics: (D,) of the engine.
+        elapsed_steps: control steps since the reset.
+        command: last command of the gripper.
+    """
+
+    physics: Array
+    elapsed_steps: int
+    command: float
+
+
 class HeadlessEnv(SceneAccessMixin):
     """Physics-only environment of a task; actions are those of the control mode ``pd_joint_pos``.
 
-    Its states are those of :class:`~gensim2.sim.env.GenSim2Env`, bit for bit, without ManiSkill around each step.
+    The engine ``sapien`` (default) gives the states of :class:`~gensim2.sim.env.GenSim2Env`, bit for bit. The engine
+    ``mujoco`` simulates the same scene without SAPIEN, ManiSkill and PyTorch.
 
     Example:
         ```python
@@ -74,10 +86,9 @@ class HeadlessEnv(SceneAccessMixin):
     def __init__(self, task: str | TaskSpec | Mapping[str, Any], **scene: Unpack[SceneArguments]) -> None:
         self._sampler = sampler = SceneSampler(task, **scene)
         self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
-        self.physics, self.instance_ids = named_physics(sampler.physics), sampler.instances
+        self.engine, self.physics = sampler.engine, physics_switches(sampler.physics)
+        self.instance_ids = sampler.instances
         self._drawn: tuple[int, InitialState] | None = None  # what the last seed drew by itself
-        self._arm: Arm | None = None
-        self._parts: dict[str, Part] = {}
         self.seed = 0
         self.elapsed_steps = 0
         self.reset_options: dict[str, Any] = {}
@@ -111,28 +122,18 @@ class HeadlessEnv(SceneAccessMixin):
             self._drawn = None if options else (self.seed, setup)
         else:
             setup = self._drawn[1]
-        self._system = self.physics.new_system(self.profile)
-        scene = self._scene = sapien.Scene([self._system])  # kept: what stands in it goes with it
-        # In the environment's order: PhysX solves contacts in the order in which bodies came.
-        self._arm = Arm(scene, self.profile, self.physics) if robot else None
-        build_table(scene, visible=False)
-        self._parts = {name: _build(scene, name, thing, self.physics) for name, thing in setup.objects.items()}
-        if setup.has_rigid_objects:
-            arm = None if self._arm is None else self._arm.articulation
-            self.physics.prepare_for_rigid_objects(self._system, arm, self.profile, setup.rigid_classes)
+        self._scene = scene_class(self.engine)(self.profile, self._sampler.physics, setup, robot)
+        self._parts = self._scene.parts
         self._initial_state, self.elapsed_steps, self._command = setup, 0, OPEN
         self._observers = {}
-        if self._arm is not None:
-            self._arm.put(setup.start)
-        for part in self._parts.values():
-            part.put()
-        self._robot = RobotReader(self.profile, None, setup.start) if self._arm is None else self._arm.reader
+        self._robot = self._scene.robot or StandingRobot(self.profile, setup.start)
 
-    def _require_arm(self) -> Arm:
+    @property
+    def _reader(self) -> RobotReader:
         assert self.initial_state
-        if self._arm is None:
+        if isinstance(self._robot, StandingRobot):
             raise GenSim2Error("the scene was built without the robot")
-        return self._arm
+        return self._robot
 
     # ------------------------------------------------------------------- time
 
@@ -145,8 +146,7 @@ class HeadlessEnv(SceneAccessMixin):
         Raises:
             InputError: the action has the wrong shape or is not finite.
         """
-        self._require_arm().drive(action)
-        self._command = float(np.asarray(action, dtype=np.float32)[-1])
+        self._drive(action)
         self._advance()
 
     def substep(self, action: npt.ArrayLike) -> None:
@@ -158,36 +158,47 @@ class HeadlessEnv(SceneAccessMixin):
         Raises:
             InputError: the action has the wrong shape or is not finite.
         """
-        self._require_arm().drive(action)
-        self._command = float(np.asarray(action, dtype=np.float32)[-1])
-        self._physics_step()
+        self._drive(action)
+        self._scene.step()
 
     def pressing_force(self) -> float:
         """Force (N) with which everything else pressed on the robot in the last step of the physics, all in all."""
-        links = {link.entity for link in self._require_arm().articulation.links}
-        total = np.zeros(3)
-        for contact in self._system.get_contacts():
-            first, second = (body.entity in links for body in contact.bodies)
-            if first != second:
-                total += (1.0 if first else -1.0) * np.sum([point.impulse for point in contact.points], axis=0)
-        return float(np.linalg.norm(total) * self.profile.simulation.physics_hz)
+        assert self._reader
+        return self._scene.pressing_force()
 
     def wait(self) -> None:
         """One control step in which nothing is commanded."""
         assert self.initial_state
         self._advance()
 
+    def _drive(self, action: npt.ArrayLike) -> None:
+        assert self._reader
+        self._scene.drive(action)
+        self._command = float(np.asarray(action, dtype=np.float32)[-1])
+
     def _advance(self) -> None:
         for _ in range(self.profile.substeps):
-            self._physics_step()
+            self._scene.step()
         self.elapsed_steps += 1
 
-    def _physics_step(self) -> None:
-        if self._arm is not None:
-            self._arm.transmission.before_substep()
-        for part in self._parts.values():
-            part.before_substep()
-        self._system.step()
+    def snapshot(self) -> Snapshot:
+        """Return the state of this instant, from which :meth:`restore` goes on bit for bit.
+
+        Raises:
+            InputError: the engine is ``sapien``, which cannot.
+        """
+        assert self.initial_state
+        return Snapshot(self._scene.snapshot(), self.elapsed_steps, self._command)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go on from a state of the scene that the last reset built, in this process or another.
+
+        Raises:
+            InputError: the engine cannot, or the state is that of another scene.
+        """
+        assert self.initial_state
+        self._scene.restore(snapshot.physics)
+        self.elapsed_steps, self._command = snapshot.elapsed_steps, snapshot.command
 
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:
         """Disturb an object, as a bump would: what the seed drew (``setup``) stays as it was.
@@ -214,31 +225,37 @@ class HeadlessEnv(SceneAccessMixin):
     @property
     def is_finite(self) -> bool:
         """Whether physics still gives numbers for the robot and the objects."""
-        return bool(np.isfinite(self._robot.q).all()) and all(part.is_finite for part in self.parts.values())
+        robot = self._scene.robot
+        arm = robot is None or bool(np.isfinite(robot.q).all())
+        return arm and all(part.is_finite for part in self.parts.values())
 
     def touched(self) -> frozenset[str]:
         """Names of the objects that any part of the robot presses against."""
-        return touched(self._system, self._require_arm().reader.articulation, self._parts)
+        assert self._reader
+        return self._scene.touched()
 
     @property
     def q(self) -> npt.NDArray[np.float64]:
         """(n,) robot joints, rad and m."""
-        return self._require_arm().reader.q
+        return self._reader.q
 
     @property
     def qvel(self) -> npt.NDArray[np.float64]:
         """(n,) velocities of the robot's joints, rad/s and m/s."""
-        return self._require_arm().reader.qvel
+        return self._reader.qvel
 
     def scene_state(self) -> Scene:
         """The scene as the planner sees it, in the robot base frame; geometry only."""
-        return read_scene(self._require_arm().reader, self._parts)
+        return read_scene(self._reader, self._parts)
 
     def state(self) -> dict[str, dict[str, Row]]:
         """ManiSkill's ``env_states`` of this instant: root pose (7,) and velocities (6,) of each; of what has joints
         also qpos and qvel (n,)."""
-        arm = self._require_arm()
-        found: dict[str, dict[str, Row]] = {"actors": {}, "articulations": {self.profile.agent: arm.state()}}
+        assert self._reader
+        found: dict[str, dict[str, Row]] = {
+            "actors": {},
+            "articulations": {self.profile.agent: self._scene.robot_state()},
+        }
         for name, part in self._parts.items():
             found["actors" if isinstance(part, RigidPart) else "articulations"][name] = part.state()
         return found
@@ -275,7 +292,7 @@ class HeadlessEnv(SceneAccessMixin):
         from gensim2.sim.pictures import StatePictures
 
         if self._pictures is None:
-            words = {"physics": self.physics.name, "robot": self._sampler.robot}
+            words = {"physics": self._sampler.physics, "robot": self._sampler.robot}
             options = SceneOptions.of(assets=self._sampler.library, **words)
             self._pictures = StatePictures(options.with_task(self.task))
         self._pictures.show(instances, self.seed, {**self.reset_options, "instance": instances})
@@ -295,36 +312,7 @@ class HeadlessEnv(SceneAccessMixin):
         Args:
             tool: False leaves NaN for the tool's pose.
         """
-        arm = self._require_arm()
+        q = self.q.astype(np.float32)
+        tool_row = tool_pose(self.profile, q) if tool else NO_POSE
         objects = [row for part in self._parts.values() for row in part.observed().values()]
-        return np.concatenate([*arm.observed(tool), *objects]).astype(np.float32)
-
-
-def _build(scene: sapien.Scene, name: str, thing: PlacedObject, physics: Physics) -> Part:
-    pose = sapien.Pose(thing.position, thing.quaternion)
-    if isinstance(thing.model, RigidObject):
-        part = RigidPart(name, thing, build_rigid(scene, thing.model, pose, name, physics))
-        vary([part.body], thing.factors)
-        return part
-    model = thing.model
-    known = _known(model.urdf, model.content_hash, model.asset_class, physics.name)
-    articulation = built(known.builder, scene, pose)
-    if known.warnings is None:
-        known.warnings = check_object(articulation, model)
-    vary(articulation.links, thing.factors)
-    resistance = physics.resist(articulation, model, thing.factors)
-    return ArticulatedPart(name, thing, articulation, resistance, known.warnings)
-
-
-@dataclass
-class _Known:
-    """Data of an articulated object that one process computes once: its parsed URDF, and how it was cooked."""
-
-    builder: ArticulationBuilder
-    warnings: tuple[str, ...] | None = None
-
-
-@lru_cache(maxsize=256)
-def _known(urdf: Path, content_hash: str, asset_class: str, physics: str) -> _Known:
-    how = named_physics(physics)
-    return _Known(parsed(str(urdf), prepare=lambda loader: how.prepare_loader(loader, asset_class)))
+        return np.concatenate([q, self.qvel, tool_row, *objects]).astype(np.float32)

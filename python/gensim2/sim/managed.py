@@ -11,12 +11,12 @@ from mani_skill.envs.scene import ManiSkillScene
 from gensim2.objects import RigidObject
 from gensim2.scenes.initial_state import PlacedObject
 from gensim2.sim.objects import load_object
-from gensim2.sim.parts import ArticulatedPart, Part, RigidPart
 from gensim2.sim.physics import Physics, vary
 from gensim2.sim.rigid import load_rigid
+from gensim2.sim.sapien_parts import SapienArticulatedPart, SapienPart, SapienRigidPart
 
 
-def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: Physics) -> Part:
+def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: Physics) -> SapienPart:
     """Build an object where it was put.
 
     Raises:
@@ -24,14 +24,14 @@ def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: P
     """
     pose = sapien.Pose(thing.position, thing.quaternion)
     if isinstance(thing.model, RigidObject):
-        part = RigidPart(name, thing, load_rigid(scene, thing.model, pose, name, physics)._objs[0])
+        part = SapienRigidPart(name, thing, load_rigid(scene, thing.model, pose, name, physics)._objs[0])
         vary([part.body], thing.factors)
         return part
     built, warnings = load_object(scene, thing.model, pose, name, physics)
     articulation = built._objs[0]
     vary(articulation.links, thing.factors)
     resistance = physics.resist(articulation, thing.model, thing.factors)
-    return ArticulatedPart(name, thing, articulation, resistance, warnings)
+    return SapienArticulatedPart(name, thing, articulation, resistance, warnings)
 
 
 @cache

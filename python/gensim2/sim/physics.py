@@ -191,11 +191,6 @@ class Physics:
         """Of a rigid object's hulls, kg/m3; None: mass and inertia are its own."""
         return self._constants.rigid_density if self.switches.densities == "original" else None
 
-    def criteria_steps(self, profile: RobotProfile) -> int:
-        """Control steps from one look at the criteria of ``paper`` to the next."""
-        seconds = self.switches.criteria_seconds
-        return 1 if seconds is None else profile.steps(seconds)
-
     def _material(self) -> physx.PhysxMaterial:
         return physx.PhysxMaterial(**self._constants.material)
 

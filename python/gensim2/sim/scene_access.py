@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from gensim2.errors import GenSim2Error
 from gensim2.scenes.initial_state import InitialState
 from gensim2.sim.parts import Part
-from gensim2.sim.scene_state import RobotReader, measure
+from gensim2.sim.scene_state import RobotReader, StandingRobot, measure
 from gensim2.tasks.measurement import Measurement
 
 
@@ -16,7 +16,7 @@ class SceneAccessMixin:
 
     _initial_state: InitialState | None = None
     _parts: Mapping[str, Part]
-    _robot: RobotReader
+    _robot: RobotReader | StandingRobot
 
     def _require_open(self) -> None:
         """Refuse to go on with what was closed."""

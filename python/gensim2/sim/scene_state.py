@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from sapien import physx
 
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
-from gensim2.sim.gripper import robot_joints
 from gensim2.sim.lazy_mapping import LazyMapping
-from gensim2.sim.objects import link_name
-from gensim2.sim.parts import ArticulatedPart, Parts, RigidPart, as_matrix
+from gensim2.sim.parts import ArticulatedPart, Frame, Parts, RigidPart
 from gensim2.sim.table import HALF_SIZE, corners
 from gensim2.tasks.measurement import Measurement
 
@@ -22,74 +20,73 @@ Array = npt.NDArray[np.float64]
 _TABLE_HULLS = (corners(),)
 
 
-class RobotReader:
-    """Reader of a robot's state in a scene.
+class RobotReader(ABC):
+    """Reader of a robot's state in a scene; each engine has a subclass.
 
     Args:
         profile: of the robot.
-        articulation: as it was built; None where the scene was built without, and the robot counts as standing at its
-            start.
-        start: (n,) all active joints at the start of the episode; None takes the profile's.
     """
 
-    def __init__(
-        self,
-        profile: RobotProfile,
-        articulation: physx.PhysxArticulation | None,
-        start: Sequence[float] | None = None,
-    ) -> None:
-        self.profile, self.articulation = profile, articulation
-        self._start = profile.reset_qpos if start is None else start
-        if articulation is not None:
-            self._hand = next(link for link in articulation.links if link_name(link) == profile.hand_link)
-            self._joints = robot_joints(articulation, profile)
+    def __init__(self, profile: RobotProfile) -> None:
+        self.profile = profile
 
     @property
+    @abstractmethod
     def q(self) -> Array:
         """(n,) joints, rad and m, in the profile's active joint order."""
-        if self.articulation is None:
-            return np.array(self._start)
-        return np.asarray(self.articulation.qpos, dtype=np.float64)
 
     @property
+    @abstractmethod
     def qvel(self) -> Array:
         """(n,) their velocities."""
-        if self.articulation is None:
-            return np.zeros(len(self._start))
-        return np.asarray(self.articulation.qvel, dtype=np.float64)
+
+    @abstractmethod
+    def hand(self) -> Frame:
+        """Pose of the hand at this instant."""
+
+    @property
+    @abstractmethod
+    def finger_friction(self) -> float:
+        """Coefficient of the fingers' surface."""
+
+    @property
+    @abstractmethod
+    def finger_stiffness(self) -> float:
+        """Of the drives that press the pads together, N/m or N m/rad."""
 
     def gripper(self) -> Mapping[str, Array]:
         """Tool keypoints in the world, (3,) m."""
-        if self.articulation is None:
-            return self.profile.gripper_with(self._start)
-        pose = self._hand.entity.pose
-        return LazyMapping(lambda: self.profile.gripper_at(as_matrix(pose)))
-
-    @property
-    def finger_friction(self) -> float:
-        """Coefficient of the fingers' surface."""
-        gripper = self.profile.gripper
-        if self.articulation is None:
-            return gripper.friction
-        finger = next(link for link in self.articulation.links if link_name(link) == gripper.pads[0])
-        return float(finger.collision_shapes[0].physical_material.dynamic_friction)
-
-    @property
-    def finger_stiffness(self) -> float:
-        """Of the drives that press the pads together, N/m or N m/rad."""
-        if self.articulation is None:
-            return self.profile.finger_drive.stiffness
-        return float(self._joints[self.profile.gripper.fingers[0]].stiffness)
+        hand = self.hand()
+        return LazyMapping(lambda: self.profile.gripper_at(hand.matrix()))
 
     @property
     def finger_opening(self) -> float:
         """Distance between the fingers' pads, m."""
-        if self.articulation is None:
-            return self.profile.gripper.widest
         return self.profile.gripper.opening(self.q[self.profile.arm_size :])
 
 
-def measure(robot: RobotReader, parts: Parts) -> Measurement:
+class StandingRobot:
+    """Robot of a scene that was built without it: it counts as standing at its start, its fingers open.
+
+    Args:
+        profile: of the robot.
+        start: (n,) all active joints at the start of the episode.
+    """
+
+    def __init__(self, profile: RobotProfile, start: Sequence[float]) -> None:
+        self._profile, self._start = profile, start
+
+    def gripper(self) -> Mapping[str, Array]:
+        """Tool keypoints in the world, (3,) m."""
+        return self._profile.gripper_with(self._start)
+
+    @property
+    def finger_opening(self) -> float:
+        """Distance between the fingers' pads, m."""
+        return self._profile.gripper.widest
+
+
+def measure(robot: RobotReader | StandingRobot, parts: Parts) -> Measurement:
     """Measure the present instant in the world frame, for criteria and verdicts."""
     articulated = {name: part for name, part in parts.items() if isinstance(part, ArticulatedPart)}
     rigid = {name: part for name, part in parts.items() if isinstance(part, RigidPart)}
