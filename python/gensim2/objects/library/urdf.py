@@ -17,6 +17,7 @@ import numpy.typing as npt
 import gensim2_kpam
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.folder import ObjectFolder
+from gensim2.objects.physics import Inertial
 
 if TYPE_CHECKING:
     import trimesh
@@ -256,6 +257,23 @@ def _color(urdf: Urdf, element: Mapping[str, Any], is_mesh: bool) -> Array | Non
     if element["rgba"] is not None:
         return np.array(element["rgba"])
     return None if is_mesh else urdf.materials.get(element["material"])
+
+
+def link_inertial(urdf: Urdf, link: str) -> Inertial | None:
+    """Return the mass, centre of mass and inertia of a link; None where the URDF gives none.
+
+    Raises:
+        AssetError: a number is absurd.
+    """
+    written = urdf.links[link]["inertial"]
+    if written is None:
+        return None
+    field = f"link {link}: inertial"
+    T = _pose(written["origin"], urdf.file, f"{field}: origin")
+    ixx, ixy, ixz, iyy, iyz, izz = _bounded(written["inertia"], urdf.file, f"{field}: inertia")
+    about = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    mass = float(_bounded([written["mass"]], urdf.file, f"{field}: mass")[0])
+    return Inertial(mass, T[:3, 3], T[:3, :3] @ about @ T[:3, :3].T)
 
 
 def movable_joint(urdf: Urdf) -> UrdfJoint:

@@ -1,0 +1,10 @@
+"""MuJoCo as a physics engine; neither SAPIEN nor ManiSkill nor PyTorch is imported."""
+
+from __future__ import annotations
+
+from gensim2.errors import MissingExtraError
+
+try:
+    import mujoco  # noqa: F401
+except ImportError as error:
+    raise MissingExtraError("mujoco", "mujoco") from error

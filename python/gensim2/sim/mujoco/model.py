@@ -1,0 +1,323 @@
+"""MuJoCo model of a scene: bodies, drives, joint friction and the pairs of shapes that may touch.
+
+The numbers at the top stand for what PhysX does otherwise; docs/simulation.md says how each was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import mujoco
+import numpy as np
+
+from gensim2.objects import RigidObject
+from gensim2.objects.types import ArticulatedObject
+from gensim2.robots import JointDrive, RobotProfile
+from gensim2.scenes.initial_state import InitialState, PlacedObject
+from gensim2.sim.mujoco.description import Link, Solid, links_of, never_touching, rigid_link
+from gensim2.sim.parts import Array
+from gensim2.sim.table import HALF_SIZE
+
+PHYSICS_HZ = 500
+"""Least rate of the physics; a robot with a higher ``physics_hz`` has its own."""
+
+SOLREF = (0.004, 1.0)
+"""Time constant (s) and damping ratio of contacts, joint limits, joint friction and couplings: two steps, the least that
+is stable."""
+
+FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+"""Of joint friction: with MuJoCo's default, 0.95, a lid creeps shut under its own weight."""
+
+IMPRATIO = 10.0
+"""Impedance of friction to that of the normal force: with 1 grasped objects creep out of the hand."""
+
+OTHER_FRICTION = 0.3
+"""Coefficient of surfaces that say nothing of their own, as ManiSkill has it."""
+
+TABLE_FRICTION = 0.2
+"""Coefficient of the table: PhysX's dynamic one; MuJoCo has no static one."""
+
+PAD_TORSION = 0.01
+"""Metres; torsional friction of the finger pads: the radius of a patch of contact."""
+
+ROLLING = 0.0005
+"""Metres; rolling friction of rigid objects, which PhysX puts to sleep."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A collision shape in the model.
+
+    Attributes:
+        geom: its name.
+        owner: ``"robot"``, ``"table"`` or the name of an object.
+        link: name of its link.
+        is_static: it never moves.
+        slides: it moves by a prismatic joint of an object.
+        friction: coefficient of its surface.
+        is_pad: it is a finger's pad.
+        is_rigid: it belongs to a rigid object.
+    """
+
+    geom: str
+    owner: str
+    link: str
+    is_static: bool
+    friction: float
+    slides: bool = False
+    is_pad: bool = False
+    is_rigid: bool = False
+
+
+def mixed_name(owner: str, part: str) -> str:
+    """Name in the model of a link or a joint of a robot or an object."""
+    return f"{owner}/{part}"
+
+
+def surface_friction(thing: PlacedObject) -> float:
+    """Coefficient of an object's surface."""
+    own = thing.model.friction if isinstance(thing.model, RigidObject) else OTHER_FRICTION
+    return own * thing.factors.contact_friction
+
+
+def steps_of(profile: RobotProfile) -> int:
+    """Steps of MuJoCo in a step of the robot's ``physics_hz``."""
+    return max(1, -(-PHYSICS_HZ // profile.simulation.physics_hz))
+
+
+def build_model(profile: RobotProfile, setup: InitialState, robot: bool) -> mujoco.MjModel:
+    """Compile the model of a scene.
+
+    Args:
+        profile: of the robot.
+        setup: what stands where.
+        robot: leave the robot out where False.
+    """
+    return _Builder(profile, setup, robot).spec.compile()
+
+
+class _Builder:
+    """Builder of a scene's model."""
+
+    def __init__(self, profile: RobotProfile, setup: InitialState, robot: bool) -> None:
+        self._profile = profile
+        self.spec = spec = mujoco.MjSpec()
+        option = spec.option
+        option.timestep = 1.0 / (profile.simulation.physics_hz * steps_of(profile))
+        option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        option.impratio = IMPRATIO
+        option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        spec.compiler.degree = False
+        self._shapes: list[Shape] = []
+        self._meshes = 0
+        if robot:
+            self._add_robot()
+        self._add_table()
+        for name, thing in setup.objects.items():
+            self._add_object(name, thing)
+        self._add_pairs()
+
+    # ----------------------------------------------------------------- bodies
+
+    def _add_table(self) -> None:
+        half = Solid("box", HALF_SIZE, None, np.eye(4))
+        body = self.spec.worldbody.add_body(name="table", pos=[0.0, 0.0, -HALF_SIZE[2]])
+        self._add_solid(body, half, Shape("table", "table", "table", True, TABLE_FRICTION))
+
+    def _add_object(self, name: str, thing: PlacedObject) -> None:
+        world = self.spec.worldbody
+        friction, mass = surface_friction(thing), thing.factors.mass
+        if isinstance(thing.model, RigidObject):
+            link = rigid_link(thing.model)
+            body = world.add_body(name=name, pos=thing.position, quat=thing.quaternion)
+            body.add_joint(type=mujoco.mjtJoint.mjJNT_FREE, name=name)
+            self._fill(body, link, mass, Shape(name, name, link.name, False, friction, is_rigid=True))
+            return
+        model = thing.model
+        for link in links_of(model.urdf, model.content_hash):
+            body = self._add_link(name, link, thing.position, thing.quaternion)
+            moves = link.axis is not None
+            if moves:
+                self._resist(self._joint_of(body, name, link, model), model, thing)
+            elif link.parent is None:
+                body.mocap = True
+            shape = Shape(
+                mixed_name(name, link.name), name, link.name, not moves, friction, slides=model.joint.type == "prismatic"
+            )
+            self._fill(body, link, mass, shape)
+
+    def _add_robot(self) -> None:
+        profile = self._profile
+        agent, pads = profile.agent, set(profile.gripper.pads)
+        drives = self._drives()
+        still: set[str] = set()
+        for link in links_of(profile.urdf):
+            body = self._add_link(agent, link, profile.base_position, profile.base_quaternion)
+            body.gravcomp = 1.0  # ManiSkill's stand-in for a controller that balances the arm's weight
+            if link.axis is not None:
+                assert link.joint is not None
+                joint = self._add_joint(body, agent, link, link.joint.limits)
+                joint.armature = drives[link.joint.name].damping * self.spec.option.timestep
+            elif link.parent is None or link.parent in still:
+                still.add(link.name)
+            pad = link.name in pads
+            friction = profile.gripper.friction if pad else OTHER_FRICTION
+            name = mixed_name(agent, link.name)
+            self._fill(body, link, 1.0, Shape(name, "robot", link.name, link.name in still, friction, is_pad=pad))
+        for name, drive in drives.items():
+            self._add_drive(mixed_name(agent, name), drive)
+        if profile.simulation.tendons:
+            for link in links_of(profile.urdf):
+                if link.joint is not None and link.joint.mimics is not None:
+                    self._couple(mixed_name(agent, link.joint.name), mixed_name(agent, link.joint.mimics))
+
+    def _drives(self) -> dict[str, JointDrive]:
+        """Drive of each joint that has one, by name."""
+        profile = self._profile
+        gripper, simulation = profile.gripper, profile.simulation
+        return {
+            **dict(zip(profile.arm_joints, profile.arm_drives, strict=True)),
+            **dict.fromkeys(gripper.driven, simulation.gripper),
+            **dict.fromkeys(gripper.mimics, simulation.mimic),
+            **dict.fromkeys(gripper.passive, simulation.passive),
+        }
+
+    def _add_link(
+        self, owner: str, link: Link, position: Sequence[float] | Array, quaternion: Sequence[float] | Array
+    ) -> mujoco.MjsBody:
+        """Add a link's body; the root stands at the pose."""
+        name = mixed_name(owner, link.name)
+        if link.parent is None:
+            return self.spec.worldbody.add_body(name=name, pos=position, quat=quaternion)
+        assert link.joint is not None
+        above = self.spec.body(mixed_name(owner, link.parent))
+        return above.add_body(name=name, pos=link.joint.T[:3, 3], quat=_quaternion(link.joint.T))
+
+    def _joint_of(self, body: mujoco.MjsBody, name: str, link: Link, model: ArticulatedObject) -> mujoco.MjsJoint:
+        return self._add_joint(body, name, link, (model.joint.lower, model.joint.upper))
+
+    def _add_joint(
+        self, body: mujoco.MjsBody, owner: str, link: Link, limits: tuple[float, float] | None
+    ) -> mujoco.MjsJoint:
+        assert link.joint is not None
+        kind = mujoco.mjtJoint
+        slides = link.joint.type == "prismatic"
+        joint = body.add_joint(
+            name=mixed_name(owner, link.joint.name),
+            type=kind.mjJNT_SLIDE if slides else kind.mjJNT_HINGE,
+            axis=link.axis,
+            solref_limit=SOLREF,
+        )
+        if limits is not None:
+            joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, limits
+        return joint
+
+    def _resist(self, joint: mujoco.MjsJoint, model: ArticulatedObject, thing: PlacedObject) -> None:
+        """Give a joint its Coulomb friction and damping; both go with the mass that they hold."""
+        factor = thing.factors.mass * thing.factors.joint_friction
+        joint.frictionloss = factor * model.joint.friction
+        joint.damping[0] = factor * model.joint.damping
+        joint.solref_friction, joint.solimp_friction = SOLREF, FRICTION_IMPEDANCE
+
+    def _fill(self, body: mujoco.MjsBody, link: Link, mass: float, shape: Shape) -> None:
+        """Give a body its inertia and its shapes."""
+        body.explicitinertial = True
+        if link.inertial is not None:
+            values, axes = np.linalg.eigh(link.inertial.inertia)
+            body.mass, body.ipos = mass * link.inertial.mass, link.inertial.center
+            body.inertia, body.iquat = mass * values, _quaternion(axes * np.linalg.det(axes))
+        for number, solid in enumerate(link.solids):
+            self._add_solid(body, solid, Shape(**{**vars(shape), "geom": f"{shape.geom}/{number}"}))
+
+    def _add_solid(self, body: mujoco.MjsBody, solid: Solid, shape: Shape) -> None:
+        kinds = mujoco.mjtGeom
+        kind = {"box": kinds.mjGEOM_BOX, "sphere": kinds.mjGEOM_SPHERE, "cylinder": kinds.mjGEOM_CYLINDER}
+        geom = body.add_geom(
+            name=shape.geom,
+            type=kind.get(solid.kind, kinds.mjGEOM_MESH),
+            pos=solid.T[:3, 3],
+            quat=_quaternion(solid.T),
+            contype=0,  # pairs alone say what touches
+            conaffinity=0,
+        )
+        if solid.vertices is None:
+            geom.size = [*solid.size, *[0.0] * (3 - len(solid.size))]
+        else:
+            name = f"mesh_{self._meshes}"
+            self._meshes += 1
+            mesh = self.spec.add_mesh(name=name, uservert=solid.vertices.ravel())
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+            geom.meshname = name
+        self._shapes.append(shape)
+
+    # ------------------------------------------------------------------ drives
+
+    def _add_drive(self, joint: str, drive: JointDrive) -> None:
+        actuator = self.spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.set_to_position(kp=drive.stiffness, kv=drive.damping)
+        actuator.forcelimited, actuator.forcerange = (
+            mujoco.mjtLimited.mjLIMITED_TRUE,
+            (-drive.force_limit, drive.force_limit),
+        )
+
+    def _couple(self, follower: str, leader: str) -> None:
+        """Let a joint stand where another one does."""
+        equality = self.spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            name1=follower,
+            name2=leader,
+            solref=SOLREF,
+        )
+        equality.data[:2] = 0.0, 1.0  # offset and multiplier
+
+    # ---------------------------------------------------------------- contacts
+
+    def _add_pairs(self) -> None:
+        """Name the pairs that may touch: PhysX averages the frictions of two surfaces, MuJoCo would take the larger."""
+        apart = never_touching(self._profile.srdf)
+        links = {link.name: link for link in links_of(self._profile.urdf)}
+        groups: dict[tuple[str, str], list[Shape]] = {}
+        for shape in self._shapes:
+            groups.setdefault((shape.owner, shape.link), []).append(shape)
+        for one, other in combinations(groups.values(), 2):
+            if self._may_touch(one[0], other[0], apart, links):
+                for first, second in product(one, other):
+                    self._add_pair(first, second)
+
+    @staticmethod
+    def _may_touch(one: Shape, other: Shape, apart: frozenset[frozenset[str]], links: dict[str, Link]) -> bool:
+        if one.is_static and other.is_static:
+            return False
+        if one.owner == other.owner:
+            if one.owner != "robot":  # the two links of an object
+                return False
+            joined = links[one.link].parent == other.link or links[other.link].parent == one.link
+            return not joined and frozenset((one.link, other.link)) not in apart
+        # What slides is kept by its rail. A contact with the table would carry it, too, and the friction cone, which is
+        # convex, makes a normal force of every push: a drawer that touches the table jams.
+        table = {one.owner, other.owner} & {"table"}
+        return not (table and (one.slides or other.slides))
+
+    def _add_pair(self, one: Shape, other: Shape) -> None:
+        friction = 0.5 * (one.friction + other.friction)
+        torsion = friction * PAD_TORSION if one.is_pad or other.is_pad else 0.0
+        rolling = friction * ROLLING if one.is_rigid or other.is_rigid else 0.0
+        pair = self.spec.add_pair(
+            geomname1=one.geom,
+            geomname2=other.geom,
+            condim=6 if rolling else 4 if torsion else 3,
+            friction=[friction, friction, max(torsion, rolling), rolling, rolling],
+            solref=SOLREF,
+        )
+        del pair
+
+
+def _quaternion(matrix: Array) -> Array:
+    """(4,) unit quaternion (w, x, y, z) of the rotation of a (3, 3) or (4, 4) matrix."""
+    found = np.empty(4)
+    mujoco.mju_mat2Quat(found, np.ascontiguousarray(matrix[:3, :3]).ravel())
+    return found

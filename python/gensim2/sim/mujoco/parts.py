@@ -1,0 +1,223 @@
+"""Robot and objects of a MuJoCo scene: what is read of them, and what moves them."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.objects.types import ArticulatedObject
+from gensim2.robots import RobotProfile
+from gensim2.scenes.initial_state import PlacedObject
+from gensim2.scenes.randomize import placed
+from gensim2.sim.mujoco.model import mixed_name, surface_friction
+from gensim2.sim.parts import Array, ArticulatedPart, Frame, RigidPart, Row
+from gensim2.sim.scene_state import RobotReader
+
+
+class Simulation:
+    """A compiled model and its state.
+
+    ``mj_step`` leaves the poses of bodies one step behind the joints; :attr:`data` brings them up to date when they are
+    read.
+
+    Args:
+        model: as it was compiled.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        self.raw = mujoco.MjData(model)
+        self._is_stale = True
+
+    def step(self, count: int) -> None:
+        """Simulate so many steps."""
+        mujoco.mj_step(self.model, self.raw, count)
+        self._is_stale = True
+
+    def changed(self) -> None:
+        """Take note that the state was set from outside."""
+        self._is_stale = True
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The state, with the poses and velocities of all bodies of this instant."""
+        if self._is_stale:
+            mujoco.mj_kinematics(self.model, self.raw)
+            mujoco.mj_comPos(self.model, self.raw)
+            mujoco.mj_comVel(self.model, self.raw)
+            self._is_stale = False
+        return self.raw
+
+    def joint(self, name: str) -> tuple[int, int]:
+        """Indices of a joint's first coordinate and first velocity."""
+        number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name)
+        return int(self.model.jnt_qposadr[number]), int(self.model.jnt_dofadr[number])
+
+    def body(self, name: str) -> int:
+        """Index of a body."""
+        return int(mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, name))
+
+    def frame(self, body: int) -> MujocoFrame:
+        """Pose of a body at this instant."""
+        return MujocoFrame(self.data, body)
+
+
+class MujocoFrame:
+    """Pose of a body at the instant at which it was read."""
+
+    def __init__(self, data: mujoco.MjData, body: int) -> None:
+        self._position, self._quaternion = data.xpos[body].copy(), data.xquat[body].copy()
+        self._rotation = data.xmat[body].reshape(3, 3).copy()
+
+    def row(self) -> Row:
+        """(7,) position, quaternion (w, x, y, z)."""
+        return np.concatenate([self._position, self._quaternion]).astype(np.float32)
+
+    def matrix(self) -> Array:
+        """(4, 4)."""
+        found = np.eye(4)
+        found[:3, :3], found[:3, 3] = self._rotation, self._position
+        return found
+
+
+class MujocoArticulatedPart(ArticulatedPart):
+    """An articulated object in a MuJoCo scene; its root is a mocap body, which stands where it is put.
+
+    Args:
+        name, thing: as :class:`ArticulatedPart` has them.
+        simulation: that it is in.
+        parents: of its links.
+    """
+
+    def __init__(
+        self, name: str, thing: PlacedObject, simulation: Simulation, parents: dict[str, str | None]
+    ) -> None:
+        super().__init__(name, thing, parents)
+        assert isinstance(thing.model, ArticulatedObject)
+        self._simulation = simulation
+        self._bodies = {link: simulation.body(mixed_name(name, link)) for link in parents}
+        self._q, self._v = simulation.joint(mixed_name(name, thing.model.joint.name))
+        self._mocap = int(simulation.model.body_mocapid[self._bodies[self._root]])
+
+    def put(self) -> None:
+        self._simulation.raw.qpos[self._q] = self.thing.joint_value
+        self._simulation.changed()
+
+    def nudge(self, dx: float, dy: float, dyaw: float) -> None:
+        data, which = self._simulation.raw, self._mocap
+        data.mocap_pos[which], data.mocap_quat[which] = placed(
+            data.mocap_pos[which].copy(), data.mocap_quat[which].copy(), dx, dy, dyaw
+        )
+        self._simulation.changed()
+
+    @property
+    def qpos(self) -> Row:
+        """(1,) value of its joint, rad or m."""
+        return self._simulation.raw.qpos[self._q : self._q + 1].astype(np.float32)
+
+    @property
+    def qvel(self) -> Row:
+        """(1,) velocity of its joint, rad/s or m/s."""
+        return self._simulation.raw.qvel[self._v : self._v + 1].astype(np.float32)
+
+    def frame(self, link: str) -> Frame:
+        return self._simulation.frame(self._bodies[link])
+
+    def state(self) -> Row:
+        return np.concatenate([self.frame(self._root).row(), np.zeros(6), self.qpos, self.qvel]).astype(np.float32)
+
+
+class MujocoRigidPart(RigidPart):
+    """A rigid object in a MuJoCo scene.
+
+    Args:
+        name, thing: as :class:`RigidPart` has them.
+        simulation: that it is in.
+    """
+
+    def __init__(self, name: str, thing: PlacedObject, simulation: Simulation) -> None:
+        super().__init__(name, thing)
+        self._simulation = simulation
+        self._body = simulation.body(name)
+        self._q, self._v = simulation.joint(name)
+
+    def put(self) -> None:
+        self._stand(self.thing.position, self.thing.quaternion)
+
+    def nudge(self, dx: float, dy: float, dyaw: float) -> None:
+        pose = self._simulation.raw.qpos[self._q : self._q + 7].copy()
+        self._stand(*placed(pose[:3], pose[3:], dx, dy, dyaw))
+
+    def _stand(self, position: Array, quaternion: Array) -> None:
+        """Stand still at a pose."""
+        data = self._simulation.raw
+        data.qpos[self._q : self._q + 3], data.qpos[self._q + 3 : self._q + 7] = position, quaternion
+        data.qvel[self._v : self._v + 6] = 0.0
+        self._simulation.changed()
+
+    def frame(self) -> Frame:
+        return self._simulation.frame(self._body)
+
+    def velocities(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
+        found = np.zeros(6)  # angular, then linear of the centre of mass
+        simulation = self._simulation
+        mujoco.mj_objectVelocity(
+            simulation.model, simulation.data, mujoco.mjtObj.mjOBJ_BODY, self._body, found, 0
+        )
+        return found[3:], found[:3]
+
+    @property
+    def mass(self) -> float:
+        """kg."""
+        return float(self._simulation.model.body_mass[self._body])
+
+    @property
+    def friction(self) -> float:
+        """Coefficient of its surface."""
+        return surface_friction(self.thing)
+
+
+class MujocoRobot(RobotReader):
+    """Reader of a robot in a MuJoCo scene.
+
+    Args:
+        profile: of the robot.
+        simulation: that it is in.
+    """
+
+    def __init__(self, profile: RobotProfile, simulation: Simulation) -> None:
+        super().__init__(profile)
+        self._simulation = simulation
+        names = (*profile.arm_joints, *profile.gripper.joints)
+        places = [simulation.joint(mixed_name(profile.agent, name)) for name in names]
+        self._q, self._v = (np.array(column) for column in zip(*places, strict=True))
+        self._hand = simulation.body(mixed_name(profile.agent, profile.hand_link))
+
+    def put(self, start: npt.ArrayLike) -> None:
+        """Stand at (n,) joints, rad and m."""
+        self._simulation.raw.qpos[self._q] = start
+        self._simulation.changed()
+
+    @property
+    def q(self) -> Array:
+        """(n,) joints, rad and m, in the profile's active joint order."""
+        return np.asarray(self._simulation.raw.qpos[self._q])
+
+    @property
+    def qvel(self) -> Array:
+        """(n,) their velocities."""
+        return np.asarray(self._simulation.raw.qvel[self._v])
+
+    def hand(self) -> Frame:
+        return self._simulation.frame(self._hand)
+
+    @property
+    def finger_friction(self) -> float:
+        """Coefficient of the fingers' surface."""
+        return self.profile.gripper.friction
+
+    @property
+    def finger_stiffness(self) -> float:
+        """Of the drives that press the pads together, N/m or N m/rad."""
+        return self.profile.finger_drive.stiffness
