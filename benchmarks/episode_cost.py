@@ -94,7 +94,8 @@ def instrument(watch: Stopwatch) -> None:
         if not models <= met:
             met.update(models)
             watch.rename("reset, an object for the first time")
-        env._scene.system = TimedSystem(env._scene.system, watch)
+        scene: Any = env._scene
+        scene.system = TimedSystem(scene.system, watch)
 
     HeadlessEnv.reset = watch.timed("reset", reset)  # type: ignore[method-assign]
     HeadlessEnv.step = watch.timed("step, around PhysX", HeadlessEnv.step)  # type: ignore[method-assign]

@@ -95,12 +95,15 @@ def test_it_pickles_and_finds_its_like() -> None:
         "physics": "original",
         "robot": "panda",
         "randomization": "paper",
+        "engine": "sapien",
         "instances": {"box": "3"},
     }
     assert config.options == SceneOptions("builtin", "original")
 
 
-@pytest.mark.parametrize(("word", "field"), [("theirs", "physics"), ("narrow", "randomization"), ("nobody", "robot")])
+@pytest.mark.parametrize(
+    ("word", "field"), [("theirs", "physics"), ("narrow", "randomization"), ("nobody", "robot"), ("bullet", "engine")]
+)
 def test_what_there_is_not_is_refused(word: str, field: str) -> None:
     given: dict[str, Any] = {"assets": "builtin", field: word}
     with pytest.raises(InputError, match=field):

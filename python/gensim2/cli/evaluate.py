@@ -65,6 +65,7 @@ from gensim2.errors import InputError
 @options.seed
 @options.assets
 @options.instances
+@options.engine
 @options.physics
 @options.randomization
 @options.robot

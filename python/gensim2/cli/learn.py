@@ -126,6 +126,7 @@ from gensim2.cli.output import line, report, table
     metavar="all|train[-K]|test[-K]|new|ID",
     help="Objects to learn from, in place of --objects.",
 )
+@options.engine
 @options.physics
 @options.randomization
 @options.robot

@@ -25,6 +25,7 @@ EXTRAS = {
     **dict.fromkeys(("httpx2", "json_repair", "openai"), "llm"),
     **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
     "ray": "ray",
+    "mujoco": "mujoco",
     "viser": "viz",
     **dict.fromkeys(("cv2", "mcap", "msgpack", "websockets"), "robot"),
     "franky": "franka",

@@ -174,6 +174,14 @@ jobs_per_worker = click.option(
 video = click.option(
     "--video/--no-video", default=True, show_default=True, help="Film where this machine can draw pictures."
 )
+engine = click.option(
+    "--engine",
+    type=click.Choice(("sapien", "mujoco")),
+    default="sapien",
+    show_default=True,
+    help="Physics engine: sapien is PhysX with ManiSkill's environments; mujoco (extra gensim2[mujoco]) needs neither "
+    "ManiSkill nor PyTorch, and simulates --physics default only.",
+)
 physics = click.option(
     "--physics",
     type=_Physics(),
@@ -304,6 +312,6 @@ def _all(*several: Callable[[_F], _F]) -> Callable[[_F], _F]:
 
 
 #: What scenes and episodes follow from: ``gensim2.rollout.config.RolloutArguments``, and the seed.
-scenes = _all(seed, assets, instances, physics, redraw, randomization, robot, open_loop)
+scenes = _all(seed, assets, instances, engine, physics, redraw, randomization, robot, open_loop)
 #: How simulator processes work.
 processes = _all(workers, time_limit, jobs_per_worker)

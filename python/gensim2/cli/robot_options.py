@@ -87,6 +87,7 @@ LINE = (
     options.seed,
     options.assets,
     options.instances,
+    options.engine,
     options.physics,
     options.randomization,
     options.robot,

@@ -18,6 +18,7 @@ from gensim2.cli.output import line, report
 @options.library
 @options.seed
 @options.assets
+@options.engine
 @options.physics
 @options.workers
 @options.time_limit

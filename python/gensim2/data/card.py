@@ -141,6 +141,7 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
             [
                 ("robot", scene.robot),
                 ("objects", "generated" if scene.assets == "builtin" else "from a folder"),
+                ("engine", scene.engine),
                 ("physics", scene.physics),
                 ("randomization", scene.randomization),
                 ("seed", str(record.seed)),

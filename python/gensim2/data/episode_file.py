@@ -222,17 +222,17 @@ def read_recording(group: h5py.Group, recorded: Mapping[str, Any]) -> Recording:
         reset_options=recorded["reset_options"],
         instances=recorded["instances"],
         control_mode=recorded["control_mode"],
-        env_states=_read_tree(group_in(group, "env_states"), STATES_DEPTH),
-        reference=_read_tree(group_in(group, "reference"), 1) if "reference" in group else {},
+        env_states=read_tree(group_in(group, "env_states"), STATES_DEPTH),
+        reference=read_tree(group_in(group, "reference"), 1) if "reference" in group else {},
         **{name: array_in(group, name, max_bytes=MAX_ARRAY) for name in _ARRAYS},
     )
 
 
-def _read_tree(group: h5py.Group, depth: int) -> Tree:
+def read_tree(group: h5py.Group, depth: int) -> Tree:
     if not depth:
         raise ForeignHdf5Error(f"{group.name} lies too deep")
     return {
-        name: _read_tree(group_in(group, name), depth - 1)
+        name: read_tree(group_in(group, name), depth - 1)
         if is_group(group, name)
         else array_in(group, name, max_bytes=MAX_ARRAY)
         for name in members(group)

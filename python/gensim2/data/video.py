@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
+from gensim2.data.episode_file import STATES_DEPTH, read_tree
 from gensim2.data.trajectory import JSON_NAME, env_kwargs
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.files import replacing
@@ -24,6 +25,7 @@ from gensim2.foreign.tree import open_regular
 from gensim2.record_files import read_record
 from gensim2.robots import DEFAULT_ROBOT, robot
 from gensim2.rollout.recording import Recording
+from gensim2.rollout.world import Tree
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -72,12 +74,15 @@ class Replay:
         env_id, env_kwargs: of the environment, for ``gymnasium.make``.
         reset_kwargs: seed and options of the reset.
         actions: (T, m + 1), one a control step.
+        states: ManiSkill's ``env_states``, (T + 1, ...), which are shown in place of simulating the actions again; None
+            where SAPIEN simulated the episode, and does so again.
     """
 
     env_id: str
     env_kwargs: Mapping[str, Any]
     reset_kwargs: Mapping[str, Any]
     actions: npt.NDArray[np.float32]
+    states: Tree | None = None
 
     @property
     def control_hz(self) -> int:
@@ -110,8 +115,10 @@ class Replay:
             open_regular(trajectory) as stream,
             h5py.File(stream, "r") as file,
         ):
-            actions = array_in(group_in(file, f"traj_{episode}"), "actions", np.float32, (None, None))
-        return Replay(env_id(task), kwargs, found.reset_kwargs, actions)
+            group = group_in(file, f"traj_{episode}")
+            actions = array_in(group, "actions", np.float32, (None, None))
+            states = read_tree(group_in(group, "env_states"), STATES_DEPTH) if "engine" in environment else None
+        return Replay(env_id(task), kwargs, found.reset_kwargs, actions, states)
 
     @staticmethod
     def of(recording: Recording, task: TaskSpec, assets: str, environment: Mapping[str, Any]) -> Replay:
@@ -125,7 +132,8 @@ class Replay:
 
         chosen = {name: [each] for name, each in recording.instances.items()}
         reset = {"seed": recording.seed, "options": recording.reset_options}
-        return Replay(env_id(task), env_kwargs(task, assets, chosen, environment), reset, recording.actions)
+        states = recording.env_states if "engine" in environment else None
+        return Replay(env_id(task), env_kwargs(task, assets, chosen, environment), reset, recording.actions, states)
 
 
 @dataclass(frozen=True)
@@ -193,7 +201,8 @@ class _Shown:
 def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     import gymnasium as gym
 
-    env = gym.make(replay.env_id, **{**replay.env_kwargs, "obs_mode": "none", "render_mode": "rgb_array"})
+    kwargs = {name: value for name, value in replay.env_kwargs.items() if name != "engine"}
+    env = gym.make(replay.env_id, **{**kwargs, "obs_mode": "none", "render_mode": "rgb_array"})
 
     def see(outcome: dict[str, Any]) -> Frame:
         frame = np.asarray(env.render()[0].cpu().numpy(), dtype=np.uint8)  # type: ignore[index, union-attr]
@@ -205,9 +214,14 @@ def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     try:
         yield see(env.reset(**replay.reset_kwargs)[1])
         for number, action in enumerate(replay.actions, 1):
-            outcome = env.step(action)[4]
-            if number % stride == 0 or number == len(replay.actions):
-                yield see(outcome)
+            if replay.states is None:
+                outcome = env.step(action)[4]
+            if number % stride and number != len(replay.actions):
+                continue
+            if replay.states is not None:
+                env.unwrapped.show(replay.states, number)  # type: ignore[attr-defined]
+                outcome = env.unwrapped.evaluate()  # type: ignore[attr-defined]
+            yield see(outcome)
     finally:
         env.close()
 

@@ -31,7 +31,12 @@ from gensim2.robots import robot
 from gensim2.scenes.config import SceneConfig
 from gensim2.tasks.measurement import Measurement
 
-PRELOAD = ("gensim2.deploy.cameras", "gensim2.deploy.simulated_world", "gensim2.deploy.simulated_cameras")
+PRELOAD = (
+    "gensim2.deploy.cameras",
+    "gensim2.deploy.simulated_world",
+    "gensim2.deploy.simulated_cameras",
+    "gensim2.sim.sapien_scene",
+)
 SLIP = 0.2
 """Seconds that the simulated time may be behind and still catch up."""
 

@@ -73,7 +73,7 @@ def known_before(run: Path | None) -> tuple[str, ...]:
 def _verify_anew(folder: Path, record: RunRecord) -> str:
     """The command that verifies a task on the objects and in the scenes of its run, as a shell takes it."""
     words = ["gensim2", "tasks", "add", str(folder)]
-    for name in ("assets", "instances", "physics", "robot", "randomization"):
+    for name in ("assets", "instances", "engine", "physics", "robot", "randomization"):
         told = record.arguments.get(name)
         if isinstance(told, str):  # a mixture of physics is a file's, whose name is not recorded
             words += [f"--{name}", told]

@@ -28,7 +28,7 @@ from gensim2.sim.managed import build_part, spare_imports_from_collection
 from gensim2.sim.observed import RAYCAST, RaycastObservations
 from gensim2.sim.physics import named_physics
 from gensim2.sim.registration import MODULE, recordable
-from gensim2.sim.sapien_parts import SapienRobot
+from gensim2.sim.sapien_parts import SapienPart, SapienRobot
 from gensim2.sim.scene_state import read_scene
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
@@ -69,6 +69,8 @@ class GenSim2Env(RaycastObservations):
         InputError: an argument or a reset option is wrong.
     """
 
+    _robot: SapienRobot
+    _parts: Mapping[str, SapienPart]
     SUPPORTED_REWARD_MODES = ("sparse", "normalized_dense", "none")
 
     def __init__(
@@ -100,6 +102,11 @@ class GenSim2Env(RaycastObservations):
         scene, rest = split_arguments(kwargs)
         self._sampler = sampler = SceneSampler(task, **scene)
         self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
+        if sampler.engine != "sapien":
+            remedy = "use gensim2.HeadlessEnv, or leave engine out"
+            raise InputError(
+                f"the registered environments run in sapien, not {sampler.engine}", field="engine", remedy=remedy
+            )
         self.physics = named_physics(sampler.physics)
         if robot_uids not in (None, self.profile.agent):
             raise InputError(f"is {self.profile.agent!r}, not {robot_uids!r}", field="robot_uids", remedy="give robot")
@@ -222,6 +229,20 @@ class GenSim2Env(RaycastObservations):
         self._transmission.before_substep()
         for part in self._parts.values():
             part.before_substep()
+
+    def show(self, states: Mapping[str, Any], step: int) -> None:
+        """Put everything where it stood at an instant of a recording, whatever engine simulated it.
+
+        Args:
+            states: ManiSkill's ``env_states``.
+            step: which of their rows.
+        """
+        self.set_state_dict(
+            {
+                kind: {name: torch.from_numpy(np.asarray(rows[step : step + 1])) for name, rows in group.items()}
+                for kind, group in states.items()
+            }
+        )
 
     # ------------------------------------------------------------ measurement
 

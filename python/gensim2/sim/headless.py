@@ -1,8 +1,8 @@
 """Physics-only environment in one of the engines; nothing here imports an engine that is not asked for.
 
-In SAPIEN it is the scene of :class:`~gensim2.sim.env.GenSim2Env`, without ManiSkill around each step: the same bodies in
-the same order, the same drives and numbers. For the same actions its states are those of the registered environment,
-bit for bit. It leaves out what a search or a collection never reads: tensors of one row, rewards, and observations that
+In SAPIEN it is the scene of :class:`~gensim2.sim.env.GenSim2Env`, without ManiSkill around each step: the same bodies
+in the same order, the same drives and numbers. For the same actions its states are those of the registered
+environment, bit for bit. It leaves out what a search or a collection never reads: tensors of one row, rewards, and observations that
 were not asked for.
 """
 

@@ -1,13 +1,13 @@
-"""SAPIEN's pictures of recorded states: nothing is simulated again."""
+"""SAPIEN's pictures of recorded states, whatever engine simulated them: nothing is simulated again."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import torch
 
 from gensim2.scenes.config import SceneConfig
 from gensim2.sim.env import GenSim2Env
@@ -28,7 +28,7 @@ class StatePictures:
 
     def __init__(self, config: SceneConfig, textures: Sequence[str] = ("rgb",)) -> None:
         self._textures = tuple(textures)
-        self._env = GenSim2Env(config.task, **config.arguments, obs_mode="+".join(textures))
+        self._env = GenSim2Env(config.task, **replace(config, engine="sapien").arguments, obs_mode="+".join(textures))
         self._shown: Mapping[str, str] | None = None
 
     def show(self, instances: Mapping[str, str], seed: int, options: Mapping[str, Any]) -> None:
@@ -50,12 +50,7 @@ class StatePictures:
             states: ManiSkill's ``env_states``.
             step: which of their rows.
         """
-        self._env.set_state_dict(
-            {
-                kind: {name: torch.from_numpy(np.asarray(rows[step : step + 1])) for name, rows in group.items()}
-                for kind, group in states.items()
-            }
-        )
+        self._env.show(states, step)
         found = self._env._get_obs_sensor_data()
         return {
             camera: {name: np.asarray(images[name][0].cpu().numpy()).squeeze() for name in self._textures}

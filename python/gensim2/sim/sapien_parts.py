@@ -68,12 +68,12 @@ class SapienArticulatedPart(ArticulatedPart):
     @property
     def qpos(self) -> Row:
         """(1,) value of its joint, rad or m."""
-        return self.articulation.qpos
+        return np.asarray(self.articulation.qpos)
 
     @property
     def qvel(self) -> Row:
         """(1,) velocity of its joint, rad/s or m/s."""
-        return self.articulation.qvel
+        return np.asarray(self.articulation.qvel)
 
     def frame(self, link: str) -> Frame:
         return SapienFrame(self._links[link].entity.pose)

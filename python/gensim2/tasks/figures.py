@@ -41,6 +41,7 @@ class Condition(_Value):
     Attributes:
         objects: ``"generated"`` ones, or ``"real"`` ones from a folder.
         physics: ``"default"`` (``"ours"`` in earlier files), ``"original"``, or the word for a mixture.
+        engine: that simulated it.
         robot: its name.
         instances: which were drawn from, as in ``--instances``.
         randomization: ranges of the scene: ``"paper"``, ``"paper-half"`` or ``"wide"``.
@@ -59,6 +60,7 @@ class Condition(_Value):
     open_loop: bool
     disturbance: str | None
     one_plan: bool = False
+    engine: Literal["sapien", "mujoco"] = "sapien"
 
     @property
     def is_plain(self) -> bool:
@@ -76,6 +78,7 @@ class Condition(_Value):
         """Deviations from the paper's protocol, in words."""
         found = {
             f"physics {self.physics}": self.physics not in OWNERS,
+            f"engine {self.engine}": self.engine != "sapien",
             f"robot {self.robot}": self.robot != "panda",
             f"instances {self.instances}": self.instances != "all",
             f"ranges {self.randomization}": self.randomization != "paper",

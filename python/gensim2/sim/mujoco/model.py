@@ -24,8 +24,8 @@ PHYSICS_HZ = 500
 """Least rate of the physics; a robot with a higher ``physics_hz`` has its own."""
 
 SOLREF = (0.004, 1.0)
-"""Time constant (s) and damping ratio of contacts, joint limits, joint friction and couplings: two steps, the least that
-is stable."""
+"""Time constant (s) and damping ratio of contacts, joint limits, joint friction and couplings. The time constant is two
+steps, the least that is stable."""
 
 FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 """Of joint friction: with MuJoCo's default, 0.95, a lid creeps shut under its own weight."""
@@ -141,12 +141,12 @@ class _Builder:
             body = self._add_link(name, link, thing.position, thing.quaternion)
             moves = link.axis is not None
             if moves:
-                self._resist(self._joint_of(body, name, link, model), model, thing)
+                joint = self._add_joint(body, name, link, (model.joint.lower, model.joint.upper))
+                self._resist(joint, model, thing)
             elif link.parent is None:
                 body.mocap = True
-            shape = Shape(
-                mixed_name(name, link.name), name, link.name, not moves, friction, slides=model.joint.type == "prismatic"
-            )
+            slides = moves and model.joint.type == "prismatic"
+            shape = Shape(mixed_name(name, link.name), name, link.name, not moves, friction, slides=slides)
             self._fill(body, link, mass, shape)
 
     def _add_robot(self) -> None:
@@ -195,9 +195,6 @@ class _Builder:
         assert link.joint is not None
         above = self.spec.body(mixed_name(owner, link.parent))
         return above.add_body(name=name, pos=link.joint.T[:3, 3], quat=_quaternion(link.joint.T))
-
-    def _joint_of(self, body: mujoco.MjsBody, name: str, link: Link, model: ArticulatedObject) -> mujoco.MjsJoint:
-        return self._add_joint(body, name, link, (model.joint.lower, model.joint.upper))
 
     def _add_joint(
         self, body: mujoco.MjsBody, owner: str, link: Link, limits: tuple[float, float] | None
@@ -306,14 +303,13 @@ class _Builder:
         friction = 0.5 * (one.friction + other.friction)
         torsion = friction * PAD_TORSION if one.is_pad or other.is_pad else 0.0
         rolling = friction * ROLLING if one.is_rigid or other.is_rigid else 0.0
-        pair = self.spec.add_pair(
+        self.spec.add_pair(
             geomname1=one.geom,
             geomname2=other.geom,
             condim=6 if rolling else 4 if torsion else 3,
             friction=[friction, friction, max(torsion, rolling), rolling, rolling],
             solref=SOLREF,
         )
-        del pair
 
 
 def _quaternion(matrix: Array) -> Array:

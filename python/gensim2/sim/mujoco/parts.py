@@ -90,9 +90,7 @@ class MujocoArticulatedPart(ArticulatedPart):
         parents: of its links.
     """
 
-    def __init__(
-        self, name: str, thing: PlacedObject, simulation: Simulation, parents: dict[str, str | None]
-    ) -> None:
+    def __init__(self, name: str, thing: PlacedObject, simulation: Simulation, parents: dict[str, str | None]) -> None:
         super().__init__(name, thing, parents)
         assert isinstance(thing.model, ArticulatedObject)
         self._simulation = simulation
@@ -114,12 +112,12 @@ class MujocoArticulatedPart(ArticulatedPart):
     @property
     def qpos(self) -> Row:
         """(1,) value of its joint, rad or m."""
-        return self._simulation.raw.qpos[self._q : self._q + 1].astype(np.float32)
+        return np.asarray(self._simulation.raw.qpos[self._q : self._q + 1], dtype=np.float32)
 
     @property
     def qvel(self) -> Row:
         """(1,) velocity of its joint, rad/s or m/s."""
-        return self._simulation.raw.qvel[self._v : self._v + 1].astype(np.float32)
+        return np.asarray(self._simulation.raw.qvel[self._v : self._v + 1], dtype=np.float32)
 
     def frame(self, link: str) -> Frame:
         return self._simulation.frame(self._bodies[link])
@@ -162,9 +160,7 @@ class MujocoRigidPart(RigidPart):
     def velocities(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
         found = np.zeros(6)  # angular, then linear of the centre of mass
         simulation = self._simulation
-        mujoco.mj_objectVelocity(
-            simulation.model, simulation.data, mujoco.mjtObj.mjOBJ_BODY, self._body, found, 0
-        )
+        mujoco.mj_objectVelocity(simulation.model, simulation.data, mujoco.mjtObj.mjOBJ_BODY, self._body, found, 0)
         return found[3:], found[:3]
 
     @property

@@ -66,10 +66,8 @@ class MujocoScene:
         """(G,) number of the object that each geom belongs to; -1: the robot, -2: the table."""
         model, numbers = self.simulation.model, {name: number for number, name in enumerate(self.parts)}
         numbers[self._profile.agent], numbers["table"] = -1, -2
-        names = (
-            mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, int(body)).partition("/")[0] for body in model.geom_bodyid
-        )
-        return np.array([numbers[name] for name in names], dtype=np.int64)
+        names = (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, int(body)) for body in model.geom_bodyid)
+        return np.array([numbers[name.partition("/")[0]] for name in names], dtype=np.int64)
 
     def drive(self, action: npt.ArrayLike) -> None:
         """Set the targets of the robot's drives."""
@@ -97,11 +95,7 @@ class MujocoScene:
     def touched(self) -> frozenset[str]:
         """Return the names of the objects that any part of the robot presses against."""
         names = list(self.parts)
-        return frozenset(
-            names[other]
-            for _, one, other in self._robot_contacts()
-            if other >= 0
-        )
+        return frozenset(names[other] for _, one, other in self._robot_contacts() if other >= 0)
 
     def pressing_force(self) -> float:
         """Return the force (N) of all contacts of the robot with something else in the last step."""
