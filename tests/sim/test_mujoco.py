@@ -1,0 +1,175 @@
+"""MuJoCo behind the headless environment: no other simulator, the same bytes every time, the whole loop."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+from gensim2.errors import InputError
+from gensim2.planning.strategies import parse_strategy
+from gensim2.rollout.chain import ChainController
+from gensim2.rollout.run import run
+from gensim2.scenes.config import SceneOptions
+from gensim2.sim import make_env
+from gensim2.sim.headless import HeadlessEnv, Snapshot
+from gensim2.tasks.library import load_strategies, load_task
+
+PULL_AND_PLACE = ("OpenDrawer", "PlaceGolfBallIntoDrawer")
+
+#: Runs an episode and prints the digest of its states. Imports of other simulators end the process.
+EPISODE = """
+import hashlib, sys
+
+def refuse(event, arguments):
+    if event == "import" and arguments[0].partition(".")[0] in ("sapien", "mani_skill", "torch"):
+        raise SystemExit(f"imports {{arguments[0]}}")
+
+sys.addaudithook(refuse)
+sys.path.insert(0, {folder!r})
+from test_mujoco import episode
+
+print(episode({task!r}, 5))
+"""
+
+
+def episode(name: str, seed: int, engine: str = "mujoco") -> str:
+    """Digest of all states and actions of an episode, and whether it was held."""
+    import hashlib
+
+    task = load_task(name)
+    strategies = {each: parse_strategy(data, each) for each, data in load_strategies(name).items()}
+    env = HeadlessEnv(task, assets="builtin", engine=engine)
+    result = run(env, ChainController(task, strategies, env.profile), seed=seed, record=True)
+    assert result.recording is not None
+    found = hashlib.sha256(result.recording.actions.tobytes())
+    for group in result.recording.env_states.values():
+        for rows in group.values():
+            found.update(np.ascontiguousarray(rows).tobytes())
+    return f"{result.episode.held} {found.hexdigest()}"
+
+
+@pytest.mark.parametrize("task", PULL_AND_PLACE)
+def test_an_episode_is_the_same_in_another_process_that_has_no_other_simulator(task: str) -> None:
+    here = [episode(task, 5), episode(task, 5)]
+    assert here[0] == here[1]
+    assert here[0].startswith("True")
+    folder = __file__.rpartition("/")[0]
+    code = EPISODE.format(folder=folder, task=task)
+    there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert there.stdout.split("\n")[0] == here[0], there.stderr
+
+
+@pytest.mark.parametrize(
+    "name", ["CloseLaptop", "LiftBucketUpright", "SwingDoorOpen", "TurnOnFaucet", "StoreBlockInBox"]
+)
+def test_the_chain_holds_tasks_of_each_kind(name: str) -> None:
+    assert episode(name, 5).startswith("True")
+
+
+def _shaken(env: HeadlessEnv, steps: int, seed: int) -> list[dict[str, Any]]:
+    draw, states = np.random.default_rng(seed), []
+    for _ in range(steps):
+        action = np.append(env.initial_state.start[:7], 1.0) + draw.normal(0.0, 0.3, 8)
+        env.step(action)
+        states.append(env.state())
+    return states
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(_same(one[name], other[name]) for name in one)
+    return bool(np.array_equal(one, other))
+
+
+def test_an_episode_goes_on_from_a_stored_state_bit_for_bit() -> None:
+    """In a scene that was built anew, and after objects were nudged."""
+    env = HeadlessEnv("PlaceGolfBallIntoDrawer", assets="builtin", engine="mujoco")
+    env.reset(3)
+    _shaken(env, 10, seed=0)
+    env.nudge(next(iter(env.parts)), 0.01, 0.0, 0.1)
+    stored = env.snapshot()
+    expected = _shaken(env, 20, seed=1)
+    again = HeadlessEnv("PlaceGolfBallIntoDrawer", assets="builtin", engine="mujoco")
+    again.reset(3)
+    again.restore(stored)
+    assert again.elapsed_steps == 10
+    assert all(_same(*pair) for pair in zip(expected, _shaken(again, 20, seed=1), strict=True))
+    with pytest.raises(InputError, match=r"snapshot.physics"):
+        again.restore(Snapshot(stored.physics[:-1], 0, 1.0))
+
+
+def test_sapien_refuses_to_go_on_from_a_stored_state() -> None:
+    pytest.importorskip("sapien")
+    env = HeadlessEnv("OpenDrawer", assets="builtin")
+    env.reset(0)
+    with pytest.raises(InputError, match="engine: sapien cannot go on"):
+        env.snapshot()
+
+
+def test_scenes_start_alike_in_both_engines() -> None:
+    pytest.importorskip("sapien")
+    envs = [HeadlessEnv("MoveMugIntoDrawer", assets="builtin", engine=engine) for engine in ("sapien", "mujoco")]
+    for env in envs:
+        env.reset(4)
+    one, other = (env.scene_state() for env in envs)
+    assert one.q == pytest.approx(other.q, abs=1e-6)
+    assert (one.finger_friction, one.finger_stiffness) == (other.finger_friction, other.finger_stiffness)
+    for name, thing in one.objects.items():
+        twin = other.objects[name]
+        assert thing.T_base_object == pytest.approx(twin.T_base_object, abs=2e-6)
+        for body, same in zip(thing.bodies, twin.bodies, strict=True):
+            assert body.name == same.name
+            assert body.T_base_body == pytest.approx(same.T_base_body, abs=2e-6)
+        for point, position in thing.keypoints.items():
+            assert position == pytest.approx(twin.keypoints[point], abs=2e-6)
+        if thing.is_rigid:
+            assert (thing.friction, thing.mass) == pytest.approx((twin.friction, twin.mass), rel=1e-6)
+    observed, seen = (env.observation() for env in envs)
+    assert observed == pytest.approx(seen, abs=2e-6)
+    states = [env.state() for env in envs]
+    assert {kind: group.keys() for kind, group in states[0].items()} == {
+        kind: group.keys() for kind, group in states[1].items()
+    }
+
+
+def test_contacts_of_the_robot_are_felt() -> None:
+    env = HeadlessEnv("PushDrawerClose", assets="builtin", engine="mujoco")
+    env.reset(0)
+    start = np.append(env.initial_state.start[:7], 1.0)
+    env.step(start)
+    assert env.touched() == frozenset()
+    assert env.pressing_force() == 0.0
+    target = np.append(env.initial_state.start[:7], 1.0)
+    target[1] += 0.9  # the shoulder leans forward, down to the table or the drawer
+    forces = []
+    for _ in range(30):
+        env.step(target)
+        forces.append(env.pressing_force())
+    assert max(forces) > 1.0
+
+
+@pytest.mark.parametrize("physics", ["original", "default+solver=original", "default+gripper=soft"])
+def test_numbers_of_physx_are_refused_in_one_line(physics: str) -> None:
+    with pytest.raises(InputError, match=r"physics: mujoco has no \w+=\w+, which is made of numbers of PhysX"):
+        HeadlessEnv("OpenDrawer", assets="builtin", engine="mujoco", physics=physics)
+    with pytest.raises(InputError, match="mujoco has no"):
+        SceneOptions("builtin", physics, engine="mujoco")
+
+
+@pytest.mark.parametrize("physics", ["default+redraw=none", "default+criteria_rate=original"])
+def test_what_both_engines_share_is_taken(physics: str) -> None:
+    env = HeadlessEnv("OpenDrawer", assets="builtin", engine="mujoco", physics=physics)
+    env.reset(0, robot=False)
+    env.wait()
+
+
+def test_the_registered_environments_run_in_sapien() -> None:
+    pytest.importorskip("mani_skill")
+    with pytest.raises(InputError, match="engine: the registered environments run in sapien"):
+        make_env("OpenDrawer", assets="builtin", engine="mujoco")
