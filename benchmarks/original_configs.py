@@ -288,7 +288,14 @@ def benchmark_configs(
             rows.append(ConfigRow(name, tuple(found), tuple(job.source for job in jobs), group.release))
             warnings |= _losses(found, group, library)
         result = ConfigBenchmark(
-            str(folder.path), arguments, versions(), tuple(rows), left_out, warnings, evaluator.cpu_s, provenance()
+            str(folder.path),
+            arguments,
+            versions(evaluator.scene.engine),
+            tuple(rows),
+            left_out,
+            warnings,
+            evaluator.cpu_s,
+            provenance(),
         )
         finish_table(folder, result.to_dict())
     return result

@@ -20,7 +20,7 @@ from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, PlanRecord, StepRecord, StrictMiss
 from gensim2.rollout.recording import Recording
 from gensim2.scenes.config import SceneOptions
-from gensim2.scenes.engine import ENGINES
+from gensim2.scenes.physics import ENGINES
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies, Strategies
 

@@ -19,7 +19,7 @@ pytest.importorskip("mujoco")
 
 from tiny_object import LID_MASS
 
-from gensim2.scenes.engine import ENGINES, Engine
+from gensim2.scenes.physics import ENGINES, Engine
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.physics import named_physics
 from gensim2.tasks.parse import parse_task

@@ -156,7 +156,7 @@ def test_contacts_of_the_robot_are_felt() -> None:
 
 @pytest.mark.parametrize("physics", ["original", "default+solver=original", "default+gripper=soft"])
 def test_numbers_of_physx_are_refused_in_one_line(physics: str) -> None:
-    with pytest.raises(InputError, match=r"physics: mujoco has no \w+=\w+, which is made of numbers of PhysX"):
+    with pytest.raises(InputError, match=r"physics: mujoco has no \w+=\w+, whose numbers are PhysX's"):
         HeadlessEnv("OpenDrawer", assets="builtin", engine="mujoco", physics=physics)
     with pytest.raises(InputError, match="mujoco has no"):
         SceneOptions("builtin", physics, engine="mujoco")

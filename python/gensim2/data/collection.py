@@ -160,5 +160,5 @@ def _description(
             for one in given
         },
         listings=listings(given),
-        versions=versions(),
+        versions=versions(given[0].scene.engine),
     )

@@ -114,7 +114,7 @@ def collect(
             licenses={name: run.record.licenses[name] for name in names},
             seed=seed,
             environment=evaluator.scene.environment,
-            details={"versions": versions(), "attempts": len(entries)},
+            details={"versions": versions(evaluator.scene.engine), "attempts": len(entries)},
         ),
         [(store.path(entry.index), entry.episode_digest) for entry in kept],
     )

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, model_validator
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
 from gensim2.errors import InputError
 from gensim2.rollout.config import RolloutOptions
-from gensim2.scenes.config import SceneOptions
-from gensim2.scenes.physics import with_current_physics
+from gensim2.scenes.config import SceneOptions, SceneRecord
 from gensim2.seeding import scene_seeds
 
 DATASET_SCHEMA: Literal[1] = 1
@@ -77,7 +76,7 @@ class DatasetRecord(_Record):
     """
 
     schema_version: Literal[1] = DATASET_SCHEMA
-    arguments: Annotated[dict[str, Any], BeforeValidator(with_current_physics)]
+    arguments: SceneRecord
     seed: Count
     episodes: Annotated[int, Field(ge=1)]
     keep_failures: bool

@@ -14,8 +14,7 @@ from gensim2.record_files import SCHEMA_VERSION
 from gensim2.rollout.config import RolloutOptions, nested_options
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import Tally
-from gensim2.scenes.config import SceneOptions
-from gensim2.scenes.physics import with_current_physics
+from gensim2.scenes.config import SceneOptions, SceneRecord
 
 RUN_SCHEMA_VERSION: Literal[4] = 4
 """Of ``run.json``, and with it of what a run can go on with."""
@@ -41,7 +40,7 @@ class RunRecord(Record):
     """``run.json``."""
 
     schema_version: Literal[4]
-    arguments: Annotated[dict[str, Any], BeforeValidator(with_current_physics)]
+    arguments: SceneRecord
     identity: dict[str, str]
     command_line: list[str]
     started: str

@@ -28,6 +28,7 @@ from gensim2.rollout.config import RolloutOptions
 from gensim2.rollout.identity import versions
 from gensim2.rollout.record import Episode
 from gensim2.scenes.config import SCENE_FIELDS
+from gensim2.scenes.physics import DEFAULT_ENGINE
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 from gensim2.yaml_files import dump_yaml
@@ -168,7 +169,7 @@ class RunFolder(OwnedFolder):
             if record.identity.get(name) != identity.get(name):
                 text = f"the run was started with another {name}"
                 raise InputError(text, file=path, field=f"identity.{name}", remedy=remedy)
-        now_installed = versions()
+        now_installed = versions(arguments.get("engine", DEFAULT_ENGINE))
         for name in sorted(record.versions.keys() | now_installed.keys()):
             before, now = record.versions.get(name), now_installed.get(name)
             if before != now:
@@ -186,7 +187,7 @@ class RunFolder(OwnedFolder):
             command_line=sys.argv[1:],
             started=_now(),
             finished=None,
-            versions=versions(),
+            versions=versions(arguments.get("engine", DEFAULT_ENGINE)),
             platform=platform.platform(),
             assets={},
             licenses={},

@@ -65,7 +65,7 @@ class ObjectCheck:
                 raise InputError(f"was run with {'/'.join(key)}: {error.message}", file=file, remedy=_REMEDY) from error
         if self._contents[key] == content_hash or key in self._said:
             return
-        if self._version == versions()["gensim2"]:
+        if self._version == versions(self._dataset.record.scene.engine)["gensim2"]:
             message = f"was run with another {'/'.join(key)} than {self._assets} has now"
             raise InputError(message, file=file, remedy=_REMEDY)
         self._said.add(key)

@@ -193,7 +193,14 @@ def benchmark(
             folder.save()
             rows.append(TaskRow(one.spec, runs, tuple(found)))
         result = BenchmarkResult(
-            str(folder.path), arguments, versions(), tuple(rows), skipped, speeds, evaluator.cpu_s, provenance()
+            str(folder.path),
+            arguments,
+            versions(evaluator.scene.engine),
+            tuple(rows),
+            skipped,
+            speeds,
+            evaluator.cpu_s,
+            provenance(),
         )
         finish_table(folder, result.to_dict())
     return result

@@ -194,7 +194,15 @@ def evaluate(
                 _keep_missing(one, folder, evaluator, spec, stop, min(videos, runs * episodes), found, progress)
                 films[one.spec.name] = _film(one, spec, about, folder, evaluator, seed, progress)
         result = EvaluationResult(
-            str(folder.path), about, asked, versions(), tuple(rows), skipped, speeds, films, evaluator.cpu_s
+            str(folder.path),
+            about,
+            asked,
+            versions(evaluator.scene.engine),
+            tuple(rows),
+            skipped,
+            speeds,
+            films,
+            evaluator.cpu_s,
         )
         finish_table(folder, result.to_dict())
     return result
@@ -310,7 +318,7 @@ def _film(
         licenses=folder.record.licenses,
         seed=seed,
         environment=evaluator.scene.environment,
-        details={"versions": versions()},
+        details={"versions": versions(evaluator.scene.engine)},
         controller=spec.target,
     )
     write_trajectory(files, provenance, episodes)

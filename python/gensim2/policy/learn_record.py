@@ -16,6 +16,7 @@ from gensim2.policy.keypose.adding import BESIDE, DATA
 from gensim2.policy.learn_settings import learn_configs, observation_of
 from gensim2.policy.train import holds_training
 from gensim2.record_files import read_record
+from gensim2.scenes.config import SceneRecord
 
 LEARN_JSON = "learn.json"
 DECIDED = ("steps", "data_cpu_s", "episodes", "demonstrations_of")
@@ -55,7 +56,7 @@ class LearnRecord(BaseModel):
     objects: int | None = None
     generated: int | None = None
     verify: bool = False
-    scene: dict[str, Any]
+    scene: SceneRecord
     noise: dict[str, float | bool] | None = None
     text: str | None = None
     text_model: str | None = None

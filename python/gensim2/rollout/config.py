@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 from gensim2.errors import InputError
 from gensim2.scenes.config import SceneArguments, SceneConfig, SceneOptions
-from gensim2.scenes.physics import with_current_physics
+from gensim2.scenes.physics import with_current_scene
 from gensim2.tasks.spec import TaskSpec
 
 Disturbance = Literal["push", "drop"]
@@ -92,7 +92,7 @@ def nested_options(record: Any) -> Any:
     """Return the fields of a file with those of scenes under ``scene`` and those of rollouts under ``rollout``."""
     if not isinstance(record, dict):
         return record
-    current = with_current_physics(record)
+    current = with_current_scene(record)
     names = {kind: {each.name for each in fields(kind)} for kind in (SceneOptions, RolloutOptions)}
     scene, rollout = ({name: current[name] for name in own if name in current} for own in names.values())
     rest = {name: value for name, value in current.items() if name not in scene and name not in rollout}

@@ -10,22 +10,31 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from gensim2.scenes.physics import Engine
 
 if TYPE_CHECKING:
     from gensim2.objects import Library
     from gensim2.rollout.inputs import TaskInput
 
-#: Distributions whose versions decide what an episode looks like.
-VERSIONED = ("gensim2", "mani_skill", "sapien", "numpy", "torch", "h5py")
+#: Distributions whose versions decide what an episode looks like, by the engine that simulates it.
+VERSIONED: Mapping[Engine, tuple[str, ...]] = {
+    "sapien": ("gensim2", "mani_skill", "sapien", "numpy", "torch", "h5py"),
+    "mujoco": ("gensim2", "mujoco-core", "numpy", "h5py"),
+}
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that decide the outcome."""
+def versions(engine: Engine) -> dict[str, str]:
+    """Return the versions of Python and of the packages that decide the outcome.
+
+    Args:
+        engine: that simulates the episodes.
+    """
     found = {"python": platform.python_version()}
-    for name in VERSIONED:
+    for name in VERSIONED[engine]:
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

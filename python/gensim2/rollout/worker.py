@@ -19,7 +19,7 @@ from gensim2.rollout.config import DEFAULT_ROLLOUT, EpisodeConfig, RolloutOption
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
 from gensim2.rollout.record import Episode
 from gensim2.scenes.config import SceneConfig, SceneOptions
-from gensim2.scenes.engine import Engine
+from gensim2.scenes.physics import Engine
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies, Strategies, with_strategies
 

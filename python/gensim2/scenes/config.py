@@ -9,18 +9,30 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, TypedDict, Unpack, cast
+from typing import Annotated, Any, TypedDict, Unpack, cast
+
+from pydantic import BeforeValidator
 
 from gensim2.objects import open_library
 from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.scenes.arguments import ObjectSource, Words, check_words
-from gensim2.scenes.engine import DEFAULT_ENGINE, Engine, check_engine
-from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name, physics_word
+from gensim2.scenes.physics import (
+    DEFAULT_ENGINE,
+    DEFAULT_PHYSICS,
+    Engine,
+    check_engine,
+    physics_name,
+    physics_word,
+    with_current_scene,
+)
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
 from gensim2.tasks.spec import TaskSpec
 
 Drawn = str | tuple[str, ...] | frozenset[tuple[str, str | tuple[str, ...]]]
 """Instances that scenes draw from: one word, several ids, or (object's name, word or ids) pairs."""
+
+SceneRecord = Annotated[dict[str, Any], BeforeValidator(with_current_scene)]
+"""Fields of a file that hold those of :class:`SceneOptions`, whatever release wrote them."""
 
 
 class SceneArguments(TypedDict, total=False):

@@ -1,4 +1,4 @@
-"""Physics as named switches, each the project's own or the original GenSim2's, known without a simulator.
+"""Physics as named switches, each the project's own or the original GenSim2's, and the engines that simulate it.
 
 A mixture is a word: ``original`` and ``default`` are presets, ``original+gripper=default`` is the first but for one
 switch. It says all that it is, so it travels to other processes and stands in records. Users may give a file of
@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 PhysicsSource = Literal["default", "original"]
 Gripper = Literal["default", "soft", "original"]
 Redraw = Literal["placement", "none"]
+Engine = Literal["sapien", "mujoco"]
+"""``"sapien"``: PhysX, with ManiSkill's environments and renderer. ``"mujoco"``: MuJoCo, headless."""
+
+ENGINES: tuple[Engine, ...] = get_args(Engine)
+DEFAULT_ENGINE: Engine = "sapien"
 
 
 @dataclass(frozen=True)
@@ -30,10 +35,10 @@ class PhysicsSwitches:
     """Switches of the physics of a scene; ``"default"`` is the project's own, ``"original"`` the original's.
 
     Attributes:
-        joint_friction: Coulomb friction and damping of the object, or PhysX's coefficient by class.
+        joint_friction: Coulomb friction and damping of the object, or a coefficient on the joint's load by class.
         densities: masses of the objects, or hulls times a density by class.
         materials: contact materials of objects, fingers and all else but the table.
-        solver: PhysX's settings and contact offsets.
+        solver: settings and contact offsets of the engine, or those that PhysX has in the original.
         poses: default poses computed from the geometry, or the original's of the released models.
         gripper: drives of the fingers: the profile's, ``"soft"`` ones, with which the original's solver holds things,
             or the original's.
@@ -78,6 +83,8 @@ SWITCHES: Mapping[str, tuple[str, ...]] = {
 
 _RENAMED = {"ours": DEFAULT_PHYSICS}
 """Today's words by those of the release before."""
+_ONLY_SAPIEN = ("joint_friction", "densities", "materials", "solver", "gripper")
+"""Switches whose other values are numbers of PhysX."""
 _FILES = (".yaml", ".yml", ".json")
 
 
@@ -156,8 +163,34 @@ def _word(switches: PhysicsSwitches) -> str:
     return min(words, key=lambda found: found[0])[1]
 
 
-def with_current_physics(record: Any) -> Any:
-    """Return the fields of a file with today's name of the physics, whatever release wrote them."""
+def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
+    """Return the engine of a name.
+
+    Args:
+        engine: the name.
+        physics: the word for the switches that it is to simulate.
+
+    Raises:
+        InputError: there is no such engine, or a switch has a value that the engine cannot simulate.
+    """
+    found = next((name for name in ENGINES if name == engine), None)
+    if found is None:
+        raise InputError(f"no engine {engine!r}", field="engine", remedy=f"one of {', '.join(ENGINES)}")
+    if found != "sapien":
+        switches, usual = physics_switches(physics), PRESETS[DEFAULT_PHYSICS]
+        for name in _ONLY_SAPIEN:
+            value, default = getattr(switches, name), getattr(usual, name)
+            if value != default:
+                raise InputError(
+                    f"{found} has no {name}={value}, whose numbers are PhysX's",
+                    field="physics",
+                    remedy=f"leave {name} at {default}, or use the engine sapien",
+                )
+    return found
+
+
+def with_current_scene(record: Any) -> Any:
+    """Return the fields of a file with today's name of the physics, and with the engine of releases that had one."""
     if isinstance(record, dict) and isinstance(word := record.get("physics"), str):
-        return {**record, "physics": current(word, _RENAMED, "physics")}
+        return {"engine": DEFAULT_ENGINE, **record, "physics": current(word, _RENAMED, "physics")}
     return record

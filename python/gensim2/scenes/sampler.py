@@ -9,10 +9,9 @@ from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.robots import robot as robot_profile
 from gensim2.scenes.arguments import as_library, as_task, check_names, check_words, chosen_instances
 from gensim2.scenes.config import SceneArguments
-from gensim2.scenes.engine import DEFAULT_ENGINE, check_engine
 from gensim2.scenes.goal import check_false_at_start, check_reachable
 from gensim2.scenes.initial_state import InitialState, PlacementError, sample_initial_state
-from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name, physics_switches
+from gensim2.scenes.physics import DEFAULT_ENGINE, DEFAULT_PHYSICS, check_engine, physics_name, physics_switches
 from gensim2.scenes.reset_options import ObjectOptions, read_options
 from gensim2.tasks.presets import DEFAULT_PRESET, preset
 from gensim2.tasks.spec import TaskSpec

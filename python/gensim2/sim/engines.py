@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from gensim2.errors import InputError
 from gensim2.robots import RobotProfile
-from gensim2.scenes.engine import Engine
 from gensim2.scenes.initial_state import InitialState
+from gensim2.scenes.physics import Engine
 from gensim2.sim.parts import Array, Part, Row
 from gensim2.sim.scene_state import RobotReader
 

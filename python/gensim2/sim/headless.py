@@ -2,8 +2,8 @@
 
 In SAPIEN it is the scene of :class:`~gensim2.sim.env.GenSim2Env`, without ManiSkill around each step: the same bodies
 in the same order, the same drives and numbers. For the same actions its states are those of the registered
-environment, bit for bit. It leaves out what a search or a collection never reads: tensors of one row, rewards, and observations that
-were not asked for.
+environment, bit for bit. It leaves out what a search or a collection never reads: tensors of one row, rewards, and
+observations that were not asked for.
 """
 
 from __future__ import annotations

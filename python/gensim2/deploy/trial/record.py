@@ -15,6 +15,7 @@ from gensim2.files import write_atomic, write_json
 from gensim2.foreign.tree import MAX_RECORD, read_regular, why
 from gensim2.record_files import parse_record, read_record
 from gensim2.rollout.tally import interval
+from gensim2.scenes.config import SceneRecord
 
 ASKED, LINES, TABLE, RESULT = "asked.json", "trials.jsonl", "table.md", "table.json"
 REMEDY = "choose another --out"
@@ -40,7 +41,7 @@ class Asked(BaseModel):
     seed: int
     protocol: dict[str, Any]
     line: dict[str, Any]
-    scene: dict[str, Any]
+    scene: SceneRecord
 
     @property
     def arm(self) -> str:

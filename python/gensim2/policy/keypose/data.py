@@ -24,7 +24,7 @@ from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import parse_record, read_record
 from gensim2.rollout.counted_objects import hashes
 from gensim2.rollout.inputs import TaskInput
-from gensim2.scenes.config import SceneConfig
+from gensim2.scenes.config import SceneConfig, SceneRecord
 from gensim2.seeding import scene_seeds
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
 from gensim2.tasks.spec import Step
@@ -64,7 +64,7 @@ class PlannedRecord(BaseModel):
     robot: str
     steps: tuple[str, ...]
     ways: tuple[tuple[str, ...], ...]
-    scene: dict[str, Any]
+    scene: SceneRecord
     observation: dict[str, Any]
     seed: int
     identity: str
