@@ -39,12 +39,6 @@ OTHER_FRICTION = 0.3
 TABLE_FRICTION = 0.2
 """Coefficient of the table: PhysX's dynamic one; MuJoCo has no static one."""
 
-PAD_TORSION = 0.01
-"""Metres; torsional friction of the finger pads: the radius of a patch of contact."""
-
-ROLLING = 0.0005
-"""Metres; rolling friction of rigid objects, which PhysX puts to sleep."""
-
 
 @dataclass(frozen=True)
 class Shape:
@@ -57,8 +51,6 @@ class Shape:
         is_static: it never moves.
         slides: it moves by a prismatic joint of an object.
         friction: coefficient of its surface.
-        is_pad: it is a finger's pad.
-        is_rigid: it belongs to a rigid object.
     """
 
     geom: str
@@ -67,8 +59,6 @@ class Shape:
     is_static: bool
     friction: float
     slides: bool = False
-    is_pad: bool = False
-    is_rigid: bool = False
 
 
 def mixed_name(owner: str, part: str) -> str:
@@ -134,7 +124,7 @@ class _Builder:
             link = rigid_link(thing.model)
             body = world.add_body(name=name, pos=thing.position, quat=thing.quaternion)
             body.add_joint(type=mujoco.mjtJoint.mjJNT_FREE, name=name)
-            self._fill(body, link, mass, Shape(name, name, link.name, False, friction, is_rigid=True))
+            self._fill(body, link, mass, Shape(name, name, link.name, False, friction))
             return
         model = thing.model
         for link in links_of(model.urdf, model.content_hash):
@@ -163,10 +153,9 @@ class _Builder:
                 joint.armature = drives[link.joint.name].damping * self.spec.option.timestep
             elif link.parent is None or link.parent in still:
                 still.add(link.name)
-            pad = link.name in pads
-            friction = profile.gripper.friction if pad else OTHER_FRICTION
+            friction = profile.gripper.friction if link.name in pads else OTHER_FRICTION
             name = mixed_name(agent, link.name)
-            self._fill(body, link, 1.0, Shape(name, "robot", link.name, link.name in still, friction, is_pad=pad))
+            self._fill(body, link, 1.0, Shape(name, "robot", link.name, link.name in still, friction))
         for name, drive in drives.items():
             self._add_drive(mixed_name(agent, name), drive)
         if profile.simulation.tendons:
@@ -301,13 +290,11 @@ class _Builder:
 
     def _add_pair(self, one: Shape, other: Shape) -> None:
         friction = 0.5 * (one.friction + other.friction)
-        torsion = friction * PAD_TORSION if one.is_pad or other.is_pad else 0.0
-        rolling = friction * ROLLING if one.is_rigid or other.is_rigid else 0.0
         self.spec.add_pair(
             geomname1=one.geom,
             geomname2=other.geom,
-            condim=6 if rolling else 4 if torsion else 3,
-            friction=[friction, friction, max(torsion, rolling), rolling, rolling],
+            condim=3,
+            friction=[friction, friction, 0.0, 0.0, 0.0],
             solref=SOLREF,
         )
 

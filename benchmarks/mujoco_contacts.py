@@ -1,0 +1,105 @@
+"""What torsional and rolling friction of contacts change in the engine mujoco, which has neither, beside PhysX.
+
+    python benchmarks/mujoco_contacts.py [--episodes 10] [--tasks SecureGoldInSafe TurnOnFaucet]
+
+A ball rolls without slipping at the start; the script prints how far it has rolled after 5 s. Then it runs each task with
+several radii of the patch of contact that torsional friction stands for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from gensim2.planning.strategies import parse_strategy
+from gensim2.rollout.chain import ChainController
+from gensim2.rollout.run import run
+from gensim2.seeding import scene_seeds
+from gensim2.sim.headless import HeadlessEnv
+from gensim2.sim.mujoco import scene
+from gensim2.tasks.library import load_strategies, load_task
+
+BALLS = {"PlaceGolfBallIntoDrawer": "golf_ball", "PlaceSoftBallIntoDrawer": "softball", "PlaceLemonIntoDrawer": "lemon"}
+SPEEDS = (0.05, 0.1, 0.2)
+ROLLING = (0.0, 2e-4, 5e-4, 1e-3, 2e-3)
+TORSION = (0.0, 0.003, 0.01, 0.03, 0.1)
+
+
+@contextmanager
+def friction(torsion: float = 0.0, rolling: float = 0.0) -> Iterator[None]:
+    """Build models with torsional and rolling friction: radii (m) that the coefficient of friction is multiplied by."""
+
+    def build(*given: Any) -> Any:
+        found = plain(*given)
+        found.pair_dim[:] = 6
+        found.pair_friction[:, 2] = torsion * found.pair_friction[:, 0]
+        found.pair_friction[:, 3:] = rolling * found.pair_friction[:, :1]
+        return found
+
+    plain, there = scene.build_model, {"build_model": build} if torsion or rolling else {}
+    vars(scene).update(there)
+    try:
+        yield
+    finally:
+        scene.build_model = plain
+
+
+def rolled(task: str, asset_class: str, engine: str, speed: float) -> float:
+    """Return the metres that a ball rolls in 5 s along x."""
+    env = HeadlessEnv(task, assets="builtin", engine=engine)
+    env.reset(0, robot=False)
+    name = next(name for name, spec in env.task.objects.items() if spec.asset_class == asset_class)
+    for _ in range(20):
+        env.wait()
+    part: Any = env.parts[name]
+    radius = part.pose[2]
+    linear, angular = np.array([speed, 0.0, 0.0]), np.array([0.0, speed / radius, 0.0])
+    if engine == "sapien":
+        part.body.linear_velocity, part.body.angular_velocity = linear.astype("f4"), angular.astype("f4")
+        part.body.wake_up()
+    else:
+        data, body, dof = part._simulation.data, part._body, part._v
+        data.qvel[dof : dof + 3] = linear
+        data.qvel[dof + 3 : dof + 6] = data.xmat[body].reshape(3, 3).T @ angular
+    start = env.measure().poses[name][0]
+    for _ in range(env.profile.steps(5.0)):
+        env.wait()
+    return float(env.measure().poses[name][0] - start)
+
+
+def held(task_name: str, episodes: int) -> str:
+    """Return how many episodes of a task hold, and their CPU time."""
+    task = load_task(task_name)
+    strategies = {name: parse_strategy(data, name) for name, data in load_strategies(task_name).items()}
+    env = HeadlessEnv(task, assets="builtin", engine="mujoco")
+    start, count = time.process_time(), 0
+    for seed in scene_seeds(0, task.name, "benchmark", episodes):
+        count += run(env, ChainController(task, strategies, env.profile), seed=seed).episode.held
+    return f"{count}/{episodes} {(time.process_time() - start) / episodes:.2f} s"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--episodes", type=int, default=10)
+    parser.add_argument("--tasks", nargs="*", default=["SecureGoldInSafe", "TurnOnFaucet", "TurnOffFaucet"])
+    options = parser.parse_args()
+    for task, asset_class in BALLS.items():
+        for speed in SPEEDS:
+            row = [f"sapien {rolled(task, asset_class, 'sapien', speed):.3f}"]
+            for value in ROLLING:
+                with friction(torsion=value, rolling=value):
+                    row.append(f"{value:g}: {rolled(task, asset_class, 'mujoco', speed):.3f}")
+            print(f"{asset_class} at {speed} m/s rolls", ", ".join(row), flush=True)
+    for name in options.tasks:
+        for value in TORSION:
+            with friction(torsion=value):
+                print(name, f"torsion {value:g} m:", held(name, options.episodes), flush=True)
+
+
+if __name__ == "__main__":
+    main()
