@@ -2,8 +2,8 @@
 
     python benchmarks/mujoco_contacts.py [--episodes 10] [--tasks SecureGoldInSafe TurnOnFaucet]
 
-A ball rolls without slipping at the start; the script prints how far it has rolled after 5 s. Then it runs each task with
-several radii of the patch of contact that torsional friction stands for.
+A ball rolls without slipping at the start; the script prints how far it has rolled after 5 s. Then it runs each task
+with several radii of the patch of contact that torsional friction stands for.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ def _pins() -> dict[str, Version]:
     return {pin.name.lower().replace("_", "-"): Version(next(iter(pin.specifier)).version) for pin in pins}
 
 
-@pytest.mark.parametrize("extra", [None, "sim", "dev"])
+@pytest.mark.parametrize("extra", [None, "sim", "mujoco", "dev"])
 def test_every_requirement_is_pinned(extra: str | None) -> None:
     pins = _pins()
     wanted = PROJECT["dependencies"] if extra is None else PROJECT["optional-dependencies"][extra]

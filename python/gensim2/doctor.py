@@ -93,6 +93,7 @@ def doctor(
         _rust,
         _extension,
         _simulation,
+        _mujoco,
         vulkan,
         ray_casting,
         _video,
@@ -224,6 +225,13 @@ def _simulation() -> Check:
     if absent:
         return Check("Simulation", "missing", f"not installed: {', '.join(absent)}", "pip install 'gensim2[sim]'")
     return Check("Simulation", "ok", _versions(packages))
+
+
+def _mujoco() -> Check:
+    if importlib.util.find_spec("mujoco") is None:
+        remedy = "pip install 'gensim2[mujoco]'; all but --engine mujoco works without"
+        return Check("MuJoCo", "limited", "not installed: mujoco-core", remedy)
+    return Check("MuJoCo", "ok", _versions(("mujoco-core",)))
 
 
 def _video() -> Check:

@@ -17,6 +17,7 @@ def test_all_that_is_promised_is_looked_at() -> None:
         "Rust",
         "Solver",
         "Simulation",
+        "MuJoCo",
         "Vulkan driver",
         "Ray casting",
         "ffmpeg",

@@ -169,6 +169,7 @@ def test_a_data_set_can_grow(tmp_path: Path, gather: Gather, undisturbed: dict[s
         ({"seed": 4}, "seed: the collection was begun with 3, not 4"),
         ({"episodes": 7}, "episodes: the collection was begun with 8"),
         ({"physics": "original"}, "arguments.physics: the collection was begun with 'default', not 'original'"),
+        ({"engine": "mujoco"}, "arguments.engine: the collection was begun with 'sapien', not 'mujoco'"),
         ({"instances": "train"}, "tasks.OpenDrawer: the task, its strategies or its instances have changed"),
         ({"keep_failures": True}, "keep_failures: the collection was begun with False"),
     ],

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+from gensim2.data import collect
 from gensim2.errors import InputError
 from gensim2.planning.strategies import parse_strategy
 from gensim2.rollout.chain import ChainController
@@ -70,6 +73,24 @@ def test_an_episode_is_the_same_in_another_process_that_has_no_other_simulator(t
 )
 def test_the_chain_holds_tasks_of_each_kind(name: str) -> None:
     assert episode(name, 5).startswith("True")
+
+
+def test_a_collection_follows_from_its_arguments_alone(tmp_path: Path) -> None:
+    """Whatever the number of workers, and where it was stopped and resumed."""
+
+    def gather(folder: str, episodes: int, workers: int) -> dict[str, bytes]:
+        out, given = tmp_path / folder, {"assets": "builtin", "engine": "mujoco", "seed": 3}
+        collect(["CloseBox"], episodes=episodes, out=out, workers=workers, resume=out.exists(), **given)
+        files = (path for path in out.rglob("*") if path.is_file() and path.name not in ("run.json", "report.html"))
+        return {str(path.relative_to(out)): path.read_bytes() for path in files}
+
+    expected = gather("at once", 3, workers=2)
+    gather("resumed", 1, workers=1)
+    assert gather("resumed", 3, workers=1) == expected
+    record = json.loads(expected["dataset.json"])
+    assert record["arguments"]["engine"] == "mujoco"
+    assert "mujoco-core" in record["versions"]
+    assert "sapien" not in record["versions"]
 
 
 def _shaken(env: HeadlessEnv, steps: int, seed: int) -> list[dict[str, Any]]:
