@@ -41,6 +41,7 @@ MISSES: dict[str, tuple[StrictMiss, dict[str, Any]]] = {
     "beside the hand": (StrictMiss.NOT_RETREATED, {"hand": (-0.1, -0.048, 0.04)}),
     "too high": (StrictMiss.NOT_INSIDE, {"ball": (-0.1, 0.0, 0.2)}),
     "on the rim": (StrictMiss.NOT_INSIDE, {"ball": (-0.1, 0.0, 0.12)}),
+    "in the floor of the drawer": (StrictMiss.PRESSED_IN, {"ball": (-0.1, 0.0, 0.0285)}),
     "the cup was shoved": (StrictMiss.OTHERS_MOVED, {"cup": (0.35, 0.4, 0.05, 1.0, 0.0, 0.0, 0.0)}),
     "the cup fell over": (
         StrictMiss.OTHERS_MOVED,
@@ -64,6 +65,7 @@ def test_each_thing_that_is_missing_is_named(case: str) -> None:
     [
         {"hand": (-0.1, -0.052, 0.04)},
         {"ball": (-0.1, 0.0, 0.085)},
+        {"ball": (-0.1, 0.0, 0.0295)},  # half a millimetre in the floor
         {"cup": (0.325, 0.4, 0.05, 1.0, 0.0, 0.0, 0.0)},
         {"cup": (0.3, 0.4, 0.05, math.cos(0.3), 0.0, 0.0, math.sin(0.3))},  # turned about the vertical
         {"speed": (0.009, 0.04)},

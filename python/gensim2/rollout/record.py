@@ -62,6 +62,7 @@ class StrictMiss(StrEnum):
     DISTURBED = "moved before the actuation pose"
     NOT_INSIDE = "not inside the container"
     OTHERS_MOVED = "another object moved"
+    PRESSED_IN = "pressed into something"
 
 
 @dataclass(frozen=True)

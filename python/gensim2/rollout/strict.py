@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gensim2.planning.scene import Scene
+from gensim2.robots import RobotProfile
 from gensim2.rollout.container import inner_box
 from gensim2.rollout.motion import change, changes
 from gensim2.rollout.record import StrictMiss
@@ -31,6 +32,9 @@ DISTURBED_OPENNESS, DISTURBED_DISTANCE = 0.02, 0.005
 
 INSIDE = "inside"
 """In the name of the measured point of what contains."""
+
+DEEPEST = 0.001
+"""Metres by which a rigid object may lie in another body; deeper, the contact solver holds it, not its shape."""
 
 OTHERS_DISTANCE, OTHERS_TILT = 0.03, math.radians(20.0)
 """Metres and rad by which things may move that the task is not about."""
@@ -69,12 +73,44 @@ def strict_misses(
         misses[StrictMiss.NOT_INSIDE] = {"objects": outside}
     if moved := _moved_beside(start, later, acted_on):
         misses[StrictMiss.OTHERS_MOVED] = {"objects": moved}
+    if pressed := pressed_in(world.scene_state(), world.profile):
+        misses[StrictMiss.PRESSED_IN] = {"objects": pressed}
     return misses
 
 
 def is_about_the_gripper(task: TaskSpec) -> bool:
     """Whether the goal itself says where the gripper is, or what it holds up."""
     return any(isinstance(c, (*OF_GRIPPER, RigidLifted)) for c in task.success)
+
+
+def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]:
+    """Return the depths (m) beyond ``DEEPEST`` to which each rigid object lies in other bodies, by their names.
+
+    The collision code of the planner measures them, whatever engine simulated the scene; the robot does not count.
+    """
+    import gensim2_kpam as kpam  # here: readers of records need no solver
+
+    q = np.clip(scene.q, robot.model.lower, robot.model.upper)
+    T_hand_base = np.linalg.inv(robot.model.forward_kinematics(q))
+    shapes = {
+        body.name: [kpam.Shape.convex_hull(np.ascontiguousarray(hull)) for hull in body.hulls] for body in scene.bodies
+    }
+    found: dict[str, dict[str, float]] = {}
+    for name, thing in scene.objects.items():
+        if not thing.is_rigid:
+            continue
+        # Riding on the hand, it is checked against all other bodies.
+        bodies = [
+            kpam.Body(body.name, "attached", shapes[body.name], T_hand_base @ body.T_base_body)
+            if body.name == name
+            else kpam.Body(body.name, "rigid", shapes[body.name], body.T_base_body)
+            for body in scene.bodies
+        ]
+        for pair in kpam.Scene(robot.model, bodies).check(q):
+            other = next((each for each in pair["bodies"] if each != name), name)
+            if name in pair["bodies"] and other in shapes and pair["distance"] < -DEEPEST:
+                found.setdefault(name, {})[other] = -pair["distance"]
+    return found
 
 
 def _from_gripper(measured: Measurement, name: str) -> float:
