@@ -113,3 +113,21 @@ def test_at_rest_it_stays_where_it_is(any_robot: str) -> None:
         if any(np.linalg.norm(point.impulse) > 0 for point in contact.points)
     ]
     assert [pair for pair in touching if pair & links] == []
+
+
+def test_in_mujoco_it_stands_where_it_is_and_its_fingers_go_all_the_way(any_robot: str) -> None:
+    """As in SAPIEN: to 2 cm/s or 0.02 rad at rest, and 4 mm of the fingers' way in the time that they are given."""
+    pytest.importorskip("mujoco")
+    env = HeadlessEnv("OpenDrawer", assets="builtin", robot=any_robot, engine="mujoco")
+    profile = env.profile
+    env.reset(0)
+    start = env.q
+    for _ in range(profile.control_hz):
+        env.step(profile.rest_action)
+    assert env.is_finite
+    assert np.abs(env.q - start)[: profile.arm_size].max() < 0.02
+    assert env.touched() == frozenset()
+    for command, opening in ((-1.0, 0.0), (1.0, profile.gripper.widest)):
+        for _ in range(profile.gripper_steps):
+            env.step(np.append(profile.rest_action[:-1], command))
+        assert env.measure().finger_opening == pytest.approx(opening, abs=4e-3)

@@ -305,5 +305,13 @@ def test_a_film_shows_the_recorded_episode(store: TaskStore, tmp_path: Path) -> 
     assert told["fps"] == 10  # twice as fast as five a second
     assert "yuv420p" in told["pix_fmt"]  # what every browser plays
     assert imageio.imread(tmp_path / "still.webp").shape == (480, 640, 3)
+    # The states of another engine are shown, not simulated again: here SAPIEN's own, which give the same pictures.
+    elsewhere = {**replay.env_kwargs, "engine": "mujoco"}
+    film(
+        dataclasses.replace(replay, env_kwargs=elsewhere, states=recording.env_states), tmp_path / "shown.mp4", stride=4
+    )
+    pictures = [list(imageio.get_reader(tmp_path / f"{name}.mp4")) for name in ("quick", "shown")]
+    for one, other in zip(*pictures, strict=True):
+        assert np.abs(np.asarray(one, dtype=float) - np.asarray(other, dtype=float)).mean() < 1.0
     with pytest.raises(InputError, match="no episode 7"):
         Replay.stored(_h5(short), episode=7)

@@ -1,6 +1,6 @@
 """MuJoCo model of a scene: bodies, drives, joint friction and the pairs of shapes that may touch.
 
-The numbers at the top stand for what PhysX does otherwise; docs/simulation.md says how each was found.
+docs/simulation.md says why the numbers at the top are what they are.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 """Of joint friction: with MuJoCo's default, 0.95, a lid creeps shut under its own weight."""
 
 IMPRATIO = 10.0
-"""Impedance of friction to that of the normal force: with 1 grasped objects creep out of the hand."""
+"""Ratio of the impedance of friction to that of normal forces; the larger, the less grasped objects slip."""
 
 OTHER_FRICTION = 0.3
 """Coefficient of surfaces that say nothing of their own, as ManiSkill has it."""
@@ -46,7 +46,7 @@ class Shape:
 
     Attributes:
         geom: its name.
-        owner: ``"robot"``, ``"table"`` or the name of an object.
+        owner: the robot's agent, ``"table"`` or the name of an object.
         link: name of its link.
         is_static: it never moves.
         slides: it moves by a prismatic joint of an object.
@@ -101,6 +101,7 @@ class _Builder:
         option.impratio = IMPRATIO
         option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         spec.compiler.degree = False
+        spec.compiler.balanceinertia = True  # the fingers of the Fetch have moments that no body can have
         self._shapes: list[Shape] = []
         self._meshes = 0
         if robot:
@@ -126,24 +127,24 @@ class _Builder:
             body.add_joint(type=mujoco.mjtJoint.mjJNT_FREE, name=name)
             self._fill(body, link, mass, Shape(name, name, link.name, False, friction))
             return
-        model = thing.model
+        model, still = thing.model, set[str]()
         for link in links_of(model.urdf, model.content_hash):
             body = self._add_link(name, link, thing.position, thing.quaternion)
-            moves = link.axis is not None
-            if moves:
+            if link.axis is not None:
                 joint = self._add_joint(body, name, link, (model.joint.lower, model.joint.upper))
                 self._resist(joint, model, thing)
-            elif link.parent is None:
-                body.mocap = True
-            slides = moves and model.joint.type == "prismatic"
-            shape = Shape(mixed_name(name, link.name), name, link.name, not moves, friction, slides=slides)
+            elif link.parent is None or link.parent in still:
+                still.add(link.name)
+                body.mocap = link.parent is None  # it can be nudged, and its pose is part of the stored state
+            is_static = link.name in still
+            slides = not is_static and model.joint.type == "prismatic"
+            shape = Shape(mixed_name(name, link.name), name, link.name, is_static, friction, slides=slides)
             self._fill(body, link, mass, shape)
 
     def _add_robot(self) -> None:
         profile = self._profile
         agent, pads = profile.agent, set(profile.gripper.pads)
-        drives = self._drives()
-        still: set[str] = set()
+        drives, still = self._drives(), set[str]()
         for link in links_of(profile.urdf):
             body = self._add_link(agent, link, profile.base_position, profile.base_quaternion)
             body.gravcomp = 1.0  # ManiSkill's stand-in for a controller that balances the arm's weight
@@ -155,7 +156,7 @@ class _Builder:
                 still.add(link.name)
             friction = profile.gripper.friction if link.name in pads else OTHER_FRICTION
             name = mixed_name(agent, link.name)
-            self._fill(body, link, 1.0, Shape(name, "robot", link.name, link.name in still, friction))
+            self._fill(body, link, 1.0, Shape(name, agent, link.name, link.name in still, friction))
         for name, drive in drives.items():
             self._add_drive(mixed_name(agent, name), drive)
         if profile.simulation.tendons:
@@ -274,12 +275,11 @@ class _Builder:
                 for first, second in product(one, other):
                     self._add_pair(first, second)
 
-    @staticmethod
-    def _may_touch(one: Shape, other: Shape, apart: frozenset[frozenset[str]], links: dict[str, Link]) -> bool:
+    def _may_touch(self, one: Shape, other: Shape, apart: frozenset[frozenset[str]], links: dict[str, Link]) -> bool:
         if one.is_static and other.is_static:
             return False
         if one.owner == other.owner:
-            if one.owner != "robot":  # the two links of an object
+            if one.owner != self._profile.agent:  # the two links of an object
                 return False
             joined = links[one.link].parent == other.link or links[other.link].parent == one.link
             return not joined and frozenset((one.link, other.link)) not in apart
