@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from gensim2.rollout.chain import ChainController
 from gensim2.rollout.run import run
 from gensim2.seeding import scene_seeds
 from gensim2.sim.headless import HeadlessEnv
-from gensim2.sim.mujoco import scene
+from gensim2.sim.mujoco.model import build_model
 from gensim2.tasks.library import load_strategies, load_task
 
 BALLS = {"PlaceGolfBallIntoDrawer": "golf_ball", "PlaceSoftBallIntoDrawer": "softball", "PlaceLemonIntoDrawer": "lemon"}
@@ -35,18 +36,15 @@ def friction(torsion: float = 0.0, rolling: float = 0.0) -> Iterator[None]:
     """Build models with torsional and rolling friction: radii (m) that the coefficient of friction is multiplied by."""
 
     def build(*given: Any) -> Any:
-        found = plain(*given)
-        found.pair_dim[:] = 6
-        found.pair_friction[:, 2] = torsion * found.pair_friction[:, 0]
-        found.pair_friction[:, 3:] = rolling * found.pair_friction[:, :1]
+        found = build_model(*given)
+        if torsion or rolling:
+            found.pair_dim[:] = 6
+            found.pair_friction[:, 2] = torsion * found.pair_friction[:, 0]
+            found.pair_friction[:, 3:] = rolling * found.pair_friction[:, :1]
         return found
 
-    plain, there = scene.build_model, {"build_model": build} if torsion or rolling else {}
-    vars(scene).update(there)
-    try:
+    with patch("gensim2.sim.mujoco.scene.build_model", build):
         yield
-    finally:
-        scene.build_model = plain
 
 
 def rolled(task: str, asset_class: str, engine: str, speed: float) -> float:

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("mujoco")
 
 from gensim2.data import collect
-from gensim2.errors import InputError
+from gensim2.errors import InputError, MissingExtraError
 from gensim2.planning.strategies import parse_strategy
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.run import run
@@ -173,6 +173,12 @@ def test_contacts_of_the_robot_are_felt() -> None:
         env.step(target)
         forces.append(env.pressing_force())
     assert max(forces) > 1.0
+
+
+def test_where_mujoco_is_not_installed_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(MissingExtraError, match=r"gensim2\[mujoco\]"):
+        SceneOptions.of(assets="builtin", engine="mujoco")
 
 
 @pytest.mark.parametrize("physics", ["original", "default+solver=original", "default+gripper=soft"])

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, TypedDict, Unpack, cast
 
 from pydantic import BeforeValidator
 
+from gensim2.errors import MissingExtraError
 from gensim2.objects import open_library
 from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.scenes.arguments import ObjectSource, Words, check_words
@@ -94,13 +96,15 @@ class SceneOptions:
 
         Raises:
             InputError: the folder, the robot or a preset cannot be used.
-            MissingExtraError: the robot's model comes with a package that is not installed.
+            MissingExtraError: the engine, or a package with the robot's model, is not installed.
         """
         words = {name: scene[name] for name in ("physics", "robot", "randomization", "engine") if name in scene}
         check_words(**words)
         if "physics" in words:
             words["physics"] = physics_name(words["physics"])
         options = cls("", **cast(Any, words))
+        if options.engine == "mujoco" and find_spec("mujoco") is None:
+            raise MissingExtraError("mujoco", "mujoco")
         assets = scene.get("assets")
         location = getattr(assets, "location", None) or open_library(cast(Any, assets)).location
         return replace(options, assets=str(location))
