@@ -39,6 +39,11 @@ OTHER_FRICTION = 0.3
 TABLE_FRICTION = 0.2
 """Coefficient of the table: PhysX's dynamic one; MuJoCo has no static one."""
 
+ROLLING = 0.002
+"""Radius (m) that, times the coefficient of friction, makes the rolling and torsional friction of rigid objects.
+
+With it balls roll as far as in PhysX, which puts them to sleep."""
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -51,6 +56,7 @@ class Shape:
         is_static: it never moves.
         slides: it moves by a prismatic joint of an object.
         friction: coefficient of its surface.
+        is_rigid: it belongs to a rigid object.
     """
 
     geom: str
@@ -59,6 +65,7 @@ class Shape:
     is_static: bool
     friction: float
     slides: bool = False
+    is_rigid: bool = False
 
 
 def mixed_name(owner: str, part: str) -> str:
@@ -125,7 +132,7 @@ class _Builder:
             link = rigid_link(thing.model)
             body = world.add_body(name=name, pos=thing.position, quat=thing.quaternion)
             body.add_joint(type=mujoco.mjtJoint.mjJNT_FREE, name=name)
-            self._fill(body, link, mass, Shape(name, name, link.name, False, friction))
+            self._fill(body, link, mass, Shape(name, name, link.name, False, friction, is_rigid=True))
             return
         model, still = thing.model, set[str]()
         for link in links_of(model.urdf, model.content_hash):
@@ -290,11 +297,12 @@ class _Builder:
 
     def _add_pair(self, one: Shape, other: Shape) -> None:
         friction = 0.5 * (one.friction + other.friction)
+        rolls = one.is_rigid or other.is_rigid
         self.spec.add_pair(
             geomname1=one.geom,
             geomname2=other.geom,
-            condim=3,
-            friction=[friction, friction, 0.0, 0.0, 0.0],
+            condim=6 if rolls else 3,
+            friction=[friction, friction, *[ROLLING * friction] * 3],
             solref=SOLREF,
         )
 
