@@ -142,6 +142,7 @@ def command_of(rows: Sequence[Figure], assets: str | None) -> list[str]:
         "--episodes": first.episodes // first.runs,
         "--seed": first.seed,
         "--assets": "builtin" if condition.objects == "generated" else assets,
+        "--engine": condition.engine,
         "--physics": condition.physics,
         "--robot": condition.robot,
         "--instances": condition.instances,
