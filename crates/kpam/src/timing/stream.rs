@@ -20,8 +20,10 @@ const HALVINGS: usize = 40;
 const SOON: f64 = 0.3;
 /// Share of an interval that an acceleration takes to change at the least, if it is not to change evenly.
 const EVEN: f64 = 0.3;
-/// Share of the jerk limit that rounding may take: intervals are short.
-const ROUNDING: f64 = 1e-5;
+/// Share of an interval before the greatest speed below which that needs no node of its own.
+const PEAK: f64 = 0.004;
+/// Rounding of the jerk of a quintic times the cube of its time (rad or m).
+const ROUNDING: f64 = 3e-13;
 /// Longest interval (s) over which the length of the way is measured at once.
 const LONGEST: f64 = 0.02;
 /// Speeds below this (rad/s or m/s) are rest.
@@ -81,12 +83,12 @@ impl<'m> Path<'m> {
             } else {
                 low = at
             }
-            let next = at - off / speed(at);
-            let next = if next > low && next < high { next } else { 0.5 * (low + high) };
-            if next == at {
+            let change = off / speed(at);
+            if change.abs() <= f64::EPSILON * at.abs().max(1.0) {
                 break;
             }
-            at = next;
+            let next = at - change;
+            at = if next > low && next < high { next } else { 0.5 * (low + high) };
         }
         at
     }
@@ -195,12 +197,14 @@ impl Trajectory {
         let least: f64 =
             stopping(start[1], start[2], most.acceleration.max(-start[2]), most.jerk).iter().map(|p| p.0).sum();
         let step = least / intervals;
+        let least_jerk = limits.jerk[..limits.joints()].iter().copied().fold(f64::INFINITY, f64::min);
         let (mut time, mut state) = (0.0, start);
         let mut nodes = vec![Node { time, ..node_of(self.moving_with_rates(path.places[0].0)) }];
         let mut push = |time: f64, state: State| {
             let node = Node { time, ..node_of(path.at(state)) };
+            let rounding = ROUNDING / (least_jerk * (node.time - nodes[nodes.len() - 1].time).powi(3));
             let [fast, hard, sharp] = peaks(limits, &nodes[nodes.len() - 1], &node);
-            let kept = fast.max(hard) <= 1.0 + TOLERANCE && sharp <= 1.0 + ROUNDING;
+            let kept = fast.max(hard) <= 1.0 + TOLERANCE && sharp <= 1.0 + TOLERANCE + rounding;
             nodes.push(node);
             kept.then_some(())
         };
@@ -226,7 +230,7 @@ impl Trajectory {
             let rate = (change / whole).clamp(-jerk, jerk);
             // The greatest speed is met at a node: between nodes it is bounded from above only.
             let peak = -gain / rate;
-            let whole = if peak > EVEN * step { whole.min(peak) } else { whole };
+            let whole = if peak > PEAK * step { whole.min(peak) } else { whole };
             let ends = |t: f64| {
                 let [_, speed, gain] = go_on(state, rate, t);
                 gain < 0.0 && speed <= 0.5 * gain * gain / jerk
