@@ -29,7 +29,8 @@ class Solid:
     """A convex collision shape.
 
     Attributes:
-        kind: ``"box"`` (size: half sides), ``"sphere"`` (radius), ``"cylinder"`` (radius, half length) or ``"mesh"``.
+        kind: ``"box"`` (size: half sides), ``"sphere"`` (radius), ``"cylinder"`` or ``"capsule"`` (radius, half length)
+            or ``"mesh"``.
         size: m; empty of a mesh.
         vertices: (N, 3) of a mesh, m.
         T: (4, 4) pose in its link.
@@ -127,7 +128,7 @@ def _solid(element: ShapeElement, urdf: Path) -> Solid:
     size = shape.size
     if shape.kind == "box":
         size = tuple(0.5 * side for side in size)
-    elif shape.kind == "cylinder":
+    elif shape.kind in ("cylinder", "capsule"):
         size = (size[0], 0.5 * size[1])
     return Solid(shape.kind, size, None, element.T)
 

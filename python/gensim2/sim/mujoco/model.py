@@ -228,7 +228,12 @@ class _Builder:
 
     def _add_solid(self, body: mujoco.MjsBody, solid: Solid, shape: Shape) -> None:
         kinds = mujoco.mjtGeom
-        kind = {"box": kinds.mjGEOM_BOX, "sphere": kinds.mjGEOM_SPHERE, "cylinder": kinds.mjGEOM_CYLINDER}
+        kind = {
+            "box": kinds.mjGEOM_BOX,
+            "sphere": kinds.mjGEOM_SPHERE,
+            "cylinder": kinds.mjGEOM_CYLINDER,
+            "capsule": kinds.mjGEOM_CAPSULE,
+        }
         geom = body.add_geom(
             name=shape.geom,
             type=kind.get(solid.kind, kinds.mjGEOM_MESH),
