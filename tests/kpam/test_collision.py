@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -90,3 +92,17 @@ def test_points_beyond_a_kilometre_are_refused(distance: float) -> None:
     with pytest.raises(kpam.ProblemError, match="within 1000 m") as error:
         kpam.Body("cloud", "rigid", [shape], np.eye(4))
     assert error.value.field == "shapes[1]"
+
+
+def test_a_distant_cloud_is_met_outside_the_limits_of_a_sliding_joint(tmp_path: Path) -> None:
+    """A check takes joint values beyond the limits, so what is out of reach follows from the pose and not from them."""
+    urdf = tmp_path / "gantry.urdf"
+    urdf.write_text(
+        '<robot name="gantry"><link name="base"/><link name="car"><collision><geometry><sphere radius="0.1"/>'
+        '</geometry></collision></link><joint name="rail" type="prismatic"><parent link="base"/><child link="car"/>'
+        '<axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
+    )
+    gantry = kpam.Robot.from_urdf(urdf, hand_link="car")
+    points = np.random.default_rng(1).normal([10.0, 0.0, 0.0], 0.02, (50, 3))
+    scene = kpam.Scene(gantry, [kpam.Body("cloud", "rigid", [kpam.Shape.point_cloud(points, 0.01)], np.eye(4))])
+    assert [scene.in_collision([q]) for q in (0.0, 10.0)] == [False, True]

@@ -127,6 +127,13 @@ def test_a_follower_without_limits_restricts_nothing_and_fingers_may_touch(tmp_p
         assert motion.status == "solved", motion.reason
 
 
+@pytest.mark.parametrize("limit", ['acceleration="1e-120"', 'jerk="1e12"'])
+def test_accelerations_and_jerks_that_no_arm_has_are_refused_by_joint(tmp_path: Path, limit: str) -> None:
+    robot = read(tmp_path, arm(LIMIT.replace("/>", f" {limit}/>")))
+    with pytest.raises(kpam.ProblemError, match=r"joint j1 has the (acceleration|jerk) limit"):
+        kpam.Scene(robot).plan_to(np.zeros(4), np.full(4, 0.5))
+
+
 def test_acceleration_and_jerk_of_a_urdf_hold_and_what_is_assumed_is_said(tmp_path: Path) -> None:
     slow = LIMIT.replace("/>", ' acceleration="0.5" deceleration="0.5" jerk="4"/>')
     for text, assumed, most in ((arm().replace(LIMIT, slow), [], 0.5), (arm(slow), ["acceleration", "jerk"], 10.0)):

@@ -61,14 +61,16 @@ fn check_size(text: &str) -> Result<(), String> {
     let mut rest = text;
     while let Some(open) = rest.find('<') {
         rest = &rest[open + 1..];
-        if let Some(comment) = rest.strip_prefix("!--") {
-            rest = comment.find("-->").map_or("", |end| &comment[end..]);
+        let whole = [("!--", "-->"), ("![CDATA[", "]]>"), ("?", "?>")];
+        if let Some((inside, end)) = whole.iter().find_map(|(start, end)| Some((rest.strip_prefix(start)?, end))) {
+            rest = inside.find(end).map_or("", |at| &inside[at + end.len()..]);
             continue;
         }
-        let tag = &rest[..rest.find('>').unwrap_or(rest.len())];
+        let (tag, behind) = rest.split_at(tag_end(rest));
+        rest = behind;
         if tag.starts_with('/') {
             depth = depth.saturating_sub(1);
-        } else if !tag.starts_with(['!', '?']) {
+        } else if !tag.starts_with('!') {
             count += 1;
             depth += usize::from(!tag.ends_with('/'));
         }
@@ -80,6 +82,21 @@ fn check_size(text: &str) -> Result<(), String> {
         }
     }
     Ok(())
+}
+
+/// Returns the length of a tag without its end; a `>` between quotes does not end it.
+fn tag_end(tag: &str) -> usize {
+    let mut quote = None;
+    let ends = |(_, c): &(usize, char)| {
+        match (quote, c) {
+            (None, '>') => return true,
+            (None, '"' | '\'') => quote = Some(*c),
+            (Some(open), c) if open == *c => quote = None,
+            _ => (),
+        }
+        false
+    };
+    tag.char_indices().find(ends).map_or(tag.len(), |(at, _)| at)
 }
 
 /// An element, with the words that name it in errors.
@@ -239,7 +256,17 @@ fn meant<'n>(name: &str, known: &[&'n str]) -> Option<&'n str> {
 
 #[cfg(test)]
 mod tests {
-    use super::{decode, meant};
+    use super::{check_size, decode, meant};
+
+    #[test]
+    fn depth_is_counted_whatever_stands_in_quotes_and_sections() {
+        for opening in ["<a b='/>'>", "<a b=\"</a>\">", "<a><![CDATA[</a>]]>", "<a><?p </a>?>", "<a><!--</a>-->"] {
+            assert!(check_size(&opening.repeat(1000)).unwrap_err().contains("levels deep"), "{opening}");
+        }
+        for flat in ["<a b='>'/>", "<a></a>", "<a>'</a>"] {
+            assert!(check_size(&format!("<robot>{}</robot>", flat.repeat(1000))).is_ok(), "{flat}");
+        }
+    }
 
     #[test]
     fn documents_are_read_in_the_encoding_that_they_declare() {

@@ -294,6 +294,16 @@ fn check_speeds(robot: &Robot, model: &Model, options: &Options) -> Result<(), P
     if let Some(most) = greatest_velocity(options) {
         velocity.iter_mut().zip(most).for_each(|(own, most)| *own = own.min(most));
     }
+    for (name, own) in [("acceleration", &model.acceleration), ("jerk", &model.jerk)] {
+        let odd = |limit: f64| limit.is_finite() && !(GENTLEST..=1e9).contains(&limit);
+        if let Some((j, limit)) = model.map().indices().iter().zip(own).find(|(_, limit)| odd(**limit)) {
+            let message = format!(
+                "joint {} has the {name} limit {limit:e} in the URDF; give {GENTLEST} to 1e9 there or here",
+                robot.joints()[*j].name()
+            );
+            return Err(ProblemError::new(format!("options.{name}_limits"), message));
+        }
+    }
     let odd = |speed: f64| speed < GENTLEST || speed.is_infinite();
     match model.map().indices().iter().zip(velocity).find(|(_, speed)| odd(*speed)) {
         None => Ok(()),

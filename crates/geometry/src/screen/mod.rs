@@ -221,11 +221,15 @@ impl Screen {
             out.bodies = body + 1;
             match as_cloud(shapes, pose) {
                 Some((points, radius)) => {
-                    let gap = |p: &Point3<f64>| p.coords.norm() - reach - radius;
-                    let (near, far): (Vec<_>, Vec<_>) = points.into_iter().partition(|p| gap(p) < BEYOND);
-                    for part in [near, far].into_iter().filter(|part| !part.is_empty()) {
-                        let least = part.iter().map(gap).fold(f64::INFINITY, f64::min);
-                        out.clouds.push(PointGrid::new(body, &part, radius, least));
+                    let from_base = |p: &Point3<f64>| p.coords.norm() - radius;
+                    let (near, far): (Vec<_>, Vec<_>) = points.into_iter().partition(|p| from_base(p) < reach + BEYOND);
+                    if !near.is_empty() {
+                        out.clouds.push(PointGrid::new(body, &near, radius, 0.0));
+                    }
+                    if !far.is_empty() {
+                        // A centimetre covers the rounding of single precision within a kilometre.
+                        let least = far.iter().map(from_base).fold(f64::INFINITY, f64::min) - 0.01;
+                        out.clouds.push(PointGrid::new(body, &far, radius, least as f32));
                     }
                 }
                 None => {

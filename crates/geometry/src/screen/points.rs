@@ -26,8 +26,8 @@ pub(crate) struct PointGrid {
     pub body: usize,
     /// Radius of every point (m).
     pub radius: f64,
-    /// Lower bound of the distance (m) between the cloud and the robot in any configuration.
-    pub gap: f64,
+    /// Lower bound of the distance (m) between the origin of the base and every ball of the cloud; 0 is no bound.
+    pub from_base: f32,
     lanes: Vec<Points>,
     /// First block of lanes of each cell.
     starts: Vec<u32>,
@@ -54,8 +54,8 @@ impl Extent {
 }
 
 impl PointGrid {
-    /// The grid of a cloud in the base frame; `gap` as in the field.
-    pub fn new(body: usize, points: &[Point3<f64>], radius: f64, gap: f64) -> Self {
+    /// The grid of a cloud in the base frame; `from_base` as in the field.
+    pub fn new(body: usize, points: &[Point3<f64>], radius: f64, from_base: f32) -> Self {
         let bounds = Aabb::around(points, 0.0);
         let span = bounds.max - bounds.min;
         let count = |cell: f64| (0..3).map(move |k| (span[k] / cell).floor() + 1.0);
@@ -71,7 +71,7 @@ impl PointGrid {
         let mut out = Self {
             body,
             radius,
-            gap,
+            from_base,
             lanes: Vec::new(),
             starts: Vec::new(),
             field: Vec::new(),

@@ -115,8 +115,12 @@ impl Screen {
                 return false;
             }
             for (c, cloud) in self.clouds.iter().enumerate() {
-                if cloud.gap >= furthest + f64::from(reach) {
-                    continue;
+                if cloud.from_base > 0.0 {
+                    let extent = length(&batch.around[group]) + F32x8::splat(cluster.around.radius);
+                    let limit = F32x8::splat(furthest as f32 + reach);
+                    if all_at_least(F32x8::splat(cloud.from_base) - extent, limit) {
+                        continue;
+                    }
                 }
                 if !self.against_cloud(group, c, row[cloud.body], batch, reach, visit) {
                     return false;

@@ -63,7 +63,7 @@ impl Transit<'_> {
         }
         if self.is_moving {
             let direct = |(k, goal): (usize, &(usize, Row, Close))| self.straight_to(&goal.1).map(|m| (m.end(), m, k));
-            found.extend(open.iter().enumerate().filter_map(direct));
+            found.extend(open.iter().enumerate().take_while(|_| !field.is_over()).filter_map(direct));
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
         for (_, motion, k) in found {
