@@ -3,7 +3,7 @@
 use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, Piece, peaks};
 use super::smooth::along;
-use super::stop::{State, go_on, stopping};
+use super::stop::{State, go_on, stop, stopping};
 use super::trajectory::Trajectory;
 use crate::ProblemError;
 use crate::model::{MAX_JOINTS, Row};
@@ -26,6 +26,11 @@ const PEAK: f64 = 0.004;
 const ROUNDING: f64 = 3e-13;
 /// Longest interval (s) over which the length of the way is measured at once.
 const LONGEST: f64 = 0.02;
+/// Most intervals over which it is measured.
+const MAX_STEPS: usize = 20_000;
+/// Where no stop is found along the path, the motion runs on if it rests within this many times what joints by themselves
+/// take to stop.
+const PATIENCE: f64 = 5.5;
 /// Speeds below this (rad/s or m/s) are rest.
 const STILL: f64 = 1e-9;
 
@@ -34,35 +39,22 @@ struct Path<'m> {
     motion: &'m Trajectory,
     /// Times (s) and lengths (rad or m) up to them.
     places: Vec<(f64, f64)>,
+    /// Whether the motion rests at the last place.
+    rests: bool,
 }
 
 impl<'m> Path<'m> {
-    /// The path from `begin` until the motion rests.
+    /// The path from `begin` until the motion rests or turns back; it ends earlier after [`MAX_STEPS`] intervals.
     fn new(motion: &'m Trajectory, begin: f64) -> Self {
-        let speed = |t: f64| norm(motion, &motion.moving_with_rates(t)[1]);
         let mut places = vec![(begin, 0.0)];
-        let mut before = speed(begin);
-        // Between its corners the motion is one polynomial.
-        let corners = motion.from(begin).into_iter().flat_map(|piece| piece.corners());
-        let (mut from, mut length) = (begin, 0.0);
-        'way: for corner in corners.filter(|t| *t > begin) {
-            let parts = ((corner - from) / LONGEST).ceil().max(1.0);
-            let step = (corner - from) / parts;
-            for k in 0..parts as usize {
-                let to = if k as f64 + 1.0 < parts { from + step } else { corner };
-                length += gone(&speed, from, to);
-                if to > from {
-                    places.push((to, length));
-                    from = to;
-                }
-                let now = speed(to);
-                if now < STILL && before > now {
-                    break 'way;
-                }
-                before = now;
-            }
-        }
-        Self { motion, places }
+        measure(motion, &mut places);
+        let [_, velocity, acceleration] = motion.moving_with_rates(places[places.len() - 1].0);
+        let rests = norm(motion, &velocity).max(norm(motion, &acceleration)) < TOLERANCE;
+        Self { motion, places, rests }
+    }
+
+    fn end(&self) -> f64 {
+        self.places[self.places.len() - 1].0
     }
 
     fn length(&self) -> f64 {
@@ -111,6 +103,62 @@ impl<'m> Path<'m> {
     }
 }
 
+/// Appends the places of a path after its first one.
+fn measure(motion: &Trajectory, places: &mut Vec<(f64, f64)>) {
+    let speed = |t: f64| norm(motion, &motion.moving_with_rates(t)[1]);
+    let (mut from, mut length) = places[0];
+    // Between its corners the motion is one polynomial. Pieces overlap where the next counts before the last has ended.
+    let pieces = motion.from(from);
+    let mut corners: Vec<f64> =
+        pieces.iter().flat_map(|piece| [piece.corners(), vec![piece.counts]].concat()).collect();
+    corners.push(motion.end());
+    corners.retain(|t| *t > from && *t <= motion.end());
+    corners.sort_by(f64::total_cmp);
+    corners.dedup();
+    let mut before = speed(from);
+    let mut left = MAX_STEPS;
+    for corner in corners {
+        let parts = ((corner - from) / LONGEST).ceil().max(1.0);
+        let step = (corner - from) / parts;
+        for k in 0..parts as usize {
+            if left == 0 {
+                return;
+            }
+            left -= 1;
+            let whole = if k as f64 + 1.0 < parts { from + step } else { corner };
+            let turn = turn(motion, from, whole);
+            let to = turn.unwrap_or(whole);
+            length += gone(&speed, from, to);
+            if to > from {
+                places.push((to, length));
+                from = to;
+            }
+            let now = speed(to);
+            if turn.is_some() || (now < STILL && before > now) {
+                return;
+            }
+            before = now;
+        }
+    }
+}
+
+/// Time between two at which the motion turns back on its path, where it does.
+fn turn(motion: &Trajectory, mut low: f64, mut high: f64) -> Option<f64> {
+    let velocity = |t: f64| motion.moving_with_rates(t)[1];
+    let first = velocity(low);
+    let most = -STILL * norm(motion, &first);
+    let back = |t: f64| first.iter().zip(velocity(t)).map(|(a, b)| a * b).sum::<f64>() < most;
+    if !back(high) {
+        return None;
+    }
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        if back(middle) { high = middle } else { low = middle }
+    }
+    // A path that bends sharply is passed at some speed.
+    (norm(motion, &velocity(low)) < TOLERANCE).then_some(low)
+}
+
 /// Length of the way between two times: Gauss and Legendre's rule of three points.
 fn gone(speed: &impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
@@ -148,40 +196,51 @@ impl Trajectory {
     }
 
     /// The motion that comes to rest as soon as the limits allow from the state at time `t` (s) on, along the same path. It
-    /// begins at `t`; where the motion ends before it could be slowed, it is the rest of the motion. It brakes at
+    /// begins at `t`; where the motion rests before it could be slowed, it is the motion until then. It brakes at
     /// every place as hard as the limits of velocity, acceleration and jerk allow there: a stop may ask for more torque than
-    /// the motion did.
+    /// the motion did. Where no stop along the path keeps the limits, as right before the motion turns back, every joint
+    /// stops as soon as it can by itself, which may lead off the path.
     ///
     /// # Errors
     /// A time that is not finite.
     pub fn brake(&self, t: f64) -> Result<Self, ProblemError> {
         let begin = self.nearest(t)?;
-        let left = self.end() - begin;
-        let [_, velocity, acceleration] = self.moving_with_rates(begin);
+        let joints = self.limits().joints();
+        let [position, velocity, acceleration] = self.moving_with_rates(begin);
         let speed = norm(self, &velocity);
-        if speed < STILL && norm(self, &acceleration) < STILL {
-            let node = [node_of(self.moving_with_rates(begin))];
-            let rest = vec![Piece::plain(begin, self.limits().joints(), &node)];
-            return Ok(self.with(rest, vec![begin], *self.limits()));
+        let resting = |time: f64| Piece::plain(time, joints, &[node_of(self.moving_with_rates(time))]);
+        if begin >= self.end() || (speed < STILL && norm(self, &acceleration) < STILL) {
+            return Ok(self.with(vec![resting(begin)], vec![begin], *self.limits()));
         }
         let path = Path::new(self, begin);
-        let along: f64 = (0..self.limits().joints()).map(|v| velocity[v] * acceleration[v]).sum::<f64>() / speed;
         let mut best: Option<Vec<Node>> = None;
-        for intervals in INTERVALS {
+        let time = |nodes: &[Node]| nodes[nodes.len() - 1].time;
+        // Without speed, or where times are too coarse, there is no direction of the path.
+        let tries = if speed < STILL || path.places.len() < 2 { &[][..] } else { &INTERVALS[..] };
+        for intervals in tries {
+            let along: f64 = (0..joints).map(|v| velocity[v] * acceleration[v]).sum::<f64>() / speed;
             let shares = SHARES.iter().flat_map(|share| SHARP.map(|sharp| [*share, sharp * share]));
-            let stop = |shares: [f64; 2]| self.stopped(&path, [0.0, speed, along], shares, intervals);
+            let stop = |shares: [f64; 2]| self.stopped(&path, [0.0, speed, along], shares, *intervals);
             let Some(nodes) = shares.into_iter().find_map(stop) else { continue };
-            let time = |nodes: &[Node]| nodes[nodes.len() - 1].time;
             if best.as_ref().is_none_or(|best| time(&nodes) < time(best)) {
                 best = Some(nodes);
             }
         }
+        let own = stop(self.limits(), &position, &velocity, &acceleration);
+        let rest = if path.rests { path.end() } else { self.end() };
+        let patience = if path.rests { PATIENCE * time(&own) + LONGEST } else { time(&own) };
         let pieces = match best {
             // What would end no sooner is the rest of the motion.
-            Some(nodes) if nodes[nodes.len() - 1].time < left => {
-                vec![Piece::smooth(begin, self.limits().joints(), &nodes, &[])]
+            Some(nodes) if time(&nodes) < rest - begin => vec![Piece::smooth(begin, joints, &nodes, &[])],
+            None if patience < rest - begin => vec![Piece::plain(begin, joints, &own)],
+            _ => {
+                let mut pieces = self.from(begin);
+                if rest < self.end() {
+                    pieces.retain(|piece| piece.counts < rest);
+                    pieces.push(resting(rest));
+                }
+                pieces
             }
-            _ => self.from(begin),
         };
         let end = pieces.last().map_or(begin, Piece::end);
         let times = if end > begin { vec![begin, end] } else { vec![begin] };
@@ -201,10 +260,12 @@ impl Trajectory {
         let (mut time, mut state) = (0.0, start);
         let mut nodes = vec![Node { time, ..node_of(self.moving_with_rates(path.places[0].0)) }];
         let mut push = |time: f64, state: State| {
-            let node = Node { time, ..node_of(path.at(state)) };
+            let rows = path.at(state);
+            let node = Node { time, ..node_of(rows) };
             let rounding = ROUNDING / (least_jerk * (node.time - nodes[nodes.len() - 1].time).powi(3));
             let [fast, hard, sharp] = peaks(limits, &nodes[nodes.len() - 1], &node);
-            let kept = fast.max(hard) <= 1.0 + TOLERANCE && sharp <= 1.0 + TOLERANCE + rounding;
+            let finite = rows.iter().flatten().all(|v| v.is_finite());
+            let kept = finite && fast.max(hard) <= 1.0 + TOLERANCE && sharp <= 1.0 + TOLERANCE + rounding;
             nodes.push(node);
             kept.then_some(())
         };
@@ -230,7 +291,7 @@ impl Trajectory {
             let rate = (change / whole).clamp(-jerk, jerk);
             // The greatest speed is met at a node: between nodes it is bounded from above only.
             let peak = -gain / rate;
-            let whole = if peak > PEAK * step { whole.min(peak) } else { whole };
+            let whole = if peak > PEAK * step && peak < whole + PEAK * step { peak } else { whole };
             let ends = |t: f64| {
                 let [_, speed, gain] = go_on(state, rate, t);
                 gain < 0.0 && speed <= 0.5 * gain * gain / jerk
@@ -472,5 +533,122 @@ mod tests {
         let stop = next.brake(t + 0.1).unwrap();
         let twice = spliced.splice(&stop, t + 0.1).unwrap();
         assert!(twice.sample(twice.end()).velocity.iter().all(|v| v.abs() < 1e-8));
+    }
+
+    /// Checks that a stop from `t` on starts in the motion's state, keeps its limits, rests, and takes at most `most` times
+    /// what joints by themselves take.
+    fn stops(motion: &Trajectory, t: f64, most: f64) {
+        let limits = motion.limits();
+        let stop = motion.brake(t).unwrap();
+        let [position, velocity, acceleration] = motion.moving_with_rates(t);
+        let own = shortest(limits, &position, &velocity, &acceleration);
+        let time = stop.end() - t;
+        assert!(time <= most * own + LONGEST, "{time} and not {own} at {t} of {}", motion.end());
+        let (steps, h) = (1000, time / 1e3);
+        let mut last = [position, velocity, acceleration];
+        for i in 0..=steps {
+            let now = stop.moving_with_rates(t + h * f64::from(i));
+            for v in 0..limits.joints() {
+                assert!(now[1][v].abs() <= limits.velocity[v] * (1.0 + 1e-6), "{now:?} at {t}");
+                assert!(now[2][v].abs() <= limits.acceleration[v] * (1.0 + 1e-6), "{now:?} at {t}");
+                let jerk = limits.jerk[v] * h * if i == 0 { 0.0 } else { 1.0 + 1e-5 };
+                assert!((now[2][v] - last[2][v]).abs() <= jerk + 1e-5, "{now:?} {last:?} at {t}");
+            }
+            last = now;
+        }
+        assert!(last[1].iter().chain(&last[2]).all(|v| v.abs() < 1e-6), "{last:?} at {t}");
+    }
+
+    #[test]
+    fn motions_whose_pieces_overlap_are_braked_on() {
+        let limits = Limits::new(&[1.5; 2], &[10.0; 2], &[300.0; 2]).unwrap();
+        let whole = motion(&limits);
+        let t = 0.4 * whole.end();
+        let now = whole.sample(t);
+        let options = RetimeOptions {
+            start_velocity: Some(now.velocity),
+            start_acceleration: Some(now.acceleration),
+            start_time: t,
+            ..RetimeOptions::default()
+        };
+        let next = retime(&[now.position, vec![0.0, 1.0]], &limits, &options).unwrap().trajectory;
+        let spliced = whole.splice(&next, t).unwrap();
+        for k in 1..30 {
+            let begin = spliced.end() * f64::from(k) / 30.0;
+            let path = Path::new(&spliced, begin);
+            let ascending = |pair: &[(f64, f64)]| pair[0].0 < pair[1].0 && pair[0].1 <= pair[1].1;
+            assert!(path.places.windows(2).all(ascending), "{:?}", path.places);
+            stops(&spliced, begin, 5.5);
+        }
+    }
+
+    #[test]
+    fn late_motions_are_braked_at_their_end() {
+        let limits = Limits::new(&[1.5; 2], &[10.0; 2], &[5000.0; 2]).unwrap();
+        let mut moving = 0;
+        for start_time in (0..50).map(|k| 2e3 + 37.3 * f64::from(k)).chain([1e5]) {
+            let start_velocity = Some(vec![0.3, -0.2]);
+            let options = RetimeOptions { start_time, start_velocity, ..RetimeOptions::default() };
+            let late = retime(&[vec![0.0, 0.0], vec![0.8, 0.5]], &limits, &options).unwrap().trajectory;
+            let [_, velocity, acceleration] = late.moving_with_rates(late.end());
+            moving += usize::from(norm(&late, &velocity).max(norm(&late, &acceleration)) > STILL);
+            for after in [0.0, 1.0] {
+                let stop = late.brake(late.end() + after).unwrap();
+                assert_eq!((stop.start(), stop.end()), (late.end(), late.end()));
+            }
+            for k in 1..20 {
+                let stop = late.brake(late.end() - 10.0_f64.powi(-k)).unwrap();
+                assert!(stop.end() <= late.end() + 1e-9);
+                assert!(stop.moving_with_rates(stop.end())[1].iter().all(|v| v.abs() < 1e-6));
+            }
+        }
+        // By rounding, some are not quite at rest there.
+        assert!(moving > 0);
+    }
+
+    #[test]
+    fn motions_that_turn_back_are_braked_before_and_after() {
+        for (a, j) in [(10.0, 5000.0), (10.0, 300.0), (5.0, 50.0)] {
+            for joints in [1, 2] {
+                let limits = Limits::new(&vec![1.5; joints], &vec![a; joints], &vec![j; joints]).unwrap();
+                let options = RetimeOptions { start_velocity: Some(vec![-0.6; joints]), ..RetimeOptions::default() };
+                let waypoints = [vec![0.0; joints], vec![2.0; joints]];
+                let away = retime(&waypoints, &limits, &options).unwrap().trajectory;
+                for k in 0..50 {
+                    stops(&away, away.end() * f64::from(k) / 50.0, 1.5);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_motion_that_only_begins_to_move_is_braked() {
+        let limits = Limits::new(&[1.5; 2], &[10.0; 2], &[300.0; 2]).unwrap();
+        let options = RetimeOptions {
+            start_velocity: Some(vec![0.0; 2]),
+            start_acceleration: Some(vec![4.0, -2.0]),
+            ..RetimeOptions::default()
+        };
+        let begun = retime(&[vec![0.0, 0.0], vec![2.0, 1.0]], &limits, &options).unwrap().trajectory;
+        stops(&begun, 0.0, 1.0);
+        let speed = norm(&begun, &begun.moving_with_rates(1e-10)[1]);
+        assert!(speed < STILL);
+        stops(&begun, 1e-10, 1.0);
+    }
+
+    #[test]
+    fn a_motion_that_takes_ages_is_braked_at_once() {
+        let limits = Limits::new(&[1.5; 2], &[10.0; 2], &[300.0; 2]).unwrap();
+        let row = |x: f64| std::array::from_fn(|v| if v < 2 { x } else { 0.0 });
+        let node = |time: f64| Node { time, position: row(time), velocity: row(1.0), acceleration: Some(row(0.0)) };
+        let short = motion(&limits);
+        for duration in [1e3, 1e9, 1e15] {
+            let piece = Piece::plain(0.0, 2, &[node(0.0), node(duration)]);
+            let long = short.with(vec![piece], vec![0.0, duration], limits);
+            stops(&long, 0.5, 1.05);
+            // Where times are no finer than a stop takes, it still rests.
+            let stop = long.brake(0.9 * duration).unwrap();
+            assert!(stop.end() <= 0.9 * duration + 1.0);
+        }
     }
 }
