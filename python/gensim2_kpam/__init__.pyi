@@ -655,8 +655,8 @@ class Trajectory:
         """Return the fastest stop found from the state at time t (s) on, along the motion's path and within its limits
         of velocity, acceleration and jerk; limits of torque, where it was planned with these, are not looked at.
 
-        The stop begins at t; its clock is slowed to a halt by a trapezoid of deceleration. It is the rest of the motion
-        where that ends sooner.
+        The stop begins at t. It is the motion until that rests where that is sooner. Where no stop along the path keeps
+        the limits, as right before the motion turns back, every joint stops by itself, which may lead off the path.
         """
     def splice(self, next: Trajectory, t: float) -> Trajectory:
         """Return this motion until time t (s) and ``next`` from there on.

@@ -20,7 +20,7 @@ const HALVINGS: usize = 40;
 const SOON: f64 = 0.3;
 /// Share of an interval that an acceleration takes to change at the least, if it is not to change evenly.
 const EVEN: f64 = 0.3;
-/// Share of an interval before the greatest speed below which that needs no node of its own.
+/// Share of an interval by which a node may miss the greatest speed.
 const PEAK: f64 = 0.004;
 /// Rounding of the jerk of a quintic times the cube of its time (rad or m).
 const ROUNDING: f64 = 3e-13;
@@ -617,6 +617,21 @@ mod tests {
                 for k in 0..50 {
                     stops(&away, away.end() * f64::from(k) / 50.0, 1.5);
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn a_motion_that_rests_on_its_way_is_braked_until_there() {
+        for j in [5000.0, 300.0] {
+            let limits = Limits::new(&[1.5; 2], &[10.0; 2], &[j; 2]).unwrap();
+            let options = RetimeOptions { stops: vec![1], ..RetimeOptions::default() };
+            let waypoints = [vec![0.0, 0.0], vec![0.8, 0.5], vec![1.5, -0.2]];
+            let found = retime(&waypoints, &limits, &options).unwrap();
+            for k in 1..200 {
+                let begin = found.times[1] * f64::from(k) / 200.0;
+                stops(&found.trajectory, begin, 5.5);
+                assert!(found.trajectory.brake(begin).unwrap().end() <= found.times[1] + 1e-6);
             }
         }
     }
