@@ -147,19 +147,26 @@ def test_the_robot_and_the_physics_of_a_data_set_are_words(trap: Path) -> None:
     assert not (trap / "ran").exists()
 
 
-def test_a_stored_trajectory_names_no_environment(trap: Path) -> None:
-    task = load_task("OpenDrawer")
-    kwargs = {"assets": "builtin", "instances": {"drawer": ["0"]}}
-    document = {
-        "env_info": {"env_id": "canary:Canary-v0", "env_kwargs": kwargs},
-        "gensim2": {"task": task.model_dump(mode="json")},
-        "episodes": [{"episode_id": 0, "reset_kwargs": {"seed": 0, "options": {}}}],
-    }
+def trajectory(folder: Path) -> dict[str, Any]:
+    """Write a trajectory's arrays of two actions, and return its document."""
     import h5py
     import numpy as np
 
-    with h5py.File(trap / "trajectory.h5", "w") as file:
+    with h5py.File(folder / "trajectory.h5", "w") as file:
         file["traj_0/actions"] = np.zeros((2, 8), np.float32)
+    return {
+        "env_info": {
+            "env_id": "canary:Canary-v0",
+            "env_kwargs": {"assets": "builtin", "instances": {"drawer": ["0"]}},
+        },
+        "gensim2": {"task": load_task("OpenDrawer").model_dump(mode="json")},
+        "episodes": [{"episode_id": 0, "reset_kwargs": {"seed": 0, "options": {}}}],
+    }
+
+
+def test_a_stored_trajectory_names_no_environment(trap: Path) -> None:
+    document = trajectory(trap)
+    kwargs = document["env_info"]["env_kwargs"]
     (trap / "trajectory.json").write_text(json.dumps(document))
     assert Replay.stored(trap / "trajectory.h5").env_id == "gensim2.sim:GenSim2-OpenDrawer-v1"
     document["env_info"]["env_kwargs"] = {**kwargs, "robot": "canary.py"}
@@ -167,6 +174,53 @@ def test_a_stored_trajectory_names_no_environment(trap: Path) -> None:
     with pytest.raises(InputError, match="not loaded"):
         Replay.stored(trap / "trajectory.h5")
     assert not (trap / "ran").exists()
+
+
+@pytest.mark.parametrize("value", [[], 5, {}, None])
+@pytest.mark.parametrize("field", ["robot", "randomization", "physics", "engine"])
+def test_a_name_in_a_stored_trajectory_that_is_no_text_is_one_error(trap: Path, field: str, value: Any) -> None:
+    document = trajectory(trap)
+    document["env_info"]["env_kwargs"][field] = value
+    (trap / "trajectory.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=field):
+        Replay.stored(trap / "trajectory.h5")
+    if field == "robot":
+        with pytest.raises(InputError, match="no robot"):
+            robot(value)
+
+
+@pytest.mark.parametrize(
+    "reset",
+    [
+        {"seed": 0, "options": {}, "kept": 1},
+        {"seed": [], "options": {}},
+        {"seed": 0},
+        {"seed": 0, "options": {"reset_to_env_states": {"env_states": []}}},
+    ],
+)
+def test_a_reset_of_a_stored_trajectory_is_a_seed_and_options_of_ours(trap: Path, reset: dict[str, Any]) -> None:
+    document = trajectory(trap)
+    document["episodes"][0]["reset_kwargs"] = reset
+    (trap / "trajectory.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"reset_kwargs|reset_to_env_states"):
+        Replay.stored(trap / "trajectory.h5")
+
+
+@pytest.mark.parametrize(("name", "rows"), [("actors/drawer", 2), ("actors/drawer", 4), ("actors", 3)])
+def test_states_of_a_stored_trajectory_are_as_many_as_its_actions_and_one(trap: Path, name: str, rows: int) -> None:
+    import h5py
+    import numpy as np
+
+    document = trajectory(trap)
+    document["env_info"]["env_kwargs"]["engine"] = "mujoco"
+    (trap / "trajectory.json").write_text(json.dumps(document))
+    with h5py.File(trap / "trajectory.h5", "a") as file:
+        file["traj_0/env_states/articulations/panda"] = np.zeros((3, 13), np.float32)
+    assert Replay.stored(trap / "trajectory.h5").states is not None
+    with h5py.File(trap / "trajectory.h5", "a") as file:
+        file[f"traj_0/env_states/{name}"] = np.zeros((rows, 13), np.float32)
+    with pytest.raises(InputError, match=f"env_states/{name}"):
+        Replay.stored(trap / "trajectory.h5")
 
 
 def test_a_text_encoder_that_only_the_checkpoint_names_is_not_loaded(

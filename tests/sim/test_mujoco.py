@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,7 @@ from gensim2.rollout.run import run
 from gensim2.scenes.config import SceneOptions
 from gensim2.sim import make_env
 from gensim2.sim.headless import HeadlessEnv, Snapshot
+from gensim2.sim.mujoco.description import links_of, never_touching
 from gensim2.tasks.library import load_strategies, load_task
 
 PULL_AND_PLACE = ("OpenDrawer", "PlaceGolfBallIntoDrawer")
@@ -200,3 +202,34 @@ def test_the_registered_environments_run_in_sapien() -> None:
     pytest.importorskip("mani_skill")
     with pytest.raises(InputError, match="engine: the registered environments run in sapien"):
         make_env("OpenDrawer", assets="builtin", engine="mujoco")
+
+
+@pytest.mark.parametrize("content", [b"<robot>", b"<?xml version='1.0' encoding='no such'?><robot/>", b"\xff"])
+def test_an_srdf_that_is_damaged_or_no_file_is_one_error(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "a.srdf"
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=r"a\.srdf"):
+        never_touching(file)
+    file.unlink()
+    os.mkfifo(file)
+    with pytest.raises(InputError, match="is a pipe"):
+        never_touching(file)
+    file.unlink()
+    with file.open("wb") as stream:
+        stream.truncate(2**30)
+    with pytest.raises(InputError, match="is larger than"):
+        never_touching(file)
+
+
+@pytest.mark.parametrize("content", [b"glTF\x02", b"", None])
+def test_a_mesh_that_collides_and_is_damaged_or_a_pipe_is_one_error(tmp_path: Path, content: bytes | None) -> None:
+    mesh = '<collision><geometry><mesh filename="a.glb"/></geometry></collision>'
+    (tmp_path / "a.urdf").write_text(f'<robot name="a"><link name="body">{mesh}</link></robot>')
+    if content is None:
+        os.mkfifo(tmp_path / "a.glb")
+    else:
+        (tmp_path / "a.glb").write_bytes(content)
+    with pytest.raises(
+        InputError, match=r"a\.glb: " + ("is a pipe" if content is None else "no mesh that can be read")
+    ):
+        links_of(tmp_path / "a.urdf")

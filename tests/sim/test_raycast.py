@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +137,32 @@ def test_a_texture_is_sampled_where_it_lies(tmp_path: Path) -> None:
     assert (hits.face[0] >= 0).all()
     for (row, column), texel in {(5, 5): (0, 0), (5, 35): (0, 1), (35, 5): (1, 0), (35, 35): (1, 1)}.items():
         assert tuple(colors[row, column]) == tuple(picture[texel])
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.glb", b"glTF\x02"),
+        ("a.dae", b"<"),
+        ("a.ply", b"ply\nformat"),
+        ("a.obj", b"v 0 0 0\nf 1 1 9\n"),
+    ],
+)
+def test_a_mesh_that_is_damaged_or_no_file_is_one_error(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=name):
+        read_mesh(tmp_path / name)
+    (tmp_path / name).unlink()
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(InputError, match="is a pipe"):
+        read_mesh(tmp_path / name)
+
+
+def test_what_a_mesh_names_is_no_pipe(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    os.mkfifo(tmp_path / "a.mtl")
+    with contextlib.suppress(InputError):
+        read_mesh(tmp_path / "a.obj")
 
 
 @pytest.mark.parametrize("name", [*PACKAGED, *OWN], ids=lambda name: Path(name).stem)

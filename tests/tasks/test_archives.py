@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tracemalloc
 import zipfile
 from pathlib import Path
 
@@ -65,3 +66,16 @@ def test_a_pipe_is_no_archive(archive: Path) -> None:
     os.mkfifo(archive)
     with pytest.raises(InputError):
         load_task("Mine")
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_a_method_that_unpacks_more_than_is_asked_for_is_refused(archive: Path, method: int) -> None:
+    with zipfile.ZipFile(archive, "w", method) as file:
+        file.writestr("Mine/task.yaml", bytes(2**26))
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="not supported"):
+            load_task("Mine")
+        assert tracemalloc.get_traced_memory()[1] < 2**24
+    finally:
+        tracemalloc.stop()

@@ -19,7 +19,7 @@ from gensim2.data.episode_file import STATES_DEPTH, read_tree
 from gensim2.data.trajectory import JSON_NAME, env_kwargs
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.files import replacing
-from gensim2.foreign.hdf5 import array_in, group_in
+from gensim2.foreign.hdf5 import ForeignHdf5Error, array_in, group_in
 from gensim2.foreign.library import read_by_library
 from gensim2.foreign.tree import open_regular
 from gensim2.record_files import read_record
@@ -27,6 +27,7 @@ from gensim2.robots import DEFAULT_ROBOT, robot
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.world import Tree
 from gensim2.scenes.config import SceneOptions
+from gensim2.scenes.reset_options import RESET_OPTIONS
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
@@ -51,11 +52,18 @@ class _Origin(BaseModel):
     task: dict[str, Any]
 
 
+class _Reset(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+    seed: int
+    options: dict[str, Any]
+
+
 class _Entry(BaseModel):
     model_config = ConfigDict(strict=True)
 
     episode_id: int
-    reset_kwargs: dict[str, Any]
+    reset_kwargs: _Reset
 
 
 class _Trajectory(BaseModel):
@@ -107,6 +115,9 @@ class Replay:
         found = next((entry for entry in document.episodes if entry.episode_id == episode), None)
         if found is None:
             raise InputError(f"there is no episode {episode}", file=path, field="episodes")
+        reset = found.reset_kwargs
+        if unknown := reset.options.keys() - RESET_OPTIONS:  # ManiSkill's own would set states of any form
+            raise InputError(f"has the option {min(unknown)!r:.80}", file=path, field="reset_kwargs")
         told, task = document.env_info.env_kwargs, parse_task(document.gensim2.task, str(path))
         environment = SceneOptions.from_record(told.model_dump()).environment
         kwargs = env_kwargs(task, told.assets, told.instances, environment)
@@ -117,8 +128,11 @@ class Replay:
         ):
             group = group_in(file, f"traj_{episode}")
             actions = array_in(group, "actions", np.float32, (None, None))
-            states = read_tree(group_in(group, "env_states"), STATES_DEPTH) if "engine" in environment else None
-        return Replay(env_id(task), kwargs, found.reset_kwargs, actions, states)
+            states = None
+            if "engine" in environment:
+                states = read_tree(group_in(group, "env_states"), STATES_DEPTH)
+                _check_states(states, len(actions) + 1)
+        return Replay(env_id(task), kwargs, reset.model_dump(), actions, states)
 
     @staticmethod
     def of(recording: Recording, task: TaskSpec, assets: str, environment: Mapping[str, Any]) -> Replay:
@@ -134,6 +148,20 @@ class Replay:
         reset = {"seed": recording.seed, "options": recording.reset_options}
         states = recording.env_states if "engine" in environment else None
         return Replay(env_id(task), env_kwargs(task, assets, chosen, environment), reset, recording.actions, states)
+
+
+def _check_states(states: Tree, rows: int) -> None:
+    """Refuse states of a number of instants other than ``rows``.
+
+    Raises:
+        ForeignHdf5Error: names the first.
+    """
+    for kind, group in states.items():
+        if not isinstance(group, dict):
+            raise ForeignHdf5Error(f"env_states/{kind} is no group")
+        for name, values in group.items():
+            if values.ndim != 2 or len(values) != rows:
+                raise ForeignHdf5Error(f"env_states/{kind}/{name} has the shape {values.shape}, not ({rows}, any)")
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import lzma
 import struct
 import zipfile
 import zlib
+from collections.abc import Sequence
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
@@ -42,12 +43,25 @@ def open_archive(path: Path) -> zipfile.Path:
             if stream.tell() > MAX_ARCHIVE:
                 raise NotRegularError(f"it is larger than {MAX_ARCHIVE // 2**20} MiB")
         archive = zipfile.Path(path)
+        check_members(archive.root.infolist(), MAX_ENTRIES)
     except DAMAGED as error:
         raise InputError(f"cannot be read as an archive of tasks: {error}", file=path) from error
-    entries = archive.root.infolist()
-    if len(entries) > MAX_ENTRIES:
-        raise InputError(f"holds over {MAX_ENTRIES} entries", file=path, remedy="give an archive of tasks")
     return archive
+
+
+def check_members(members: Sequence[zipfile.ZipInfo], max_members: int) -> None:
+    """Refuse too many members, and compression whose readers may unpack more than a caller asks for.
+
+    ``zipfile`` limits the output of deflate only: of bzip2 and LZMA it unpacks a whole block of input.
+
+    Raises:
+        BadZipFile: says which limit was passed.
+    """
+    if len(members) > max_members:
+        raise zipfile.BadZipFile(f"it has over {max_members} members")
+    for member in members:
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise zipfile.BadZipFile(f"compression {member.compress_type} of {member.filename} is not supported")
 
 
 def read_member(file: Traversable, max_bytes: int) -> bytes:

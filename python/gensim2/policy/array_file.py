@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import math
+import os
+import sys
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,20 +13,29 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numpy.lib.format import read_array_header_1_0, read_array_header_2_0, read_magic
+from numpy.lib.format import read_array_header_1_0, read_magic
 
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
-from gensim2.foreign.archive import DAMAGED
+from gensim2.foreign.archive import check_members
 from gensim2.foreign.hdf5 import fits, shown_shape
-from gensim2.foreign.tree import megabytes, open_regular, why
+from gensim2.foreign.library import read_by_library
+from gensim2.foreign.tree import TooLargeError, megabytes, open_regular, why
 
 MAX_BYTES = 2**28
 """Of the arrays of one file in memory: 64 of the largest clouds have 50 MB."""
 
-_HEADERS = {(1, 0): read_array_header_1_0, (2, 0): read_array_header_2_0}
+MAX_MEMBERS = 100
+
+_OVERHEAD = MAX_MEMBERS * 2**16
+"""Bytes of a file besides the numbers: a header has at most 64 KiB."""
+_MAX_HEADER = 1000
+"""Characters of a header that are parsed: numpy writes 118, and Python's parser fails on deeply nested ones."""
+_REMEDY = "remove it and make it again"
 
 Arrays = dict[str, npt.NDArray[Any]]
+Expected = tuple[type[np.generic], tuple[int | None, ...]]
+"""Type and shape of an array, None for any length of an axis."""
 
 
 def write_arrays(path: Path, arrays: Mapping[str, npt.ArrayLike]) -> None:
@@ -48,25 +59,29 @@ def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
         InputError: the file is not there, is damaged, or is too large.
     """
     try:
-        with open_regular(path) as stream, zipfile.ZipFile(stream) as archive:
-            return _arrays_in(archive, max_bytes)
+        with open_regular(path) as stream:
+            if os.fstat(stream.fileno()).st_size > max_bytes + _OVERHEAD:
+                raise TooLargeError(f"is larger than {megabytes(max_bytes)}")
+            with read_by_library(path, _REMEDY, "is damaged"), zipfile.ZipFile(stream) as archive:
+                return _arrays_in(archive, max_bytes)
     except OSError as error:
         raise InputError(why(error), file=path) from error
-    except DAMAGED as error:
-        raise InputError(f"is damaged: {error}", file=path, remedy="remove it and make it again") from error
 
 
 def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
     arrays: Arrays = {}
-    left = max_bytes
-    for member in archive.infolist():
+    left, members = max_bytes, archive.infolist()
+    check_members(members, MAX_MEMBERS)
+    if sum(member.file_size for member in members) > max_bytes + _OVERHEAD:
+        raise ValueError(f"holds over {megabytes(max_bytes)}")
+    for member in members:
         with archive.open(member) as stream:
             version = read_magic(stream)
-            if (read := _HEADERS.get(version)) is None:
+            if version != (1, 0):  # a later version has a header of up to 4 GiB
                 raise ValueError(f"{member.filename} is of version {version}")
-            shape, in_columns, dtype = read(stream)
+            shape, in_columns, dtype = read_array_header_1_0(stream, max_header_size=_MAX_HEADER)
             size = math.prod(shape) * dtype.itemsize
-            if dtype.kind not in "biufU" or min(shape, default=0) < 0:
+            if dtype.kind not in "biufU" or not dtype.isnative or min(shape, default=0) < 0:
                 raise ValueError(f"{member.filename} holds {dtype} {shape}")
             left -= size
             if left < 0:
@@ -75,27 +90,35 @@ def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
         values = np.frombuffer(bytearray(content), dtype).reshape(shape, order="F" if in_columns else "C")
         if values.dtype.kind == "f" and not np.isfinite(values).all():
             raise ValueError(f"{member.filename} holds numbers that are not finite")
+        if values.dtype.kind == "U":
+            content.decode(f"utf-32-{sys.byteorder[0]}e")  # numpy does not check code points
         arrays[member.filename.removesuffix(".npy")] = values
-    if len(arrays) < len(archive.infolist()):
+    if len(arrays) < len(members):
         raise ValueError("two arrays have one name")
     return arrays
 
 
-def require_shapes(arrays: Arrays, shapes: Mapping[str, tuple[int | None, ...]], path: Path) -> None:
-    """Refuse arrays that are missing or of another shape.
+def require_shapes(arrays: Arrays, expected: Mapping[str, Expected], path: Path) -> None:
+    """Refuse arrays that are missing, or of another type or shape.
 
     Args:
         arrays: of a file.
-        shapes: that they must have, None for any length of an axis; first axes are equally long.
+        expected: types and shapes that they must have; first axes are equally long.
         path: of the file.
 
     Raises:
         InputError: names the first.
     """
     rows = None
-    for name, shape in shapes.items():
-        wanted, found = (rows, *shape[1:]), arrays[name].shape if name in arrays else None
-        if found is None or not fits(found, wanted):
-            said = "is missing" if found is None else f"has the shape {found}, not {shown_shape(wanted)}"
-            raise InputError(f"is damaged: {name} {said}", file=path, remedy="remove it and make it again")
-        rows = found[0]
+    for name, (kind, shape) in expected.items():
+        wanted, found = (rows, *shape[1:]) if shape else (), arrays.get(name)
+        if found is None:
+            said = "is missing"
+        elif not np.issubdtype(found.dtype, kind):
+            said = f"holds {found.dtype}, not {np.dtype(kind).name}"
+        elif not fits(found.shape, wanted):
+            said = f"has the shape {found.shape}, not {shown_shape(wanted)}"
+        else:
+            rows = found.shape[0] if shape else rows
+            continue
+        raise InputError(f"is damaged: {name} {said}", file=path, remedy=_REMEDY)

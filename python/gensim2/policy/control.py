@@ -47,9 +47,10 @@ class Shuffled:
         if not path.exists():
             raise InputError("holds no clouds of other scenes", file=folder, remedy=remedy)
         arrays = read_arrays(path, MAX_BYTES)
-        require_shapes(arrays, {"points": (None, None, 3), "colours": (None, None, 3)}, path)
+        shape = (None, None, 3)
+        require_shapes(arrays, {"points": (np.float32, shape), "colours": (np.uint8, shape)}, path)
         points, colours = arrays["points"], arrays["colours"]
-        if points.shape != colours.shape or not points.size or points.dtype.kind != "f" or colours.dtype != np.uint8:
+        if points.shape != colours.shape or not points.size:
             raise InputError("is damaged: has no clouds", file=path, remedy=remedy)
         return Shuffled(points, colours)
 

@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from gensim2.errors import InputError
 from gensim2.observations import EmptyCloudError, Observation
+from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.planning import StepPlan, StepPlanner
-from gensim2.policy.array_file import read_arrays, write_arrays
+from gensim2.policy.array_file import Expected, read_arrays, require_shapes, write_arrays
 from gensim2.policy.controller import PolicyController
 from gensim2.policy.demonstrations import Demonstrations
 from gensim2.policy.frames import SEEN
@@ -55,6 +55,17 @@ STILL = 1e-3
 """Largest change of a joint target (rad) or of the gripper command that counts as no motion."""
 SHARE = 0.3
 """Share of relabels in a batch, where there are any."""
+
+_LANGUAGE: dict[str, Expected] = {"language": (np.str_, ())}
+_COLUMNS: dict[str, Expected] = {
+    CLOUD: (np.float32, (None, None, None, 6)),
+    STATE: (np.float32, (None, None, None)),
+    VELOCITY: (np.float32, (None, None, None)),
+    TOOL_POSE: (np.float32, (None, None, 7)),
+    GRIPPER: (np.float32, (None, None, 2)),
+    ACTION: (np.float32, (None, None, None)),
+}
+"""Arrays of a file of relabels, one row a label."""
 
 
 def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str, seed: int) -> Arrays:
@@ -208,8 +219,7 @@ class Relabels:
             InputError: the file is damaged.
         """
         arrays = read_arrays(path)
-        if "language" not in arrays:
-            raise InputError("is damaged: has no language", file=path, remedy="remove it and make it again")
+        require_shapes(arrays, _LANGUAGE if arrays.keys() <= _LANGUAGE.keys() else {**_LANGUAGE, **_COLUMNS}, path)
         return Relabels(str(arrays.pop("language")), arrays)
 
 

@@ -138,12 +138,14 @@ def load_robot(place: str | Path) -> str:
     return _granted(name)
 
 
-def robot_key(name: str) -> str:
+def robot_key(name: object) -> str:
     """Return the word by which any process of a run finds a known robot; nothing is loaded.
 
     Raises:
         InputError: this process knows no such robot.
     """
+    if not isinstance(name, str):
+        raise InputError(f"no robot {name!r:.80}", field="robot", remedy=f"one of {', '.join(robot_names())}")
     if name in PACKAGED:
         return name
     if name in _registered:
@@ -181,7 +183,8 @@ def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
     Raises:
         InputError: this process knows no such robot, or its profile cannot be used.
     """
-    return _robot(PACKAGED.get(name) or robot_key(name))
+    key = robot_key(name)
+    return _robot(PACKAGED.get(key, key))
 
 
 @cache

@@ -38,14 +38,14 @@ _PRESETS: dict[str, Preset] = {
 }
 
 
-def preset(name: str) -> Preset:
+def preset(name: object) -> Preset:
     """The preset of that name.
 
     Raises:
         InputError: there is none.
     """
-    if name not in _PRESETS:
+    if not isinstance(name, str) or name not in _PRESETS:
         raise InputError(
-            f"no randomization {name!r}", field="randomization", remedy=f"one of {', '.join(PRESET_NAMES)}"
+            f"no randomization {name!r:.80}", field="randomization", remedy=f"one of {', '.join(PRESET_NAMES)}"
         )
     return _PRESETS[name]

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 from gensim2.errors import InputError
 from gensim2.files import write_json
 from gensim2.observations import ObservationSpec
-from gensim2.policy.array_file import read_arrays, require_shapes, write_arrays
+from gensim2.policy.array_file import Expected, read_arrays, require_shapes, write_arrays
 from gensim2.policy.keypose.program import KEYPOSES
 from gensim2.policy.keypose.teaching import CENTERED, PATIENCE
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -82,15 +82,18 @@ class _About(BaseModel):
     cpu_s: float = Field(ge=0)
 
 
-_SHAPES: dict[str, tuple[int | None, ...]] = {
-    "points": (None, None, 3),
-    "joints": (None, None),
-    "fingers": (None, 2),
-    "positions": (None, KEYPOSES, 3),
-    "rotations": (None, KEYPOSES, 3, 3),
-    "gripper": (None, KEYPOSES + 1),
-    "seconds": (None, KEYPOSES),
-    **dict.fromkeys(("force", "step", "way", "seed"), (None,)),
+_SHAPES: dict[str, Expected] = {
+    "points": (np.int16, (None, None, 3)),
+    "joints": (np.float32, (None, None)),
+    "fingers": (np.float32, (None, 2)),
+    "positions": (np.float32, (None, KEYPOSES, 3)),
+    "rotations": (np.float32, (None, KEYPOSES, 3, 3)),
+    "gripper": (np.float32, (None, KEYPOSES + 1)),
+    "seconds": (np.float32, (None, KEYPOSES)),
+    "force": (np.float32, (None,)),
+    "step": (np.int16, (None,)),
+    "way": (np.int16, (None,)),
+    "seed": (np.int64, (None,)),
 }
 """Arrays of a shard (:func:`~gensim2.policy.keypose.examples.example`), one row an example."""
 

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 from gensim2.errors import InputError
+from gensim2.foreign.library import read_by_library
+from gensim2.foreign.tree import read_regular, why
 from gensim2.objects import RigidObject
 from gensim2.objects.library.prepare import box_of
-from gensim2.objects.library.urdf import ShapeElement, UrdfJoint, link_inertial, shape_elements, unit_axis
+from gensim2.objects.library.urdf import MAX_URDF, ShapeElement, UrdfJoint, link_inertial, shape_elements, unit_axis
 from gensim2.objects.physics import Inertial
 from gensim2.objects.rigid import BODY
 from gensim2.objects.shapes import convex_hull
 from gensim2.raycast.kinematics import read_urdf
+from gensim2.raycast.shapes import opened_mesh
 
 Array = npt.NDArray[np.float64]
 
@@ -113,10 +114,11 @@ def never_touching(srdf: Path) -> frozenset[frozenset[str]]:
         InputError: it cannot be read.
     """
     try:
-        root = ET.parse(srdf).getroot()
-    except (OSError, ET.ParseError) as error:
-        raise InputError(f"cannot be read: {error}", file=srdf) from error
-    pairs: Iterable[ET.Element] = root.iter("disable_collisions")
+        content = read_regular(srdf, MAX_URDF)
+    except OSError as error:
+        raise InputError(why(error), file=srdf) from error
+    with read_by_library(srdf, "correct its XML"):
+        pairs = list(ET.fromstring(content).iter("disable_collisions"))
     return frozenset(frozenset((str(pair.get("link1")), str(pair.get("link2")))) for pair in pairs)
 
 
@@ -143,9 +145,6 @@ def _hull(vertices: Array) -> Solid:
 
 def _mesh_vertices(file: Path) -> Array:
     """(N, 3) vertices of the convex hull of a mesh file."""
-    try:
-        mesh = trimesh.load_scene(file, process=False).to_geometry()
-    except (OSError, ValueError, NotImplementedError, KeyError, ImportError) as error:
-        raise InputError(f"no mesh that can be read: {error}", file=file) from error
-    vertices = np.asarray(mesh.vertices, dtype=np.float64)
-    return np.asarray(vertices[convex_hull(vertices).vertices])
+    with opened_mesh(file) as scene:
+        vertices = np.asarray(scene.to_geometry().vertices, dtype=np.float64)
+        return np.asarray(vertices[convex_hull(vertices).vertices])
