@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -38,6 +39,8 @@ from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
 
 TOKEN = "a token of no worth"
 FILE = Path(__file__)
+LEAVES = 13
+"""Seed with which the controller ends the program."""
 
 
 class Echo:
@@ -51,7 +54,12 @@ class Echo:
             self.observation_spec = ObservationSpec()
 
     def reset(self, observation: Observation, seed: int) -> None:
+        if seed == LEAVES:
+            sys.exit(0)
         self._seed, self._acts = seed, 0
+
+    def close(self) -> None:
+        self.is_closed = True
 
     def act(self, observation: Observation) -> np.ndarray:
         self._acts += 1
@@ -202,6 +210,20 @@ def test_a_controller_that_fails_is_told_of_and_served_on(serving: Callable[...,
     with pytest.raises(RemoteError, match="ValueError: as it was told to"):
         controller.act(observation(1))
     assert controller.act(observation(2)) is not None
+
+
+def test_a_controller_that_leaves_the_program_is_told_of_and_served_on(serving: Callable[..., PolicyServer]) -> None:
+    controller = RemoteController(serving().url, deadline=5.0)
+    with pytest.raises(RemoteError, match="SystemExit: 0"):
+        controller.reset(observation(0), LEAVES)
+    assert controller.act(observation(1)) is not None
+
+
+def test_a_server_that_is_closed_closes_its_controller() -> None:
+    server = PolicyServer(ControllerSpec(f"{FILE}:Echo"), "panda", TOKEN, port=0)
+    threading.Thread(target=server.serve, daemon=True).start()
+    server.close()
+    assert server._controller.is_closed  # type: ignore[attr-defined]
 
 
 def test_the_first_action_of_a_network_counts_before_the_deadline(serving: Callable[..., PolicyServer]) -> None:

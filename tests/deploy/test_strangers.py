@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import socket
 import threading
 import time
 import tracemalloc
@@ -108,8 +109,6 @@ def test_a_message_in_fragments_is_refused_at_once(serving: PolicyServer) -> Non
 
 
 def test_a_stranger_that_speaks_no_websocket_leaves_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    import socket
-
     said: list[str] = []
     monkeypatch.setenv(protocol.TOKEN, TOKEN)
     spec = ControllerSpec(f"{Path(__file__).with_name('test_remote.py')}:Echo")
@@ -329,3 +328,58 @@ def test_a_controller_that_gives_no_action_is_told_to_its_loop(serving: PolicySe
     with pytest.raises(RemoteError, match=r"an action of shape \(3,\)"):
         controller.act(observation(0))
     controller.close()
+
+
+def permits(serving: PolicyServer) -> int:
+    """Number of strangers that a server would let in now."""
+    found = 0
+    while serving._strangers.acquire(blocking=False):
+        found += 1
+    for _ in range(found):
+        serving._strangers.release()
+    return found
+
+
+OPENING = (
+    b"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+)
+PINGS = (b"\x89\xfd\0\0\0\0" + bytes(125)) * 1000
+"""Ping frames, each of which is answered by as many bytes."""
+
+
+@pytest.mark.parametrize("frames", [None, 10**9])
+def test_strangers_that_ping_and_read_nothing_are_gone_in_seconds(
+    monkeypatch: pytest.MonkeyPatch, frames: int | None
+) -> None:
+    """Both by the number of their frames and, where that is no limit, by the time that an answer may wait."""
+    monkeypatch.setattr(server, "GREETING", 1.0)
+    if frames is not None:
+        monkeypatch.setattr(server, "MAX_CONTROL_FRAMES", frames, raising=False)
+    spec = ControllerSpec(f"{Path(__file__).with_name('test_remote.py')}:Echo")
+    found = PolicyServer(spec, "panda", TOKEN, port=0)
+    threading.Thread(target=found.serve, daemon=True).start()
+    with contextlib.ExitStack() as stack:
+        stack.callback(found.close)
+        for _ in range(server.MAX_STRANGERS):
+            stranger = stack.enter_context(socket.create_connection((found.host, found.port)))
+            stranger.sendall(OPENING)
+            stranger.settimeout(0.5)
+            with contextlib.suppress(OSError):
+                for _ in range(500):
+                    stranger.sendall(PINGS)
+        until = time.monotonic() + 20.0
+        while permits(found) < server.MAX_STRANGERS and time.monotonic() < until:
+            time.sleep(0.05)
+        assert permits(found) == server.MAX_STRANGERS
+
+
+def test_strangers_are_counted_by_connection_and_not_by_address(serving: PolicyServer) -> None:
+    served = RemoteController(serving.url, deadline=30.0)
+    address = served._connection.socket.getsockname()
+    serving._speak = lambda peer, address: None
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        serving._admit(theirs, address)
+    assert permits(serving) == server.MAX_STRANGERS
+    served.close()

@@ -242,6 +242,9 @@ class Leaves:
     def act(self, observation):
         self.leave("act")
         return None
+
+    def close(self):
+        self.leave("close")
 """
 
 
@@ -264,6 +267,10 @@ def test_a_command_whose_controller_leaves_says_so(tmp_path: Path, capsys: pytes
     controller = ["--controller", f"{file}:Leaves", "--controller-args", '{"where": "init"}']
     assert run_command(["evaluate", "CloseBox", *controller, *how]) == 2
     assert "cannot be made: SystemExit: 0" in capsys.readouterr().err
+    controller[-1], how[3] = '{"where": "close"}', str(tmp_path / "closed")
+    assert run_command(["evaluate", "CloseBox", *controller, *how]) == 2
+    assert "leaving_" in (told := capsys.readouterr().err)
+    assert "Leaves: close: SystemExit: 0" in told
 
 
 def test_a_turn_that_is_no_step_of_the_task_is_one_line_that_names_the_steps() -> None:

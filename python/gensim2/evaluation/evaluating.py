@@ -16,8 +16,8 @@ from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.rollout.config import EpisodeConfig
-from gensim2.rollout.controller import close, is_privileged, spec_of
-from gensim2.rollout.controller_spec import ControllerSpec
+from gensim2.rollout.controller import is_privileged, spec_of
+from gensim2.rollout.controller_spec import ControllerSpec, close
 from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording

@@ -136,13 +136,6 @@ def spec_of(controller: Controller) -> ObservationSpec:
     return ObservationSpec.of(given)
 
 
-def close(controller: Controller) -> None:
-    """Let a controller that is not needed any more give up what it holds open."""
-    giving_up: Callable[[], object] | None = getattr(controller, "close", None)
-    if giving_up is not None:
-        giving_up()
-
-
 def reference_of(controller: Controller) -> Reference | None:
     """Return the reference of a controller's last action; None where it says nothing."""
     reference: Reference | None = getattr(controller, "reference", None)

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from gensim2.errors import InputError, MissingExtraError, described, user_code
+from gensim2.errors import GenSim2Error, InputError, MissingExtraError, described, user_code
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import Controller, is_privileged
 from gensim2.tasks.spec import TaskSpec
@@ -116,6 +116,23 @@ class ControllerSpec:
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
         return {"target": self.target, "arguments": dict(self.arguments)}
+
+
+def close(controller: Controller) -> None:
+    """Let a controller that is not needed any more give up what it holds open.
+
+    Raises:
+        ControllerError: its ``close`` fails.
+    """
+    kind = type(controller)
+
+    def refused(error: BaseException) -> ControllerError:
+        return ControllerError(described(error), file=f"{kind.__module__}:{kind.__name__}", field="close")
+
+    with user_code(refused, GenSim2Error):
+        giving_up: Callable[[], object] | None = getattr(controller, "close", None)
+        if giving_up is not None:
+            giving_up()
 
 
 def _parts(target: str) -> tuple[str, str]:

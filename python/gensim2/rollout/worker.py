@@ -258,7 +258,7 @@ def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> 
 
 def forget() -> None:
     """Close the controller that is kept."""
-    from gensim2.rollout.controller import close
+    from gensim2.rollout.controller_spec import close
 
     while _kept:
         close(_kept.popitem()[1])

@@ -7,8 +7,10 @@ kB, and each has a thread of its own; only the one loop that is served reaches t
 from __future__ import annotations
 
 import hmac
+import math
 import reprlib
 import socket
+import struct
 import sys
 import threading
 from collections.abc import Callable
@@ -34,10 +36,10 @@ from gensim2.deploy.remote.protocol import (
     read_message,
 )
 from gensim2.deploy.remote.websocket import CHUNK, logger, unfragmented
-from gensim2.errors import GenSim2Error, InputError, MissingExtraError, one_line
+from gensim2.errors import GenSim2Error, InputError, MissingExtraError, described, one_line, user_code
 from gensim2.robots import robot
 from gensim2.rollout.controller import Controller, is_privileged, spec_of
-from gensim2.rollout.controller_spec import ControllerSpec
+from gensim2.rollout.controller_spec import ControllerError, ControllerSpec, close
 
 GREETING = 5.0
 """Seconds within which a stranger must open the websocket, and as many within which it must send the token."""
@@ -47,6 +49,10 @@ CLOSING = 0.2
 """Seconds within which a peer must confirm that its connection is closed; what it sends meanwhile is discarded."""
 MAX_STRANGERS = 4
 """Connections at a time that have not sent the token; others are closed at once."""
+MAX_CONTROL_FRAMES = 100
+"""Pings, pongs and closing frames of a stranger; one that sends more is dropped."""
+READING = 1.0
+"""Seconds for which a message to a peer that reads nothing is waited for before the connection is closed."""
 
 
 class PolicyServer:
@@ -93,8 +99,7 @@ class PolicyServer:
         self._busy = threading.Lock()
         self._connections: set[Any] = set()
         self._strangers = threading.BoundedSemaphore(MAX_STRANGERS)
-        self._known: set[Any] = set()
-        self._peer = threading.local()
+        self._peer = threading.local()  # each connection has a thread of its own
         try:
             self._server = serve(
                 self._handle,
@@ -105,7 +110,7 @@ class PolicyServer:
                 open_timeout=GREETING,
                 close_timeout=CLOSING,
                 logger=logger(said),
-                create_connection=unfragmented(ServerConnection, MAX_HELLO),
+                create_connection=unfragmented(ServerConnection, MAX_HELLO, MAX_CONTROL_FRAMES),
             )
         except OSError as error:
             raise InputError(f"cannot listen: {error.strerror}", field=f"{host}:{port}") from error
@@ -127,39 +132,45 @@ class PolicyServer:
             sys.setswitchinterval(before)
 
     def close(self) -> None:
-        """Stop listening, and close every connection."""
+        """Stop listening, and close every connection and the controller.
+
+        Raises:
+            ControllerError: the controller's ``close`` fails.
+        """
         self._server.shutdown()
         for connection in list(self._connections):
             connection.close()
+        close(self._controller)
 
     def _admit(self, peer: socket.socket, address: Any) -> None:
         """Go through a connection from its first byte, unless there are too many strangers."""
         if not self._strangers.acquire(blocking=False):
             peer.close()
             return
-        self._peer.address = address
+        self._peer.address, self._peer.is_known = address, False
         try:
+            # The library answers pings while it holds the lock that closing the connection needs.
+            seconds, share = divmod(READING, 1.0)
+            peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", int(seconds), int(1e6 * share)))
             self._speak(peer, address)
         finally:
-            self._trust(address)
-            self._known.discard(address)
+            self._trust()
 
-    def _trust(self, address: Any) -> None:
-        """Count a connection among the strangers no longer."""
-        if address not in self._known:
-            self._known.add(address)
+    def _trust(self) -> None:
+        """Count this thread's connection among the strangers no longer."""
+        if not self._peer.is_known:
+            self._peer.is_known = True
             self._strangers.release()
 
     def _handle(self, connection: Any) -> None:
         from websockets.exceptions import ConnectionClosed
 
-        address = self._peer.address  # the socket knows it only as long as it is open
-        who = str(address[0])
+        who = str(self._peer.address[0])  # the socket knows it only as long as it is open
         try:
             hello = decode(connection.recv(timeout=GREETING), MAX_HELLO, who)
             refused = self._greet(hello, who)
             if refused is None:
-                self._trust(address)
+                self._trust()
                 if not self._busy.acquire(timeout=LEAVING):
                     refused = "another loop is being served (a server serves one at a time: evaluate with one worker)"
             if refused is not None:
@@ -173,6 +184,7 @@ class PolicyServer:
         try:
             self._said(f"{who} connected")
             self._connections.add(connection)
+            connection.max_control_frames = math.inf
             connection.protocol.max_message_size, connection.recv_bufsize = MAX_BYTES, CHUNK
             connection.send(encode(self._welcome()))
             for data in connection:
@@ -217,24 +229,23 @@ class PolicyServer:
     def _answer(self, data: Any, who: str) -> dict[str, Any]:
         number: int | None = None
         try:
-            request = read_message(decode(data, sender=who), Reset, Act, sender=who)
-            number = request.number
-            observation = request.observation.value()
-            if isinstance(request, Reset):
-                self._controller.reset(observation, request.seed)
-                if not self._is_warm:
-                    # A network's first action takes longest: ask for one here, where no deadline of the loop counts.
-                    self._controller.act(observation)
-                    self._is_warm = True
+            with user_code(lambda error: ControllerError(described(error)), GenSim2Error):
+                request = read_message(decode(data, sender=who), Reset, Act, sender=who)
+                number = request.number
+                observation = request.observation.value()
+                if isinstance(request, Reset):
                     self._controller.reset(observation, request.seed)
-                found: dict[str, Any] = {"kind": "ready"}
-            else:
-                found = {"kind": "action", "action": self._action(self._controller.act(observation))}
-            return {**found, "number": number, "observation": spec_of(self._controller).to_dict()}
-        except GenSim2Error as error:
-            return {"kind": "error", "number": number, "why": one_line(str(error))}
-        except Exception as error:  # noqa: BLE001 - a controller of anybody's; its loop is told, and goes on
-            return {"kind": "error", "number": number, "why": one_line(f"{type(error).__name__}: {error}")}
+                    if not self._is_warm:
+                        # A network's first action takes longest: ask for one here, where no deadline counts.
+                        self._controller.act(observation)
+                        self._is_warm = True
+                        self._controller.reset(observation, request.seed)
+                    found: dict[str, Any] = {"kind": "ready"}
+                else:
+                    found = {"kind": "action", "action": self._action(self._controller.act(observation))}
+                return {**found, "number": number, "observation": spec_of(self._controller).to_dict()}
+        except (GenSim2Error, MemoryError) as error:  # its loop is told, and goes on
+            return {"kind": "error", "number": number, "why": one_line(str(error) or type(error).__name__)}
 
     def _action(self, given: Any) -> npt.NDArray[np.float32] | None:
         if given is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -12,24 +13,29 @@ CHUNK = 1 << 16
 """Bytes that are read at a time from a known peer."""
 
 
-def unfragmented(kind: Any, chunk: int = CHUNK) -> Any:
-    """Return a connection class that drops a peer that sends a message in fragments.
+def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
+    """Return a connection class that drops a peer that sends a message in fragments, or too many control frames.
 
     Our messages have one frame. The library bounds the bytes of a message but not the number of its fragments, so
-    that a stranger could fill the memory with empty ones.
+    that a stranger could fill the memory with empty ones. It also answers every ping, which a stranger need not read.
 
     Args:
         kind: ``ClientConnection`` or ``ServerConnection`` of ``websockets.sync``.
         chunk: bytes that are read, and whose frames are parsed, before any of them is looked at.
+        most: pings, pongs and closing frames that the peer may send, which are ``max_control_frames`` of a connection.
     """
     from websockets.frames import DATA_OPCODES, Frame
 
     class Unfragmented(kind):  # type: ignore[misc]
         recv_bufsize = chunk
+        max_control_frames, control_frames = most, 0
         dropped = False
 
         def process_event(self, event: Any) -> None:
-            if isinstance(event, Frame) and event.opcode in DATA_OPCODES and not event.fin:
+            is_data = isinstance(event, Frame) and event.opcode in DATA_OPCODES
+            if isinstance(event, Frame) and not is_data:
+                self.control_frames += 1
+            if self.control_frames > self.max_control_frames or (is_data and not event.fin):
                 self.dropped = True
                 self.close_socket()
             elif not self.dropped:  # frames of the same chunk
