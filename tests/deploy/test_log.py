@@ -23,6 +23,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gensim2.deploy import replay as replaying
+from gensim2.deploy.calibration import poses
+from gensim2.deploy.calibration.poses import read_standing
 from gensim2.deploy.devices import ArmState, Frame
 from gensim2.deploy.eyes import Eyes, Sight, inputs
 from gensim2.deploy.faults import FAULTS, Fault, FullDisk
@@ -170,6 +172,39 @@ def test_shortened_and_lying_messages_are_refused() -> None:
             unpack(broken)
 
 
+def test_a_message_is_not_kept_by_its_arrays_and_its_head_is_short() -> None:
+    q = unpack(pack({}, {"q": np.zeros(9)}))[1]["q"]
+    assert q.base is None or q.base.nbytes == q.nbytes
+    head = b" " * (1 << 20) + b'{"plain": {}, "arrays": {}}'
+    with pytest.raises(InputError, match="damaged: its head has"):
+        unpack(struct.pack("<I", len(head)) + head)
+
+
+def test_moments_of_a_log_are_counted_before_they_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = Log(tmp_path, ABOUT)
+    for number in range(10):
+        log.frame(frame(number))
+        log.state(ArmState(0.1 * number, np.arange(9.0), np.zeros(9), 1.5))
+    log.close()
+    assert len(read_standing(tmp_path)) == 1
+    read = 0
+
+    def counted(folder: Path) -> Iterator[Any]:
+        nonlocal read
+        for message in messages(folder):
+            read += 1
+            yield message
+
+    monkeypatch.setattr(poses, "messages", counted)
+    for name in ("MAX_STATES", "MAX_PICTURES"):
+        read = 0
+        with monkeypatch.context() as patch:
+            patch.setattr(poses, name, 3)
+            with pytest.raises(InputError, match=r"over 3 .*shorter log"):
+                read_standing(tmp_path)
+        assert read < 12
+
+
 @pytest.mark.parametrize("text", ["nothing@1", "camera-frozen", "camera-frozen@", "camera-late@-1", "arm-reflex@nan"])
 def test_faults_that_are_none_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="--fault"):
@@ -219,6 +254,11 @@ def test_a_replay_keeps_the_newest_pictures_of_a_camera_whatever_their_numbers(
     found = replaying.replay(Path("nowhere"))
     assert (found.questions, found.missing, found.different) == (2, 1, ())
     assert most <= KEPT + 2
+    seen = {f"{number}{'x' * 4000}": q for number in range(3)}
+    monkeypatch.setattr(replaying, "MAX_DIFFERENT", 2)
+    found = replaying.replay(Path("nowhere"))
+    assert (found.compared, len(found.different)) == (6, 2)
+    assert all(len(each) < 1000 for each in found.different)
 
 
 KILLED = """

@@ -20,12 +20,14 @@ from fake_makers import FakeBody
 from gensim2.deploy import real
 from gensim2.deploy.clocks import SimulatedClock
 from gensim2.deploy.config import CameraSource, Delays, LineConfig
-from gensim2.deploy.devices import ArmState
+from gensim2.deploy.devices import ArmState, Frame
 from gensim2.deploy.drivers.logged import LoggedCameras
-from gensim2.deploy.log_messages import PictureMessage
+from gensim2.deploy.log import Log
+from gensim2.deploy.log_messages import About, LoggedCamera, PictureMessage
 from gensim2.deploy.log_reader import about_of, messages
 from gensim2.deploy.mind import Answer
 from gensim2.deploy.opening import prepare
+from gensim2.deploy.picture_slots import SLOTS
 from gensim2.deploy.real import open_cameras
 from gensim2.deploy.replay import replay
 from gensim2.deploy.run import run
@@ -33,6 +35,7 @@ from gensim2.deploy.session import PATIENCE
 from gensim2.deploy.simulated_cameras import simulated_cameras
 from gensim2.deploy.watch import State, WatchRules
 from gensim2.errors import GenSim2Error, InputError
+from gensim2.observations import ObservationSpec
 from gensim2.observations.columns import CLOUD
 from gensim2.robots import robot
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
@@ -390,6 +393,21 @@ def test_pictures_of_a_log_keep_their_times_and_those_of_other_cameras(log: Path
     assert now["left"][len(then["left"])].captured > now["left"][len(then["left"]) - 1].captured, (
         "it begins again later"
     )
+    played.close()
+
+
+def test_pictures_of_one_instant_are_not_kept_in_memory(tmp_path: Path) -> None:
+    camera = simulated_cameras(PROFILE, 48, 36)[0]
+    spec = ObservationSpec(cameras=(camera.name,), modalities=())
+    written = Log(
+        tmp_path, About(robot="panda", language="", observation=spec.to_dict(), cameras=[LoggedCamera.of(camera)])
+    )
+    depth, colors = np.zeros((36, 48), np.uint16), np.zeros((36, 48, 3), np.uint8)
+    for number in range(50):
+        written.frame(Frame(camera.name, number, 1.0, depth, colors))
+    written.close()
+    played = LoggedCameras([camera], {camera.name: tmp_path})
+    assert [frame.number for frame in played.poll()] == list(range(50 - SLOTS, 50))
     played.close()
 
 

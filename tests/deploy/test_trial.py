@@ -7,6 +7,7 @@ import math
 import os
 import pty
 import select
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -17,6 +18,8 @@ import numpy as np
 import pytest
 
 from gensim2.cli import main as cli
+from gensim2.deploy.opening import Prepared
+from gensim2.deploy.pipes import DeviceGoneError
 from gensim2.deploy.trial.protocol import protocol_names, read_protocol, reset_options
 from gensim2.deploy.trial.record import Asked, Trial, TrialFolder, read_trials, row_of, write_table
 from gensim2.deploy.trial.run import trial
@@ -193,6 +196,18 @@ def test_ctrl_c_keeps_what_is_finished_and_resuming_goes_on(tmp_path: Path) -> N
         trial(
             protocol, out=tmp_path, trials=3, verdict="simulator", resume=True, policy=still, **{**line, "speed": 0.5}
         )
+
+
+def test_a_signal_while_devices_open_ends_the_trials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def opening(prepared: Prepared, *, interrupted: Sequence[int] = (), **_: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+        assert list(interrupted) == [signal.SIGINT]
+        raise DeviceGoneError("a person asked to stop")
+
+    monkeypatch.setattr("gensim2.deploy.trial.run.opened", opening)
+    policy = ControllerSpec("gensim2.policy.no_op:NoOpPolicy", {"arm": 7})
+    with pytest.raises(KeyboardInterrupt):
+        trial(read_protocol("CloseBox"), out=tmp_path, verdict="simulator", policy=policy, assets="builtin")
 
 
 @pytest.mark.parametrize(

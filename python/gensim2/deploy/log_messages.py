@@ -150,7 +150,7 @@ class PictureMessage(LogMessage):
     camera: str
     number: int
     captured: float
-    serial: str = ""
+    serial: Annotated[str, Field(max_length=400)] = ""
     depth: Annotated[np.ndarray, _array("uint16", 2)]
     colors: Annotated[np.ndarray, _array("uint8", 3)]
 
@@ -176,7 +176,7 @@ class QuestionMessage(LogMessage):
     count: int
     step: int
     gripper: float
-    frames: dict[str, int]
+    frames: Annotated[dict[str, int], Field(max_length=100)]
     q: Joints
     v: Joints
     posed: dict[str, Joints] = {}

@@ -16,6 +16,8 @@ from gensim2.validation import input_error
 
 MAX_MESSAGE = 1 << 26
 """Bytes of one message at most."""
+MAX_HEAD = 1 << 20
+"""Bytes of a message's header at most."""
 
 _Type = Literal["uint8", "uint16", "int16", "int32", "int64", "float32", "float64", "bool"]
 _Shape = Annotated[list[Annotated[int, Field(ge=0, le=MAX_MESSAGE, strict=True)]], Field(max_length=8)]
@@ -42,13 +44,16 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     """
     try:
         (length,) = struct.unpack_from("<I", data)
+        if length > MAX_HEAD:
+            raise ValueError(f"its head has {length} bytes, {MAX_HEAD} at most")
         head = _Head.model_validate(json.loads(data[4 : 4 + length], parse_int=_whole))
         arrays, at = {}, 4 + length
         for name, (kind, shape) in head.arrays.items():
             count = 1
             for size in shape:
                 count = min(count * size, len(data) + 1)  # no more than there can be: zeros may follow
-            arrays[name] = np.frombuffer(data, dtype=kind, count=count, offset=at).reshape(shape)
+            found = np.frombuffer(data, dtype=kind, count=count, offset=at)
+            arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message
             at += arrays[name].nbytes
         if at != len(data):
             raise ValueError(f"{len(data) - at} bytes are left over")

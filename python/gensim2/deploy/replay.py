@@ -13,13 +13,15 @@ from gensim2.deploy.devices import Frame
 from gensim2.deploy.eyes import Eyes, Sight, inputs
 from gensim2.deploy.log_messages import About, AnswerMessage, AnyMessage, PictureMessage, QuestionMessage
 from gensim2.deploy.log_reader import messages, unclosed
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.errors import GenSim2Error, InputError, one_line
 from gensim2.robots import robot
 
 KEPT = 50
 """Newest pictures of a camera that are kept: more than a question can be about when its answer comes."""
 KEPT_BYTES = 1 << 28
 """Bytes of all pictures that are kept."""
+MAX_DIFFERENT = 1000
+"""Arrays that came out otherwise of which the names are kept."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Replay:
         questions: that were answered.
         compared: arrays.
         clouds: of them point clouds.
-        different: names of arrays that came out otherwise, with the number of the question.
+        different: names of the first 1000 arrays that came out otherwise, with the number of the question.
         missing: questions whose pictures are in a file that is gone, or are no longer kept.
         unclosed: names of files that have no end, because the run was killed; what they hold was compared.
     """
@@ -133,5 +135,6 @@ class _Replayed:
             now = found.get(name)
             self._compared += 1
             self._clouds += name == "point_cloud"
-            if now is None or then.dtype != now.dtype or then.tobytes() != now.tobytes():
-                self._different.append(f"{name} of question {question.number}")
+            differs = now is None or then.dtype != now.dtype or then.tobytes() != now.tobytes()
+            if differs and len(self._different) < MAX_DIFFERENT:
+                self._different.append(one_line(f"{name} of question {question.number}"))

@@ -38,6 +38,8 @@ MAX_BYTES = 1 << 30
 """Bytes of the pictures that are read of a log."""
 MAX_POSES = 200
 """Poses that are read of a log."""
+MAX_STATES = MAX_PICTURES = 1 << 19
+"""States of the arm and times of pictures that are kept of a log: at 100 a second, those of 87 minutes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +184,12 @@ def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
         elif isinstance(message, PictureMessage):
             size = message.depth.nbytes + message.colors.nbytes
             taken.append(_Taken(len(taken), message.camera, message.captured, size))
+        for count, most, what in (
+            (len(times), MAX_STATES, "states of the arm"),
+            (len(taken), MAX_PICTURES, "pictures"),
+        ):
+            if count > most:
+                raise InputError(f"holds over {most} {what}", file=folder, remedy="make a shorter log")
     if len({len(q) for q in joints}) > 1:
         raise InputError("the arm has other numbers of joints", file=folder, field="/arm")
     names, wanted = {each.camera for each in taken}, set[int]()

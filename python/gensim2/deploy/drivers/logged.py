@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from gensim2.deploy.devices import Frame
 from gensim2.deploy.log_messages import PictureMessage
 from gensim2.deploy.log_reader import about_of, messages
+from gensim2.deploy.picture_slots import SLOTS
 from gensim2.errors import InputError, near
 from gensim2.observations import Camera
 
@@ -65,23 +67,25 @@ class LoggedCameras:
         self._later = {name: at - first[path] for name, path in self._logs.items()}
 
     def poll(self) -> Sequence[Frame]:
-        """Pictures whose time has come, oldest first.
+        """Pictures whose time has come, oldest first; of each camera the newest that there is room for.
 
         Raises:
             InputError: the log is damaged.
         """
         now, over = time.monotonic(), False
-        found = []
+        found: list[Frame] = []
         for name in self._logs:
+            newest = deque[Frame](maxlen=SLOTS)
             while (frame := self._next[name]).captured + self._later[name] <= now:
                 captured = frame.captured + self._later[name]
-                found.append(Frame(name, self._number[name], captured, frame.depth, frame.colors, frame.serial))
+                newest.append(Frame(name, self._number[name], captured, frame.depth, frame.colors, frame.serial))
                 self._number[name] += 1
                 after = next(self._films[name], None)
                 if after is None:
                     over = True
                     break
                 self._next[name] = after
+            found += newest
         if over:
             self._begin(now + PAUSE)
         return sorted(found, key=lambda each: each.captured)

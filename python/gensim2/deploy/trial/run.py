@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, is_dataclass, replace
@@ -13,6 +14,7 @@ from gensim2.deploy.config import LineArguments, LineConfig
 from gensim2.deploy.journal import Journal
 from gensim2.deploy.keys import Keys
 from gensim2.deploy.opening import Prepared, interruptions, opened, prepare
+from gensim2.deploy.pipes import DeviceGoneError
 from gensim2.deploy.session import Ended, Layout, Session
 from gensim2.deploy.trial.person import Person
 from gensim2.deploy.trial.protocol import Placed, Protocol, reset_options
@@ -100,10 +102,16 @@ def trial(
         while course.pending():
             first = course.pending()[0]
             log = folder / f"log_{first:04d}_{datetime.now(UTC):%Y%m%dT%H%M%S}" if logged else None
-            with (
-                interruptions() as interrupted,
-                opened(prepared, log=log, watching=watching, seed=course.seeds[first]) as there,
-            ):
+            with interruptions() as interrupted, contextlib.ExitStack() as stack:
+                try:
+                    seed = course.seeds[first]
+                    there = stack.enter_context(
+                        opened(prepared, log=log, watching=watching, seed=seed, interrupted=interrupted)
+                    )
+                except DeviceGoneError:
+                    if interrupted:
+                        raise KeyboardInterrupt from None
+                    raise
                 session = Session(there.line, there.devices, given, (), there.disk, interrupted, keys, progress)
                 ends = config.is_simulated and not prepared.privileged
                 session.run(math.inf, course.layouts(), goal_ends=ends, ended=course.ended)
