@@ -1,5 +1,6 @@
 //! The free motion from the start to the first keyframe.
 
+use super::emitted::{OFF, Samples};
 use super::planner::{PAD, Planner};
 use crate::free_space::{self, NoWay, Sampling};
 use crate::model::{Model, Row};
@@ -32,11 +33,17 @@ impl Planner<'_> {
         let n = self.model.n();
         let segment = self.world.schedule.toward(self.entry);
         let braking = self.stop_hit(segment);
-        if let (Some(hit), true) = (&braking, self.problem.options.avoid_collisions) {
-            return Err(NoWay::Blocked(hit.clone()));
-        }
         let start = self.rest();
         let straight = |corners: &[Row]| rounded(n, corners, WIDE, NEAR);
+        if let Some(hit) = self.blocked_stop() {
+            if self.stop.is_empty() || self.warm_start.is_none() || self.world.start_overlap > TOUCH {
+                return Err(NoWay::Blocked(hit.clone()));
+            }
+            // Nothing but the motion under way may still be free: that is swept once it is taken up.
+            let kept = self.margins(&start, goal, segment, self.margin, false);
+            let pieces = vec![straight(&[start, *goal])];
+            return Ok(Approach { pieces, corners: Vec::new(), kept, hit: None });
+        }
         if !self.problem.options.avoid_collisions {
             let hit = braking.or_else(|| self.world.sweep(&start, goal, segment, &Margins::plain(0.0)));
             let pieces = vec![straight(&[start, *goal])];
@@ -91,9 +98,9 @@ impl Planner<'_> {
         if parted { margins.parted() } else { margins }
     }
 
-    /// Whether the stop from the start is known not to be free: then there is no motion to any pose.
-    pub(super) fn start_is_blocked(&self) -> bool {
-        self.problem.options.avoid_collisions && self.stop_checked.as_ref().is_some_and(Option::is_some)
+    /// Obstacle to the stop from the start, where one is known and counts: then no motion is free but the one under way.
+    pub(super) fn blocked_stop(&self) -> Option<&Hit> {
+        self.stop_checked.as_ref().and_then(Option::as_ref).filter(|_| self.problem.options.avoid_collisions)
     }
 
     /// Finds what is in the way of the stop from the start, where that was not looked for yet.
@@ -103,15 +110,19 @@ impl Planner<'_> {
             let start = self.start[0];
             let margins = self.margins(&start, &start, segment, clearance, false);
             let way = self.stop_way();
-            let hit = self.world.sweep_along(Way::still(&way), segment, &margins);
+            let way = Way { waypoints: &way.waypoints, travel: &[], off: &way.off };
+            let hit = self.world.sweep_along(way, segment, &margins);
             self.stop_checked = Some(hit.map(|(_, hit)| hit));
         }
         self.stop_checked.clone().flatten()
     }
 
-    /// Waypoints of the stop, or the start alone where it is at rest.
-    pub(super) fn stop_way(&self) -> Vec<Row> {
-        if self.stop.is_empty() { vec![self.start[0]] } else { self.stop.iter().map(|node| node.position).collect() }
+    /// Samples of the stop, or the start alone where it is at rest.
+    pub(super) fn stop_way(&self) -> Samples {
+        let mut builder = self.builder.clone();
+        builder.append_nodes(&self.stop);
+        let stop = builder.build(self.model.map());
+        Samples::of(&stop, self.model.n(), [stop.start(), stop.end()], OFF)
     }
 
     /// Corners of a free motion that keeps to margins.

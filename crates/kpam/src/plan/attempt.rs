@@ -171,7 +171,12 @@ impl Planner<'_> {
         if self.entry > out.motions.actuation || self.approach_first(out, samples) {
             match self.emit(out) {
                 Ok(timed) => out.timed = Some(timed),
-                Err(failure) => out.failure = Some(failure),
+                Err(failure) => {
+                    if let Failure::Blocked { keyframe, hit } = &failure {
+                        out.hits.push((*keyframe, hit.clone()));
+                    }
+                    out.failure = Some(failure);
+                }
             }
         }
     }

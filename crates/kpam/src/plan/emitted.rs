@@ -9,7 +9,7 @@ use crate::model::Row;
 use crate::world::{Hit, Margins, State, TOUCH, Way};
 
 /// Between the samples that are swept, a joint is to lie off the straight segment by no more than this (rad or m).
-const OFF: f64 = 2e-5;
+pub(super) const OFF: f64 = 2e-5;
 /// The same where far from everything: samples as far apart as this allows are enough to prove most of a motion free.
 const ROUGH: f64 = 2e-4;
 /// Times between samples (s), and how many of them a segment may have at the least and the greatest step: what takes longer
@@ -20,16 +20,16 @@ const MAX_SAMPLES: f64 = 2e4;
 const ENOUGH: f64 = 1e3;
 
 /// Samples of a motion, and how far each joint may lie off the straight segment after each of them.
-struct Samples {
+pub(super) struct Samples {
     times: Vec<f64>,
-    waypoints: Vec<Row>,
-    off: Vec<Row>,
+    pub waypoints: Vec<Row>,
+    pub off: Vec<Row>,
 }
 
 impl Samples {
     /// Of a motion of `joints` variables between two times (s). Within a step `h` whose acceleration is at most `a`, a
     /// joint lies at most `a h^2 / 8` off its chord.
-    fn of(trajectory: &Trajectory, joints: usize, [begin, end]: [f64; 2], most: f64) -> Self {
+    pub fn of(trajectory: &Trajectory, joints: usize, [begin, end]: [f64; 2], most: f64) -> Self {
         let mut time = begin;
         let wider = (most / OFF).sqrt();
         let shortest = wider * SHORTEST.max((end - begin) / MAX_SAMPLES);
@@ -120,8 +120,6 @@ impl Planner<'_> {
                 attempt.approach = std::mem::take(&mut attempt.corners);
                 stops.clear();
             } else {
-                drop(segments);
-                attempt.hits.push((toward, hit.clone()));
                 return Err(Failure::Blocked { keyframe: toward, hit });
             }
         }

@@ -110,7 +110,8 @@ impl Planner<'_> {
         }
     }
 
-    /// Takes up a motion past the actuation pose: what overlaps there may persist, and the brake is swept.
+    /// Takes up a motion past the actuation pose: what overlaps there may persist, and the brake is swept. Where that is not
+    /// free, the motion under way may be: its paths are followed from the start itself.
     fn take_up(&mut self, out: &mut Attempt) {
         let path = self.entry - 1;
         let segment = self.world.schedule.along(path);
@@ -123,9 +124,16 @@ impl Planner<'_> {
             return;
         }
         let way = self.stop_way();
-        let brake = Way { waypoints: &way, travel: &[travel], off: &[] };
+        let brake = Way { waypoints: &way.waypoints, travel: &[travel], off: &way.off };
         let margins = self.world.margins_between([start, start], segment, self.margin);
-        if let Some((_, hit)) = self.world.sweep_along(brake, segment, &margins) {
+        let hit = self.world.sweep_along(brake, segment, &margins).map(|(_, hit)| hit);
+        if !self.stop.is_empty() {
+            self.stop_checked = Some(hit.clone());
+        }
+        if self.blocked_stop().is_some() {
+            out.failure = None;
+            self.follow_after(out);
+        } else if let Some(hit) = hit {
             out.hits.push((self.entry, hit.clone()));
             if self.problem.options.avoid_collisions {
                 out.failure = Some(Failure::Blocked { keyframe: self.entry, hit });

@@ -108,9 +108,9 @@ impl<'p> Planner<'p> {
         })
     }
 
-    /// Where planning begins: where the arm can rest.
+    /// Where planning begins: where the arm can rest, or where it is if something is in the way of the stop.
     pub(super) fn rest(&self) -> Row {
-        self.stop.last().map_or(self.start[0], |node| node.position)
+        self.stop.last().filter(|_| self.blocked_stop().is_none()).map_or(self.start[0], |node| node.position)
     }
 
     pub(super) fn full(&self, x: &Row) -> Vec<f64> {

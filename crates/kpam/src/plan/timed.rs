@@ -76,15 +76,18 @@ impl Planner<'_> {
     ) -> Result<(Timed, TakeUp), Failure> {
         let keyframes = attempt.motions.keyframes.len();
         let going_on = if manner == TakeUp::GoesOn { self.going_on(attempt, segments) } else { None };
-        let other = if self.stop.is_empty() {
+        if let Some(hit) = self.blocked_stop() {
+            let blocked = Failure::Blocked { keyframe: self.entry, hit: hit.clone() };
+            return going_on.map(|rest| (rest, TakeUp::GoesOn)).ok_or(blocked);
+        }
+        // A clock leaves no choice of when the motion begins.
+        let other = if self.stop.is_empty() || self.clock.is_some() {
             self.timed_from_rest(segments, keyframes).map(|timed| (timed, TakeUp::Stopped))
         } else {
             self.taken_up(segments, keyframes, manner.max(TakeUp::Blended))
         };
         match (going_on, other) {
-            (Some(rest), Ok((other, _))) if rest.trajectory.end() > other.trajectory.end() + SAVES => {
-                Ok((other, TakeUp::Blended))
-            }
+            (Some(rest), Ok(other)) if rest.trajectory.end() > other.0.trajectory.end() + SAVES => Ok(other),
             (Some(rest), _) => Ok((rest, TakeUp::GoesOn)),
             (None, other) => other,
         }
@@ -125,7 +128,9 @@ impl Planner<'_> {
         keyframes: usize,
         manner: TakeUp,
     ) -> Result<(Timed, TakeUp), Failure> {
-        let free = segments.first().filter(|first| !first.contact && self.clock.is_none() && manner == TakeUp::Blended);
+        // In contact the hand keeps to its path and its speed: two motions that add up keep to neither.
+        let manner = if segments.first().is_none_or(|first| first.contact) { TakeUp::Stopped } else { manner };
+        let free = segments.first().filter(|_| manner == TakeUp::Blended);
         let places = free.map_or(0, |first| first.waypoints.len() - 1);
         let mut best: Option<Timed> = None;
         let mut failure = None;
@@ -166,8 +171,8 @@ impl Planner<'_> {
         }
         let mut timed = self.timed_from_rest(&rest, keyframes)?;
         let start = timed.trajectory.start();
-        // Keyframes are met by the motion itself, once the lead has come to rest.
-        let first = timed.times.iter().flatten().copied().fold(f64::INFINITY, f64::min);
+        // Keyframes, or else the end, are met by the motion itself, once the lead has come to rest.
+        let first = timed.times.iter().flatten().copied().fold(timed.trajectory.end(), f64::min);
         let earliest = lead.last().map_or(0.0, |node: &Node| node.time) - (first - start);
         let blend = Blend { lead: &lead, limits: self.builder.limits(), room, earliest };
         let (trajectory, late) = match manner {
@@ -179,15 +184,21 @@ impl Planner<'_> {
         if let Some(first) = timed.spans.first_mut() {
             first[0] = start;
         }
+        if let Some(last) = timed.spans.last_mut() {
+            last[1] = trajectory.end();
+        }
         timed.trajectory = trajectory;
         Ok(self.builder.bears(&timed.trajectory).then_some(timed))
     }
 
-    /// The timed motion along segments from rest where they begin.
+    /// The timed motion along segments from rest where they begin; on a clock, after the stop, which takes its part of the time.
     fn timed_from_rest(&mut self, segments: &[Stretch<'_>], keyframes: usize) -> Result<Timed, Failure> {
         let mut times = vec![None; keyframes];
         let mut ends: Vec<f64> = Vec::with_capacity(segments.len());
         let mut builder = self.builder.clone();
+        if self.clock.is_some() {
+            builder.append_nodes(&self.stop);
+        }
         let mut rest = segments;
         let mut outcome = Ok(());
         while !rest.is_empty() && outcome.is_ok() {
@@ -227,12 +238,13 @@ impl Planner<'_> {
         let mut segments = Vec::new();
         let total: f64 = attempt.approach.iter().map(|piece| length(n, piece)).sum();
         let mut gone = 0.0;
+        let begin = self.builder.now() + self.stop.last().map_or(0.0, |node| node.time);
         for (k, waypoints) in attempt.approach.iter().enumerate() {
             gone += length(n, waypoints);
             let last = k + 1 == attempt.approach.len();
             // Pieces share the time by their length.
             let due = clock.map(|c| {
-                let (begin, end) = (self.builder.now(), c[self.entry]);
+                let end = c[self.entry];
                 if last || total == 0.0 { end } else { begin + (end - begin) * gone / total }
             });
             segments.push(Stretch {

@@ -202,7 +202,7 @@ impl Planner<'_> {
         if attempt.overlaps {
             trials.overlapping.push(attempt.origin);
         }
-        if attempt.failure.is_none() && !self.start_is_blocked() {
+        if attempt.failure.is_none() && self.blocked_stop().is_none() {
             let bar = trials.bar(attempt.rank);
             self.sweep_all(&mut attempt, bar);
             if attempt.failure.is_none() {
