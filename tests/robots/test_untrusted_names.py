@@ -19,6 +19,7 @@ from gensim2.cli.main import run
 from gensim2.data.record import DatasetRecord
 from gensim2.data.video import Replay
 from gensim2.deploy.log import Log
+from gensim2.deploy.log_messages import About
 from gensim2.errors import InputError
 from gensim2.observations import ObservationSpec
 from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
@@ -123,7 +124,19 @@ def test_the_robot_of_a_log_is_not_loaded(
     command: list[str], trap: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("gensim2.deploy.calibration.run.read_standing", lambda _: [])  # its poses are no matter here
-    about = {"robot": "canary.py", "cameras": [], "observation": ObservationSpec().to_dict(), "language": ""}
+    about = About(
+        task="CloseBox",
+        language="",
+        robot="canary.py",
+        controller={},
+        arm="simulated",
+        speed=1.0,
+        margin=0.0,
+        seed=0,
+        pixels=1,
+        observation=ObservationSpec().to_dict(),
+        cameras=[],
+    )
     Log(trap / "log", about).close()
     assert "'canary.py' is not loaded" in refused(command, capsys, trap)
 
