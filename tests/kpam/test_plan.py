@@ -367,7 +367,8 @@ def test_other_arms_reach(robots: Path, urdf: str, hand: str, at: list[float]) -
         tool_keypoints={"tip": [0, 0, 0]},
         object_keypoints={"goal": at},
         T_base_object=np.eye(4),
-        options={"workspace": None},
+        # The SO100 and the Fetch have joints whose URDF states no velocity limit, and planning needs one.
+        options={"workspace": None, "velocity_limits": np.where(np.isfinite(robot.velocity), robot.velocity, 1.0)},
     )
     plan = kpam.plan(scene)
     assert plan.status == "solved", plan.reason

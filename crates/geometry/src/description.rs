@@ -131,8 +131,6 @@ pub struct JointDescription {
     pub axis: [f64; 3],
     /// Its limits, if any are written.
     pub limit: Option<LimitDescription>,
-    /// Soft limits (rad or m) of the safety controller.
-    pub soft: [Option<f64>; 2],
     /// The joint that it follows.
     pub mimic: Option<MimicDescription>,
 }
@@ -394,10 +392,11 @@ fn joint(element: &Element<'_>) -> Result<JointDescription, UrdfError> {
             axis.numbers("xyz")?
         }
     };
-    let mut soft = [None; 2];
     if let Some(safety) = element.child("safety_controller")? {
         safety.check_spelling(&[], &SAFETY)?;
-        soft = [safety.number("soft_lower_limit")?, safety.number("soft_upper_limit")?];
+        for name in SAFETY {
+            safety.number(name)?;
+        }
     }
     let mimic = match element.child("mimic")? {
         None => None,
@@ -418,7 +417,6 @@ fn joint(element: &Element<'_>) -> Result<JointDescription, UrdfError> {
         name,
         parent,
         child,
-        soft,
         mimic,
     })
 }

@@ -170,14 +170,6 @@ fn moving_joint(joint: &JointDescription, file: &str) -> Result<Option<Joint>, U
     if lower > upper || lower == f64::INFINITY || upper == f64::NEG_INFINITY {
         return Err(fail("limit", format!("lower {lower} must not exceed upper {upper}")));
     }
-    if let (false, [soft_lower, soft_upper]) = (endless, joint.soft) {
-        let inner = [lower.max(soft_lower.unwrap_or(lower)), upper.min(soft_upper.unwrap_or(upper))];
-        if inner != [lower, upper] && inner[0] >= inner[1] {
-            let message = format!("the soft limits leave no range of {lower} to {upper}; correct or remove them");
-            return Err(fail("safety_controller", message));
-        }
-        [lower, upper] = inner;
-    }
     // URDF writers put 0 where they know no limit; nothing could move under a true limit of 0. Planning asks for the
     // velocity limits that are not known.
     if velocity == 0.0 {
@@ -332,19 +324,5 @@ mod tests {
         assert_eq!(limit(""), [open; 4]);
         assert_eq!(limit(r#"acceleration="3" deceleration="2" jerk="5""#), [open, open, 2.0, 5.0]);
         assert_eq!(limit(r#"deceleration="2""#)[2], 2.0);
-    }
-
-    #[test]
-    fn soft_limits_hold() {
-        let range = |soft: &str| {
-            let limit = r#"<limit lower="-1" upper="2" effort="1" velocity="1"/>"#;
-            arm(&format!(r#"type="revolute">{limit}<safety_controller k_velocity="1" {soft}/>"#), FIXED)
-                .map(|robot| (robot.joints()[0].lower(), robot.joints()[0].upper()))
-        };
-        assert_eq!(range("").unwrap(), (-1.0, 2.0));
-        assert_eq!(range(r#"soft_upper_limit="1.5""#).unwrap(), (-1.0, 1.5));
-        assert_eq!(range(r#"soft_lower_limit="-3" soft_upper_limit="3""#).unwrap(), (-1.0, 2.0));
-        let empty = range(r#"soft_lower_limit="0" soft_upper_limit="0""#).unwrap_err().to_string();
-        assert!(empty.contains("joint j: safety_controller"), "{empty}");
     }
 }
