@@ -45,6 +45,7 @@ ARGUMENTS = {
     "assets": "builtin",
     "physics": "default",
     "robot": "panda",
+    "engine": "sapien",
     "open_loop": False,
     "randomization": "paper",
     "target_task": TASK,

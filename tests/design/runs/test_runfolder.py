@@ -116,7 +116,7 @@ def test_other_strategies_or_another_task_are_refused(
 
 def test_other_versions_are_refused(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
     record()
-    monkeypatch.setattr(runfolder, "versions", lambda: {"python": "2.7"})
+    monkeypatch.setattr(runfolder, "versions", lambda *_: {"python": "2.7"})
     with pytest.raises(InputError, match=r"versions\.\w+: the run was started with"):
         record(resume=True)
 

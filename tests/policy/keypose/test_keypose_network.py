@@ -64,7 +64,7 @@ def seen(row: int, yaw: float = 0.0) -> Observation:
 def test_new_tasks_are_drawn_five_times_as_often_as_known_ones() -> None:
     planned = made_up(4)
     others = [
-        replace(planned, record=planned.record.model_copy(update={"language": language, "task": language}))
+        replace(planned, record=planned.record.model_copy(update={"language": language, "task": language.title()}))
         for language in ("pull", "lift")
     ]
     drawn = [
@@ -76,7 +76,7 @@ def test_new_tasks_are_drawn_five_times_as_often_as_known_ones() -> None:
 
 def test_two_folders_of_a_task_share_what_is_due_to_it() -> None:
     planned = made_up(4)
-    other = replace(planned, record=planned.record.model_copy(update={"language": "pull", "task": "pull"}))
+    other = replace(planned, record=planned.record.model_copy(update={"language": "pull", "task": "Pull"}))
     drawn = [
         np.bincount(PlannedSource(each, known).draw(np.random.default_rng(0), 3000)[SENTENCE]) / 3000
         for each, known in (([planned, other, other], 0), ([planned, other, other], 1))

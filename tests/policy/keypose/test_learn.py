@@ -161,7 +161,8 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     first, second, told = tmp_path / "two", tmp_path / "three", tmp_path / "told.json"
     common = ["--assets", "builtin", "--minutes", "0.001", "--scenes", "2", "--workers", "1", "--episodes", "1"]
     common += ["--controls", "none", "--videos", "0", "--json", str(told)]
-    hearing = ["--text", "sentence", "--text-model", sentence_model] if hears else []
+    own = ["--text-model", sentence_model] if hears else []  # a checkpoint alone does not load it
+    hearing = ["--text", "sentence", *own] if hears else []
     with monkeypatch.context() as before:
         usual = learn_settings.POLICY
         before.setattr(learn_settings, "POLICY", PolicyConfig.of({**usual.to_dict(), "hears": hears}))
@@ -169,7 +170,11 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
             run(["learn", "TurnOnFaucet", "TurnOffFaucet", "--multi-task", *common, *hearing, "--out", str(first)]) == 0
         )
     plans = {path.name: path.read_bytes() for path in (first / "data" / "TurnOnFaucet").iterdir()}
-    words = ["learn", "CloseBox", "--from", str(first), *common, "--out", str(second)]
+    words = ["learn", "CloseBox", "--from", str(first), *common, *own, "--out", str(second)]
+    if hears:
+        assert run([word for word in words if word not in own]) == 2
+        assert "give them with --text-model if they are your own" in capfd.readouterr().err
+        assert not second.exists()
     assert run(words) == 0
     found = json.loads(told.read_text())
     assert [row["name"] for row in found["tasks"]] == ["TurnOnFaucet", "TurnOffFaucet", "CloseBox"]
@@ -195,11 +200,12 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
         (["OpenBox", "--from", str(second), "--robot", "fetch"], "is for the robot 'panda'"),
         ([str(other), "--from", str(second)], "have the sentence 'close the box'"),
     ):
-        assert run(["learn", *tasks, *common, "--out", str(tmp_path / "refused")]) == 2
+        assert run(["learn", *own, *tasks, *common, "--out", str(tmp_path / "refused")]) == 2
         assert said in capfd.readouterr().err
         assert not (tmp_path / "refused").exists()
     shutil.rmtree(second / "data" / "CloseBox")
-    assert run(["learn", "OpenBox", "--from", str(second), *common, "--out", str(tmp_path / "refused-too")]) == 2
+    words = ["learn", "OpenBox", "--from", str(second), *common, *own, "--out", str(tmp_path / "refused-too")]
+    assert run(words) == 2
     assert "the plans that taught it are not beside it" in capfd.readouterr().err
 
 
