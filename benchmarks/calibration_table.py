@@ -15,7 +15,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from gensim2.files import write_atomic, write_json
+from gensim2.core.files import write_atomic, write_json
 from gensim2.rollout.tally import interval
 
 FIGURES = Path(__file__).with_suffix("").with_name("calibration.json")

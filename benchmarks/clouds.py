@@ -20,7 +20,7 @@ import numpy as np
 
 import gensim2_kpam as kpam
 from gensim2 import robots
-from gensim2.seeding import rng
+from gensim2.core.seeding import rng
 
 Array = np.ndarray
 

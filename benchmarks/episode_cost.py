@@ -16,10 +16,10 @@ from collections.abc import Callable
 from typing import Any
 
 import gensim2_kpam as kpam
+from gensim2.core.seeding import scene_seeds
 from gensim2.rollout import run as running
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.run import run
-from gensim2.seeding import scene_seeds
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_strategies, load_task, task_names
 

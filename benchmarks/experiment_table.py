@@ -17,7 +17,7 @@ from typing import Any
 
 from markdown_tables import line, runs_to_take_in
 
-from gensim2.files import write_atomic, write_json
+from gensim2.core.files import write_atomic, write_json
 from gensim2.policy.experiments.figures import KINDS, Kind, Rate, TaskFigures, summary
 from gensim2.policy.experiments.page import WORDS
 

@@ -27,11 +27,11 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, Field
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic, write_json
+from gensim2.core.pages import template
+from gensim2.core.record_files import read_record
 from gensim2.evaluation.benchmark_table import by_instance
-from gensim2.files import write_atomic, write_json
-from gensim2.pages import template
-from gensim2.record_files import read_record
 from gensim2.rollout.config import RolloutOptions, nested_options
 from gensim2.rollout.record import Episode, ObjectRecord
 from gensim2.rollout.tally import Tally
@@ -171,7 +171,7 @@ def page_by_instance(rows: Sequence[Figure]) -> str:
     """HTML that draws each row by the objects that its episodes were run with; rows without them are counted."""
     known = [row for row in rows if row.instances]
     values = {"rows": known, "without": len(rows) - len(known), "low": LOW}
-    pages = template("gensim2.pages", "base.html.j2").environment
+    pages = template("gensim2.core.pages", "base.html.j2").environment
     return pages.from_string(PAGE.read_text()).render(values)
 
 

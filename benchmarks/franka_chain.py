@@ -40,13 +40,13 @@ from unittest import mock
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.deploy.arm import Arm
-from gensim2.deploy.arm_limits import CYCLE, ArmLimits
-from gensim2.deploy.audit import limits_passed
-from gensim2.deploy.drivers import franka, streamed
-from gensim2.deploy.drivers.franka import FrankaArm
+from gensim2.core.seeding import rng
 from gensim2.robots import robot
-from gensim2.seeding import rng
+from gensim2_robot.arm import Arm
+from gensim2_robot.arm_limits import CYCLE, ArmLimits
+from gensim2_robot.audit import limits_passed
+from gensim2_robot.drivers import franka, streamed
+from gensim2_robot.drivers.franka import FrankaArm
 
 SPREAD = 1.0
 """Rad about the start within which poses are drawn."""

@@ -28,17 +28,17 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from scipy.stats import binomtest
 
 import gensim2_kpam as kpam
+from gensim2.core.processes import WorkerPool, enumerated
+from gensim2.core.processes import results as run
+from gensim2.core.seeding import rng
 from gensim2.objects import RigidObject, open_library
 from gensim2.objects.region import STANDARD_REGION
-from gensim2.processes import WorkerPool, enumerated
-from gensim2.processes import results as run
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile, SlidingGripper, robot, robot_names
-from gensim2.seeding import rng
+from gensim2.scenes.table import HALF_SIZE, build_table, corners
 from gensim2.sim import agents
 from gensim2.sim.arm import base_pose
 from gensim2.sim.physics import RIGID_CONTACT_OFFSET
 from gensim2.sim.rigid import load_rigid, resting_pose
-from gensim2.sim.table import HALF_SIZE, build_table, corners
 
 Array = npt.NDArray[np.float64]
 

@@ -26,10 +26,10 @@ import numpy as np
 from parts import Moved, least_distance, part
 from peers import Arm
 
-from gensim2.deploy.arm_limits import CYCLE, ArmLimits
-from gensim2.deploy.limits import RefusedError, begin, limit
+from gensim2.core.seeding import rng
 from gensim2.robots import robot
-from gensim2.seeding import rng
+from gensim2_robot.arm_limits import CYCLE, ArmLimits
+from gensim2_robot.limits import RefusedError, begin, limit
 
 Array = np.ndarray
 

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 import gensim2_kpam as kpam
-from gensim2 import robots, seeding
+from gensim2 import robots
+from gensim2.core import seeding
 
 Q_START = np.array([0.0, -0.32, 0.0, -2.61799, 0.0, 2.23, 0.785398, 0.04, 0.04])
 TOOL = {"tool_head": [0.0, 0.0, 0.105], "tool_tail": [0.0, 0.0, 0.075]}

@@ -17,10 +17,10 @@ from unittest.mock import patch
 
 import numpy as np
 
+from gensim2.core.seeding import scene_seeds
 from gensim2.planning.strategies import parse_strategy
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.run import run
-from gensim2.seeding import scene_seeds
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.mujoco import model
 from gensim2.sim.mujoco.model import build_model

@@ -20,13 +20,14 @@ from hand_steps import MAX_STEPS, HandStepsController, control_steps
 from scipy.stats import fisher_exact
 
 from gensim2.bench.problems import PlanProblem, read_problems
-from gensim2.errors import GenSim2Error, InputError, near
+from gensim2.core.errors import GenSim2Error, InputError, near
+from gensim2.core.files import write_output
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.record_files import SCHEMA_VERSION
+from gensim2.core.seeding import check_seed
 from gensim2.evaluation.benchmark_table import by_instance
 from gensim2.evaluation.running import finish_table, run_episodes
-from gensim2.files import write_output
 from gensim2.objects import ArticulatedObject, Library, open_library
-from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.record_files import SCHEMA_VERSION
 from gensim2.robots import robot
 from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.inputs import check_counts
@@ -35,7 +36,6 @@ from gensim2.rollout.settling import MAX_SETTLE_SECONDS
 from gensim2.rollout.tally import Tally, interval
 from gensim2.scenes.config import SceneOptions
 from gensim2.scenes.footprint import lowest_of_moving_link
-from gensim2.seeding import check_seed
 from gensim2.tasks.library import PAPER as PAPER_SUITE
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.published import MEASURED, MEASURED_IN_ALL

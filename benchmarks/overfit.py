@@ -13,8 +13,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from gensim2.core.files import write_json
+from gensim2.core.seeding import scene_seeds
 from gensim2.data import DataSet, collect, render
-from gensim2.files import write_json
 from gensim2.policy.config import HEADS
 from gensim2.policy.controller import PolicyController
 from gensim2.policy.keypose.controller import KeyposeController
@@ -28,7 +29,6 @@ from gensim2.policy.training import train
 from gensim2.rollout.inputs import TaskInput, read_task_input
 from gensim2.rollout.run import run
 from gensim2.rollout.worker import simulator
-from gensim2.seeding import scene_seeds
 
 TASK, EPISODES = "CloseBox", 10
 PLAIN = {"jitter": 0.0, "dropout": 0.0, "colour_jitter": 0.0, "ema": 0.99, "threads": 1}

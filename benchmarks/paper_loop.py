@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2 import seeding
+from gensim2.core import seeding
 from gensim2.data.records import merge_causes
 from gensim2.design import joint_search, steering
 from gensim2.design.affordance import Affordance

@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.deploy.remote.client import RemoteController
-from gensim2.deploy.remote.protocol import MAX_BYTES, TOKEN
-from gensim2.observations import Observation, ObservationSpec
-from gensim2.observations.columns import STATE, VELOCITY
+from gensim2.perception import Observation, ObservationSpec
+from gensim2.perception.columns import STATE, VELOCITY
+from gensim2.policy.remote.client import RemoteController
+from gensim2.policy.remote.protocol import MAX_BYTES, TOKEN
 
 STRANGERS = 4
 PERIOD = 0.1

@@ -19,10 +19,10 @@ from typing import Any
 
 from markdown_tables import line, runs_to_take_in
 
-from gensim2.files import write_atomic, write_json
+from gensim2.core.files import write_atomic, write_json
+from gensim2.core.yaml_files import read_yaml
 from gensim2.policy.config import HEADS
 from gensim2.rollout.tally import interval
-from gensim2.yaml_files import read_yaml
 
 FIGURES = Path(__file__).with_name("policies.json")
 ROOT = Path(__file__).parents[1]

@@ -23,8 +23,8 @@ import numpy as np
 
 from gensim2.data.dataset import DataSet
 from gensim2.objects import open_library
-from gensim2.observations import CloudSettings, DepthNoise, ObservationSpec, View, point_cloud
-from gensim2.raycast.observer import Observer
+from gensim2.perception import CloudSettings, DepthNoise, ObservationSpec, View, point_cloud
+from gensim2.perception.raycast.observer import Observer
 from gensim2.robots import robot as robot_profile
 from gensim2.rollout.recording import Recording
 from gensim2.scenes.config import SceneConfig

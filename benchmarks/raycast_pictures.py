@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 from raycast import episodes, observer
 
-from gensim2.observations import CloudSettings, PointCloud, point_cloud
+from gensim2.perception import CloudSettings, PointCloud, point_cloud
 from gensim2.sim.pictures import StatePictures
 
 SCALE, GAP = 2, 8

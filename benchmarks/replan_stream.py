@@ -21,7 +21,7 @@ import numpy as np
 
 import gensim2_kpam as kpam
 from gensim2 import robots
-from gensim2.seeding import rng
+from gensim2.core.seeding import rng
 
 Array = np.ndarray
 Q_START = np.array([0.0, -0.32, 0.0, -2.61799, 0.0, 2.23, 0.785398, 0.04, 0.04])

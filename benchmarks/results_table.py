@@ -26,8 +26,8 @@ from figures import rows_of
 from markdown_tables import line
 from results_claims import TYPES, claims
 
-from gensim2.errors import InputError
-from gensim2.files import write_atomic, write_json
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic, write_json
 from gensim2.rollout.tally import interval
 from gensim2.scenes.physics import DEFAULT_PHYSICS, PHYSICS_NAMES
 from gensim2.tasks.figures import Condition, Figure, figures

@@ -37,20 +37,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gensim2.deploy.drivers.realsense import RealSenseCameras
-from gensim2.deploy.drivers.software_realsense import SoftwareDevice
-from gensim2.deploy.faults import Fault
-from gensim2.deploy.keys import Keys
-from gensim2.deploy.live import looking
-from gensim2.deploy.remote import protocol
-from gensim2.deploy.remote.server import PolicyServer
-from gensim2.deploy.replay import replay
-from gensim2.deploy.run import run as run_line
-from gensim2.deploy.simulated_cameras import SimulatedCameras, simulated_cameras
-from gensim2.deploy.simulated_world import SimulatedWorld
-from gensim2.deploy.watch import WatchRules
+from gensim2.core.seeding import rng
+from gensim2.policy.remote import protocol
+from gensim2.policy.remote.server import PolicyServer
 from gensim2.rollout.inputs import read_task_input
-from gensim2.seeding import rng
+from gensim2_robot.drivers.realsense import RealSenseCameras
+from gensim2_robot.drivers.software_realsense import SoftwareDevice
+from gensim2_robot.faults import Fault
+from gensim2_robot.keys import Keys
+from gensim2_robot.live import looking
+from gensim2_robot.replay import replay
+from gensim2_robot.run import run as run_line
+from gensim2_robot.simulated_cameras import SimulatedCameras, simulated_cameras
+from gensim2_robot.simulated_world import SimulatedWorld
+from gensim2_robot.watch import WatchRules
 
 ENDS = {
     "camera-frozen": "holding",

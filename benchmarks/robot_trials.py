@@ -25,12 +25,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from gensim2.deploy.config import Delays
-from gensim2.deploy.trial.protocol import protocol_names, read_protocol
-from gensim2.deploy.trial.record import write_table
-from gensim2.deploy.trial.run import trial
-from gensim2.deploy.watch import WatchRules
-from gensim2.progress import ConsoleProgress
+from gensim2.core.progress import ConsoleProgress
+from gensim2_robot.config import Delays
+from gensim2_robot.trial.protocol import protocol_names, read_protocol
+from gensim2_robot.trial.record import write_table
+from gensim2_robot.trial.run import trial
+from gensim2_robot.watch import WatchRules
 
 DELAYS = Delays(camera=(0.02, 0.06), controller=(0.03, 0.09))
 #: Pictures are 0.1 s apart and come up to 0.06 s late, by clocks that are off by some 0.01 s each.

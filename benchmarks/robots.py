@@ -19,8 +19,8 @@ from typing import Any
 
 import grasps
 
-from gensim2.processes import WorkerPool, enumerated
-from gensim2.processes import results as run
+from gensim2.core.processes import WorkerPool, enumerated
+from gensim2.core.processes import results as run
 from gensim2.robots import robot_names
 from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.worker import PRELOAD, episode

@@ -156,7 +156,7 @@ def main() -> None:
     parser.add_argument("--tasks", nargs="*")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    from gensim2.seeding import scene_seeds
+    from gensim2.core.seeding import scene_seeds
     from gensim2.tasks.library import task_names
 
     jobs = [

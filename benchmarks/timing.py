@@ -33,7 +33,7 @@ from gensim2 import robots
 from gensim2.bench.convert import keypoint_problem
 from gensim2.bench.problems import read_problems
 from gensim2.bench.scene import check_assets, problem_scene
-from gensim2.seeding import rng
+from gensim2.core.seeding import rng
 
 Array = np.ndarray
 

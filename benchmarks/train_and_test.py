@@ -19,7 +19,7 @@ from typing import Any
 
 from figures import rows_of
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import Library, open_library
 from gensim2.rollout.tally import interval
 from gensim2.tasks.library import load_task

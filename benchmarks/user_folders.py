@@ -31,15 +31,15 @@ from typing import Any
 import numpy as np
 
 from gensim2.cli import main as cli
+from gensim2.core.errors import GenSim2Error
+from gensim2.core.progress import NULL_PROGRESS
+from gensim2.core.seeding import rng
 from gensim2.design import Brief, OfflineDesigner
 from gensim2.design.base import Known
 from gensim2.design.briefing import Classes, robot_summary
-from gensim2.errors import GenSim2Error
 from gensim2.objects import ObjectModel, open_library
 from gensim2.objects.library.export import export
-from gensim2.progress import NULL_PROGRESS
 from gensim2.rollout.inputs import of_these_objects
-from gensim2.seeding import rng
 from gensim2.tasks.library import load_strategies, load_task, packaged_names
 
 KINDS = ("subset", "other ids", "one object", "only rigid", "links", "unknown names")

@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 import gensim2
-from gensim2.progress import ConsoleProgress
+from gensim2.core.progress import ConsoleProgress
 
 if __name__ == "__main__":  # the simulator's worker processes import this file
     out = Path(sys.argv[1]) if len(sys.argv) > 1 else None

@@ -33,13 +33,13 @@ PACKAGES = {
     "gensim2.tasks": "tasks, criteria, the task library",
     "gensim2.robots": "robot profiles",
     "gensim2.sim": "environments",
-    "gensim2.observations": "what cameras give",
+    "gensim2.perception": "what cameras give",
     "gensim2.planning": "scenes, problems, plans",
     "gensim2.rollout": "episodes, controllers, verdicts",
     "gensim2.data": "data sets",
     "gensim2.evaluation": "benchmark and evaluation of controllers",
     "gensim2.policy": "networks, training, checkpoints",
-    "gensim2.deploy": "an arm and its cameras",
+    "gensim2_robot": "an arm and its cameras",
     "gensim2.design": "designers, search, runs",
 }
 #: Links of pages outside docs/ that lead to files which the site does not have.

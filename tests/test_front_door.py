@@ -21,7 +21,7 @@ ROOMS = (
     "evaluation",
     "inspection",
     "objects",
-    "observations",
+    "perception",
     "planning",
     "robots",
     "rollout",

@@ -128,7 +128,7 @@ def test_wheel_works_away_from_the_clone(wheel: Path, tmp_path: Path) -> None:
         "import gensim2, gensim2_kpam\n"
         f"assert gensim2.__file__.startswith({str(site)!r}), gensim2.__file__\n"
         f"assert gensim2_kpam.__file__.startswith({str(site)!r}), gensim2_kpam.__file__\n"
-        "from gensim2.pages import template\n"
+        "from gensim2.core.pages import template\n"
         "for name in ('report.html.j2', 'tasks.html.j2'): template('gensim2.design', name)\n"
         "template('gensim2.inspection', 'objects.html.j2')\n"
         "from gensim2.tasks.library import load_strategies, load_task, task_names\n"

@@ -22,7 +22,7 @@ ABOVE_SIM = (
     "gensim2.data",
     "gensim2.evaluation",
     "gensim2.policy",
-    "gensim2.deploy",
+    "gensim2_robot",
     "gensim2.design",
     "gensim2.inspection",
 )
@@ -33,7 +33,6 @@ UPWARDS = (
     "gensim2.data",
     "gensim2.evaluation",
     "gensim2.policy",
-    "gensim2.deploy",
     "gensim2.design",
     "gensim2.cli",
 )
@@ -100,7 +99,7 @@ def test_the_simulator_knows_neither_episodes_nor_what_looks_at_objects() -> Non
 def test_robots_know_of_nothing_but_files_and_the_solver() -> None:
     for path in sources("gensim2.robots"):
         for name in imports(path.read_text()):
-            known = ("gensim2.robots", "gensim2.errors", "gensim2.files")
+            known = ("gensim2.robots", "gensim2.core")
             assert not lies_in(name, "gensim2") or any(lies_in(name, room) for room in known), f"{path}: {name}"
 
 
@@ -111,22 +110,29 @@ def test_rooms_from_the_loop_up_depend_in_one_direction(number: int) -> None:
             assert not any(lies_in(name, above) for above in UPWARDS[number + 1 :]), f"{path}: {name}"
 
 
-def test_observations_know_of_nothing_but_pictures() -> None:
-    """A real robot's cameras feed the same code, where no simulator is installed."""
-    for path in sources("gensim2.observations"):
+def test_perception_knows_no_simulator() -> None:
+    """A real robot's cameras feed the same code, where no simulator is installed; ray casting knows objects, too."""
+    for path in sources("gensim2.perception"):
+        known = ["gensim2.perception", "gensim2.robots", "gensim2.core"]
+        known += ["gensim2.objects", "gensim2.scenes"] if path.parent.name == "raycast" else []
         for name in imports(path.read_text()):
-            known = ("gensim2.observations", "gensim2.robots", "gensim2.errors", "gensim2.lazy")
             assert not lies_in(name, "gensim2") or any(lies_in(name, room) for room in known), f"{path}: {name}"
 
 
-def test_pages_know_of_no_room() -> None:
-    for path in sources("gensim2.pages"):
+def test_the_core_knows_no_room() -> None:
+    for path in sources("gensim2.core"):
         for name in imports(path.read_text()):
-            assert not lies_in(name, "gensim2"), f"{path}: {name}"
+            assert not lies_in(name, "gensim2") or lies_in(name, "gensim2.core"), f"{path}: {name}"
+
+
+def test_nothing_in_gensim2_knows_the_distribution_for_robots() -> None:
+    for path in sources("gensim2"):
+        for name in imports(path.read_text()):
+            assert not lies_in(name, "gensim2_robot"), f"{path}: {name}"
 
 
 def test_the_interpreter_of_task_code_knows_tasks_and_executes_nothing() -> None:
-    known = ("gensim2.design.sandbox", "gensim2.tasks", "gensim2.errors")
+    known = ("gensim2.design.sandbox", "gensim2.tasks", "gensim2.core")
     for path in sources("gensim2.design.sandbox"):
         for name in imports(path.read_text()):
             assert not lies_in(name, "gensim2") or any(lies_in(name, room) for room in known), f"{path}: {name}"
@@ -196,7 +202,7 @@ def test_an_error_of_pydantic_is_put_into_words_in_one_place() -> None:
         for path in sources("gensim2")
         if ".errors()" in path.read_text()
     }
-    assert converting == {"validation.py", "tasks/parse.py"}, "tasks/parse.py looks up a location in the error"
+    assert converting == {"core/validation.py", "tasks/parse.py"}, "tasks/parse.py looks up a location in the error"
 
 
 def test_a_name_of_a_class_has_one_meaning_in_design_and_evaluation() -> None:

@@ -20,14 +20,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from gensim2.lazy import lazy_names
+from gensim2.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.data import DataSet, collect, render
     from gensim2.design import demo, run_pipeline
     from gensim2.evaluation import benchmark, evaluate
     from gensim2.objects import Library, open_library
-    from gensim2.observations import Observation, ObservationSpec
+    from gensim2.perception import Observation, ObservationSpec
     from gensim2.robots import load_robot, register_robot, robot, robot_names
     from gensim2.rollout import solve
     from gensim2.sim import HeadlessEnv, make_env, make_vec_env
@@ -68,8 +68,8 @@ _of_rooms = lazy_names(
         "DataSet": "gensim2.data",
         "HeadlessEnv": "gensim2.sim",
         "Library": "gensim2.objects",
-        "Observation": "gensim2.observations",
-        "ObservationSpec": "gensim2.observations",
+        "Observation": "gensim2.perception",
+        "ObservationSpec": "gensim2.perception",
         "TaskSpec": "gensim2.tasks",
         "benchmark": "gensim2.evaluation",
         "collect": "gensim2.data",

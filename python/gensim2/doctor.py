@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gensim2.errors import GenSim2Error, MissingExtraError
+from gensim2.core.errors import GenSim2Error, MissingExtraError
 
 # In a process of its own: a driver that crashes takes its process with it, and SAPIEN keeps what it set up.
 _VULKAN_PROBE = """
@@ -130,8 +130,8 @@ def ray_casting() -> Check:
     """Whether Embree finds a triangle and points can be sampled: point clouds need both."""
     name, remedy = "Ray casting", "pip install 'gensim2[sim]'; all but point clouds works without"
     try:
-        from gensim2.observations.sampling import farthest_points
-        from gensim2.raycast.shapes import Surface
+        from gensim2.perception.raycast.shapes import Surface
+        from gensim2.perception.sampling import farthest_points
 
         corners = np.array([[-1, -1, 2], [1, -1, 2], [0, 1, 2]], dtype=np.float32)
         triangle = Surface(corners, np.array([[0, 1, 2]], dtype=np.int32), np.zeros((1, 3), np.uint8))
@@ -257,7 +257,7 @@ def _assets(assets: str | Path | None) -> Check:
 
 
 def _cache() -> Check:
-    from gensim2.files import cache_dir
+    from gensim2.core.files import cache_dir
 
     folder = cache_dir()
     try:
@@ -270,7 +270,7 @@ def _cache() -> Check:
 
 
 def _cores() -> Check:
-    from gensim2.cores import usable_cores
+    from gensim2.core.cores import usable_cores
 
     return Check("Cores", "ok", str(usable_cores()))
 

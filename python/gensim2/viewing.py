@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Unpack, cast
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.errors import InputError, MissingExtraError
 from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.store import TaskStore
 from gensim2.data.used_objects import ObjectCheck
-from gensim2.errors import InputError, MissingExtraError
-from gensim2.observations import EmptyCloudError, ObservationSpec
+from gensim2.perception import EmptyCloudError, ObservationSpec
 from gensim2.robots import RobotProfile
 from gensim2.robots import robot as robot_profile
 from gensim2.rollout.config import EpisodeConfig, RolloutArguments
@@ -173,8 +173,8 @@ def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port:
         MissingExtraError: viser or Embree is not installed.
     """
     from gensim2.data.observing import objects_of
+    from gensim2.perception.raycast.observer import Observer
     from gensim2.planning.show import draw_plan
-    from gensim2.raycast.observer import Observer
     from gensim2_kpam.show import add_clock, add_text
 
     server = viser_module().ViserServer(host=host, port=port, verbose=False)

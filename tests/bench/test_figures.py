@@ -13,7 +13,7 @@ from figures import archive_name, command_of, made_together, page_by_instance, r
 from run_folders import fake_world
 
 from gensim2.cli.benchmark import benchmark
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.tasks.figures import Condition, Figures, figures_of, read_figures
 from gensim2.tasks.figures import figures as stored_figures
 from gensim2.tasks.library import load_task, task_names

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gensim2.bench import motion_summary, read_motion_problems, solve_motions
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 START = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
 GOAL = [1.2, -0.3, 0.0, -2.0, 0.0, 1.9, 0.785]

@@ -15,7 +15,7 @@ from original_configs import ROBOT, Rate, _groups, _recorded, _release_of, bench
 from tests.common.pushing_config import CONFIG
 
 from gensim2.bench.problems import read_problems
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import open_library
 from gensim2.robots import robot
 from gensim2.sim.headless import HeadlessEnv

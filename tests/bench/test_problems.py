@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gensim2.bench.problems import PlanProblem, parse_problem, read_problems
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 Spoil = Callable[[dict[str, Any]], None]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.tasks.figures import Condition, Figure, Source, Verdicts
 from gensim2.tasks.library import load_task
 from gensim2.tasks.published import PAPER

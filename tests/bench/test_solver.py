@@ -11,7 +11,7 @@ import pytest
 
 from gensim2.bench import bench_solver
 from gensim2.cli.main import BAD_INPUT, run
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 pytest.importorskip("mani_skill")
 

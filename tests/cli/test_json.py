@@ -16,8 +16,8 @@ import pytest
 
 from gensim2.cli import main as cli
 from gensim2.cli import options
-from gensim2.files import write_output
-from gensim2.special_files import descriptor
+from gensim2.core.files import write_output
+from gensim2.core.special_files import descriptor
 
 LIST = ["tasks", "list", "--json"]
 

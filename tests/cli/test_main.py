@@ -16,8 +16,8 @@ import gensim2.doctor
 from gensim2.cli import main as cli
 from gensim2.cli.output import report
 from gensim2.cli.solve import solve
+from gensim2.core.errors import GenSim2Error, InputError, MissingExtraError, NotRunError
 from gensim2.doctor import Check, DoctorReport
-from gensim2.errors import GenSim2Error, InputError, MissingExtraError, NotRunError
 
 
 def _command_that_raises(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:

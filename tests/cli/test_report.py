@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 import run_folders
 
+from gensim2.core.errors import InputError
 from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.runfolder import TaskFolder
 from gensim2.design.report import write_report
-from gensim2.errors import InputError
 from gensim2.rollout.tally import interval
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec

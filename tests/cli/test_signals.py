@@ -9,7 +9,7 @@ import time
 import pytest
 
 from gensim2.cli.signals import stopping_signals
-from gensim2.errors import Stopped
+from gensim2.core.errors import Stopped
 
 #: A function of a package that catches whatever is raised in it, as trimesh does around its imports.
 SWALLOWS = """

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.deploy.devices import Frame
-from gensim2.deploy.simulated_cameras import simulated_cameras
-from gensim2.errors import InputError
-from gensim2.observations import Camera
+from gensim2.core.errors import InputError
+from gensim2.perception import Camera
 from gensim2.robots import robot
+from gensim2_robot.devices import Frame
+from gensim2_robot.simulated_cameras import simulated_cameras
 
 SERIAL = "827112070000"
 LEFT = replace(simulated_cameras(robot("panda"), 32, 24)[0], name="left")
@@ -61,8 +61,8 @@ class Filmed:
     """A software device of the real library that films, one picture each 50 ms, no two alike."""
 
     def __init__(self, *_: Any) -> None:
-        from gensim2.deploy.drivers.realsense import RealSenseCameras
-        from gensim2.deploy.drivers.software_realsense import SoftwareDevice
+        from gensim2_robot.drivers.realsense import RealSenseCameras
+        from gensim2_robot.drivers.software_realsense import SoftwareDevice
 
         self._device = SoftwareDevice(LEFT, SERIAL, 20)
         self._driver = RealSenseCameras([LEFT], {"left": self._device.device}, 20)

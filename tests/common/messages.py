@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gensim2.progress import NullProgress
+from gensim2.core.progress import NullProgress
 
 
 class Messages(NullProgress):

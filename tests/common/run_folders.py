@@ -9,11 +9,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "kill"))
 
 import fake_world
 
+from gensim2.core.files import write_json
 from gensim2.data.records import RUN_SCHEMA_VERSION, PipelineResult, RunRecord, Verification
 from gensim2.data.runfolder import TaskFolder
 from gensim2.design.base import Candidate, CandidateResult, StageResult
 from gensim2.design.designs import Design, write_design
-from gensim2.files import write_json
 from gensim2.rollout.config import RolloutOptions
 from gensim2.rollout.record import Cause
 from gensim2.scenes.config import SceneOptions

@@ -12,8 +12,8 @@ TESTS = Path(__file__).parents[1]
 
 #: ``pytest -m fast`` runs these files whole: no simulator but for a reset or two, no worker processes, no training.
 FAST = (
-    "test_errors.py",
-    "test_files.py",
+    "core/test_errors.py",
+    "core/test_files.py",
     "test_rooms.py",
     "bench/test_checker.py",
     "bench/test_motion.py",
@@ -25,9 +25,9 @@ FAST = (
     "cli/test_tasks.py",
     "data/test_clearance.py",
     "data/test_store.py",
-    "deploy/test_log.py",
-    "deploy/test_streaming.py",
-    "deploy/test_watch.py",
+    "robot/test_log.py",
+    "robot/test_streaming.py",
+    "robot/test_watch.py",
     "design/runs/test_adding.py",
     "design/runs/test_remembering.py",
     "design/runs/test_search.py",
@@ -59,8 +59,8 @@ FAST = (
     "objects/test_rigid_damage.py",
     "objects/test_rotations.py",
     "objects/test_words.py",
-    "observations/test_cloud.py",
-    "observations/test_noise.py",
+    "perception/test_cloud.py",
+    "perception/test_noise.py",
     "planning/test_actions.py",
     "planning/test_landmarks.py",
     "planning/test_reaching.py",
@@ -101,7 +101,7 @@ PARTLY_FAST = (
     "fuzz/test_readers.py",
     "kill/test_kills.py",
     "pages/test_pages.py",
-    "processes/test_pool.py",
+    "core/processes/test_pool.py",
 )
 
 #: Needs real objects, whose preparation takes seconds each.
@@ -122,11 +122,11 @@ LONGEST = (
     "policy/test_train.py",
     "design/runs/test_benchmarking.py",
     "tasks/test_library_strategies.py",
-    "deploy/test_processes.py",
-    "deploy/test_stopped_devices.py",
+    "robot/test_processes.py",
+    "robot/test_stopped_devices.py",
     "data/test_foreign.py",
     "pages/test_pages.py",
-    "processes/test_ray.py",
+    "core/processes/test_ray.py",
     "sim/test_env.py",
     "rollout/test_container.py",
     "policy/test_export.py",
@@ -138,7 +138,7 @@ LONGEST = (
     "sim/test_initial_state.py",
     "sim/test_gymnasium.py",
     "objects/test_generated.py",
-    "deploy/test_line.py",
+    "robot/test_line.py",
     "kill/test_night.py",
     "policy/keypose/test_learn.py",
 )

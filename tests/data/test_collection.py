@@ -17,13 +17,13 @@ import pytest
 from disks import can_mount, on_disk
 from kill_runs import SCRIPT_ENVIRONMENT, contents, differences
 
+from gensim2.core.errors import InputError, NotRunError, WriteError
+from gensim2.core.seeding import scene_seeds
 from gensim2.data import DataSet
 from gensim2.data.queue import Queue
 from gensim2.data.status import NullListener, Status
-from gensim2.errors import InputError, NotRunError, WriteError
 from gensim2.objects import open_library
 from gensim2.rollout import worker
-from gensim2.seeding import scene_seeds
 
 Gather = Callable[..., Any]
 KILL_RUNS = Path(__file__).parents[1] / "kill" / "kill_runs.py"

@@ -22,6 +22,8 @@ import numpy as np
 import pytest
 import zarr
 
+from gensim2.core.errors import InputError, WriteError
+from gensim2.core.files import new_folder
 from gensim2.data.card import card
 from gensim2.data.dataset import DataSet
 from gensim2.data.episode_file import write_episode
@@ -35,9 +37,7 @@ from gensim2.data.formats.replay_zarr import ZarrWriter
 from gensim2.data.formats.zarr_reading import zarr_frames
 from gensim2.data.observation_file import read_observation, write_observation
 from gensim2.data.rendering import render
-from gensim2.errors import InputError, WriteError
-from gensim2.files import new_folder
-from gensim2.observations.columns import CLOUD, DEPTH, IMAGE, PROPRIOCEPTION
+from gensim2.perception.columns import CLOUD, DEPTH, IMAGE, PROPRIOCEPTION
 
 SmallDisk = Callable[..., AbstractContextManager[None]]
 
@@ -413,7 +413,7 @@ def test_an_export_at_work_is_not_removed_by_another_of_its_name(
 
 
 def test_an_export_that_is_killed_leaves_what_the_next_removes(dataset: DataSet, tmp_path: Path) -> None:
-    code = "import os, signal\nfrom pathlib import Path\nfrom gensim2.files import new_folder\n"
+    code = "import os, signal\nfrom pathlib import Path\nfrom gensim2.core.files import new_folder\n"
     code += "with new_folder(Path('out')) as folder:\n (folder / 'a').touch()\n os.kill(os.getpid(), signal.SIGKILL)\n"
     subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False, timeout=120)
     assert [path.name for path in tmp_path.glob(".out.*.tmp")]
@@ -481,7 +481,7 @@ def test_rendering_on_a_full_disk_names_the_file(dataset: DataSet, small_disk: S
 
 
 def test_a_card_shows_descriptions_as_they_are(dataset: DataSet) -> None:
-    from gensim2.yaml_files import dump_yaml, read_yaml
+    from gensim2.core.yaml_files import dump_yaml, read_yaml
 
     file = dataset.path / "CloseBox" / "task.yaml"
     said = "<script>alert(1)</script> | a ![x](http://y) `z` **b** [l](x) | line"

@@ -16,6 +16,8 @@ import pytest
 import zarr
 from kill_runs import contents
 
+from gensim2.core.errors import InputError, WriteError
+from gensim2.core.sealed_file import HEADER_SIZE
 from gensim2.data import episode_file
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.export import NATIVE, export
@@ -25,12 +27,10 @@ from gensim2.data.formats.lerobot_reading import read_lerobot
 from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format
 from gensim2.data.observation_file import write_observation
 from gensim2.data.selection import Selection
-from gensim2.errors import InputError, WriteError
-from gensim2.observations import ObservationSpec
-from gensim2.observations.cloud import to_steps
-from gensim2.observations.proprioception import Proprioception
+from gensim2.perception import ObservationSpec
+from gensim2.perception.cloud import to_steps
+from gensim2.perception.proprioception import Proprioception
 from gensim2.robots import robot
-from gensim2.sealed_file import HEADER_SIZE
 
 SmallDisk = Callable[..., AbstractContextManager[None]]
 

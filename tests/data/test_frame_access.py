@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gensim2.core.errors import InputError
+from gensim2.core.sealed_file import Seal
 from gensim2.data import DataSet, TaskStore
 from gensim2.data.formats.frames import frames_of
 from gensim2.data.rendering import render
-from gensim2.errors import InputError
-from gensim2.observations import CloudSettings, DepthNoise, ObservationSpec
-from gensim2.raycast.observer import Observer
+from gensim2.perception import CloudSettings, DepthNoise, ObservationSpec
+from gensim2.perception.raycast.observer import Observer
 from gensim2.rollout.recording import Recorder, Recording
-from gensim2.sealed_file import Seal
 from gensim2.sim.headless import HeadlessEnv
 
 SPEC = ObservationSpec(("pointcloud", "depth"), ("left",), CloudSettings(points=32, candidates=128, noise=DepthNoise()))

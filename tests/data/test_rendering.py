@@ -15,6 +15,9 @@ import pytest
 from tests.common.messages import Messages
 
 from gensim2.cli.main import BAD_INPUT, run
+from gensim2.core.errors import InputError, WriteError
+from gensim2.core.progress import NullProgress
+from gensim2.core.sealed_file import HEADER_SIZE
 from gensim2.data import TaskStore, observation_file
 from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.formats.export import export
@@ -22,14 +25,11 @@ from gensim2.data.observation_file import DamagedObservationError, read_observat
 from gensim2.data.rendering import render
 from gensim2.data.report import report
 from gensim2.data.selection import Selection
-from gensim2.errors import InputError, WriteError
 from gensim2.objects import open_library
 from gensim2.objects.library.export import export as library_export
-from gensim2.observations import CloudSettings, ObservationSpec
-from gensim2.progress import NullProgress
+from gensim2.perception import CloudSettings, ObservationSpec
 from gensim2.rollout.record import ObjectRecord
 from gensim2.rollout.recording import Recorder
-from gensim2.sealed_file import HEADER_SIZE
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.viewing import of_data_set
 

@@ -10,12 +10,12 @@ import h5py
 import numpy as np
 import pytest
 
+from gensim2.core.errors import InputError, WriteError
+from gensim2.core.sealed_file import HEADER_SIZE
 from gensim2.data import TaskStore, episode_file
 from gensim2.data.episode_file import DamagedEpisodeError, read_episode, read_row, write_episode
-from gensim2.errors import InputError, WriteError
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
-from gensim2.sealed_file import HEADER_SIZE
 from gensim2.tasks.library import load_task
 
 

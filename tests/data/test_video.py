@@ -9,9 +9,9 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
+from gensim2.core.errors import WriteError
+from gensim2.core.files import replacing
 from gensim2.data.video import pixel_format, write_video
-from gensim2.errors import WriteError
-from gensim2.files import replacing
 
 PICTURES = np.random.default_rng(0).integers(0, 256, (5, 73, 97, 3)).astype(np.uint8)
 

@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
+from gensim2.core.errors import InputError
+from gensim2.core.progress import NULL_PROGRESS
 from gensim2.design import Brief, OfflineDesigner
 from gensim2.design.base import Known
 from gensim2.design.briefing import Classes, robot_summary
 from gensim2.design.pieces import pieces
-from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.objects.library.export import export
 from gensim2.objects.library.release_splits import release_split
-from gensim2.progress import NULL_PROGRESS
 from gensim2.rollout.inputs import read_task_input
 from gensim2.scenes.arguments import chosen_instances
 from gensim2.tasks.library import load_strategies, load_task, packaged_names

@@ -11,7 +11,7 @@ import pytest
 
 import gensim2
 from gensim2.cli.main import run
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.evaluation.films import DOT, PAPER, SIZE
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
 from gensim2.rollout.worker import chain

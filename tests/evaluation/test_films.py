@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.evaluation.films import AMBIENT, DOT, PAPER, SKY, dotted, film_index, film_path, shaded
-from gensim2.observations import Camera
+from gensim2.perception import Camera
 
 CAMERA = Camera.looking("film", (0, 0, 2), (0.001, 0, 0), width=32, height=32, fov=1.0)
 

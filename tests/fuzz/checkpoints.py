@@ -28,9 +28,9 @@ from typing import Any
 import numpy as np
 from mutate import LONGEST_MESSAGE, damaged, damaged_value
 
-from gensim2.errors import InputError
-from gensim2.foreign.process import Bounds, isolated
-from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.process import Bounds, isolated
+from gensim2.core.progress import NULL_PROGRESS, Progress
 
 CPU_S, MEMORY, PATIENCE = 5, 2**30, 60
 SAID = 250
@@ -79,7 +79,7 @@ SIZES: dict[str, tuple[Any, ...]] = {
 
 def good_checkpoints(folder: Path) -> list[Path]:
     """The package's policy, and one of action chunks whose weights are drawn."""
-    from gensim2.observations import ObservationSpec
+    from gensim2.perception import ObservationSpec
     from gensim2.policy.checkpoint import ActionSpec, DataRecord, PolicyCheckpoint, checkpoint_folder
     from gensim2.policy.config import PolicyConfig, TrainConfig
     from gensim2.policy.control import Shuffled

@@ -30,6 +30,10 @@ import pyarrow
 import pyarrow.parquet
 from mutate import LONGEST_MESSAGE, damaged
 
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.process import FRUGAL, Bounds, isolated
+from gensim2.core.progress import NULL_PROGRESS
+from gensim2.core.sealed_file import HEADER_SIZE, Seal
 from gensim2.data import collect
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.columns import camera_array
@@ -38,10 +42,6 @@ from gensim2.data.formats.importing import PRELOAD, read_export
 from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format, write_manifest
 from gensim2.data.formats.native import read_back
 from gensim2.data.observation_file import write_observation
-from gensim2.errors import InputError
-from gensim2.foreign.process import FRUGAL, Bounds, isolated
-from gensim2.progress import NULL_PROGRESS
-from gensim2.sealed_file import HEADER_SIZE, Seal
 
 SLOWEST = 5.0  # s of CPU
 HANGS = 900.0  # s by the clock: other work may hold the machine up; what waits for ever waits longer

@@ -29,28 +29,29 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from mutate import LONGEST_MESSAGE, Kind, damaged, damaged_value
 
-from gensim2.deploy.calibration.file import Calibration, CameraCalibration, calibrated, read_calibration
-from gensim2.deploy.calibration.poses import read_standing
-from gensim2.deploy.devices import ArmState, Frame
-from gensim2.deploy.drivers.logged import LoggedCameras
-from gensim2.deploy.eyes import Eyes, Sight, inputs
-from gensim2.deploy.fit_noise import NoiseFile, fit_log, read_noise
-from gensim2.deploy.log import ENCODING, Log
-from gensim2.deploy.log_messages import About, LoggedCamera
-from gensim2.deploy.log_reader import messages
-from gensim2.deploy.mind import Answer, Question
-from gensim2.deploy.packing import pack, unpack
-from gensim2.deploy.replay import replay
-from gensim2.deploy.simulated_cameras import simulated_cameras
-from gensim2.deploy.trial.protocol import read_protocol
-from gensim2.deploy.trial.record import Asked, Trial, TrialFolder, read_trials, row_of
-from gensim2.errors import InputError
-from gensim2.foreign.process import Bounds, isolated
-from gensim2.observations import D435, Camera, ObservationSpec
-from gensim2.progress import NULL_PROGRESS
-from gensim2.record_files import read_record
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.process import Bounds, isolated
+from gensim2.core.progress import NULL_PROGRESS
+from gensim2.core.record_files import read_record
+from gensim2.core.yaml_files import dump_yaml, read_yaml
+from gensim2.perception import D435, Camera, ObservationSpec
+from gensim2.perception.noise_file import NoiseFile, read_noise
 from gensim2.robots import robot
-from gensim2.yaml_files import dump_yaml, read_yaml
+from gensim2_robot.calibration.file import Calibration, CameraCalibration, calibrated, read_calibration
+from gensim2_robot.calibration.poses import read_standing
+from gensim2_robot.devices import ArmState, Frame
+from gensim2_robot.drivers.logged import LoggedCameras
+from gensim2_robot.eyes import Eyes, Sight, inputs
+from gensim2_robot.fit_noise import fit_log
+from gensim2_robot.log import ENCODING, Log
+from gensim2_robot.log_messages import About, LoggedCamera
+from gensim2_robot.log_reader import messages
+from gensim2_robot.mind import Answer, Question
+from gensim2_robot.packing import pack, unpack
+from gensim2_robot.replay import replay
+from gensim2_robot.simulated_cameras import simulated_cameras
+from gensim2_robot.trial.protocol import read_protocol
+from gensim2_robot.trial.record import Asked, Trial, TrialFolder, read_trials, row_of
 
 MEMORY = 2**30
 SLOWEST = 5  # s of CPU
@@ -60,7 +61,7 @@ FILE = "log_000000.mcap"
 CANARIES = ("notes.py", "panda.py", "mcap.py", "sitecustomize.py")
 """Modules beside each input; a name in data may be one of them."""
 NAMES = ("notes.py", "notes:robot", "./panda.py", "os:system", "../notes.py", "mcap")
-MODULES = ("logs", "gensim2.raycast.caster", "scipy.spatial.transform", "mcap.writer")
+MODULES = ("logs", "gensim2.perception.raycast.caster", "scipy.spatial.transform", "mcap.writer")
 
 
 @cache
@@ -319,7 +320,7 @@ def _rewritten(path: Path, generator: np.random.Generator) -> str:
 
 
 def _packed(path: Path) -> Sequence[tuple[str, bytes]]:
-    from gensim2.deploy.log_reader import _packed as packed
+    from gensim2_robot.log_reader import _packed as packed
 
     return list(packed(path))
 

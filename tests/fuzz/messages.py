@@ -29,14 +29,14 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 from websockets.sync.server import serve
 
-from gensim2.deploy.remote import client, server
-from gensim2.deploy.remote.client import RemoteController
-from gensim2.deploy.remote.protocol import MAX_BYTES, TOKEN, VERSION, RemoteError, decode, encode
-from gensim2.deploy.remote.server import PolicyServer
-from gensim2.deploy.remote.websocket import logger
-from gensim2.foreign.process import Bounds
-from gensim2.observations import DepthNoise, Observation, ObservationSpec
-from gensim2.observations.columns import STATE, VELOCITY
+from gensim2.core.foreign.process import Bounds
+from gensim2.perception import DepthNoise, Observation, ObservationSpec
+from gensim2.perception.columns import STATE, VELOCITY
+from gensim2.policy.remote import client, server
+from gensim2.policy.remote.client import RemoteController
+from gensim2.policy.remote.protocol import MAX_BYTES, TOKEN, VERSION, RemoteError, decode, encode
+from gensim2.policy.remote.server import PolicyServer
+from gensim2.policy.remote.websocket import logger
 from gensim2.rollout.controller_spec import ControllerSpec
 
 SECRET = "a token of no worth"

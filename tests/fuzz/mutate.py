@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import yaml
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 Kind = Literal["json", "yaml", "lines", "binary"]
 

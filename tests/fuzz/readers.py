@@ -26,6 +26,7 @@ import fake_world
 from mutate import LIMIT, LONGEST_MESSAGE, Kind, Verdict, damaged, judged
 
 from gensim2.bench import read_problems
+from gensim2.core.record_files import read_record
 from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.records import Verification, VerificationRecord
 from gensim2.data.runfolder import RunFolder, TaskFolder
@@ -33,7 +34,6 @@ from gensim2.data.store import TaskStore
 from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
 from gensim2.design.designs import CandidateRecord, Design, DesignRecord, StageRecord
 from gensim2.design.report import write_report
-from gensim2.record_files import read_record
 from gensim2.rollout.inputs import task_and_strategies
 from gensim2.tasks.library import load_strategies, load_task, task_names
 
@@ -149,7 +149,7 @@ def attempt(folder: Path, subject: Subject, generator: np.random.Generator) -> V
 
     Raises:
         AssertionError: it hangs, or refuses in more than one line.
-        Exception: whatever else than an :class:`~gensim2.errors.InputError` it raised.
+        Exception: whatever else than an :class:`~gensim2.core.errors.InputError` it raised.
     """
     path = folder / subject.file
     good = path.read_bytes()

@@ -10,7 +10,7 @@ from mutate import damaged, judged
 from readers import good_folder, problem_line, run, subjects
 
 from gensim2.cli.main import run as run_command
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 
 @pytest.fixture(scope="module")

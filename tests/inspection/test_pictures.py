@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.inspection import pictures
 from gensim2.inspection.gallery import build_gallery
 from gensim2.objects import ArticulatedObject, Library, RigidObject, open_library

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2 import seeding
+from gensim2.core import seeding
 from gensim2.objects import open_library
 from gensim2.rollout import worker
 from gensim2.rollout.config import EpisodeConfig

@@ -15,7 +15,7 @@ from parts import Part, part, shape_distance, transform
 from recheck import Question
 
 import gensim2_kpam as kpam
-from gensim2 import seeding
+from gensim2.core import seeding
 
 from .random_arms import RandomArm, random_arm
 from .six_arms import ARMS, six_arm

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import gensim2_kpam as kpam
-from gensim2.seeding import rng
+from gensim2.core.seeding import rng
 
 Q_START = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785, 0.04, 0.04])
 MARGIN = 0.005

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import gensim2_kpam as kpam
-from gensim2 import seeding
+from gensim2.core import seeding
 
 from .kpam_scenes import Q_START, TOOL, config, problem, table
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import ArticulatedObject, Library, open_library
 from gensim2.objects.library.export import export
 

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from gensim2.core.seeding import rng
 from gensim2.inspection.checks import geometric_findings
 from gensim2.objects import Library
 from gensim2.objects.generators.blueprint import Blueprint
@@ -22,7 +23,6 @@ from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.meshwork.convexes import Block, depth_inside
 from gensim2.objects.physics import hull_moments
 from gensim2.objects.shapes import transform
-from gensim2.seeding import rng
 
 CLASSES = sorted(object_classes())
 PAPER_COUNTS = {

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gensim2.cli import main as cli
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.inspection.checks import geometric_findings
 from gensim2.inspection.validate import check_object
 from gensim2.objects import AssetError, open_library

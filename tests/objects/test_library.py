@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import Library, listing, open_library
 from gensim2.objects.library.catalogue import SETS
 from gensim2.objects.library.selection import select, words_of_objects

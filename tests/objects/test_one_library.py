@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from gensim2.cli import main as cli
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import Library, ObjectModel, listing, open_library
 from gensim2.objects.library.catalogue import SETS
 from gensim2.objects.library.selection import select

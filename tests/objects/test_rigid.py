@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.inspection.rigid import physical_findings
 from gensim2.objects import Library, open_library
 from gensim2.objects.errors import AssetError

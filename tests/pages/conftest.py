@@ -34,8 +34,8 @@ from gensim2.inspection.validate import ObjectReport
 from gensim2.objects import Library
 from gensim2.objects.library.shelf import Shelf
 from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
-from gensim2.observations.cameras import observation_cameras
-from gensim2.observations.cloud import to_steps
+from gensim2.perception.cameras import observation_cameras
+from gensim2.perception.cloud import to_steps
 from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.curves import Curves
 from gensim2.policy.evaluating import PolicyResult

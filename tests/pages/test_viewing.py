@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Page
 pytest.importorskip("viser")
 pytest.importorskip("mani_skill")
 
-from gensim2.observations import CloudSettings, ObservationSpec
+from gensim2.perception import CloudSettings, ObservationSpec
 from gensim2.rollout.recording import Recorder
 from gensim2.scenes.config import SceneOptions
 from gensim2.sim.headless import HeadlessEnv

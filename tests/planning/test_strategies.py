@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, PullStrategy, parse_strategy
 from gensim2.robots import robot

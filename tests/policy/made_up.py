@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from gensim2.observations import ObservationSpec
-from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
-from gensim2.observations.proprioception import tool_pose
+from gensim2.perception import ObservationSpec
+from gensim2.perception.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.perception.proprioception import tool_pose
 from gensim2.policy.checkpoint import ActionSpec, DataRecord
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.control import Shuffled

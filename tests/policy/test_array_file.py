@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.policy.array_file import read_arrays, write_arrays
 from gensim2.policy.control import CLOUDS, Shuffled
 from gensim2.policy.frames import SEEN

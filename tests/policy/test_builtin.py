@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from gensim2.cli.main import run
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import open_library
 from gensim2.objects.library.export import export
 from gensim2.policy import PolicyCheckpoint, teachers

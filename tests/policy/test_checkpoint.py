@@ -14,7 +14,7 @@ import made_up
 import pytest
 import torch
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
 from gensim2.policy.train import train_policy
 

@@ -9,7 +9,7 @@ import click
 import pytest
 
 from gensim2.cli.train import train
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.policy.config import HEADS, OF_KEYPOSES, PolicyConfig, TrainConfig, configs, read_config
 
 

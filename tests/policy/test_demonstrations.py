@@ -16,11 +16,12 @@ from tests.common.messages import Messages
 
 import gensim2
 from gensim2.cli.main import run
+from gensim2.core.errors import InputError
+from gensim2.core.progress import NullProgress
 from gensim2.data import DataSet
 from gensim2.data.observation_file import read_observation, write_observation
-from gensim2.errors import InputError
-from gensim2.observations import ObservationSpec
-from gensim2.observations.columns import CLOUD, STATE
+from gensim2.perception import ObservationSpec
+from gensim2.perception.columns import CLOUD, STATE
 from gensim2.policy import relabels
 from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig
@@ -34,7 +35,6 @@ from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, ne
 from gensim2.policy.sentences import sentence_row
 from gensim2.policy.source import SENTENCE
 from gensim2.policy.training import train
-from gensim2.progress import NullProgress
 from gensim2.sim import HeadlessEnv
 
 SPEC = ObservationSpec.of({"points": 48, "candidates": 512})
@@ -393,7 +393,7 @@ def test_what_is_no_number_is_refused_by_name(folder: Path, tmp_path: Path) -> N
     arrays = {**seen.arrays, "pointcloud/xyz": np.rint(seen.arrays["pointcloud/xyz"] * 1e4).astype(np.int16)}
     arrays["proprioception/qvel"][7, 2] = np.nan
     write_observation(path, seen.description, arrays)
-    shutil.rmtree(Path(gensim2.files.cache_dir()) / "policy" / "frames", ignore_errors=True)
+    shutil.rmtree(Path(gensim2.core.files.cache_dir()) / "policy" / "frames", ignore_errors=True)
     with pytest.raises(InputError, match=r"000001.h5: proprioception/qvel: is no finite number at frame 7"):
         decode([copy])
 
@@ -425,7 +425,7 @@ def test_decoding_is_done_once_and_again_where_a_file_is_short(folder: Path, mon
     with monkeypatch.context() as patch:
         patch.setattr(decoded, "_fill", lambda *_: pytest.fail("was decoded"))
         decode([folder])
-    place = next((gensim2.files.cache_dir() / "policy" / "frames").iterdir())
+    place = next((gensim2.core.files.cache_dir() / "policy" / "frames").iterdir())
     (place / f"{ACTIONS}.npy").unlink()
     again = decode([folder])
     assert np.array_equal(first.arrays[ACTIONS], again.arrays[ACTIONS])
@@ -442,12 +442,12 @@ def test_another_training_may_decode_the_same_meanwhile(folder: Path, monkeypatc
         raise InputError("is not an empty folder", file=place)
 
     whole = decode([folder])
-    for each in (gensim2.files.cache_dir() / "policy" / "frames").iterdir():
+    for each in (gensim2.core.files.cache_dir() / "policy" / "frames").iterdir():
         shutil.rmtree(each)
     with monkeypatch.context() as patch:
         patch.setattr(decoded, "_fill", twice)
         assert np.array_equal(decode([folder]).arrays[ACTIONS], whole.arrays[ACTIONS])
-    for each in (gensim2.files.cache_dir() / "policy" / "frames").iterdir():
+    for each in (gensim2.core.files.cache_dir() / "policy" / "frames").iterdir():
         shutil.rmtree(each)
     with monkeypatch.context() as patch:
         patch.setattr(decoded, "_fill", lambda place, *_: (_ for _ in ()).throw(InputError("no room", file=place)))

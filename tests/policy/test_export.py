@@ -8,7 +8,7 @@ from pathlib import Path
 import made_up
 import pytest
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.policy import export
 from gensim2.policy.export import export_policy
 from gensim2.policy.train import train_policy

@@ -17,8 +17,8 @@ import made_up
 import pytest
 import torch
 
+from gensim2.core.errors import InputError
 from gensim2.data.lock import FolderLock
-from gensim2.errors import InputError
 from gensim2.policy.experiments.config import config_of
 from gensim2.policy.experiments.running import run_experiment
 from gensim2.policy.learning import LOCK, learn
@@ -32,7 +32,7 @@ sys.path.insert(0, {str(HERE)!r})
 import made_up
 from pathlib import Path
 from gensim2.policy.train import train_policy
-from gensim2.progress import NullProgress
+from gensim2.core.progress import NullProgress
 
 class Slow(NullProgress):
     def advance(self, steps=1):

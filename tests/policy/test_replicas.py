@@ -15,7 +15,8 @@ import pytest
 import torch
 from test_train import Interrupting, files
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.seeding import rng
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.gradient_step import GradientStep, training_batch
 from gensim2.policy.network import fresh_network
@@ -23,7 +24,6 @@ from gensim2.policy.replicas import Replicas
 from gensim2.policy.step_cost import seconds_a_step
 from gensim2.policy.text import prepare
 from gensim2.policy.train import train_policy
-from gensim2.seeding import rng
 
 
 def test_gradients_are_those_of_the_whole_batch() -> None:

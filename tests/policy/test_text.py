@@ -9,7 +9,7 @@ import made_up
 import pytest
 import torch
 
-from gensim2.errors import InputError, MissingExtraError
+from gensim2.core.errors import InputError, MissingExtraError
 from gensim2.policy import pretrained_text
 from gensim2.policy.config import CLIP
 from gensim2.policy.text import SmallText, pieces, prepare

@@ -16,14 +16,14 @@ import made_up
 import pytest
 import torch
 
+from gensim2.core.errors import InputError
+from gensim2.core.progress import NullProgress
 from gensim2.data.lock import FolderLock
-from gensim2.errors import InputError
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import ENCODERS, TEXTS
 from gensim2.policy.dagger import train_rounds
 from gensim2.policy.heads.actions import ACTION
 from gensim2.policy.train import learning_rate, train_policy
-from gensim2.progress import NullProgress
 
 CHUNK_HEADS = ("chunk", "transformer", "diffusion", "flow")
 

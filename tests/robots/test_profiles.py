@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gensim2_kpam as kpam
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects.region import STANDARD_REGION
 from gensim2.robots import CLOSED, OPEN, robot
 

@@ -13,8 +13,8 @@ import warm
 pytest.importorskip("mani_skill")
 
 import gensim2
-from gensim2.errors import InputError
-from gensim2.processes import Job, WorkerPool, results
+from gensim2.core.errors import InputError
+from gensim2.core.processes import Job, WorkerPool, results
 from gensim2.robots import Mimic, RobotProfile, load_robot, robot, robot_key, robot_names
 from gensim2.robots.checks import check_profile
 from gensim2.scenes.config import SceneOptions

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("mani_skill")
 
-from gensim2.observations import CloudSettings, ObservationSpec
+from gensim2.perception import CloudSettings, ObservationSpec
 from gensim2.robots import load_robot, robot
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.run import run

@@ -16,18 +16,18 @@ pytest.importorskip("mani_skill")
 
 import gensim2
 from gensim2.cli.main import run
+from gensim2.core.errors import InputError
 from gensim2.data.record import DatasetRecord
 from gensim2.data.video import Replay
-from gensim2.deploy.log import Log
-from gensim2.deploy.log_messages import About
-from gensim2.errors import InputError
-from gensim2.observations import ObservationSpec
+from gensim2.perception import ObservationSpec
 from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.sentences import sentence_row
 from gensim2.policy.starting import check_text
 from gensim2.robots import robot
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_task
+from gensim2_robot.log import Log
+from gensim2_robot.log_messages import About
 
 CANARY = """
 from pathlib import Path
@@ -123,7 +123,7 @@ def test_the_robot_of_a_checkpoint_is_not_loaded(
 def test_the_robot_of_a_log_is_not_loaded(
     command: list[str], trap: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gensim2.deploy.calibration.run.read_standing", lambda _: [])  # its poses are no matter here
+    monkeypatch.setattr("gensim2_robot.calibration.run.read_standing", lambda _: [])  # its poses are no matter here
     about = About(
         task="CloseBox",
         language="",

@@ -12,13 +12,13 @@ import sapien
 from sapien import physx
 
 import gensim2.sim
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.robots import robot
+from gensim2.scenes.table import HALF_SIZE
 from gensim2.sim.arm import Arm
 from gensim2.sim.env import GenSim2Env
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.physics import DEFAULT
-from gensim2.sim.table import HALF_SIZE
 
 
 def test_the_headless_environment_is_the_environment(any_robot: str) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.observations import Observation
+from gensim2.perception import Observation
 
 
 class Rest:

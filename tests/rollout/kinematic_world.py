@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from gensim2.observations import Encoder
+from gensim2.perception import Encoder
 from gensim2.planning import predict
 from gensim2.planning.scene import Scene
 from gensim2.planning.world import carried_by

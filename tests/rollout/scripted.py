@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.observations import Encoder, Observation, ObservationSpec
+from gensim2.perception import Encoder, Observation, ObservationSpec
 from gensim2.planning.scene import Scene, SceneBody, SceneObject
 from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action, Event, PrivilegedObservation

@@ -14,7 +14,7 @@ from controllers import Rest
 from scripted import OPEN_DRAWER, ScriptedController, ScriptedWorld, glide
 
 from gensim2.cli.main import run as run_command
-from gensim2.observations import CloudSettings, EmptyCloudError, Observation, ObservationSpec
+from gensim2.perception import CloudSettings, EmptyCloudError, Observation, ObservationSpec
 from gensim2.robots import robot
 from gensim2.rollout import worker
 from gensim2.rollout.config import EpisodeConfig
@@ -218,7 +218,7 @@ def test_what_a_controller_does_wrong_is_one_line_that_names_it(name: str, words
 
 EXITS = """
 import os, sys
-from gensim2.errors import GenSim2Error
+from gensim2.core.errors import GenSim2Error
 
 class Left(BaseException):
     pass
@@ -306,7 +306,7 @@ class Restless:
         self.actions.append(np.asarray(action))
 
     def observe(self, spec: ObservationSpec) -> Observation:
-        from gensim2.observations import Encoder
+        from gensim2.perception import Encoder
 
         return Encoder(spec, self.profile).encode(self.steps, self.profile.reset_qpos, np.zeros(9), 1.0)
 

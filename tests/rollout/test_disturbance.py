@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gensim2
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.robots import robot
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.config import Disturbance

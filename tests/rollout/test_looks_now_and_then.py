@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.observations import Observation, ObservationSpec
+from gensim2.perception import Observation, ObservationSpec
 from gensim2.robots import robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE
 from gensim2.rollout.controller_spec import ControllerSpec

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gensim2.core.errors import InputError
 from gensim2.data import DataSet, collect
-from gensim2.errors import InputError
 from gensim2.rollout.config import RolloutOptions
 from gensim2.rollout.noise import PERIOD, Noisy
 

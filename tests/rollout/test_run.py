@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from jobs import HALFWAY, ROLE, Actions, hold, push
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects.types import Hulls
 from gensim2.planning.scene import Scene
 from gensim2.rollout.no_op import NoOpController, NoOpResult, no_op_baseline

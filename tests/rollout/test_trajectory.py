@@ -16,11 +16,11 @@ import warm
 from jobs import BESIDE_A_BALL, HALFWAY, ROLE, Actions, hold, record
 from pydantic import TypeAdapter
 
+from gensim2.core.errors import InputError
+from gensim2.core.processes import WorkerPool, enumerated
 from gensim2.data.episode_file import episode_digest, write_episode
 from gensim2.data.store import TaskStore
 from gensim2.data.trajectory import H5_NAME, TrajectoryMetadata, write_trajectory
-from gensim2.errors import InputError
-from gensim2.processes import WorkerPool, enumerated
 from gensim2.rollout.record import Episode, ObjectRecord
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.run import run

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import ArticulatedObject, Library, RigidObject, open_library
 from gensim2.objects.types import Hulls
 from gensim2.scenes import initial_state

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.seeding import rng
 from gensim2.robots import robot
 from gensim2.scenes.randomize import (
     START_SPREAD,
@@ -21,7 +22,6 @@ from gensim2.scenes.randomize import (
     placed,
     redraw_placement,
 )
-from gensim2.seeding import rng
 from gensim2.tasks.library import load_task
 from gensim2.tasks.presets import PRESET_NAMES, preset
 from gensim2.tasks.spec import Randomization

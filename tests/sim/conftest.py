@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.objects.types import ArticulatedObject, Hulls
 from gensim2.scenes.arguments import as_library

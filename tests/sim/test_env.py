@@ -15,11 +15,11 @@ import pytest
 import warm
 
 import gensim2.sim
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.core.errors import GenSim2Error, InputError
+from gensim2.core.seeding import rng
 from gensim2.objects import open_library
 from gensim2.robots import robot
 from gensim2.scenes.randomize import Draw, draw_object
-from gensim2.seeding import rng
 from gensim2.sim.env import GenSim2Env
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.parse import parse_task
@@ -318,9 +318,9 @@ def test_importing_the_registration_does_not_import_maniskill() -> None:
 
 _WITHOUT_DRIVER = """
 import numpy as np
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.robots import robot
-from gensim2.seeding import rng
+from gensim2.core.seeding import rng
 from gensim2.sim.env import GenSim2Env
 env = GenSim2Env(task="OpenDrawer", assets="builtin", render_mode="rgb_array")
 env.reset(seed=0)

@@ -15,7 +15,7 @@ from mani_skill.utils.wrappers import CPUGymWrapper
 
 import gensim2
 import gensim2.sim  # registers the tasks
-from gensim2.errors import ClosedEnvError, InputError
+from gensim2.core.errors import ClosedEnvError, InputError
 from gensim2.sim.env import GenSim2Env
 from gensim2.tasks.spec import TaskSpec
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.robots import robot
 from gensim2.sim.env import GenSim2Env
 from gensim2.sim.headless import HeadlessEnv

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import cdist
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import robot
 from gensim2.scenes.arguments import as_library, chosen_instances

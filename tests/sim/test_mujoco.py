@@ -14,8 +14,8 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+from gensim2.core.errors import InputError, MissingExtraError
 from gensim2.data import collect
-from gensim2.errors import InputError, MissingExtraError
 from gensim2.planning.strategies import parse_strategy
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.run import run

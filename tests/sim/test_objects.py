@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.sim.env import GenSim2Env
 
 LID_MASS, LID_ARM, GRAVITY = 0.3, 0.1, 9.81  # of the crate's lid

@@ -14,7 +14,7 @@ import sapien
 from sapien import physx
 from scipy.spatial import ConvexHull
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import RigidObject, open_library
 from gensim2.objects.types import ArticulatedObject, Hulls
 from gensim2.robots import robot

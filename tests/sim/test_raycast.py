@@ -12,13 +12,13 @@ import pytest
 import trimesh
 from PIL import Image
 
-from gensim2.errors import InputError
-from gensim2.observations import Camera, ObservationSpec
-from gensim2.observations.proprioception import tool_pose
-from gensim2.raycast.caster import Caster, Solid
-from gensim2.raycast.observer import Observer
-from gensim2.raycast.scene import RaycastScene
-from gensim2.raycast.shapes import Surface, read_mesh
+from gensim2.core.errors import InputError
+from gensim2.perception import Camera, ObservationSpec
+from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.raycast.caster import Caster, Solid
+from gensim2.perception.raycast.observer import Observer
+from gensim2.perception.raycast.scene import RaycastScene
+from gensim2.perception.raycast.shapes import Surface, read_mesh
 from gensim2.robots import load_robot, robot
 from gensim2.sim.env import GenSim2Env
 from gensim2.sim.headless import HeadlessEnv

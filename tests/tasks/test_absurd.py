@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 import yaml
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.yaml_files import read_yaml
 from gensim2.tasks.library import load_task
 from gensim2.tasks.parse import parse_task
-from gensim2.yaml_files import read_yaml
 
 Fields = dict[str, Any]
 

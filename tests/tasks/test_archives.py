@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from gensim2.cli.main import run
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.tasks.library import load_task, packaged_names, task_folder, task_names
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.tasks.criteria import ArticulatedOpen, DistanceArticulatedRigid, all_hold
 from gensim2.tasks.library import (
     load_strategies,

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.tasks import Provenance, TaskSpec, Verified
 from gensim2.tasks import library as shelves
 from gensim2.tasks.exporting import export

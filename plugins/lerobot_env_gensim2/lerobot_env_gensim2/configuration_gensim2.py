@@ -13,8 +13,8 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE, OBS_STR
 
-from gensim2.observations import ObservationSpec
-from gensim2.observations.columns import CLOUD, ENVIRONMENT_STATE, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.perception import ObservationSpec
+from gensim2.perception.columns import CLOUD, ENVIRONMENT_STATE, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.robots import robot
 from lerobot_env_gensim2.environment import GenSim2Gym
 

@@ -6,9 +6,9 @@ from typing import Any
 
 from lerobot.robots import Robot
 
-from gensim2.cli.robot_options import moves
-from gensim2.deploy.live import looking
-from gensim2.deploy.puppet import Puppet
+from gensim2_robot.cli.robot_options import moves
+from gensim2_robot.live import looking
+from gensim2_robot.puppet import Puppet
 from lerobot_robot_gensim2.config_gensim2 import GenSim2RobotConfig
 
 GRIPPER = "gripper.pos"

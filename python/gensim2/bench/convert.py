@@ -11,7 +11,7 @@ import gensim2_kpam as kpam
 from gensim2 import robots
 from gensim2.bench.problems import PlanProblem
 from gensim2.bench.scene import ProblemScene, SceneObstacle
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Frames = Literal["original", "object"]

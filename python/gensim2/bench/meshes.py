@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects.library.folder import ObjectFolder
 
 Array = npt.NDArray[np.float64]

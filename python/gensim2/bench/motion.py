@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2 import robots
-from gensim2.errors import InputError
-from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.core.errors import InputError
+from gensim2.core.progress import NULL_PROGRESS, Progress
 
 Array = npt.NDArray[np.float64]
 

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from gensim2.errors import InputError
-from gensim2.validation import input_error
+from gensim2.core.errors import InputError
+from gensim2.core.validation import input_error
 
 Array = npt.NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from gensim2.bench.meshes import convex_points, load_parts
 from gensim2.bench.problems import PlanProblem
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects.errors import MissingFileError
 from gensim2.objects.kinematics import joint_motion
 from gensim2.objects.library.folder import ObjectFolder

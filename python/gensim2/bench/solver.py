@@ -17,9 +17,9 @@ from gensim2 import robots
 from gensim2.bench.convert import Frames, keypoint_problem
 from gensim2.bench.problems import PlanProblem, read_problems
 from gensim2.bench.scene import check_assets, problem_scene
-from gensim2.errors import InputError
-from gensim2.files import check_writable, write_output
-from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.core.errors import InputError
+from gensim2.core.files import check_writable, write_output
+from gensim2.core.progress import NULL_PROGRESS, Progress
 
 #: Problems that the solver's threads get at once, a thread.
 BATCH_PER_THREAD = 8

@@ -33,7 +33,7 @@ def render(
     with report(json_file, lambda result: line(result["picture"])) as (_, give):
         import io
 
-        from gensim2.files import check_writable, write_output
+        from gensim2.core.files import check_writable, write_output
         from gensim2.objects import open_library
         from gensim2.objects.library.selection import select_one
 

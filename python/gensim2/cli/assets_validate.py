@@ -108,7 +108,7 @@ def prepare(
     Ends with 1 where one cannot be used.
     """
     with report(json_file, _show_prepared) as (progress, give):
-        from gensim2.files import cache_dir
+        from gensim2.core.files import cache_dir
         from gensim2.objects import open_library
         from gensim2.objects.library.selection import select
 

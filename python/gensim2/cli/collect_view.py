@@ -7,7 +7,7 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TextIO
 
-from gensim2.progress import NullProgress
+from gensim2.core.progress import NullProgress
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

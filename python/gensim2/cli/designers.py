@@ -83,8 +83,8 @@ def designer_of_command(
         InputError: an option cannot be used, or means nothing to this designer.
         MissingExtraError: the extra ``llm`` is not installed.
     """
+    from gensim2.core.errors import InputError
     from gensim2.design.designing import model_designer, offline_designer
-    from gensim2.errors import InputError
     from gensim2.tasks.library import task_names
 
     if target_object is not None:
@@ -121,7 +121,7 @@ def _check_object(target_object: str, target_task: str | None, scene: SceneOptio
     Raises:
         InputError: there is no such class, or the task is given, too.
     """
-    from gensim2.errors import InputError, near
+    from gensim2.core.errors import InputError, near
     from gensim2.objects import open_library
     from gensim2.tasks.library import task_names
 
@@ -141,7 +141,7 @@ def _check_terminal() -> None:
     """
     import sys
 
-    from gensim2.errors import InputError
+    from gensim2.core.errors import InputError
 
     if not sys.stdin.isatty():
         raise InputError("standard input is no terminal, so no one can be asked", field="--review")

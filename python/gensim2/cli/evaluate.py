@@ -10,7 +10,7 @@ import click
 
 from gensim2.cli import options
 from gensim2.cli.output import line, report, table
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 
 @click.command("evaluate", cls=options.Command, short_help="Measure how often a controller of your own succeeds.")

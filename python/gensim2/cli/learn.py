@@ -151,7 +151,7 @@ def learn(
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.data.runfolder import default_run_dir
-        from gensim2.deploy.fit_noise import read_noise
+        from gensim2.perception.noise_file import read_noise
         from gensim2.policy.evaluating import read_controls
         from gensim2.policy.learning import learn as function
 

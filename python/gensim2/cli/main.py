@@ -14,7 +14,7 @@ from typing import NoReturn
 import click
 
 from gensim2.cli.signals import exit_code, stopping_signals
-from gensim2.errors import GenSim2Error, InputError, MissingExtraError, ModelError, NotRunError, Stopped, one_line
+from gensim2.core.errors import GenSim2Error, InputError, MissingExtraError, ModelError, NotRunError, Stopped, one_line
 
 #: Exit codes; 0 is "ran to the end", 128 + n "stopped by signal n".
 FOUND_WRONG, BAD_INPUT, NOT_RUN = 1, 2, 3
@@ -53,7 +53,7 @@ COMMANDS = {
     "render": "gensim2.cli.render:render",
     "train": "gensim2.cli.train:train",
     "policy": "gensim2.cli.policy:policy",
-    "robot": "gensim2.cli.robot:robot",
+    "robot": "gensim2_robot.cli.robot:robot",
     "data": "gensim2.cli.data:data",
     "tasks": "gensim2.cli.tasks:tasks",
     "assets": "gensim2.cli.assets:assets",
@@ -113,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 def _leave(code: int) -> NoReturn:
     """Leave the process with a code; at once where Ray would leave it with another."""
-    head = sys.modules.get("gensim2.processes.ray_head")
+    head = sys.modules.get("gensim2.core.processes.ray_head")
     if head is not None and head.left_waiting:
         sys.stderr.flush()
         with contextlib.suppress(OSError):

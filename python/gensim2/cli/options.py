@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 import click
 from click.core import ParameterSource
 
-from gensim2.cores import usable_cores
-from gensim2.seeding import LARGEST_SEED
+from gensim2.core.cores import usable_cores
+from gensim2.core.seeding import LARGEST_SEED
 
 _F = TypeVar("_F", bound=Callable[..., object])
 
@@ -52,7 +52,7 @@ class _Physics(click.ParamType[str]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the word for the switches."""
-        from gensim2.errors import InputError  # here and below: `--help` needs none of it
+        from gensim2.core.errors import InputError  # here and below: `--help` needs none of it
         from gensim2.scenes.physics import physics_name
 
         try:

@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gensim2.errors import InputError
-from gensim2.files import check_writable, write_output
-from gensim2.progress import ConsoleProgress
-from gensim2.special_files import descriptor
+from gensim2.core.errors import InputError
+from gensim2.core.files import check_writable, write_output
+from gensim2.core.progress import ConsoleProgress
+from gensim2.core.special_files import descriptor
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -10,7 +10,7 @@ import click
 
 from gensim2.cli import options
 from gensim2.cli.output import line, report, table
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 
 @click.group("policy")
@@ -104,8 +104,8 @@ def serve(controller: str, host: str, port: int, arguments: tuple[str, ...], **g
     import os
     import secrets
 
-    from gensim2.deploy.remote.protocol import TOKEN
-    from gensim2.deploy.remote.server import PolicyServer
+    from gensim2.policy.remote.protocol import TOKEN
+    from gensim2.policy.remote.server import PolicyServer
     from gensim2.rollout.controller_spec import ControllerSpec
 
     if ":" in controller:

@@ -9,7 +9,7 @@ import click
 
 from gensim2.cli import options
 from gensim2.cli.output import line, report
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 
 @click.command("render", cls=options.Command, short_help="Make observations of a data set's states.")
@@ -82,9 +82,9 @@ def render(
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.data.rendering import render as function
-        from gensim2.deploy.fit_noise import read_noise
-        from gensim2.observations import CloudSettings, ObservationSpec
-        from gensim2.observations.cloud import candidates_for
+        from gensim2.perception import CloudSettings, ObservationSpec
+        from gensim2.perception.cloud import candidates_for
+        from gensim2.perception.noise_file import read_noise
 
         if depth_noise and noise is not None:
             raise InputError("says it already", field="--noise", remedy="leave out --depth-noise")

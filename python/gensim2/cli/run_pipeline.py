@@ -12,7 +12,7 @@ from gensim2.cli import options
 from gensim2.cli.designers import NAMES, designer_of_command, designer_options
 from gensim2.cli.output import line, report, table
 from gensim2.cli.tasks_memory import show_remembered
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 
 @click.command("run-pipeline", cls=options.Command, short_help="Design, verify and demonstrate new tasks.")
@@ -73,9 +73,9 @@ def run_pipeline(
     answer and what it cost (docs/pipeline.md).
     """
     with report(json_file, _show) as (progress, give):
+        from gensim2.core.errors import InputError
         from gensim2.design import run_pipeline as function
         from gensim2.design.remembering import Remembered, remember
-        from gensim2.errors import InputError
         from gensim2.scenes.config import SceneOptions, split_arguments
         from gensim2.tasks.memory import Memory
 

@@ -11,7 +11,7 @@ import click
 
 from gensim2.cli import options
 from gensim2.cli.output import line, report
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 
 @click.command("add", cls=options.Command, short_help="Add what a run kept, or a task of your own, to your library.")

@@ -14,10 +14,10 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
-from gensim2.errors import InputError
-from gensim2.files import write_atomic
-from gensim2.foreign.tree import MAX_RECORD, read_regular, why
-from gensim2.record_files import parse_record
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic
+from gensim2.core.foreign.tree import MAX_RECORD, read_regular, why
+from gensim2.core.record_files import parse_record
 from gensim2.rollout.record import Episode
 
 ATTEMPTS = "attempts.jsonl"

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.columns import lerobot_name
 from gensim2.data.store import TaskStore
-from gensim2.errors import InputError
-from gensim2.files import write_atomic
-from gensim2.observations.columns import CLOUD, ENVIRONMENT_STATE, IMAGE
+from gensim2.perception.columns import CLOUD, ENVIRONMENT_STATE, IMAGE
 from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.tally import interval
 

@@ -6,8 +6,8 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
+from gensim2.core.errors import MissingExtraError
 from gensim2.data.quality import TaskQuality
-from gensim2.errors import MissingExtraError
 
 _INCHES = (2.3, 2.1)
 """Five of them side by side fill a page."""

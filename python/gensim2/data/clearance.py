@@ -11,10 +11,10 @@ import numpy.typing as npt
 import gensim2_kpam as kpam
 from gensim2.objects import Library, ObjectModel
 from gensim2.objects.types import ArticulatedObject, Hulls
-from gensim2.raycast.kinematics import Tree, pose_matrices, read_urdf, state_rows
+from gensim2.perception.raycast.kinematics import Tree, pose_matrices, read_urdf, state_rows
 from gensim2.robots import RobotProfile
 from gensim2.rollout.recording import Recording
-from gensim2.sim.table import HALF_SIZE, corners
+from gensim2.scenes.table import HALF_SIZE, corners
 from gensim2.tasks.spec import TABLE, TaskSpec
 
 Array = npt.NDArray[np.float64]

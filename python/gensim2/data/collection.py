@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
+from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.data.record import DatasetRecord, TaskRecord
 from gensim2.data.status import Listener, NullListener, Status
-from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.rollout.config import RolloutArguments
 from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
 from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, only_strategies, read_task_inputs

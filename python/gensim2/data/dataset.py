@@ -13,17 +13,17 @@ from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
+from gensim2.core.errors import InputError, near
+from gensim2.core.files import write_json
+from gensim2.core.foreign.tree import ForeignTree
+from gensim2.core.record_files import read_record
 from gensim2.data.frame_access import FrameAccess
 from gensim2.data.observation_file import read_description, spec_of_file
 from gensim2.data.record import DatasetRecord
 from gensim2.data.store import OBSERVATIONS, TaskStore
-from gensim2.errors import InputError, near
-from gensim2.files import write_json
-from gensim2.foreign.tree import ForeignTree
 from gensim2.objects import open_library
 from gensim2.objects.library.catalogue import BUILTIN
-from gensim2.observations import ObservationSpec
-from gensim2.record_files import read_record
+from gensim2.perception import ObservationSpec
 from gensim2.scenes.config import SceneOptions
 
 DATASET_JSON = "dataset.json"

@@ -5,20 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from gensim2.core.errors import GenSim2Error
+from gensim2.core.processes import Job
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.seeding import scene_seeds
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.data.store import TaskStore
 from gensim2.data.task_queue import Quota, TaskQueue, run_queues
 from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
 from gensim2.data.video import Replay, film
-from gensim2.errors import GenSim2Error
 from gensim2.objects import Library
-from gensim2.processes import Job
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.identity import versions
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import Tally
-from gensim2.seeding import scene_seeds
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 

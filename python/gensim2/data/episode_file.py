@@ -14,13 +14,13 @@ import h5py
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from gensim2.errors import InputError
-from gensim2.foreign.hdf5 import ForeignHdf5Error, array_in, group_in, is_group, members
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.hdf5 import ForeignHdf5Error, array_in, group_in, is_group, members
+from gensim2.core.sealed_file import HEADER_SIZE, Seal
+from gensim2.core.validation import input_error
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.world import Tree
-from gensim2.sealed_file import HEADER_SIZE, Seal
-from gensim2.validation import input_error
 
 #: Chosen by benchmarks/stores.py: half the bytes of plain HDF5 at the same CPU; versions before 1.10 spend 2 kB of
 #: index on each of the ten arrays.

@@ -9,11 +9,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_json
 from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.owned_folder import OwnedFolder
 from gensim2.data.record import DatasetRecord
-from gensim2.errors import InputError
-from gensim2.files import write_json
 
 RUN_JSON, ERRORS_LOG, REPORT = "run.json", "errors.log", "report.html"
 """Files that record when, where and how; everything else in the folder follows from ``dataset.json``."""

@@ -15,14 +15,14 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.errors import InputError
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.observation_file import CLOUDS, checked_description, columns_of_file, spec_of_file
 from gensim2.data.store import TaskStore
-from gensim2.errors import InputError
-from gensim2.observations import ObservationSpec
-from gensim2.observations.cloud import from_steps
-from gensim2.observations.columns import CLOUD, CLOUD_SEGMENTATION, cloud_column
-from gensim2.observations.proprioception import Proprioception
+from gensim2.perception import ObservationSpec
+from gensim2.perception.cloud import from_steps
+from gensim2.perception.columns import CLOUD, CLOUD_SEGMENTATION, cloud_column
+from gensim2.perception.proprioception import Proprioception
 from gensim2.robots import OPEN, robot
 from gensim2.rollout.recording import Recording
 
@@ -63,7 +63,7 @@ class _Open:
 class FrameAccess:
     """The frames of all episodes that held, one after the other.
 
-    ``frames[i]`` is a mapping: what was seen, by the names of an :class:`~gensim2.observations.Observation`;
+    ``frames[i]`` is a mapping: what was seen, by the names of an :class:`~gensim2.perception.Observation`;
     ``action``, ``reward``, ``success``, ``done``; ``language``; ``task_index``, ``episode_index``, ``frame_index``. A
     file is read once as a whole, when it is first needed, to see that it is whole; from then on a frame is one chunk of
     it. Map-style, and it pickles: :meth:`torch` is the same for a ``DataLoader``.

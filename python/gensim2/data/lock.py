@@ -8,7 +8,7 @@ from typing import Self
 
 from filelock import FileLock, Timeout
 
-from gensim2.errors import InputError, WriteError
+from gensim2.core.errors import InputError, WriteError
 
 
 class FolderLock:

@@ -13,17 +13,17 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.hdf5 import ForeignHdf5Error, array_in, dataset_in, group_in, is_group, members
+from gensim2.core.sealed_file import HEADER_SIZE, Seal
 from gensim2.data.episode_file import LIBVER
 from gensim2.data.formats.columns import column_of
-from gensim2.errors import InputError
-from gensim2.foreign.hdf5 import ForeignHdf5Error, array_in, dataset_in, group_in, is_group, members
-from gensim2.observations import ObservationSpec
-from gensim2.observations.cloud import from_steps
-from gensim2.sealed_file import HEADER_SIZE, Seal
+from gensim2.perception import ObservationSpec
+from gensim2.perception.cloud import from_steps
 
 CLOUDS = "pointcloud/"
 CLOUD = f"{CLOUDS}xyz"
-"""Is kept in steps of 0.1 mm (:data:`gensim2.observations.cloud.RESOLUTION`), and read in m."""
+"""Is kept in steps of 0.1 mm (:data:`gensim2.perception.cloud.RESOLUTION`), and read in m."""
 
 DESCRIPTION = "observation"
 """Name of what the file is of, as JSON."""

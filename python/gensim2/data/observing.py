@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.errors import GenSim2Error
 from gensim2.data.formats.columns import array_of, camera_array
-from gensim2.errors import GenSim2Error
 from gensim2.objects import Library, ObjectModel, open_library
-from gensim2.observations import Observation, ObservationSpec
-from gensim2.observations.cloud import to_steps
-from gensim2.observations.columns import (
+from gensim2.perception import Observation, ObservationSpec
+from gensim2.perception.cloud import to_steps
+from gensim2.perception.columns import (
     GRIPPER,
     PROPRIOCEPTION,
     STATE,
     TOOL_POSE,
     VELOCITY,
 )
-from gensim2.raycast.observer import Observer, Photograph
+from gensim2.perception.raycast.observer import Observer, Photograph
 from gensim2.robots import robot as robot_profile
 from gensim2.rollout.recording import Recording
 from gensim2.scenes.config import SceneConfig

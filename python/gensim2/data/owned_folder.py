@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Self
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import remove_temporaries
 from gensim2.data.lock import FolderLock
-from gensim2.errors import InputError
-from gensim2.files import remove_temporaries
 
 
 class OwnedFolder:

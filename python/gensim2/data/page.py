@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from gensim2.core.files import write_atomic
+from gensim2.core.pages import template
 from gensim2.data.dataset import DataSet
 from gensim2.data.folder import REPORT
 from gensim2.data.status import Status
-from gensim2.files import write_atomic
-from gensim2.pages import template
 
 
 def write_page(dataset: DataSet, status: Status, run: Mapping[str, Any]) -> Path:

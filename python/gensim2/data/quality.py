@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.clearance import ClearanceMeter
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.frames import FIRST_JOINT
 from gensim2.data.store import TaskStore
 from gensim2.data.used_objects import ObjectCheck
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.recording import Recording
 from gensim2.scenes.physics import physics_switches

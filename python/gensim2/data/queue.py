@@ -11,6 +11,7 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
+from gensim2.core.errors import InputError
 from gensim2.data.card import card
 from gensim2.data.folder import CollectionFolder, now
 from gensim2.data.page import write_page
@@ -18,7 +19,6 @@ from gensim2.data.record import ObjectUsed
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.status import Listener, Status
 from gensim2.data.task_queue import Quota, TaskQueue, run_queues
-from gensim2.errors import InputError
 from gensim2.objects import Library
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.inputs import TaskInput

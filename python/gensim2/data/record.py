@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.seeding import scene_seeds
 from gensim2.rollout.config import RolloutOptions
 from gensim2.scenes.config import SceneOptions, SceneRecord
-from gensim2.seeding import scene_seeds
 
 DATASET_SCHEMA: Literal[1] = 1
 

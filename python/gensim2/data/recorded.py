@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import InputError
-from gensim2.foreign.hdf5 import fits, shown_shape
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.hdf5 import fits, shown_shape
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from gensim2.record_files import SCHEMA_VERSION
+from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.rollout.config import RolloutOptions, nested_options
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import Tally

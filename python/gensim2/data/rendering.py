@@ -9,18 +9,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import append, remove_temporaries
+from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT, Failure, Job, WorkerPool, results
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DataSet
 from gensim2.data.lock import FolderLock
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
 from gensim2.data.store import OBSERVATIONS, TaskStore
 from gensim2.data.used_objects import ObjectCheck
-from gensim2.errors import InputError
-from gensim2.files import append, remove_temporaries
-from gensim2.observations import ObservationSpec
-from gensim2.observations.cameras import require_cameras
-from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT, Failure, Job, WorkerPool, results
-from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.perception import ObservationSpec
+from gensim2.perception.cameras import require_cameras
 from gensim2.robots import robot
 from gensim2.scenes.config import SceneConfig
 

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gensim2.core.files import write_atomic, write_json
+from gensim2.core.pages import template
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.charts import charts
 from gensim2.data.dataset import DataSet
@@ -13,9 +16,6 @@ from gensim2.data.quality import TaskQuality, qualities
 from gensim2.data.sheet import Shot, contact_sheet, film_seen
 from gensim2.data.store import TaskStore
 from gensim2.data.video import Replay, film
-from gensim2.files import write_atomic, write_json
-from gensim2.pages import template
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.rollout.tally import interval
 
 HTML, JSON, MEDIA = "quality.html", "quality.json", "quality"

@@ -18,12 +18,13 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic, write_json
+from gensim2.core.record_files import read_record
+from gensim2.core.yaml_files import dump_yaml
 from gensim2.data.owned_folder import OwnedFolder
 from gensim2.data.records import RUN_SCHEMA_VERSION, Effort, RunRecord, Verification, VerificationRecord
-from gensim2.errors import InputError
-from gensim2.files import write_atomic, write_json
 from gensim2.objects import Library, ObjectModel
-from gensim2.record_files import read_record
 from gensim2.rollout.config import RolloutOptions
 from gensim2.rollout.identity import versions
 from gensim2.rollout.record import Episode
@@ -31,7 +32,6 @@ from gensim2.scenes.config import SCENE_FIELDS
 from gensim2.scenes.physics import DEFAULT_ENGINE
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
-from gensim2.yaml_files import dump_yaml
 
 #: Arguments that a resumed run must share with the run it resumes; the others change its length or its speed.
 FIXED_ARGUMENTS = (

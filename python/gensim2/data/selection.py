@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from gensim2.core.errors import InputError
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DataSet
 from gensim2.data.store import TaskStore
 from gensim2.data.used_objects import ObjectCheck
-from gensim2.errors import InputError
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 from gensim2.scenes.physics import physics_switches
 

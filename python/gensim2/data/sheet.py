@@ -10,11 +10,11 @@ import imageio.v2 as imageio
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.files import replacing
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.observation_file import CLOUD, ObservedEpisode, read_observation
 from gensim2.data.store import TaskStore
 from gensim2.data.video import write_video
-from gensim2.files import replacing
 from gensim2.robots import robot
 
 Frame = npt.NDArray[np.uint8]

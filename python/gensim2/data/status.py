@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from gensim2.progress import NullProgress, Progress
+from gensim2.core.progress import NullProgress, Progress
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Status:
 
 
 class Listener(Progress, Protocol):
-    """Watches a collection; of the stages of a :class:`~gensim2.progress.Progress` there are none."""
+    """Watches a collection; of the stages of a :class:`~gensim2.core.progress.Progress` there are none."""
 
     def update(self, status: Status) -> None:
         """Take note of how far it is; called a few times a second at most."""

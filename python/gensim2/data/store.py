@@ -7,6 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from gensim2.core.errors import InputError, brief
+from gensim2.core.files import replacing
+from gensim2.core.foreign.tree import ForeignTree, open_regular, why
 from gensim2.data.attempt_log import LoggedEpisode, log_line, parse_line
 from gensim2.data.episode_file import (
     DamagedEpisodeError,
@@ -18,9 +21,6 @@ from gensim2.data.episode_file import (
     write_episode,
 )
 from gensim2.data.recorded import check_recording
-from gensim2.errors import InputError, brief
-from gensim2.files import replacing
-from gensim2.foreign.tree import ForeignTree, open_regular, why
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import load_task_file

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from gensim2.core.errors import InputError, NotRunError
+from gensim2.core.processes import Job
 from gensim2.data.status import TaskStatus
 from gensim2.data.store import TaskStore
-from gensim2.errors import InputError, NotRunError
-from gensim2.processes import Job
 from gensim2.rollout import worker
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.record import Episode

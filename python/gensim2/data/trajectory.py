@@ -22,14 +22,14 @@ from typing import Any
 
 import h5py
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import replacing
 from gensim2.data.episode_file import (
     LIBVER,
     DamagedEpisodeError,
     EpisodeRow,
     open_episode,
 )
-from gensim2.errors import InputError
-from gensim2.files import replacing
 from gensim2.rollout.controller_spec import CHAIN
 from gensim2.tasks.spec import TaskSpec
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from gensim2.core.errors import InputError
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DATASET_JSON, DataSet
-from gensim2.errors import InputError
 from gensim2.objects import open_library
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.rollout.identity import versions
 
 _REMEDY = "restore the object, or say with --assets where it is"

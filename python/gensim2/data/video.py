@@ -15,14 +15,14 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
+from gensim2.core.errors import GenSim2Error, InputError
+from gensim2.core.files import replacing
+from gensim2.core.foreign.hdf5 import ForeignHdf5Error, array_in, group_in
+from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.tree import open_regular
+from gensim2.core.record_files import read_record
 from gensim2.data.episode_file import STATES_DEPTH, read_tree
 from gensim2.data.trajectory import JSON_NAME, env_kwargs
-from gensim2.errors import GenSim2Error, InputError
-from gensim2.files import replacing
-from gensim2.foreign.hdf5 import ForeignHdf5Error, array_in, group_in
-from gensim2.foreign.library import read_by_library
-from gensim2.foreign.tree import open_regular
-from gensim2.record_files import read_record
 from gensim2.robots import DEFAULT_ROBOT, robot
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.world import Tree

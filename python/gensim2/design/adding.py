@@ -5,18 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Unpack
 
+from gensim2.core.errors import InputError
+from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT, Job
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.seeding import scene_seeds
 from gensim2.data.records import Verification
 from gensim2.design.remembering import Remembered, verified
 from gensim2.design.unseen import kept_apart
-from gensim2.errors import InputError
-from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT, Job
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.rollout import worker
 from gensim2.rollout.config import RolloutArguments
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.inputs import check_counts, read_task_input
 from gensim2.rollout.record import Episode
-from gensim2.seeding import scene_seeds
 from gensim2.tasks.library import origin_of
 from gensim2.tasks.memory import LEAST_EPISODES, LEAST_SHARE, Memory, UnverifiedTaskError
 from gensim2.tasks.spec import Provenance

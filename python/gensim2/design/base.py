@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
+from gensim2.core.errors import GenSim2Error
 from gensim2.design.affordance import Affordance
 from gensim2.design.diagnosis import Diagnosis
-from gensim2.errors import GenSim2Error
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies, with_strategies
 

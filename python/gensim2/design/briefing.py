@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from gensim2 import seeding
+from gensim2.core import seeding
+from gensim2.core.errors import InputError
+from gensim2.core.progress import Progress
 from gensim2.data.runfolder import RunFolder
 from gensim2.design.affordance import Affordance
 from gensim2.design.base import RobotSummary
 from gensim2.design.unseen import seen_by_search
 from gensim2.design.views import view_of
-from gensim2.errors import InputError
 from gensim2.objects import ArticulatedObject, Library, RigidObject
 from gensim2.objects.library.catalogue import SETS
 from gensim2.objects.library.meshes import listed
-from gensim2.progress import Progress
 from gensim2.robots import robot
 from gensim2.rollout.inputs import has_instances
 

@@ -7,10 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import cache_dir
 from gensim2.design import Designer, OfflineDesigner
 from gensim2.design.chosen import Chosen
-from gensim2.errors import InputError
-from gensim2.files import cache_dir
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.spec import TaskSpec
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from gensim2.core.progress import Progress
 from gensim2.data.demonstrations import collect
 from gensim2.data.records import DesignEffort, PipelineResult, TaskOutcome
 from gensim2.data.runfolder import RunFolder, TaskFolder
@@ -20,7 +21,6 @@ from gensim2.design.search import Budget, Search
 from gensim2.design.unseen import kept_apart
 from gensim2.design.verification import VERIFY_EPISODES, verify
 from gensim2.objects import Library
-from gensim2.progress import Progress
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.inputs import TaskInput, chosen_word
 from gensim2.rollout.tally import Tally

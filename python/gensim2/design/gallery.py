@@ -7,12 +7,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
-from gensim2.errors import GenSim2Error
-from gensim2.files import write_atomic
-from gensim2.pages import template
-from gensim2.processes import TIME_LIMIT
-from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.record_files import SCHEMA_VERSION
+from gensim2.core.errors import GenSim2Error
+from gensim2.core.files import write_atomic
+from gensim2.core.pages import template
+from gensim2.core.processes import TIME_LIMIT
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.rollout.inputs import check_workers, read_task_inputs
 from gensim2.scenes.config import SceneArguments
 
@@ -74,9 +74,9 @@ def tasks_gallery(
     check_workers(time_limit, jobs_per_worker=1)
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     # Only now what takes long to import.
+    from gensim2.core.processes import Job
     from gensim2.data.runfolder import RunFolder
     from gensim2.design.shelf import SPEED, GalleryEntry, film_one_that_holds
-    from gensim2.processes import Job
     from gensim2.rollout.evaluator import PoolEvaluator
     from gensim2.rollout.identity import identity
     from gensim2.sim import rendering

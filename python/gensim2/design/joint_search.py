@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-from gensim2 import seeding
+from gensim2.core import seeding
 from gensim2.design.affordance import Affordance
 from gensim2.design.manipulation import Axis, Direction, Manipulation, Motion
 

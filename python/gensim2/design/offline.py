@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from gensim2 import seeding
+from gensim2.core import seeding
 from gensim2.design import composition, joint_search, pieces, proposals, skills, steering
 from gensim2.design.affordance import Affordance
 from gensim2.design.base import Brief, Candidate, CandidateResult, Declined

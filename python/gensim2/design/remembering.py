@@ -6,10 +6,10 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
+from gensim2.core.errors import InputError
+from gensim2.core.record_files import read_record
 from gensim2.data.records import RunRecord, Verification
 from gensim2.data.runfolder import RUN_JSON, TaskFolder
-from gensim2.errors import InputError
-from gensim2.record_files import read_record
 from gensim2.rollout.tally import interval
 from gensim2.tasks.library import (
     PAPER,

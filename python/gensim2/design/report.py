@@ -8,6 +8,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic
+from gensim2.core.pages import template
+from gensim2.core.record_files import read_record
 from gensim2.data.attempt_log import ATTEMPTS, read_log
 from gensim2.data.records import RecordingSummary, ResultSummary, RunRecord, RunSummary, Verification
 from gensim2.data.runfolder import RUN_JSON, TaskFolder
@@ -15,10 +19,6 @@ from gensim2.data.store import TaskStore
 from gensim2.data.trajectory import JSON_NAME
 from gensim2.design.designs import DesignRecord, StageRecord, read_design
 from gensim2.design.model_report import ModelReport
-from gensim2.errors import InputError
-from gensim2.files import write_atomic
-from gensim2.pages import template
-from gensim2.record_files import read_record
 from gensim2.rollout.record import Episode, StrictMiss
 from gensim2.rollout.tally import Tally, interval
 from gensim2.tasks.library import load_task_file

@@ -7,7 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Unpack
 
-from gensim2 import seeding
+from gensim2.core import seeding
+from gensim2.core.errors import InputError
+from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.records import PipelineResult
 from gensim2.data.runfolder import RunFolder, default_run_dir
 from gensim2.design import Designer, OfflineDesigner
@@ -19,10 +22,7 @@ from gensim2.design.remembering import known_before
 from gensim2.design.report import reported
 from gensim2.design.search import LONG_BUDGET, Budget
 from gensim2.design.verification import VERIFY_EPISODES
-from gensim2.errors import InputError
 from gensim2.objects import open_library
-from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.rollout.config import RolloutArguments, RolloutOptions
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.identity import digest, listing

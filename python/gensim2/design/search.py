@@ -19,12 +19,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from gensim2 import seeding
+from gensim2.core import seeding
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.records import merge_causes
 from gensim2.design.base import Brief, Candidate, CandidateResult, Designer, StageResult
 from gensim2.design.designs import Design
 from gensim2.design.diagnosis import diagnoses
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import interval

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from gensim2.core.errors import GenSim2Error
+from gensim2.core.seeding import scene_seeds
 from gensim2.data.attempt_log import ATTEMPTS, AttemptLog, LoggedEpisode
 from gensim2.data.demonstrations import TRIES_PER_DEMO
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.video import Replay, film
 from gensim2.design.description import description_of
-from gensim2.errors import GenSim2Error
 from gensim2.rollout import worker
 from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.inputs import TaskInput
 from gensim2.rollout.record import Episode
-from gensim2.seeding import scene_seeds
 from gensim2.tasks.strategies import Strategies
 
 VIDEO, STILL = "video.mp4", "still.webp"

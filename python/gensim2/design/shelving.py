@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic, write_json
+from gensim2.core.record_files import read_record
+from gensim2.core.yaml_files import dump_yaml
 from gensim2.data.records import RunRecord
 from gensim2.data.runfolder import RUN_JSON, TaskFolder
 from gensim2.design.remembering import verified
-from gensim2.errors import InputError
-from gensim2.files import write_atomic, write_json
-from gensim2.record_files import read_record
 from gensim2.tasks.library import (
     PAPER,
     STRATEGIES,
@@ -28,7 +29,6 @@ from gensim2.tasks.library import (
 )
 from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import TaskSpec
-from gensim2.yaml_files import dump_yaml
 
 MADE_JSON = "made.json"
 """Beside the tasks: arguments of the run, proposals that were tried, CPU and wall seconds."""

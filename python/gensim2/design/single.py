@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
-from gensim2.files import check_writable
-from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
-from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.record_files import SCHEMA_VERSION
+from gensim2.core.files import check_writable
+from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.rollout.config import RolloutArguments
 from gensim2.rollout.inputs import check_counts, check_workers, read_task_input
 from gensim2.rollout.tally import Tally

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from gensim2.core.errors import InputError
+from gensim2.core.processes import Job
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.seeding import scene_seeds
 from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.records import Verification
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.design.unseen import Apart
-from gensim2.errors import InputError
 from gensim2.objects import Library
-from gensim2.processes import Job
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.rollout import worker
 from gensim2.rollout.evaluator import PoolEvaluator
-from gensim2.seeding import scene_seeds
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 

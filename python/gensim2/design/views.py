@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gensim2.core.errors import GenSim2Error
+from gensim2.core.processes.fork_server import forget_piped_script
 from gensim2.design.pictures import LazyPicture
-from gensim2.errors import GenSim2Error
 from gensim2.objects import open_library
 from gensim2.planning.strategies import KeypointStrategy
-from gensim2.processes.fork_server import forget_piped_script
 from gensim2.robots import robot
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.spec import TaskSpec

@@ -8,12 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.evaluation.benchmark_table import TaskRow, groups
 from gensim2.evaluation.running import finish_table, run_episodes
-from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
-from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.record_files import SCHEMA_VERSION
 from gensim2.rollout.config import DISTURBANCES, Disturbance, EpisodeConfig, RolloutArguments
 from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
 from gensim2.tasks.spec import Step

@@ -8,13 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.core.errors import GenSim2Error, InputError
+from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.evaluation.benchmark_table import TaskRow, groups
 from gensim2.evaluation.running import finish_table, run_episodes
-from gensim2.observations import ObservationSpec
-from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
-from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.record_files import SCHEMA_VERSION
+from gensim2.perception import ObservationSpec
 from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.controller import is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerSpec, close
@@ -214,7 +214,7 @@ def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[st
     Raises:
         InputError: it cannot be made, or looks at something else than its data.
     """
-    from gensim2.observations.cameras import require_cameras
+    from gensim2.perception.cameras import require_cameras
     from gensim2.robots import robot
 
     profile = robot(given.scene.robot)
@@ -263,7 +263,7 @@ def _keep_missing(
     progress: Progress,
 ) -> None:
     """Run those of the first episodes once more whose states were not kept, for no film was asked for then."""
-    from gensim2.processes import Job
+    from gensim2.core.processes import Job
 
     files = folder.task(given.spec.name).path
     kept = _recorded(files)
@@ -301,9 +301,9 @@ def _film(
     progress: Progress,
 ) -> list[str]:
     """Film the episodes of a task whose states were kept, with the cloud that the controller is given."""
+    from gensim2.core.processes import Job
     from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
     from gensim2.evaluation.films import film_episode, film_path
-    from gensim2.processes import Job
     from gensim2.rollout.identity import versions
 
     task, files = given.spec, folder.task(given.spec.name).path

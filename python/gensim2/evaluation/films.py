@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import replacing
 from gensim2.data.episode_file import read_episode
 from gensim2.data.observing import objects_of
 from gensim2.data.video import write_video
-from gensim2.errors import InputError
-from gensim2.files import replacing
-from gensim2.observations import Camera, EmptyCloudError, ObservationSpec, View
-from gensim2.raycast.observer import Observer
-from gensim2.raycast.scene import RaycastScene
+from gensim2.perception import Camera, EmptyCloudError, ObservationSpec, View
+from gensim2.perception.raycast.observer import Observer
+from gensim2.perception.raycast.scene import RaycastScene
 from gensim2.robots import OPEN, RobotProfile, robot
 from gensim2.rollout.recording import Recording
 from gensim2.scenes.config import SceneConfig

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gensim2.progress import Progress
+from gensim2.core.progress import Progress
 from gensim2.rollout.record import Episode
 from gensim2.tasks.spec import TaskSpec
 
@@ -37,9 +37,9 @@ def run_episodes(
         runs, episodes: how many runs of how many episodes.
         seed: of the scenes; a benchmark and an evaluation with one seed have the same ones.
     """
+    from gensim2.core.processes import Job
+    from gensim2.core.seeding import scene_seeds
     from gensim2.data.attempt_log import ATTEMPTS, AttemptLog, LoggedEpisode
-    from gensim2.processes import Job
-    from gensim2.seeding import scene_seeds
 
     seeds = [each for run in range(runs) for each in scene_seeds(seed, task.name, f"benchmark/{run}", episodes)]
     log = AttemptLog(folder / ATTEMPTS, seeds)

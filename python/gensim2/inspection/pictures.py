@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import GenSim2Error, MissingExtraError
+from gensim2.core.errors import GenSim2Error, MissingExtraError
 from gensim2.inspection.checks import world_rotation
 from gensim2.objects.rigid import BODY, RigidObject
 from gensim2.objects.shapes import transform

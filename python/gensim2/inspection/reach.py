@@ -11,7 +11,7 @@ from gensim2.inspection.checks import Finding, world_rotation
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Array, ArticulatedObject
 from gensim2.robots import RobotProfile
-from gensim2.sim.table import HALF_SIZE
+from gensim2.scenes.table import HALF_SIZE
 
 SHARES = (0.0, 0.5, 1.0)  # openness
 FINGERTIPS = 0.01  # m from the keypoint

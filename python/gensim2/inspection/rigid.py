@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gensim2.errors import MissingExtraError
+from gensim2.core.errors import MissingExtraError
 from gensim2.inspection.checks import Finding
 from gensim2.objects.rigid import BODY, RigidObject
 from gensim2.robots import robot

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.errors import InputError, MissingExtraError
+from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.processes import WorkerPool, enumerated, in_order
 from gensim2.inspection import rigid
 from gensim2.inspection.checks import Finding, geometric_findings, world_rotation
 from gensim2.objects.library.catalogue import Library
 from gensim2.objects.physics import GRAVITY, class_rule, inertial
 from gensim2.objects.rigid import RigidObject
 from gensim2.objects.types import ArticulatedObject
-from gensim2.processes import WorkerPool, enumerated, in_order
 
 REST_SECONDS = 5.0
 REST_DRIFT = 0.02  # openness

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 
 class AssetError(InputError):

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 import gensim2_kpam as kpam
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.planning.steps import StepPlanner
 from gensim2.planning.strategies import MAKES_ROOM, GraspStrategy, PullStrategy, Strategy, named

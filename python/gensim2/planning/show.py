@@ -11,7 +11,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import gensim2_kpam as kpam
-from gensim2.errors import MissingExtraError
+from gensim2.core.errors import MissingExtraError
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
 from gensim2_kpam.show import STEP, add_clock, add_text

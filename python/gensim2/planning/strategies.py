@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 import gensim2_kpam as kpam
-from gensim2.errors import InputError
-from gensim2.validation import input_error
+from gensim2.core.errors import InputError
+from gensim2.core.validation import input_error
 
 PLANNER_FIELDS = {"contact_speed": (0.001, 10.0), "opening": (0.001, 0.5)}
 """Numbers of a config that are the planner's, not the solver's, and the range of each."""

@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.format import read_array_header_1_0, read_magic
 
-from gensim2.errors import InputError
-from gensim2.files import write_atomic
-from gensim2.foreign.archive import check_members
-from gensim2.foreign.hdf5 import fits, shown_shape
-from gensim2.foreign.library import read_by_library
-from gensim2.foreign.tree import TooLargeError, megabytes, open_regular, why
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic
+from gensim2.core.foreign.archive import check_members
+from gensim2.core.foreign.hdf5 import fits, shown_shape
+from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.tree import TooLargeError, megabytes, open_regular, why
 
 MAX_BYTES = 2**28
 """Of the arrays of one file in memory: 64 of the largest clouds have 50 MB."""

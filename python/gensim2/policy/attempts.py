@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import InputError
-from gensim2.observations import Observation
-from gensim2.observations.columns import GRIPPER
+from gensim2.core.errors import InputError
+from gensim2.perception import Observation
+from gensim2.perception.columns import GRIPPER
 from gensim2.policy.augment import holds
 from gensim2.robots import RobotProfile
 

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic, write_json
+from gensim2.core.foreign.tensors import Shape, only_shapes, read_shapes, read_tensors, require_shapes
+from gensim2.core.record_files import read_record
 from gensim2.data.record import TaskName
-from gensim2.errors import InputError
-from gensim2.files import write_atomic, write_json
-from gensim2.foreign.tensors import Shape, only_shapes, read_shapes, read_tensors, require_shapes
-from gensim2.observations import ObservationSpec
+from gensim2.perception import ObservationSpec
 from gensim2.policy.config import CLIP, PRETRAINED, SENTENCE, PolicyConfig, TrainConfig
-from gensim2.record_files import read_record
 from gensim2.robots import robot_key
 
 if TYPE_CHECKING:

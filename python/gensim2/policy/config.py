@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.policy.settings import Settings, setting
 
 Source = Literal["depth", "keypoints"]
@@ -97,7 +97,7 @@ class PolicyConfig(Settings):
 
     @property
     def source(self) -> Source:
-        """Source of the clouds that its encoder reads (:class:`~gensim2.observations.CloudSettings`)."""
+        """Source of the clouds that its encoder reads (:class:`~gensim2.perception.CloudSettings`)."""
         return "keypoints" if self.encoder == "state" else "depth"
 
 
@@ -147,7 +147,7 @@ def read_config(path: Path, **flags: Any) -> tuple[PolicyConfig, TrainConfig]:
     Raises:
         InputError: the file cannot be read, or a field is unknown or cannot be so; names file and field.
     """
-    from gensim2.yaml_files import read_yaml  # here: `gensim2 --help` needs the flags and no YAML
+    from gensim2.core.yaml_files import read_yaml  # here: `gensim2 --help` needs the flags and no YAML
 
     return configs({**read_yaml(path), **flags}, file=str(path))
 

@@ -9,10 +9,10 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import InputError
-from gensim2.observations import Observation
+from gensim2.core.errors import InputError
+from gensim2.core.seeding import rng
+from gensim2.perception import Observation
 from gensim2.policy.array_file import read_arrays, require_shapes, write_arrays
-from gensim2.seeding import rng
 
 CLOUDS = "clouds.npz"
 """Clouds of scenes that were trained on, beside a checkpoint."""

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from gensim2.errors import InputError
-from gensim2.observations.columns import STATE
+from gensim2.core.errors import InputError
+from gensim2.core.seeding import rng
+from gensim2.perception.columns import STATE
 from gensim2.policy.attempts import ATTEMPTS, Attempts
 from gensim2.policy.checkpoint import CONFIG_JSON, CheckpointError, PolicyCheckpoint
 from gensim2.policy.control import CLOUDS, Sees, Sight
@@ -27,10 +28,9 @@ from gensim2.policy.network import PROPRIO, TEXT
 from gensim2.policy.sentences import embeds, sentence_row, substitutes
 from gensim2.robots import robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE
-from gensim2.seeding import rng
 
 if TYPE_CHECKING:
-    from gensim2.observations import Observation, ObservationSpec
+    from gensim2.perception import Observation, ObservationSpec
     from gensim2.policy.config import PolicyConfig
 
 Action = npt.NDArray[np.float32]

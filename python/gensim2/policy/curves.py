@@ -9,10 +9,10 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-from gensim2.errors import InputError
-from gensim2.files import append, write_atomic
-from gensim2.foreign.tree import read_regular, why
-from gensim2.record_files import parse_record
+from gensim2.core.errors import InputError
+from gensim2.core.files import append, write_atomic
+from gensim2.core.foreign.tree import read_regular, why
+from gensim2.core.record_files import parse_record
 
 CURVES = "curves.jsonl"
 MAX_BYTES = 2**30

@@ -7,19 +7,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from gensim2.core.errors import InputError
+from gensim2.core.progress import NULL_PROGRESS, NamedProgress, Progress
+from gensim2.core.seeding import scene_seeds
 from gensim2.data.dataset import DataSet
 from gensim2.data.used_objects import ObjectCheck
-from gensim2.errors import InputError
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.demonstrations import Demonstrations
 from gensim2.policy.relabels import RelabelledSource, Relabels, relabel_episode
 from gensim2.policy.train import TRAINING, TrainResult, holds_training, train_policy
 from gensim2.policy.train_state import STATE_JSON
-from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.rollout.counted_objects import with_objects
 from gensim2.rollout.inputs import TaskInput, read_task_inputs
-from gensim2.seeding import scene_seeds
 
 PURPOSE = "policy/relabels"
 """Of the scenes' seeds, which so are those of no demonstration and no evaluation."""
@@ -121,7 +121,7 @@ def _relabel(
     progress: Progress,
 ) -> Relabels:
     """Labels of one task of one data set in one round, made once: in ``path``, by the policy in ``folder``."""
-    from gensim2.processes import Job, results
+    from gensim2.core.processes import Job, results
     from gensim2.rollout.evaluator import PoolEvaluator
 
     if path.exists():

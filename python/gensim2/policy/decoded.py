@@ -12,18 +12,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import cache_dir, new_folder, write_json
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data import DataSet
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.observation_file import CLOUD as STORED_CLOUD
 from gensim2.data.observation_file import ObservedEpisode, read_observation, spec_of_file
 from gensim2.data.store import TaskStore
-from gensim2.errors import InputError
-from gensim2.files import cache_dir, new_folder, write_json
-from gensim2.observations import ObservationSpec
-from gensim2.observations.cloud import to_steps
-from gensim2.observations.columns import GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.perception import ObservationSpec
+from gensim2.perception.cloud import to_steps
+from gensim2.perception.columns import GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.policy.checkpoint import DataRecord
-from gensim2.progress import NULL_PROGRESS, Progress
 
 Array = npt.NDArray[Any]
 

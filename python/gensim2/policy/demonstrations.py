@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from gensim2.observations.cloud import from_steps
-from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY, cloud_column
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.perception.cloud import from_steps
+from gensim2.perception.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY, cloud_column
 from gensim2.policy.checkpoint import ActionSpec
 from gensim2.policy.control import Shuffled
 from gensim2.policy.decoded import ACTIONS, RGB, XYZ, DecodedData, decode
@@ -19,7 +20,6 @@ from gensim2.policy.heads.actions import ACTION, EXTRA
 from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, next_keyframes, taught_frames
 from gensim2.policy.rotations import matrix_of_quaternion
 from gensim2.policy.source import SENTENCE
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 
 if TYPE_CHECKING:

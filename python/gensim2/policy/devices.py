@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import torch
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 
 def read_devices(names: str) -> tuple[torch.device, ...]:

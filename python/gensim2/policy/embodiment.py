@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gensim2.observations.columns import STATE, TOOL_POSE
-from gensim2.observations.proprioception import tool_pose
+from gensim2.perception.columns import STATE, TOOL_POSE
+from gensim2.perception.proprioception import tool_pose
 from gensim2.policy.checkpoint import CheckpointError
 from gensim2.robots import robot
 
 if TYPE_CHECKING:
-    from gensim2.observations import Observation
+    from gensim2.perception import Observation
 
 FARTHEST = 0.02
 """Metres by which the tool may stand off where the joints of the policy's robot would have it."""

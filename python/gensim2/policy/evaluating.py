@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Unpack, get_args
 
-from gensim2.errors import InputError, near
+from gensim2.core.errors import InputError, near
+from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.core.progress import NULL_PROGRESS, NamedProgress, Progress
+from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.evaluation.evaluating import EvaluationResult, evaluate
 from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.control import Shuffled
 from gensim2.policy.sentences import embeds, sentence_row, substitutes
-from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
-from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
-from gensim2.record_files import SCHEMA_VERSION
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs, scene_options
 from gensim2.rollout.run import Stop

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import torch
 from torch import nn
 
-from gensim2.errors import InputError, MissingExtraError
-from gensim2.files import write_atomic, write_json
+from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.files import write_atomic, write_json
 from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.frames import cloud_size, proprio_size
 from gensim2.policy.keypose.answers import order_of_points

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from gensim2.errors import InputError
-from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.core.errors import InputError
+from gensim2.perception.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.policy.rotations import matrix_of_quaternion, matrix_of_six, six_of_matrix
 
 if TYPE_CHECKING:

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from gensim2.core.seeding import rng
 from gensim2.policy.augment import augmented, off_its_way
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.frames import SEEN, inputs_of
 from gensim2.policy.network import CLOUD, PROPRIO, TEXT, PolicyNetwork
 from gensim2.policy.source import SENTENCE, Source
 from gensim2.robots import robot
-from gensim2.seeding import rng
 
 if TYPE_CHECKING:
     import numpy as np

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from gensim2.observations import ObservationSpec
-from gensim2.observations.cloud import candidates_for
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.perception import ObservationSpec
+from gensim2.perception.cloud import candidates_for
 from gensim2.policy.config import HEADS, PolicyConfig
 from gensim2.policy.frames import SEEN, inputs_of
 from gensim2.policy.network import CLOUD, PROPRIO, TEXT, fresh_network
 from gensim2.policy.stopwatch import Stopwatch
 from gensim2.policy.text import prepare
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.sim import HeadlessEnv
 
 TASK = "CloseBox"

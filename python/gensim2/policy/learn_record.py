@@ -7,15 +7,15 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import new_folder, write_json
+from gensim2.core.foreign.tree import ForeignTree
+from gensim2.core.record_files import read_record
 from gensim2.data.store import OBSERVATIONS
-from gensim2.errors import InputError
-from gensim2.files import new_folder, write_json
-from gensim2.foreign.tree import ForeignTree
-from gensim2.observations import DepthNoise, ObservationSpec
+from gensim2.perception import DepthNoise, ObservationSpec
 from gensim2.policy.keypose.adding import BESIDE, DATA
 from gensim2.policy.learn_settings import learn_configs, observation_of
 from gensim2.policy.train import holds_training
-from gensim2.record_files import read_record
 from gensim2.scenes.config import SceneRecord
 
 LEARN_JSON = "learn.json"

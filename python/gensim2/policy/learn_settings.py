@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from gensim2.errors import InputError
-from gensim2.observations import DepthNoise, ObservationSpec
-from gensim2.observations.cloud import candidates_for
+from gensim2.core.errors import InputError
+from gensim2.perception import DepthNoise, ObservationSpec
+from gensim2.perception.cloud import candidates_for
 from gensim2.policy.config import OF_KEYPOSES, PolicyConfig, TrainConfig, configs
 from gensim2.policy.keypose.training import POLICY, TRAINING
 from gensim2.policy.starting import SPEC, with_noise

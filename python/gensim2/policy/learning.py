@@ -7,10 +7,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import check_writable, write_json
+from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.data.lock import FolderLock
-from gensim2.errors import InputError
-from gensim2.files import check_writable, write_json
-from gensim2.observations import DepthNoise
+from gensim2.perception import DepthNoise
 from gensim2.policy.checkpoint import checkpoint_folder
 from gensim2.policy.config import HEADS
 from gensim2.policy.devices import read_devices, share_of
@@ -31,9 +34,6 @@ from gensim2.policy.starting import check_sentences, check_text, digest_of_start
 from gensim2.policy.teachers import key_of, teach_by_episodes, teach_by_plans
 from gensim2.policy.train import TrainResult
 from gensim2.policy.training import read_flat
-from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
-from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.record_files import SCHEMA_VERSION
 from gensim2.robots import robot
 from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
 from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_all_task_inputs, scene_options

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.observations import Observation
+from gensim2.perception import Observation
 from gensim2.robots import OPEN
 from gensim2.rollout.controller import PROPRIOCEPTIVE
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Unpack
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.rollout.config import RolloutArguments
 from gensim2.rollout.inputs import TaskInput, has_instances, read_all_task_inputs, taken
 

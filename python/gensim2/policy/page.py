@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gensim2.core.files import write_atomic
+from gensim2.core.pages import template
 from gensim2.evaluation.films import film_index
-from gensim2.files import write_atomic
-from gensim2.pages import template
 from gensim2.policy.curves import read_curves
 from gensim2.policy.train import TRAINING
 

@@ -11,8 +11,8 @@ from typing import Any
 import torch
 from torch import nn
 
-from gensim2.errors import InputError, MissingExtraError
-from gensim2.files import cache_dir, replacing
+from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.files import cache_dir, replacing
 from gensim2.policy.config import CLIP, SENTENCE
 
 

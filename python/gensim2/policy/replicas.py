@@ -14,13 +14,13 @@ from types import TracebackType
 import torch
 import torch.multiprocessing  # processes then share the memory of tensors that they are given
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.processes.fork_server import ignore_interrupts
+from gensim2.core.processes.worker import start_process
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.gradient_step import GradientStep
 from gensim2.policy.network import PolicyNetwork
 from gensim2.policy.source import Source
-from gensim2.processes.fork_server import ignore_interrupts
-from gensim2.processes.worker import start_process
 
 PATIENCE_S = 10.0
 """Seconds that a replica has to end."""

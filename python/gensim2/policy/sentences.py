@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import torch
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.policy.checkpoint import PolicyCheckpoint, unknown_sentence
 from gensim2.policy.text import prepare
 

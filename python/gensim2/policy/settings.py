@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, Self
 
-from gensim2.errors import InputError, near
+from gensim2.core.errors import InputError, near
 
 
 def setting(

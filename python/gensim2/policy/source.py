@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import torch
 
-from gensim2.observations import ObservationSpec
+from gensim2.perception import ObservationSpec
 from gensim2.policy.checkpoint import ActionSpec, DataRecord
 from gensim2.policy.control import Shuffled
 

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.progress import Progress
 from gensim2.objects import open_library
-from gensim2.observations import DepthNoise, ObservationSpec
+from gensim2.perception import DepthNoise, ObservationSpec
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig
 from gensim2.policy.text import prepare
-from gensim2.progress import Progress
 from gensim2.rollout.inputs import TaskInput, what_it_lacks
 from gensim2.tasks.library import load_task, task_names
 

@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gensim2.errors import InputError
-from gensim2.files import write_json
-from gensim2.observations import ObservationSpec
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_json
+from gensim2.core.progress import NullProgress, Progress
+from gensim2.perception import ObservationSpec
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.devices import read_devices
@@ -21,7 +22,6 @@ from gensim2.policy.keypose.training import train_keypose
 from gensim2.policy.learn_record import LEARN_JSON, LearnRecord
 from gensim2.policy.step_cost import seconds_a_step
 from gensim2.policy.train import TrainResult
-from gensim2.progress import NullProgress, Progress
 from gensim2.rollout.counted_objects import number_of_objects
 from gensim2.rollout.inputs import TaskInput
 

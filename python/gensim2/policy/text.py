@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import nn
 
-from gensim2.errors import InputError
-from gensim2.foreign.tensors import Shape
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.tensors import Shape
 from gensim2.policy.pretrained_text import embeddings
 
 if TYPE_CHECKING:

@@ -13,8 +13,10 @@ from typing import Any
 
 import torch
 
+from gensim2.core.errors import InputError
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.seeding import rng
 from gensim2.data.lock import FolderLock
-from gensim2.errors import InputError
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.control import MAX_CLOUDS
@@ -29,9 +31,7 @@ from gensim2.policy.source import Source
 from gensim2.policy.text import prepare
 from gensim2.policy.train_signals import deferred_signals
 from gensim2.policy.train_state import STATE_JSON, Identity, TrainState
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
-from gensim2.seeding import rng
 
 FITTED = 1024
 """Samples that the normalization is taken from."""

@@ -14,10 +14,10 @@ import torch
 from pydantic import BaseModel, ConfigDict, Field
 from torch import nn
 
-from gensim2.errors import InputError
-from gensim2.files import write_atomic, write_json
-from gensim2.foreign.tensors import Shape, read_shapes, read_tensors, require_shapes
-from gensim2.record_files import read_record
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic, write_json
+from gensim2.core.foreign.tensors import Shape, read_shapes, read_tensors, require_shapes
+from gensim2.core.record_files import read_record
 
 STATE_JSON = "state.json"
 MAX_BYTES = 32 * 2**30

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.policy.config import configs, read_config
-from gensim2.progress import NULL_PROGRESS, Progress
 
 
 def train(
@@ -97,7 +97,7 @@ def read_flat(path: Path) -> dict[str, Any]:
     Raises:
         InputError: as for :func:`~gensim2.policy.config.read_config`.
     """
-    from gensim2.yaml_files import read_yaml
+    from gensim2.core.yaml_files import read_yaml
 
     read_config(path)
     return read_yaml(path)

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.robots.profile import RobotProfile
 
 KEYPOINTS = ("tool_head", "tool_tail", "tool_side")

@@ -8,8 +8,8 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 
-from gensim2.errors import InputError
-from gensim2.files import cache_dir, write_atomic
+from gensim2.core.errors import InputError
+from gensim2.core.files import cache_dir, write_atomic
 from gensim2.robots.profile import RobotFiles
 
 

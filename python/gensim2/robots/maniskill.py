@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
-from gensim2.errors import MissingExtraError
+from gensim2.core.errors import MissingExtraError
 
 
 def robot_folder(name: str) -> Path:

@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from gensim2.errors import GenSim2Error, InputError, described, near, user_code
+from gensim2.core.errors import GenSim2Error, InputError, described, near, user_code
 from gensim2.robots.checks import check_profile
 from gensim2.robots.profile import DEFAULT_ROBOT, RobotProfile
 

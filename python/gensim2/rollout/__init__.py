@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from gensim2.lazy import lazy_names
+from gensim2.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.rollout.chain import ChainController

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, get_args
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.scenes.config import SceneArguments, SceneConfig, SceneOptions
 from gensim2.scenes.physics import with_current_scene
 from gensim2.tasks.spec import TaskSpec

@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.observations import Observation, ObservationSpec
+from gensim2.perception import Observation, ObservationSpec
 from gensim2.planning.scene import Scene
 from gensim2.rollout.record import Cause, StepRecord
 from gensim2.tasks.measurement import Measurement
@@ -95,7 +95,7 @@ class Controller(Protocol):
 
     - ``privileged = True``: it is made with ``task`` and ``profile`` beside its own arguments, and is shown
       :class:`PrivilegedObservation`.
-    - ``observation_spec``: an :class:`~gensim2.observations.ObservationSpec` or its fields, what it looks at; without,
+    - ``observation_spec``: an :class:`~gensim2.perception.ObservationSpec` or its fields, what it looks at; without,
       point clouds by the defaults, and of a privileged one the robot's own state. It is read before every observation:
       a controller that looks now and then has ``PROPRIOCEPTIVE`` in between.
     - ``reference``: a :class:`Reference`, read after every action and recorded; None: it means no more than the action.
@@ -109,7 +109,7 @@ class Controller(Protocol):
         """Begin an episode and forget the one before.
 
         Args:
-            observation: an :class:`~gensim2.observations.Observation`, the first.
+            observation: an :class:`~gensim2.perception.Observation`, the first.
             seed: of everything that the controller draws; not that of the scene.
         """
         ...

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from gensim2.errors import GenSim2Error, InputError, MissingExtraError, described, user_code
+from gensim2.core.errors import GenSim2Error, InputError, MissingExtraError, described, user_code
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import Controller, is_privileged
 from gensim2.tasks.spec import TaskSpec

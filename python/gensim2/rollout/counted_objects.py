@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.seeding import rng
 from gensim2.objects.generators.generate import blueprint, blueprint_hash
 from gensim2.objects.library.catalogue import BUILTIN
 from gensim2.rollout.inputs import TaskInput
-from gensim2.seeding import rng
 
 _COUNTED = " generated, seed "
 HASHED = 8

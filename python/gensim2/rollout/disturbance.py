@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from gensim2.core.seeding import rng
 from gensim2.rollout.config import Disturbance
 from gensim2.rollout.controller import (
     ACTUATION,
@@ -16,7 +17,6 @@ from gensim2.rollout.controller import (
     PrivilegedObservation,
 )
 from gensim2.rollout.wrapped import WrappedController
-from gensim2.seeding import rng
 from gensim2.tasks.spec import TaskSpec
 
 PUSHED = 0.03

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.observations import Observation
+from gensim2.perception import Observation
 from gensim2.rollout.controller import Action, Controller, spec_of
 from gensim2.rollout.world import Body
 

@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from gensim2.files import append
-from gensim2.processes import (
+from gensim2.core.files import append
+from gensim2.core.processes import (
     JOBS_PER_WORKER,
     TIME_LIMIT,
     Executor,
@@ -20,7 +20,7 @@ from gensim2.processes import (
     executor_at,
     results,
 )
-from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.rollout import worker
 from gensim2.rollout.config import DEFAULT_ROLLOUT, EpisodeConfig, RolloutOptions
 from gensim2.rollout.record import Episode

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gensim2.errors import MissingExtraError, described, user_code
-from gensim2.observations import Observation
+from gensim2.core.errors import MissingExtraError, described, user_code
+from gensim2.perception import Observation
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import (
     Action,

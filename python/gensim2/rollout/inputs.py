@@ -10,16 +10,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
 
-from gensim2.errors import InputError, brief, near
+from gensim2.core.errors import InputError, brief, near
+from gensim2.core.processes import executor_at
+from gensim2.core.seeding import check_seed, rng
 from gensim2.objects import ArticulatedObject, Library, open_library
 from gensim2.objects.library.selection import object_of_ids, taken_instances, words_of_objects
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.strategies import parse_strategy
-from gensim2.processes import executor_at
 from gensim2.robots import robot as profile
 from gensim2.rollout.config import RolloutArguments, RolloutOptions
 from gensim2.scenes.config import SceneConfig, SceneOptions, split_arguments
-from gensim2.seeding import check_seed, rng
 from gensim2.tasks.library import (
     PAPER,
     load_strategies,

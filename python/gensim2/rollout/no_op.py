@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.observations import Observation
+from gensim2.perception import Observation
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action
 from gensim2.rollout.motion import changes, is_at_rest, is_stable

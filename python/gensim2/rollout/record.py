@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, FiniteFloat
 
-from gensim2.renamed import current
+from gensim2.core.renamed import current
 from gensim2.tasks.presets import DEFAULT_PRESET
 
 SCHEMA_VERSION: Literal[2] = 2

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.observations import EmptyCloudError, Observation, ObservationSpec
+from gensim2.core.seeding import rng
+from gensim2.perception import EmptyCloudError, Observation, ObservationSpec
 from gensim2.rollout.controller import (
     ACTUATION,
     Action,
@@ -35,7 +36,6 @@ from gensim2.rollout.settling import GOAL_SECONDS, LASTING_SECONDS, MAX_SETTLE_S
 from gensim2.rollout.strict import StrictMisses, strict_misses
 from gensim2.rollout.turns import judged_steps, paper_verdict, told_turns, turns_by_criteria
 from gensim2.rollout.world import World
-from gensim2.seeding import rng
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
 

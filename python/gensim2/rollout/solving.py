@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 import gensim2_kpam as kpam
-from gensim2.files import check_writable, write_json
+from gensim2.core.files import check_writable, write_json
+from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.planning.scene import Scene
-from gensim2.record_files import SCHEMA_VERSION
 from gensim2.robots import RobotProfile
 from gensim2.rollout.config import RolloutArguments
 from gensim2.rollout.inputs import TaskInput, read_task_input

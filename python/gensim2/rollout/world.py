@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.observations import Observation, ObservationSpec
+from gensim2.perception import Observation, ObservationSpec
 from gensim2.planning.scene import Scene
 from gensim2.robots import RobotProfile
 from gensim2.tasks.measurement import Measurement

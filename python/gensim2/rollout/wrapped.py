@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gensim2.observations import ObservationSpec
+from gensim2.perception import ObservationSpec
 from gensim2.rollout.controller import (
     Controller,
     Event,

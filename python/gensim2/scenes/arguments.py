@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from gensim2.errors import InputError, near
+from gensim2.core.errors import InputError, near
 from gensim2.objects import ArticulatedObject, RigidObject, open_library
 from gensim2.objects.library.selection import taken_instances, words_of_objects
 from gensim2.objects.types import Hulls

@@ -14,7 +14,7 @@ from typing import Annotated, Any, TypedDict, Unpack, cast
 
 from pydantic import BeforeValidator
 
-from gensim2.errors import MissingExtraError
+from gensim2.core.errors import MissingExtraError
 from gensim2.objects import open_library
 from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.scenes.arguments import ObjectSource, Words, check_words

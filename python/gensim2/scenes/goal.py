@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable
 
 import numpy as np
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import RobotProfile

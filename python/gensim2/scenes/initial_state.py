@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.seeding import rng
 from gensim2.objects import RigidObject
 from gensim2.objects.placement import work_keypoint
 from gensim2.objects.rigid import BODY
@@ -33,7 +34,6 @@ from gensim2.scenes.randomize import (
 from gensim2.scenes.reset_options import ObjectOptions
 from gensim2.scenes.robot_start import clear_start
 from gensim2.scenes.support import set_down
-from gensim2.seeding import rng
 from gensim2.tasks.presets import DEFAULT_PRESET, Preset, PresetName, preset
 from gensim2.tasks.spec import TABLE, ObjectSpec, TaskSpec
 

@@ -13,9 +13,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_type_hints
 
-from gensim2.errors import InputError, near
-from gensim2.renamed import current
-from gensim2.yaml_files import read_yaml
+from gensim2.core.errors import InputError, near
+from gensim2.core.renamed import current
+from gensim2.core.yaml_files import read_yaml
 
 if TYPE_CHECKING:
     from gensim2.robots import RobotProfile

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.errors import InputError, near
+from gensim2.core.errors import InputError, near
 
 RESET_OPTIONS = frozenset({"instance", "openness", "offset", "pose"})
 """Reset options of ours; ManiSkill knows ``reconfigure``, ``env_idx`` and ``reset_to_env_states`` besides."""

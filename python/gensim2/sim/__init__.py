@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from gensim2.lazy import lazy_names
+from gensim2.core.lazy import lazy_names
 from gensim2.sim.registration import TASK_ENV_ID, env_id, make_env, make_vec_env, register_all
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from mani_skill.agents.controllers import PDJointPosControllerConfig, PDJointPos
 from mani_skill.agents.registration import REGISTERED_AGENTS, register_agent
 from mani_skill.utils import sapien_utils
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.robots import RobotProfile
 
 PATCH_RADIUS = 0.1

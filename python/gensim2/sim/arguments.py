@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from gensim2.errors import InputError
-from gensim2.seeding import check_seed
+from gensim2.core.errors import InputError
+from gensim2.core.seeding import check_seed
 
 
 def check_one_of(value: Any, known: Sequence[str], field: str) -> None:

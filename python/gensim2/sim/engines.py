@@ -9,7 +9,7 @@ from typing import Protocol, cast
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.robots import RobotProfile
 from gensim2.scenes.initial_state import InitialState
 from gensim2.scenes.physics import Engine

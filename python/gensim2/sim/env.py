@@ -13,13 +13,14 @@ from gymnasium.utils.seeding import np_random
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs.types import SimConfig
 
-from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
-from gensim2.observations import ObservationSpec
+from gensim2.core.errors import ClosedEnvError, GenSim2Error, InputError
+from gensim2.perception import ObservationSpec
 from gensim2.planning.scene import Scene
 from gensim2.scenes.arguments import check_words
 from gensim2.scenes.config import split_arguments
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.scenes.sampler import SceneSampler
+from gensim2.scenes.table import build_table
 from gensim2.sim import agents, rendering
 from gensim2.sim.arguments import check_obs_mode, check_one_of, checked_action, checked_seed
 from gensim2.sim.arm import base_pose
@@ -30,7 +31,6 @@ from gensim2.sim.physics import named_physics
 from gensim2.sim.registration import MODULE, recordable
 from gensim2.sim.sapien_parts import SapienPart, SapienRobot
 from gensim2.sim.scene_state import read_scene
-from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.reward import StagedReward
 from gensim2.tasks.spec import TaskSpec
@@ -49,9 +49,9 @@ class GenSim2Env(RaycastObservations):
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
-        obs_mode: ManiSkill's, or ``"raycast"``: an :class:`~gensim2.observations.Observation` without a renderer, its
+        obs_mode: ManiSkill's, or ``"raycast"``: an :class:`~gensim2.perception.Observation` without a renderer, its
             arrays by name (docs/observations.md).
-        observation: an :class:`~gensim2.observations.ObservationSpec` or its fields, for ``"raycast"``.
+        observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
         reward_mode: ``"sparse"`` (default; 1 where the goal holds, else 0), ``"normalized_dense"`` (0 to 1, rising as
             steps are done; it keeps which of them have been, so it is read once a step) or ``"none"``.
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver

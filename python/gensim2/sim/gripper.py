@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from sapien import physx
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.robots import JointDrive, RobotProfile
 
 

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import GenSim2Error, InputError, near
-from gensim2.observations import Observation, ObservationSpec
-from gensim2.observations.proprioception import tool_pose
+from gensim2.core.errors import GenSim2Error, InputError, near
+from gensim2.core.seeding import check_seed
+from gensim2.perception import Observation, ObservationSpec
+from gensim2.perception.proprioception import tool_pose
 from gensim2.planning.scene import Scene
 from gensim2.robots import OPEN
 from gensim2.scenes.config import SceneArguments, SceneOptions
@@ -25,7 +26,6 @@ from gensim2.scenes.initial_state import InitialState
 from gensim2.scenes.physics import physics_switches
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.scenes.sampler import SceneSampler
-from gensim2.seeding import check_seed
 from gensim2.sim.engines import scene_class
 from gensim2.sim.parts import Array, RigidPart, Row
 from gensim2.sim.scene_access import SceneAccessMixin
@@ -34,7 +34,7 @@ from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
-    from gensim2.raycast.observer import Observer, Photograph
+    from gensim2.perception.raycast.observer import Observer, Photograph
     from gensim2.sim.pictures import StatePictures
 
 
@@ -280,7 +280,7 @@ class HeadlessEnv(SceneAccessMixin):
         return observer.observe(rows, self.elapsed_steps, self._command)
 
     def _observer(self, spec: ObservationSpec) -> Observer:
-        from gensim2.raycast.observer import Observer  # here: most episodes look through no camera
+        from gensim2.perception.raycast.observer import Observer  # here: most episodes look through no camera
 
         photograph = None
         models = {name: thing.model for name, thing in self.initial_state.objects.items()}

@@ -12,7 +12,7 @@ from mani_skill.utils.building.urdf_loader import URDFLoader
 from mani_skill.utils.structs import Articulation
 from sapien import physx
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects.types import ArticulatedObject
 from gensim2.sim.physics import DEFAULT, Physics
 

@@ -9,16 +9,16 @@ import numpy as np
 import torch
 from mani_skill.envs.sapien_env import BaseEnv
 
-from gensim2.observations import Observation, ObservationSpec
-from gensim2.observations.columns import TOOL_POSE
-from gensim2.observations.proprioception import tool_pose
-from gensim2.raycast.observer import Observer
+from gensim2.perception import Observation, ObservationSpec
+from gensim2.perception.columns import TOOL_POSE
+from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.raycast.observer import Observer
 from gensim2.robots import OPEN, RobotProfile
 from gensim2.sim.scene_access import SceneAccessMixin
 from gensim2.tasks.spec import TaskSpec
 
 RAYCAST = "raycast"
-"""Observation mode: :class:`~gensim2.observations.Observation`, without a renderer."""
+"""Observation mode: :class:`~gensim2.perception.Observation`, without a renderer."""
 
 
 class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]

@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.envs.registration import WrapperSpec, registry
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.tasks.library import load_task, packaged_names
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -143,7 +143,7 @@ def _register(id: str, max_episode_steps: int | None, kwargs: dict[str, object])
 
 def recordable(kwargs: Mapping[str, Any]) -> dict[str, Any]:
     """Environment arguments as a recorder can write them."""
-    from gensim2.observations import ObservationSpec
+    from gensim2.perception import ObservationSpec
 
     plain = dict(kwargs)
     if isinstance(plain.get("task"), TaskSpec):

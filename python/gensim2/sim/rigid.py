@@ -11,7 +11,7 @@ from mani_skill.utils.structs import Actor
 from sapien import physx
 from scipy.spatial.transform import Rotation
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.objects.rigid import BODY
 from gensim2.scenes.randomize import placed

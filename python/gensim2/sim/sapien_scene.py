@@ -11,10 +11,11 @@ import numpy.typing as npt
 import sapien
 from sapien.wrapper.articulation_builder import ArticulationBuilder
 
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.objects import RigidObject
 from gensim2.robots import RobotProfile
 from gensim2.scenes.initial_state import InitialState, PlacedObject
+from gensim2.scenes.table import build_table
 from gensim2.sim.arm import Arm, built, parsed
 from gensim2.sim.objects import check_object
 from gensim2.sim.parts import Array, Row
@@ -28,7 +29,6 @@ from gensim2.sim.sapien_parts import (
     articulation_state,
     touched,
 )
-from gensim2.sim.table import build_table
 
 
 class SapienScene:

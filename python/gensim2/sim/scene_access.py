@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gensim2.errors import GenSim2Error
+from gensim2.core.errors import GenSim2Error
 from gensim2.scenes.initial_state import InitialState
 from gensim2.sim.parts import Part
 from gensim2.sim.scene_state import RobotReader, StandingRobot, measure

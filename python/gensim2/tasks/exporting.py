@@ -6,11 +6,11 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from gensim2.errors import InputError
-from gensim2.files import replacing, write_atomic
+from gensim2.core.errors import InputError
+from gensim2.core.files import replacing, write_atomic
+from gensim2.core.yaml_files import dump_yaml
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, StrategyData, load_strategies, load_task
 from gensim2.tasks.spec import TaskSpec
-from gensim2.yaml_files import dump_yaml
 
 #: Of members of an archive: the same tasks make the same bytes.
 _NO_TIME = (1980, 1, 1, 0, 0, 0)

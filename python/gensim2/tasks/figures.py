@@ -14,9 +14,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from gensim2.errors import InputError
-from gensim2.renamed import current
-from gensim2.validation import input_error
+from gensim2.core.errors import InputError
+from gensim2.core.renamed import current
+from gensim2.core.validation import input_error
 
 FIGURES = "figures.json"
 

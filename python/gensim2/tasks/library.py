@@ -20,13 +20,13 @@ from typing import Any
 
 from platformdirs import user_data_path
 
-from gensim2.errors import InputError, near
-from gensim2.files import user_folder
-from gensim2.foreign.archive import open_archive, read_member
+from gensim2.core.errors import InputError, near
+from gensim2.core.files import user_folder
+from gensim2.core.foreign.archive import open_archive, read_member
+from gensim2.core.yaml_files import MAX_BYTES, parse_yaml, read_yaml
 from gensim2.tasks import version_1
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
-from gensim2.yaml_files import MAX_BYTES, parse_yaml, read_yaml
 
 TASK_FILE = "task.yaml"
 STRATEGIES = "strategies"

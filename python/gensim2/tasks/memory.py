@@ -19,8 +19,9 @@ from typing import Any
 
 from filelock import FileLock
 
-from gensim2.errors import InputError, near
-from gensim2.files import sync_folder, write_json
+from gensim2.core.errors import InputError, near
+from gensim2.core.files import sync_folder, write_json
+from gensim2.core.yaml_files import read_yaml
 from gensim2.tasks.exporting import write_task
 from gensim2.tasks.library import (
     PAPER,
@@ -37,7 +38,6 @@ from gensim2.tasks.library import (
 )
 from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import TaskSpec, Verified
-from gensim2.yaml_files import read_yaml
 
 ADDED_FILE = "added.json"
 LOCK_FILE = ".lock"

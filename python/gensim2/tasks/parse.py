@@ -8,11 +8,11 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.validation import input_error
+from gensim2.core.yaml_files import check_finite
 from gensim2.tasks import version_1
 from gensim2.tasks.spec import TaskSpec
-from gensim2.validation import input_error
-from gensim2.yaml_files import check_finite
 
 
 def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 PresetName = Literal["paper", "paper-half", "wide"]
 """``"paper"``: the ranges of the task; ``"paper-half"``: half of them; ``"wide"``: docs/simulation.md."""

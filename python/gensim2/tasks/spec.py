@@ -166,7 +166,7 @@ class Verified(_Value):
         episodes: how many there were.
         held: in how many the goal held at the end, at rest, and not in the no-op baseline.
         interval: of the share that held, 95 %.
-        seed: of the run; the scenes are those of ``gensim2.seeding.scene_seeds(seed, name, "verify", episodes)``.
+        seed: of the run; the scenes are those of ``gensim2.core.seeding.scene_seeds(seed, name, "verify", episodes)``.
         instances: what the objects were drawn from: ``"new"`` and ``"test"`` are such that no search saw.
         objects: number of different ones by class.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 
 ROLE = "object"
 """Name of the only object."""

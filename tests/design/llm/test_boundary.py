@@ -22,6 +22,7 @@ import pytest
 
 pytest.importorskip("openai")
 
+from gensim2.core.errors import InputError, ModelError
 from gensim2.design.designing import model_designer
 from gensim2.design.llm import Asking, LanguageModel, ModelOptions, model_options
 from gensim2.design.llm.boundary import Boundary
@@ -31,7 +32,6 @@ from gensim2.design.llm.questions import Message, ModelAnswer, ModelQuestion
 from gensim2.design.llm.secret import HIDDEN, Secret
 from gensim2.design.llm.store import AnswerStore, recorded_answers
 from gensim2.design.llm.templating import Prompts
-from gensim2.errors import InputError, ModelError
 from gensim2.scenes.config import SceneOptions
 
 KEY = "sk-proj-Zq8vT1mWx3nRk5Lb7Yc9"

@@ -13,7 +13,7 @@ from gensim2.cli.main import run
 from gensim2.objects import open_library
 from gensim2.rollout import worker
 from gensim2.tasks.library import load_strategies, load_task
-from gensim2.yaml_files import dump_yaml
+from gensim2.core.yaml_files import dump_yaml
 
 
 @pytest.fixture

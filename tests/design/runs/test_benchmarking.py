@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from gensim2.cli.main import BAD_INPUT, run
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import open_library
 from gensim2.rollout.inputs import of_these_objects
-from gensim2.seeding import scene_seeds
+from gensim2.core.seeding import scene_seeds
 
 QUICK = [
     "benchmark",

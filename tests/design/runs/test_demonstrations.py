@@ -14,7 +14,7 @@ import pytest
 from kill_runs import contents, differences
 
 from gensim2.data.demonstrations import TRIES_PER_DEMO
-from gensim2.errors import InputError, NotRunError
+from gensim2.core.errors import InputError, NotRunError
 from gensim2.rollout import worker
 from gensim2.rollout.record import Cause
 from gensim2.rollout.config import EpisodeConfig

@@ -13,7 +13,7 @@ import pytest
 from gensim2.data.video import Film
 from gensim2.design import shelf, tasks_gallery
 from gensim2.design.gallery import TasksGallery
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.rollout import inputs, worker
 from gensim2.sim import rendering
 

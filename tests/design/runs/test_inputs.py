@@ -13,7 +13,7 @@ from drawer_task import OPEN_DRAWER
 
 from gensim2.cli.main import FOUND_WRONG, run
 from gensim2.data.runfolder import TaskFolder
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.rollout.inputs import read_task_input, task_and_strategies
 from gensim2.rollout.solving import solve
 from gensim2.tasks.library import load_strategies, load_task, task_names

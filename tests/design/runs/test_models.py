@@ -24,7 +24,7 @@ from gensim2.design import run_pipeline, views
 from gensim2.design.designing import model_designer
 from gensim2.design.llm import Asking
 from gensim2.design.search import Budget
-from gensim2.errors import InputError, ModelError
+from gensim2.core.errors import InputError, ModelError
 from gensim2.rollout import worker
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.record import Episode, StrictMiss

@@ -13,7 +13,7 @@ from run_folders import CONFIG, add_task, run_folder, task_spec
 from gensim2.cli.main import run as command
 from gensim2.data.runfolder import TaskFolder
 from gensim2.design.remembering import known_before, remember
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.rollout.inputs import task_and_strategies
 from gensim2.tasks import Provenance
 from gensim2.tasks.library import load_task, packaged_names

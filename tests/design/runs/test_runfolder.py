@@ -25,11 +25,11 @@ from gensim2.data.store import TaskStore
 from gensim2.design.chosen import Chosen
 from gensim2.design.designing import offline_designer
 from gensim2.design.designs import Design, read_design, write_design
-from gensim2.errors import InputError
-from gensim2.record_files import read_record
+from gensim2.core.errors import InputError
+from gensim2.core.record_files import read_record
 from gensim2.rollout.record import Episode
 from gensim2.tasks.library import load_strategies, load_task
-from gensim2.yaml_files import dump_yaml
+from gensim2.core.yaml_files import dump_yaml
 
 Record = Callable[..., Any]
 SEEDS = (7, 8, 9)

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import fake_world
 
-from gensim2 import seeding
+from gensim2.core import seeding
 from gensim2.design import Affordance, Brief, Candidate, CandidateResult, RobotSummary, StageResult
 from gensim2.design.search import Budget, Search
 from gensim2.rollout.record import Cause, Episode
 from gensim2.rollout.worker import Screened
 from gensim2.rollout.config import EpisodeConfig
 from gensim2.scenes.config import SceneOptions
-from gensim2.seeding import scene_seeds
+from gensim2.core.seeding import scene_seeds
 from gensim2.tasks.criteria import ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 from gensim2.tasks.strategies import StepStrategies

@@ -12,7 +12,7 @@ from gensim2.data.runfolder import RunFolder
 from gensim2.design import verification
 from gensim2.design.unseen import kept_apart
 from gensim2.design.verification import UNDER_WAY, VERIFY_EPISODES, verify
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects import open_library
 from gensim2.rollout import worker
 from gensim2.rollout.evaluator import PoolEvaluator

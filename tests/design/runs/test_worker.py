@@ -12,8 +12,8 @@ import fake_world
 import process_jobs
 import pytest
 
-from gensim2.errors import InputError, NotRunError
-from gensim2.processes import Job
+from gensim2.core.errors import InputError, NotRunError
+from gensim2.core.processes import Job
 from gensim2.rollout import worker
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.config import EpisodeConfig, RolloutOptions
@@ -154,7 +154,7 @@ def test_an_evaluator_gives_episodes_and_scores_in_the_order_of_its_jobs(monkeyp
 
 
 def test_an_evaluator_names_what_could_not_be_run() -> None:
-    from gensim2.processes import Failure, Outcome
+    from gensim2.core.processes import Failure, Outcome
 
     class Lossy:
         """An executor that loses the second job for good."""

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from gensim2.core.errors import InputError
 from gensim2.design.sandbox import TaskCodeError, run_task_code, task_code
-from gensim2.errors import InputError
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.parse import parse_task
 

@@ -11,6 +11,8 @@ import pytest
 import yaml
 
 from gensim2.cli.main import run
+from gensim2.core.progress import NULL_PROGRESS
+from gensim2.core.record_files import read_record
 from gensim2.objects.library.catalogue import BUILTIN
 from gensim2.policy import teachers
 from gensim2.policy.checkpoint import PolicyCheckpoint
@@ -19,8 +21,6 @@ from gensim2.policy.experiments.config import Arm, ExperimentConfig
 from gensim2.policy.experiments.running import ExperimentRecord, _measurements, run_experiment, runnable, without_others
 from gensim2.policy.keypose import data
 from gensim2.policy.learn_record import LearnRecord
-from gensim2.progress import NULL_PROGRESS
-from gensim2.record_files import read_record
 
 CONFIG = """
 title: Toy

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.policy.experiments import NAMES, config_of, read_experiment
 from gensim2.policy.experiments.config import Arm, ExperimentConfig
 from gensim2.policy.experiments.figures import Rate, TaskFigures, difference, summary

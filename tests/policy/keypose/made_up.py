@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gensim2.files import write_json
-from gensim2.observations import ObservationSpec
+from gensim2.core.files import write_json
+from gensim2.perception import ObservationSpec
 from gensim2.policy.keypose.data import RECORD, Planned, PlannedRecord
 from gensim2.policy.keypose.program import KEYPOSES
 from gensim2.robots import robot

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.policy.checkpoint import DataRecord
 from gensim2.policy.keypose.adding import DATA, take_along
 from gensim2.policy.keypose.data import RECORD, read_planned

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 import gensim2_kpam as kpam
-from gensim2.errors import InputError
-from gensim2.observations import ObservationSpec
+from gensim2.core.errors import InputError
+from gensim2.core.processes import WorkerPool
+from gensim2.perception import ObservationSpec
 from gensim2.planning import Scene, StepPlanner
 from gensim2.policy.keypose import data, examples
 from gensim2.policy.keypose.data import plan_scenes, read_planned
 from gensim2.policy.keypose.examples import _left_anywhere, draw, other_openness, planned_way
 from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, RETREAT, program_of
 from gensim2.policy.keypose.teaching import CENTERED, pulls_last
-from gensim2.processes import WorkerPool
 from gensim2.robots import robot
 from gensim2.rollout.inputs import TaskInput, read_task_input
 from gensim2.rollout.worker import parsed, simulator

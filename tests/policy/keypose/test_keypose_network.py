@@ -11,10 +11,10 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from gensim2.errors import InputError
-from gensim2.observations import Observation, PointCloud
-from gensim2.observations.columns import CLOUD as OBSERVED
-from gensim2.observations.proprioception import Proprioception
+from gensim2.core.errors import InputError
+from gensim2.perception import Observation, PointCloud
+from gensim2.perception.columns import CLOUD as OBSERVED
+from gensim2.perception.proprioception import Proprioception
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.export import export_policy, exported

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from gensim2.cli.main import run
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.pages import template
 from gensim2.objects import open_library
 from gensim2.objects.library.export import export
-from gensim2.pages import template
 from gensim2.policy import learn_settings, learning, teachers
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import MissingExtraError
+from gensim2.core.errors import MissingExtraError
 
 Array = npt.NDArray[Any]
 

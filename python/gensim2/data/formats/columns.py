@@ -16,8 +16,8 @@ No name holds a slash: LeRobot's editing tools and Diffusion Policy's replay buf
 
 from __future__ import annotations
 
-from gensim2.foreign.names import checked_name
-from gensim2.observations.columns import (
+from gensim2.core.foreign.names import checked_name
+from gensim2.perception.columns import (
     CLOUD,
     DEPTH,
     ENVIRONMENT_STATE,

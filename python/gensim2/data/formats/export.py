@@ -11,6 +11,9 @@ import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import new_folder, replacing
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.attempt_log import LoggedEpisode, log_line
 from gensim2.data.card import Described, write_card
 from gensim2.data.dataset import DataSet
@@ -24,9 +27,6 @@ from gensim2.data.record import DatasetRecord
 from gensim2.data.selection import Selection, some
 from gensim2.data.store import ROWS, TaskStore
 from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
-from gensim2.errors import InputError
-from gensim2.files import new_folder, replacing
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
 

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.errors import InputError
 from gensim2.data.formats.columns import column_of
-from gensim2.errors import InputError
-from gensim2.observations.columns import (
+from gensim2.perception.columns import (
     CLOUD,
     CLOUD_SEGMENTATION,
     ENVIRONMENT_STATE,
     PROPRIOCEPTION,
     cloud_column,
 )
-from gensim2.observations.proprioception import Proprioception
+from gensim2.perception.proprioception import Proprioception
 from gensim2.robots import OPEN, RobotProfile
 from gensim2.rollout.recording import Recording
 
@@ -40,7 +40,7 @@ class Frames:
         columns: (T, ...) by name: ``action`` (m + 1 float32, targets of the arm's joints, and the gripper from -1 to
             1; what was meant, where noise was on what was sent), ``reward`` (float32, 1 where the goal holds after
             the action), ``success``, ``done`` (bool), and what is seen, by the names of
-            :mod:`gensim2.observations.columns`.
+            :mod:`gensim2.perception.columns`.
     """
 
     sentence: str

@@ -14,6 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from gensim2.core.errors import InputError, WriteError
+from gensim2.core.files import new_folder
+from gensim2.core.foreign.process import Bounds, isolated
+from gensim2.core.foreign.tree import ForeignTree
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.columns import formerly_nested
 from gensim2.data.formats.export import NATIVE, check_apart
@@ -23,11 +28,6 @@ from gensim2.data.formats.native import copy_native, read_back
 from gensim2.data.formats.to_lerobot import lerobot_frames
 from gensim2.data.formats.trajectory_reading import take_apart
 from gensim2.data.formats.zarr_reading import zarr_frames
-from gensim2.errors import InputError, WriteError
-from gensim2.files import new_folder
-from gensim2.foreign.process import Bounds, isolated
-from gensim2.foreign.tree import ForeignTree
-from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 
 REMEDY = "give a folder that `gensim2 data export` wrote"

@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.files import replacing, write_json
+from gensim2.core.foreign.names import checked_name
 from gensim2.data.formats.arrow_columns import arrow_modules, column_type, to_column
 from gensim2.data.formats.lerobot_statistics import Totals, thinned
-from gensim2.errors import InputError, MissingExtraError
-from gensim2.files import replacing, write_json
-from gensim2.foreign.names import checked_name
 
 VERSION = "v3.0"
 FILE_BYTES = 100 * 2**20

@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.tree import ForeignTree
+from gensim2.core.record_files import parse_record
 from gensim2.data.formats.arrow_columns import arrow_modules, to_array
 from gensim2.data.formats.lerobot import INDEX_NAME, INDICES, VERSION
-from gensim2.errors import InputError
-from gensim2.foreign.library import read_by_library
-from gensim2.foreign.tree import ForeignTree
-from gensim2.record_files import parse_record
 
 Array = npt.NDArray[Any]
 

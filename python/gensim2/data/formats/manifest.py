@@ -13,11 +13,11 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_json
+from gensim2.core.foreign.tree import ForeignTree, open_regular, why
+from gensim2.core.record_files import read_record
 from gensim2.data.card import CARD
-from gensim2.errors import InputError
-from gensim2.files import write_json
-from gensim2.foreign.tree import ForeignTree, open_regular, why
-from gensim2.record_files import read_record
 
 Format = Literal["maniskill", "lerobot", "zarr"]
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -80,7 +80,7 @@ def check_format(path: Path, sizes: Mapping[str, int], kind: Format) -> None:
     """Refuse an export to another format than ``kind``; one without a manifest does not say.
 
     Args:
-        sizes: of its files, as :meth:`~gensim2.foreign.tree.ForeignTree.sizes` found them.
+        sizes: of its files, as :meth:`~gensim2.core.foreign.tree.ForeignTree.sizes` found them.
 
     Raises:
         InputError: it is one.
@@ -95,7 +95,7 @@ def check_manifest(path: Path, sizes: Mapping[str, int]) -> Manifest | None:
     """Compare an export with its manifest, and return it; None where there is none.
 
     Args:
-        sizes: of its files, as :meth:`~gensim2.foreign.tree.ForeignTree.sizes` found them.
+        sizes: of its files, as :meth:`~gensim2.core.foreign.tree.ForeignTree.sizes` found them.
 
     Raises:
         InputError: a file is gone or not the one that was exported.

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.names import is_name
+from gensim2.core.foreign.tree import MAX_RECORD, ForeignTree
+from gensim2.core.progress import Progress
+from gensim2.core.sealed_file import MAX_BYTES
+from gensim2.core.yaml_files import MAX_BYTES as MAX_YAML
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.episode_file import StoredEpisode
 from gensim2.data.formats.seen_table import NAME as SEEN
 from gensim2.data.store import ROWS, TaskStore
-from gensim2.errors import InputError
-from gensim2.foreign.names import is_name
-from gensim2.foreign.tree import MAX_RECORD, ForeignTree
-from gensim2.progress import Progress
-from gensim2.sealed_file import MAX_BYTES
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
-from gensim2.yaml_files import MAX_BYTES as MAX_YAML
 
 MAX_STRATEGIES = 1000  # files; a task names up to 1000
 

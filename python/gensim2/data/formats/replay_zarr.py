@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import InputError, MissingExtraError
-from gensim2.foreign.names import checked_name
+from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.foreign.names import checked_name
 
 CHUNK_BYTES = 2**20
 """Size of a chunk before compression."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_json
 from gensim2.data.observation_file import ObservedEpisode
-from gensim2.errors import InputError
-from gensim2.files import write_json
 
 NAME = "observations.json"
 SCHEMA_VERSION = 1

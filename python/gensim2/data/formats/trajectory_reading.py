@@ -10,6 +10,13 @@ from typing import Annotated, Any
 import h5py
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import replacing
+from gensim2.core.foreign.hdf5 import group_in
+from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.tree import ForeignTree
+from gensim2.core.progress import Progress
+from gensim2.core.record_files import parse_record, read_record
 from gensim2.data.attempt_log import LoggedEpisode, log_line
 from gensim2.data.dataset import DataSet
 from gensim2.data.episode_file import read_recording
@@ -18,13 +25,6 @@ from gensim2.data.recorded import MAX_STEPS, check_recording
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.store import LAST_INDEX, ROWS, TaskStore
 from gensim2.data.trajectory import H5_NAME, JSON_NAME
-from gensim2.errors import InputError
-from gensim2.files import replacing
-from gensim2.foreign.hdf5 import group_in
-from gensim2.foreign.library import read_by_library
-from gensim2.foreign.tree import ForeignTree
-from gensim2.progress import Progress
-from gensim2.record_files import parse_record, read_record
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import strategies_of

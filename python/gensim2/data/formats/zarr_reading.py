@@ -15,14 +15,14 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.names import is_name
+from gensim2.core.foreign.tree import ForeignTree
+from gensim2.core.record_files import parse_record
 from gensim2.data.formats.columns import current, formerly_nested
 from gensim2.data.formats.frames import Frames
 from gensim2.data.formats.replay_zarr import zarr_module
-from gensim2.errors import InputError
-from gensim2.foreign.library import read_by_library
-from gensim2.foreign.names import is_name
-from gensim2.foreign.tree import ForeignTree
-from gensim2.record_files import parse_record
 
 MAX_EPISODES = 10_000_000
 MAX_DESCRIPTION = 64 * 2**20  # bytes of a JSON file; the sentences of all tasks stand in one

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from gensim2.lazy import lazy_names
+from gensim2.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.design.llm.designer import LLMDesigner

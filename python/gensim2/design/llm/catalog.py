@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gensim2.core.errors import InputError
 from gensim2.design.affordance import Affordance
 from gensim2.design.base import Brief, RobotSummary
 from gensim2.design.llm.wording import known_task
-from gensim2.errors import InputError
 from gensim2.tasks.spec import HAND, TABLE, TaskSpec
 
 _KEBAB = re.compile(r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$")

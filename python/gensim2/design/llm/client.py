@@ -11,10 +11,10 @@ import importlib
 import logging
 from typing import Any
 
+from gensim2.core.errors import InputError, MissingExtraError, ModelError, one_line
 from gensim2.design.llm.boundary import Boundary, guarded_client
 from gensim2.design.llm.options import ModelOptions
 from gensim2.design.llm.questions import Message, ModelAnswer, ModelQuestion
-from gensim2.errors import InputError, MissingExtraError, ModelError, one_line
 
 #: Characters that make a token where an endpoint does not count them.
 CHARACTERS_A_TOKEN = 4

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import gensim2_kpam as kpam
+from gensim2.core.errors import InputError
 from gensim2.design.affordance import Affordance
-from gensim2.errors import InputError
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.strategies import PLANNER_FIELDS, parse_strategy
 from gensim2.robots import RobotProfile

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.design.llm.extraction import Data, mappings
 from gensim2.design.llm.log import ConversationLog, ConversationRecord, TurnRecord
 from gensim2.design.llm.model import LanguageModel
@@ -14,7 +15,6 @@ from gensim2.design.llm.questions import Message, ModelQuestion
 from gensim2.design.llm.store import MODEL_FOLDER
 from gensim2.design.llm.templating import Prompts
 from gensim2.design.pictures import LazyPicture
-from gensim2.errors import GenSim2Error, InputError
 
 #: Characters of a wrong answer that are shown to the model again.
 SHOWN_AGAIN = 6000

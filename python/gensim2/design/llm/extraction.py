@@ -9,9 +9,9 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.yaml_files import check_finite, parse_yaml
 from gensim2.design.llm.boundary import whole_characters
-from gensim2.errors import InputError, MissingExtraError
-from gensim2.yaml_files import check_finite, parse_yaml
 
 #: Characters of the longest text that data is looked for in; no answer of a stage needs a tenth of it.
 MAX_CHARACTERS = 100_000

@@ -6,8 +6,8 @@ import threading
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from gensim2.core.errors import GenSim2Error
 from gensim2.design.llm.questions import ModelAnswer
-from gensim2.errors import GenSim2Error
 
 
 class BudgetSpent(GenSim2Error):

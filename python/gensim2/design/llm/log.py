@@ -9,8 +9,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from gensim2.files import write_json
-from gensim2.record_files import read_record
+from gensim2.core.files import write_json
+from gensim2.core.record_files import read_record
 
 CONVERSATIONS = "conversations.json"
 

@@ -10,10 +10,10 @@ from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from gensim2.core.errors import InputError
+from gensim2.core.validation import input_error
+from gensim2.core.yaml_files import read_yaml
 from gensim2.design.llm.secret import Secret
-from gensim2.errors import InputError
-from gensim2.validation import input_error
-from gensim2.yaml_files import read_yaml
 
 Price = Annotated[float, Field(ge=0, le=1e6)]
 

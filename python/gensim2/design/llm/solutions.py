@@ -10,15 +10,15 @@ from typing import Any, Literal, Protocol
 
 from pydantic import TypeAdapter, ValidationError
 
+from gensim2.core.errors import InputError
+from gensim2.core.validation import input_error
 from gensim2.design.base import Brief, CandidateResult
 from gensim2.design.llm.conversations import Conversations
 from gensim2.design.llm.stages import solving
 from gensim2.design.llm.stages.solving import CaptionedPictures, Config, StepToSolve
 from gensim2.design.pictures import LazyPicture
-from gensim2.errors import InputError
 from gensim2.tasks.spec import Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
-from gensim2.validation import input_error
 
 Mode = Literal["explore", "topdown", "bottomup"]
 

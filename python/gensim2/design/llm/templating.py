@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from gensim2.core.errors import InputError, near
+from gensim2.core.special_files import is_special
+from gensim2.core.yaml_files import parse_yaml
 from gensim2.design.llm import wording
-from gensim2.errors import InputError, near
-from gensim2.special_files import is_special
-from gensim2.yaml_files import parse_yaml
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable

@@ -7,9 +7,9 @@ from collections import ChainMap
 from collections.abc import Mapping, MutableMapping, Sequence
 from typing import Any, Literal
 
+from gensim2.core.errors import InputError
 from gensim2.design.sandbox.allow_list import Refused, checked, is_super_init, number
 from gensim2.design.sandbox.language import METHODS, OFFERED, Task
-from gensim2.errors import InputError
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 

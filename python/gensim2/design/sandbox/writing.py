@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from gensim2.core.errors import InputError
 from gensim2.design.sandbox.allow_list import MODULE
 from gensim2.design.sandbox.language import CRITERIA, METHODS, SETTINGS
-from gensim2.errors import InputError
 from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.spec import HAND, ObjectSpec, Step, TaskSpec
 

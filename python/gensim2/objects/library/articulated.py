@@ -8,7 +8,8 @@ import re
 from functools import cached_property
 from pathlib import Path
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.seeding import rng
 from gensim2.objects.errors import AssetError
 from gensim2.objects.generators.classes import class_modules, object_classes
 from gensim2.objects.generators.generate import LICENSE as GENERATED_LICENSE
@@ -20,7 +21,6 @@ from gensim2.objects.library.shelf import Shelf
 from gensim2.objects.library.urdf import URDF, plain_name
 from gensim2.objects.model import Model
 from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
-from gensim2.seeding import rng
 
 LARGEST_NUMBER = 10**6
 NEW = 100

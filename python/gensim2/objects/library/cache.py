@@ -22,8 +22,8 @@ import numpy.typing as npt
 from filelock import FileLock
 
 import gensim2
-from gensim2.errors import InputError
-from gensim2.files import cache_dir, write_atomic
+from gensim2.core.errors import InputError
+from gensim2.core.files import cache_dir, write_atomic
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.folder import MAX_BYTES, ObjectFolder
 from gensim2.objects.types import ArticulatedObject, Keypoint, MovingJoint, Placement
@@ -50,7 +50,7 @@ DAMAGE = (
 # What every prepared object passes through; a source adds its own modules.
 SHARED_MODULES = (
     "gensim2.objects.library.cache",
-    "gensim2.foreign.tree",
+    "gensim2.core.foreign.tree",
     "gensim2.objects.library.folder",
     "gensim2.objects.library.prepare",
     "gensim2.objects.kinematics",

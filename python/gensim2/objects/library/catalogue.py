@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal, cast
 
-from gensim2.errors import InputError, near
+from gensim2.core.errors import InputError, near
+from gensim2.core.seeding import rng
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.articulated import FolderShelf, GeneratedShelf
 from gensim2.objects.library.folder import existing_folder
@@ -20,7 +21,6 @@ from gensim2.objects.library.rigid import YCB_INFO, FolderRigidShelf, GeneratedR
 from gensim2.objects.library.shelf import Shelf
 from gensim2.objects.rigid import ONLY_ID, RigidObject
 from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
-from gensim2.seeding import rng
 
 Split = Literal["train", "test", "all"]
 SPLITS: Final = ("train", "test", "all")

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.objects.library.objfile import write_obj
 from gensim2.objects.library.prepare import numbers, rpy_from_matrix
 from gensim2.objects.shapes import Look, Mesh, hull_mesh, transform

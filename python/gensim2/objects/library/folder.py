@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gensim2.foreign.tree import ForeignTree, megabytes, shortened
+from gensim2.core.foreign.tree import ForeignTree, megabytes, shortened
 from gensim2.objects.errors import AssetError, MissingFileError
 
 MAX_FILES = 20_000

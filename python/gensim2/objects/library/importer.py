@@ -33,8 +33,8 @@ import numpy as np
 import numpy.typing as npt
 from trimesh.triangles import closest_point
 
-from gensim2.errors import InputError
-from gensim2.foreign.names import RULE, is_name
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.names import RULE, is_name
 from gensim2.objects.errors import AssetError, MissingFileError
 from gensim2.objects.generators.classes import object_classes
 from gensim2.objects.generators.generate import generate

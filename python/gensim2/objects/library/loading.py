@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.processes import WorkerPool, enumerated, in_order
 from gensim2.objects.library.catalogue import Library
-from gensim2.processes import WorkerPool, enumerated, in_order
 
 
 def load_all(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.foreign.tree import Reference, shortened
+from gensim2.core.foreign.tree import Reference, shortened
 from gensim2.objects.errors import AssetError, MissingFileError
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.objfile import DEFAULT_LOOK, read_obj

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam
-from gensim2.foreign.tree import Reference
+from gensim2.core.foreign.tree import Reference
 from gensim2.objects.errors import MissingFileError
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.shapes import Look, Mesh

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 
-from gensim2.yaml_files import parse_yaml
+from gensim2.core.yaml_files import parse_yaml
 
 
 def release_split(asset_class: str, name: str, listed: Sequence[str]) -> tuple[str, ...] | None:

@@ -61,7 +61,7 @@ HULL_MODULES = (
 READER_MODULES = (
     *HULL_MODULES,
     "gensim2.objects.meshwork.pieces",
-    "gensim2.foreign.tree",
+    "gensim2.core.foreign.tree",
     "gensim2.objects.library.folder",
     "gensim2.objects.library.info",
     "gensim2.objects.library.keypoints",

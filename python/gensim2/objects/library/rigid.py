@@ -32,7 +32,7 @@ _MODULES = (
     "gensim2.objects.generators.rigid.household",
     "gensim2.objects.generators.rigid.parts",
     "gensim2.objects.library.cache",
-    "gensim2.foreign.tree",
+    "gensim2.core.foreign.tree",
     "gensim2.objects.library.folder",
     "gensim2.objects.library.info",
     "gensim2.objects.library.objfile",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.foreign.tree import shortened
+from gensim2.core.foreign.tree import shortened
 from gensim2.objects.errors import AssetError, MissingFileError
 from gensim2.objects.library.cache import cached_hulls, file_name
 from gensim2.objects.library.folder import ObjectFolder

@@ -5,7 +5,7 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 
-from gensim2.errors import InputError, near
+from gensim2.core.errors import InputError, near
 from gensim2.objects.library.catalogue import SETS, Library
 from gensim2.objects.types import Kind
 

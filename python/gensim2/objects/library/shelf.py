@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from gensim2.errors import InputError, near
+from gensim2.core.errors import InputError, near
+from gensim2.core.seeding import rng
 from gensim2.objects.rigid import ONLY_ID, RigidObject
 from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
-from gensim2.seeding import rng
 
 
 class Shelf(ABC):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from gensim2.files import user_folder
+from gensim2.core.files import user_folder
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.folder import existing_folder
 

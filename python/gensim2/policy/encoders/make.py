@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
 from gensim2.policy.encoders.mlp import MlpEncoder
 from gensim2.policy.encoders.pointnet import PointNetEncoder
 from gensim2.policy.encoders.pointnext import PointNextEncoder

@@ -7,8 +7,8 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from gensim2.core.validation import input_error
 from gensim2.objects.library.catalogue import TENTHS
-from gensim2.validation import input_error
 
 Name = Literal["generalization", "breadth", "scaling", "combinations", "designed"]
 NAMES: tuple[Name, ...] = get_args(Name)
@@ -151,7 +151,7 @@ def read_experiment(path: Path) -> ExperimentConfig:
     Raises:
         InputError: it cannot be read, or a field is unknown or cannot be so; names file and field.
     """
-    from gensim2.yaml_files import read_yaml
+    from gensim2.core.yaml_files import read_yaml
 
     try:
         return ExperimentConfig.model_validate(read_yaml(path))

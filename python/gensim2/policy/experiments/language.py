@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from gensim2.errors import InputError
+from gensim2.core.errors import InputError
+from gensim2.core.yaml_files import read_yaml
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
 from gensim2.tasks.spec import TaskSpec
-from gensim2.yaml_files import read_yaml
 
 SENTENCES = Path(__file__).parent / "sentences.yaml"
 

@@ -7,8 +7,8 @@ from math import log10
 from pathlib import Path
 from typing import Any
 
-from gensim2.files import write_atomic
-from gensim2.pages import template
+from gensim2.core.files import write_atomic
+from gensim2.core.pages import template
 from gensim2.policy.experiments.figures import Kind
 
 REPORT = "report.html"

@@ -10,10 +10,12 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from gensim2.core.errors import InputError
+from gensim2.core.files import check_writable, write_json
+from gensim2.core.progress import NULL_PROGRESS, NamedProgress, Progress
+from gensim2.core.record_files import SCHEMA_VERSION, read_record
 from gensim2.data.lock import FolderLock
-from gensim2.errors import InputError
 from gensim2.evaluation.evaluating import EvaluationResult
-from gensim2.files import check_writable, write_json
 from gensim2.objects import open_library
 from gensim2.objects.library.catalogue import BUILTIN
 from gensim2.policy.devices import read_devices
@@ -23,8 +25,6 @@ from gensim2.policy.experiments.figures import KINDS, Kind, Rate, TaskFigures, s
 from gensim2.policy.experiments.language import opposites, rephrased
 from gensim2.policy.keypose.adding import generated_input
 from gensim2.policy.learning import Learned, learn
-from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
-from gensim2.record_files import SCHEMA_VERSION, read_record
 from gensim2.rollout.inputs import read_task_input, read_task_inputs
 from gensim2.scenes.config import SceneArguments
 from gensim2.tasks.library import load_task

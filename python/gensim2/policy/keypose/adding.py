@@ -11,24 +11,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from gensim2.errors import InputError
-from gensim2.files import new_folder
-from gensim2.foreign.tree import ForeignTree
+from gensim2.core.errors import InputError
+from gensim2.core.files import new_folder
+from gensim2.core.foreign.tree import ForeignTree
+from gensim2.core.progress import Progress
+from gensim2.core.record_files import read_record
 from gensim2.objects.library.catalogue import BUILTIN as GENERATED
-from gensim2.observations import ObservationSpec
+from gensim2.perception import ObservationSpec
 from gensim2.policy.checkpoint import BUILTIN, PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.keypose.data import RECORD, Planned, PlannedRecord, plan_scenes, read_planned
 from gensim2.policy.keypose.teaching import pulls_last
 from gensim2.policy.keypose.training import WAYS_JSON, Way, read_ways
-from gensim2.progress import Progress
-from gensim2.record_files import read_record
 from gensim2.rollout.counted_objects import all_with_objects, is_counted, with_objects
 from gensim2.rollout.inputs import TaskInput, read_task_input, scene_options
 from gensim2.scenes.config import SceneArguments
 from gensim2.tasks.strategies import with_strategies
 
 if TYPE_CHECKING:
-    from gensim2.processes import Executor
+    from gensim2.core.processes import Executor
 
 DATA = "data"
 """Folder of a learned policy that holds the plans which taught it, a folder a task."""

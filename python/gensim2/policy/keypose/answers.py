@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from gensim2.observations import Observation
-from gensim2.observations.columns import CLOUD as SEEN_CLOUD
+from gensim2.core.seeding import rng
+from gensim2.perception import Observation
+from gensim2.perception.columns import CLOUD as SEEN_CLOUD
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.frames import SEEN, inputs_of, turn_matrix
 from gensim2.policy.heads.keypose import KeyposeHead
 from gensim2.policy.keypose.program import KEYPOSES, KeyposeProgram
 from gensim2.policy.network import CLOUD, PROPRIO, TEXT
-from gensim2.seeding import rng
 
 _SHAPES = ((KEYPOSES, 3), (KEYPOSES, 3, 3), (KEYPOSES + 1,), (KEYPOSES,), ())
 

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from gensim2.errors import InputError
-from gensim2.observations import Observation, ObservationSpec
-from gensim2.observations.columns import CLOUD, GRIPPER
+from gensim2.core.errors import InputError
+from gensim2.perception import Observation, ObservationSpec
+from gensim2.perception.columns import CLOUD, GRIPPER
 from gensim2.planning.actions import grip_on
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.control import CLOUDS, Sees, Sight

@@ -14,24 +14,24 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-from gensim2.errors import InputError
-from gensim2.files import write_json
-from gensim2.observations import ObservationSpec
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_json
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.record_files import parse_record, read_record
+from gensim2.core.seeding import scene_seeds
+from gensim2.perception import ObservationSpec
 from gensim2.policy.array_file import Expected, read_arrays, require_shapes, write_arrays
 from gensim2.policy.keypose.program import KEYPOSES
 from gensim2.policy.keypose.teaching import CENTERED, PATIENCE
-from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.record_files import parse_record, read_record
 from gensim2.rollout.counted_objects import hashes
 from gensim2.rollout.inputs import TaskInput
 from gensim2.scenes.config import SceneConfig, SceneRecord
-from gensim2.seeding import scene_seeds
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
 from gensim2.tasks.spec import Step
 from gensim2.tasks.strategies import Strategies
 
 if TYPE_CHECKING:
-    from gensim2.processes import Executor
+    from gensim2.core.processes import Executor
 
 SHARD = 50
 """Scenes of a shard."""
@@ -156,7 +156,7 @@ def plan_scenes(
         InputError: the folder holds something else.
         NotRunError: a shard could not be made.
     """
-    from gensim2.processes import Job, results
+    from gensim2.core.processes import Job, results
 
     folder.mkdir(parents=True, exist_ok=True)
     _begin(folder, record_of(given, spec, seed, verify))

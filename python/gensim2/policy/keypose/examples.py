@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.observations import Observation, ObservationSpec
-from gensim2.observations.cloud import to_steps
+from gensim2.core.seeding import rng
+from gensim2.perception import Observation, ObservationSpec
+from gensim2.perception.cloud import to_steps
+from gensim2.perception.raycast.observer import Observer
 from gensim2.planning import Scene, StepPlan, StepPlanner, Strategy
 from gensim2.planning.predict import with_joint
 from gensim2.policy.keypose.program import KEYPOSES, program_of
 from gensim2.policy.keypose.teaching import PATIENCE, centered
-from gensim2.raycast.observer import Observer
 from gensim2.robots import OPEN, RobotProfile, robot
 from gensim2.rollout.worker import parsed, simulator
 from gensim2.scenes.config import SceneConfig
-from gensim2.seeding import rng
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
@@ -132,7 +132,7 @@ def example(
 ) -> Example:
     """Arrays of an example.
 
-    ``points`` (N, 3) int16 in the base frame, by :func:`~gensim2.observations.cloud.to_steps`, ``joints`` (n,),
+    ``points`` (N, 3) int16 in the base frame, by :func:`~gensim2.perception.cloud.to_steps`, ``joints`` (n,),
     ``fingers`` (2,) distance of the pads and last command, the program (``positions``, ``rotations``, ``gripper``,
     ``seconds``, ``force``; zeros where nothing is left to do), ``step``: number of the task's step, or how many there
     are where all is done, ``way``: of its strategy, or -1, and the scene's ``seed``.

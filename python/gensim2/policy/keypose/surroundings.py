@@ -139,7 +139,7 @@ def _links_of_the_wrist(profile: RobotProfile) -> frozenset[str]:
 
 def _table(profile: RobotProfile) -> kpam.Body:
     """The table before the robot, as large as a scene's."""
-    from gensim2.sim.table import HALF_SIZE
+    from gensim2.scenes.table import HALF_SIZE
 
     pose = np.eye(4)
     pose[2, 3] = -HALF_SIZE[2]

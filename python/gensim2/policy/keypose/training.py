@@ -7,14 +7,14 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from gensim2.errors import InputError
-from gensim2.files import write_json
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_json
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.record_files import read_record
 from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.train import TrainResult, train_policy
-from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.record_files import read_record
 
 WAYS_JSON = "keypose.json"
 """Beside a checkpoint's ``config.json``."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gensim2.errors import MissingExtraError
+from gensim2.core.errors import MissingExtraError
 
 try:
     import mujoco  # noqa: F401

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import InputError
-from gensim2.foreign.library import read_by_library
-from gensim2.foreign.tree import read_regular, why
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.tree import read_regular, why
 from gensim2.objects import RigidObject
 from gensim2.objects.library.prepare import box_of
 from gensim2.objects.library.urdf import MAX_URDF, ShapeElement, UrdfJoint, link_inertial, shape_elements, unit_axis
 from gensim2.objects.physics import Inertial
 from gensim2.objects.rigid import BODY
 from gensim2.objects.shapes import convex_hull
-from gensim2.raycast.kinematics import read_urdf
-from gensim2.raycast.shapes import opened_mesh
+from gensim2.perception.raycast.kinematics import read_urdf
+from gensim2.perception.raycast.shapes import opened_mesh
 
 Array = npt.NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from gensim2.objects import RigidObject
 from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import JointDrive, RobotProfile
 from gensim2.scenes.initial_state import InitialState, PlacedObject
+from gensim2.scenes.table import HALF_SIZE
 from gensim2.sim.mujoco.description import Link, Solid, links_of, never_touching, rigid_link
 from gensim2.sim.parts import Array
-from gensim2.sim.table import HALF_SIZE
 
 PHYSICS_HZ = 500
 """Least rate of the physics; a robot with a higher ``physics_hz`` has its own."""

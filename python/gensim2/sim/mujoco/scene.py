@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.objects import RigidObject
 from gensim2.robots import OPEN, RobotProfile
 from gensim2.scenes.initial_state import InitialState

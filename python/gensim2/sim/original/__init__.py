@@ -12,7 +12,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from gensim2.yaml_files import parse_yaml
+from gensim2.core.yaml_files import parse_yaml
 
 
 @dataclass(frozen=True)

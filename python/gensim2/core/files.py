@@ -1,0 +1,250 @@
+"""Files that are either whole or absent, also after a power cut."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import json
+import os
+import re
+import secrets
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from platformdirs import user_cache_dir
+
+from gensim2.core.errors import InputError, WriteError
+from gensim2.core.special_files import is_special, write_through
+
+_TEMPORARY = re.compile(r"^\..+\.[0-9a-f]{16}\.tmp(\.\w+)?$")
+
+
+def cache_dir() -> Path:
+    """Return the folder of everything that can be made again: ``$GENSIM2_CACHE``, else the user's cache folder.
+
+    Raises:
+        InputError: the variable is not set, and the account has no home folder.
+    """
+    return user_folder("GENSIM2_CACHE", lambda: user_cache_dir("gensim2"))
+
+
+def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
+    """Return the folder that a variable names, else one below the user's home folder.
+
+    Args:
+        variable: name of the environment variable.
+        default: finds the other folder; a ``RuntimeError`` of its says that there is no home folder.
+
+    Raises:
+        InputError: the variable is not set, and the account has no home folder.
+    """
+    try:
+        return Path(os.environ.get(variable) or default())
+    except RuntimeError as error:
+        remedy = f"set {variable} to a folder, or HOME"
+        raise InputError("this account has no home folder", field=variable, remedy=remedy) from error
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a name beside ``path`` to write to; what stands there when the block ends takes the place of ``path``.
+
+    The data reaches the disk before the name does, and the name before this returns: a reader, a crash or a power
+    cut sees the old file or the new one. Where the block fails, ``path`` is left as it was. The name keeps the
+    suffix of ``path`` for writers that go by it.
+
+    A symbolic link stays, its target is replaced.
+
+    Raises:
+        WriteError: the folder cannot be written to, or is full.
+    """
+    path = Path(os.path.realpath(path))
+    temporary = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.tmp{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            yield temporary
+            with temporary.open("rb") as stream:
+                os.fsync(stream.fileno())
+            temporary.chmod(0o644)
+            temporary.replace(path)
+            sync_folder(path.parent)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        remedy = "make room, and go on with --resume" if full else "choose another folder with --out"
+        raise WriteError(f"cannot write: {error.strerror or error}", file=path, remedy=remedy) from error
+
+
+@contextlib.contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """Give a folder beside ``path`` to fill; when the block ends it takes the name, where nothing or an empty folder
+    stands. Where the block fails nothing is left; what a killed process left of the same name is removed by the next.
+    For what can be made again: after a power cut files may be missing.
+
+    Raises:
+        InputError: there is something in ``path`` already.
+        WriteError: the folder cannot be written to, or is full.
+    """
+    path = Path(os.path.realpath(path))
+    taken = InputError("is not an empty folder", file=path, remedy="choose another folder with --out")
+    if path.is_file() or (path.exists() and any(path.iterdir())):
+        raise taken
+    filled = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.tmp")
+    handle = -1
+    try:
+        try:
+            with contextlib.suppress(FileExistsError):  # a file, which is no folder: the next line says so
+                path.parent.mkdir(parents=True, exist_ok=True)
+            with _locked(path.parent) as alone:  # a folder that is not locked yet looks like one that was left
+                if alone:
+                    _remove_left(path)
+                filled.mkdir()
+                handle = _folder_handle(filled)
+                _lock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield filled
+            # Another folder of the name would not be locked, and anybody's to remove.
+            assert os.path.samestat(os.fstat(handle), filled.stat()), f"{filled} was replaced"
+            try:
+                filled.replace(path)
+            except OSError as error:
+                if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):  # another was quicker
+                    raise taken from error
+                raise
+        finally:
+            shutil.rmtree(filled, ignore_errors=True)
+            if handle >= 0:
+                os.close(handle)
+    except (OSError, WriteError) as error:
+        remedy = "make room, or choose another folder with --out"
+        raise WriteError(f"cannot write: {_reason(error)}", file=path, remedy=remedy) from error
+
+
+@contextlib.contextmanager
+def _locked(folder: Path, how: int = fcntl.LOCK_EX) -> Iterator[bool]:
+    """Hold the lock of a folder, which leaves no file; gives whether it could be had."""
+    handle = _folder_handle(folder)
+    try:
+        yield _lock(handle, how)
+    finally:
+        os.close(handle)
+
+
+def _folder_handle(folder: Path) -> int:
+    return os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+
+
+def _lock(handle: int, how: int) -> bool:
+    """Whether the lock could be had: another process may hold it, and network file systems may have none of folders."""
+    try:
+        fcntl.flock(handle, how)
+    except OSError:
+        return False
+    return True
+
+
+def _remove_left(path: Path) -> None:
+    """Remove folders that killed processes were filling for ``path``; one that is being filled is locked."""
+    pattern = re.compile(rf"^\.{re.escape(path.name[:50])}\.[0-9a-f]{{16}}\.tmp$")
+    for left in path.parent.iterdir():
+        if not pattern.match(left.name) or left.is_symlink() or not left.is_dir():
+            continue
+        with _locked(left, fcntl.LOCK_EX | fcntl.LOCK_NB) as free:
+            if free:
+                shutil.rmtree(left, ignore_errors=True)
+
+
+def _reason(error: OSError | WriteError) -> str:
+    """Return the system's message, without the name of a file that is gone by now."""
+    said = error.message if isinstance(error, WriteError) else error.strerror or str(error)
+    text = said.removeprefix("cannot write: ")
+    # Libraries tell it in words of their own: "[Errno 28] ...", "[errno 28] ...", "errno = 28, error message = ...".
+    number = re.search(r"errno (?:= )?(\d+)", text, re.IGNORECASE)
+    return os.strerror(int(number[1])) if number else text
+
+
+def check_writable(path: Path) -> None:
+    """Refuse a file that could not be written before the work is done, not after; nothing is left behind.
+
+    Raises:
+        InputError: says why it cannot be.
+    """
+    try:
+        if is_special(path):
+            return  # to open a pipe or a device is to write to it
+        target = Path(os.path.realpath(path))
+        with tempfile.TemporaryFile(dir=next(folder for folder in target.parents if folder.exists())):
+            pass
+    except OSError as error:
+        raise InputError(f"cannot write: {error.strerror}", file=path, remedy="choose another file") from error
+
+
+def write_atomic(path: Path, data: str | bytes) -> None:
+    """Write ``data`` to ``path`` as :func:`replacing` does.
+
+    Raises:
+        WriteError: the folder cannot be written to, or is full.
+    """
+    with replacing(path) as temporary:
+        temporary.write_bytes(_encoded(data))
+
+
+def write_output(path: Path, data: str | bytes) -> None:
+    """Write to a name that the user gave: as :func:`write_atomic`, but what is no regular file is written through.
+
+    Names of our own are replaced whatever stands there: a pipe would wait for a reader that may never come.
+
+    Raises:
+        InputError: it cannot be written to, or is full.
+    """
+    try:
+        if is_special(path):
+            write_through(path, _encoded(data))
+            return
+    except OSError as error:
+        raise InputError(f"cannot write: {error.strerror}", file=path, remedy="choose another") from error
+    write_atomic(path, data)
+
+
+def _encoded(data: str | bytes) -> bytes:
+    """Return the bytes of a text in UTF-8; bytes of a path that are no UTF-8 are shown as escapes."""
+    return data.encode(errors="backslashreplace") if isinstance(data, str) else data
+
+
+def append(path: Path, text: str) -> None:
+    """Add text to a log.
+
+    Raises:
+        WriteError: it cannot be written to, or no room is left.
+    """
+    try:
+        with path.open("ab") as stream:
+            stream.write(_encoded(text))
+    except OSError as error:
+        raise WriteError(f"cannot write: {error.strerror}", file=path, remedy="make room, and go on") from error
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write ``value`` as indented JSON, atomically. NaN is refused: JSON has none."""
+    write_atomic(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def remove_temporaries(folder: Path) -> None:
+    """Remove what killed writers left anywhere below ``folder``, whose only user must be the caller."""
+    for path in sorted(folder.rglob(".*.tmp*")):
+        if _TEMPORARY.match(path.name) and path.is_file():
+            path.unlink(missing_ok=True)
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder have reached the disk."""
+    handle = _folder_handle(folder)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,44 @@
+"""The one rule for names that become parts of paths, columns or keys."""
+
+from __future__ import annotations
+
+import re
+import reprlib
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator
+
+from gensim2.core.errors import InputError
+
+LONGEST_NAME = 100
+
+_NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{LONGEST_NAME - 1}}}")
+
+RULE = f"up to {LONGEST_NAME} letters, digits, _ - and ., a letter or digit first"
+
+
+def is_name(text: str) -> bool:
+    """Whether ``text`` is one part of a path on every file system: never ``..``, no slash, no dot-file."""
+    return _NAME.fullmatch(text) is not None
+
+
+def checked_name(text: str, *, file: Path | str | None = None, field: str | None = None) -> str:
+    """Return ``text`` where it is a name.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not is_name(text):
+        raise InputError(f"{reprlib.repr(text)} is no name", file=file, field=field, remedy=f"use {RULE}")
+    return text
+
+
+def _validated(text: str) -> str:
+    if not is_name(text):
+        raise ValueError(f"{reprlib.repr(text)} is no name: use {RULE}")
+    return text
+
+
+Name = Annotated[str, AfterValidator(_validated)]
+"""A name as a field of a record."""

@@ -1,0 +1,189 @@
+"""A reader in a process of its own, with so much memory and CPU time: libraries that read damaged files may die of it.
+
+HDF5, Arrow and the compressors are written in C and C++. Bytes that none of their checks foresees end the process, ask
+for all memory there is, or go round in circles. Here that ends the reader alone, and is one line.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import multiprocessing
+import os
+import pickle
+import resource
+import signal
+import threading
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, TypeVar
+
+from gensim2.core.errors import GenSim2Error, InputError
+from gensim2.core.processes.executor import WorkerStartError
+from gensim2.core.processes.worker import preload_modules, start_process
+from gensim2.core.progress import Progress
+
+Result = TypeVar("Result")
+
+FRUGAL = {"MIMALLOC_ARENA_RESERVE": str(32 * 2**10)}
+"""KiB that Arrow's allocator takes in advance: it takes 1 GiB otherwise, which counts although it is not used."""
+
+EXIT_LIMIT = 5.0
+"""Seconds in which a reader that has said its last word must be gone."""
+
+_LAST = ("result", "error", "memory", "bug")
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Resource limits of a reader.
+
+    Attributes:
+        memory: bytes that it may ask for, beyond what it has when it begins.
+        cpu_s: seconds of CPU.
+        file_size: of files that it writes, as the caller's own limit has it.
+    """
+
+    memory: int
+    cpu_s: int
+    file_size: tuple[int, int]
+
+    @staticmethod
+    def of(size: int) -> Bounds:
+        """Those for files of ``size`` bytes: an episode is in memory at a time, and unpacked it is larger."""
+        megabytes = size // 2**20
+        return Bounds(2**30 + 4 * min(size, 2**30), 60 + 4 * megabytes, resource.getrlimit(resource.RLIMIT_FSIZE))
+
+    def apply(self) -> None:
+        """Put this process under them."""
+        begun = int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2]))
+        data = _data_size() + self.memory
+        resource.setrlimit(resource.RLIMIT_DATA, (data, data))
+        resource.setrlimit(resource.RLIMIT_CPU, (begun + self.cpu_s, begun + self.cpu_s + 5))
+        resource.setrlimit(resource.RLIMIT_FSIZE, self.file_size)
+
+
+def isolated(
+    function: Callable[..., Result],
+    arguments: tuple[Any, ...],
+    source: Path,
+    bounds: Bounds,
+    progress: Progress,
+    preload: tuple[str, ...] = (),
+) -> Result:
+    """Return ``function(*arguments, progress)``, run in a process that ends with it.
+
+    A script that calls this must do so below ``if __name__ == "__main__":``, as for all worker processes.
+
+    Args:
+        function: must pickle, as its arguments and its result; a ``GenSim2Error`` or ``OSError`` of its is raised here.
+        source: what it reads, for errors.
+        bounds: what it may use.
+        progress: is told what the function tells its own.
+        preload: modules that it needs.
+
+    Raises:
+        InputError: it died, or needed more than the bounds.
+        WorkerStartError: it could not be started.
+    """
+    preload_modules(preload)
+    process, ours = start_process(_run, (bounds, pickle.dumps((function, arguments))), duplex=False)
+    try:
+        while True:
+            try:
+                kind, *told = pickle.loads(ours.recv_bytes())
+            except (EOFError, OSError):
+                raise _death(process, source, bounds) from None
+            if kind in _LAST:
+                process.join(timeout=EXIT_LIMIT)  # killed, it would leave semaphores, of which Python complains
+            if kind == "result":
+                result: Result = told[0]
+                return result
+            if kind == "error":
+                raise told[0]
+            if kind == "memory":
+                raise _too_large(source, bounds)
+            if kind == "bug":
+                raise RuntimeError(told[0])
+            getattr(progress, kind)(*told)
+    finally:
+        ours.close()
+        process.kill()
+        process.join()
+
+
+class _Told:
+    """A listener whose news go to the process that waits."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def start(self, description: str, total: int | None = None) -> None:
+        self._send("start", description, total)
+
+    def advance(self, steps: int = 1) -> None:
+        self._send("advance", steps)
+
+    def message(self, text: str) -> None:
+        self._send("message", text)
+
+    def _send(self, *news: Any) -> None:
+        self._connection.send_bytes(pickle.dumps(news))
+
+
+def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
+    """Body of the process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
+    threading.Thread(target=_end_with_the_parent, daemon=True).start()
+    faulthandler.disable()
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # what a library says in dying is not the user's line
+    os.environ |= FRUGAL
+    function, arguments = pickle.loads(payload)
+    try:
+        bounds.apply()
+        said: tuple[Any, ...] = ("result", function(*arguments, _Told(connection)))
+    except (GenSim2Error, OSError) as error:
+        said = ("error", error)
+    except MemoryError:
+        said = ("memory",)
+    except BaseException:  # noqa: BLE001 - a bug of ours is raised where it was called
+        said = ("bug", traceback.format_exc())
+    with contextlib.suppress(OSError):  # the parent left
+        connection.send_bytes(pickle.dumps(said))
+
+
+def _end_with_the_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+def _data_size() -> int:
+    """Bytes of this process that count against its limit of data."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith("VmData:"):
+            return int(line.split()[1]) * 1024
+    return 0
+
+
+def _death(process: BaseProcess, source: Path, bounds: Bounds) -> GenSim2Error:
+    process.join(timeout=5)
+    code = process.exitcode
+    if code in (-signal.SIGXCPU, -signal.SIGKILL):
+        return InputError(f"takes longer than {bounds.cpu_s} s of CPU to read, or was ended", file=source)
+    if code == -signal.SIGABRT:
+        return _too_large(source, bounds)
+    if code is None or code >= 0:  # no damage ends so: it did not begin
+        guard = 'a script must import below `if __name__ == "__main__":`'
+        return WorkerStartError(f"the process that reads {source} could not be started (exit code {code}; {guard})")
+    fate = signal.Signals(-code).name
+    return InputError(f"is damaged so that the library that reads it died ({fate})", file=source)
+
+
+def _too_large(source: Path, bounds: Bounds) -> InputError:
+    return InputError(f"needs over {bounds.memory // 2**20} MiB of memory to be read, or is damaged", file=source)

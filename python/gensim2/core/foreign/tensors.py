@@ -1,0 +1,140 @@
+"""Files of safetensors that a stranger may have made: sizes are compared before anything is allocated for them."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import threading
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.tree import TooLargeError, megabytes, open_regular, read_regular, why
+
+if TYPE_CHECKING:
+    import torch
+
+MISMATCH = "weights are not those of the configuration"
+MAX_HEADER = 4 * 2**20  # bytes; one of a thousand tensors has some 100,000
+
+
+class Shape(NamedTuple):
+    """Type of a tensor's numbers, by safetensors' name, and its shape."""
+
+    dtype: str
+    shape: tuple[int, ...]
+
+    @staticmethod
+    def of(tensor: torch.Tensor) -> Shape:
+        """Return that of a tensor, which may be on PyTorch's meta device."""
+        import torch
+
+        names = {torch.float32: "F32", torch.float64: "F64", torch.int64: "I64", torch.bool: "BOOL"}
+        return Shape(names[tensor.dtype], tuple(tensor.shape))
+
+    def __str__(self) -> str:
+        return f"{self.dtype} {list(self.shape)}"
+
+
+def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
+    """Return the shapes of the tensors in a file, by name; no tensor is read.
+
+    Args:
+        path: the file.
+        max_bytes: bytes that it may have.
+        remedy: what to do about a file that cannot be read.
+
+    Raises:
+        InputError: it is no regular file, is larger, or is damaged.
+    """
+    from safetensors import safe_open
+
+    try:
+        with open_regular(path) as stream:
+            if os.fstat(stream.fileno()).st_size > max_bytes:
+                raise TooLargeError(f"is larger than {megabytes(max_bytes)}")
+            header = int.from_bytes(stream.read(8), "little")
+    except OSError as error:
+        raise InputError(why(error), file=path, remedy=remedy) from error
+    if header > MAX_HEADER:
+        raise InputError(f"has a header of {header} bytes", file=path, remedy=remedy)
+    found = {}
+    with read_by_library(path, remedy, "is damaged"), safe_open(path, "pt") as file:
+        for name in file.keys():  # noqa: SIM118 - it is no mapping
+            tensor = file.get_slice(name)
+            found[name] = Shape(tensor.get_dtype(), tuple(tensor.get_shape()))
+    return found
+
+
+@contextlib.contextmanager
+def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[None]:
+    """Let this thread make a module of these weights only, each as often as it is given.
+
+    A configuration that asks for more memory than its file has weights ends at the first of them, before the tensor is
+    filled.
+
+    Raises:
+        InputError: the module has another weight.
+    """
+    from torch.nn.modules import module
+
+    left, thread = Counter(shapes), threading.get_ident()
+
+    def take(_: object, name: str, tensor: torch.Tensor | None) -> None:
+        if tensor is not None and threading.get_ident() == thread:
+            shape = Shape.of(tensor)
+            left[shape] -= 1
+            if left[shape] < 0:
+                raise InputError(f"{MISMATCH}: it has another {name}, {shape}", file=path, remedy=remedy)
+
+    with contextlib.ExitStack() as hooks:
+        hooks.callback(module.register_module_parameter_registration_hook(take).remove)
+        hooks.callback(module.register_module_buffer_registration_hook(take).remove)
+        yield
+
+
+def require_shapes(path: Path, found: Mapping[str, Shape], expected: Mapping[str, Shape], remedy: str) -> None:
+    """Refuse a file whose tensors are others.
+
+    Raises:
+        InputError: names the first tensor that is missing, unknown or of another type or shape.
+    """
+    for name, shape in expected.items():
+        if found.get(name) != shape:
+            there = f"is {found[name]}" if name in found else "is missing"
+            raise InputError(f"{MISMATCH}: {name} {there}, must be {shape}", file=path, remedy=remedy)
+    for name in found:
+        if name not in expected:
+            raise InputError(f"{MISMATCH}: {name} is unknown", file=path, remedy=remedy)
+
+
+def read_tensors(path: Path, max_bytes: int, sha256: str, remedy: str) -> dict[str, torch.Tensor]:
+    """Return the tensors in a file, by name; compare their shapes (:func:`read_shapes`) first.
+
+    Args:
+        path: the file.
+        max_bytes: bytes that it may have.
+        sha256: digest that its content must have, in hexadecimal digits.
+        remedy: what to do about a file that cannot be read.
+
+    Raises:
+        InputError: it cannot be read, its digest is another, or a number is not finite.
+    """
+    from safetensors.torch import load
+
+    try:
+        content = read_regular(path, max_bytes)
+    except OSError as error:
+        raise InputError(why(error), file=path, remedy=remedy) from error
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise InputError("is damaged: its digest is another", file=path, remedy=remedy)
+    with read_by_library(path, remedy, "is damaged"):
+        tensors: dict[str, torch.Tensor] = load(content)
+    for name, tensor in tensors.items():
+        if not tensor.isfinite().all():
+            raise InputError("holds numbers that are not finite", file=path, field=name, remedy=remedy)
+    return tensors

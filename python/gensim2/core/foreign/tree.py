@@ -1,0 +1,257 @@
+"""Files of a folder that a stranger may have made: regular ones inside it, of bounded size; nothing else is opened."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, ClassVar, NamedTuple
+
+from gensim2.core.errors import InputError
+
+MAX_FILES = 1_000_000  # of an export: one of 10,000 episodes with pictures has some 140,000
+MAX_DEPTH = 12  # folders inside each other; ours have 5
+MAX_FILE_BYTES = 64 * 2**30  # of one file; ManiSkill's trajectories hold all episodes of a task
+MAX_RECORD = 512 * 2**20  # bytes of one JSON file
+
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFLNK: "a link",
+}
+_BLOCK = 2**20
+_PUT_A_FILE = "put a regular file in its place"
+
+
+class NotRegularError(OSError):
+    """A path leads to a folder, pipe, socket or device; the first argument says to which."""
+
+
+class TooLargeError(OSError):
+    """A file is larger than its reader takes; the first argument says how large it may be."""
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a regular file to be read; never waits for a pipe's writer.
+
+    Raises:
+        NotRegularError: it is none.
+        OSError: it cannot be opened.
+    """
+    refuse_special(path.stat())  # first: to open a device may do something
+    stream = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
+    try:
+        refuse_special(os.fstat(stream.fileno()))  # another one may lie there by now
+    except BaseException:
+        stream.close()
+        raise
+    return stream
+
+
+def read_regular(path: Path, max_bytes: int) -> bytes:
+    """Read a regular file no larger than ``max_bytes``.
+
+    Raises:
+        NotRegularError, TooLargeError: the path is not a regular file, or the file is larger.
+        OSError: the file cannot be read.
+    """
+    with open_regular(path) as stream:
+        size = os.fstat(stream.fileno()).st_size
+        # Python allocates what `read` is asked for, so ask for the size of the file and not for max_bytes.
+        content = b"" if size > max_bytes else stream.read(size + 1)
+        while size < len(content) <= max_bytes and (block := stream.read(_BLOCK)):  # it grows, or has no size (/proc)
+            content += block
+    if max(size, len(content)) > max_bytes:
+        raise TooLargeError(f"is larger than {megabytes(max_bytes)}")
+    return content
+
+
+def why(error: OSError) -> str:
+    """Return the message of an error of :func:`read_regular`, for a sentence that begins with its name."""
+    if isinstance(error, NotRegularError | TooLargeError):
+        return str(error)
+    return f"cannot be read: {error.strerror or error}"
+
+
+def refuse_special(found: os.stat_result) -> None:
+    """Refuse what is no regular file.
+
+    Raises:
+        NotRegularError: says what it is.
+    """
+    if not stat.S_ISREG(found.st_mode):
+        kind = _KINDS.get(stat.S_IFMT(found.st_mode), "something else")
+        raise NotRegularError(f"is {kind}, not a file")
+
+
+class Reference(NamedTuple):
+    """Origin of a file's name: a file of the folder, and the field in it."""
+
+    file: str
+    field: str
+
+
+@dataclass(frozen=True)
+class ForeignTree:
+    """A folder, which may itself be a link; what is in it may not lead out of it."""
+
+    path: Path
+
+    ERROR: ClassVar[type[InputError]] = InputError
+    MISSING: ClassVar[type[InputError]] = InputError
+    MAX_FILES: ClassVar[int] = MAX_FILES
+
+    def read(self, name: str, max_bytes: int = MAX_RECORD, named_by: Reference | None = None) -> bytes:
+        """Content of the file ``name``, relative to the folder.
+
+        Args:
+            max_bytes: bytes that it may have.
+            named_by: where the name was found, for errors.
+
+        Raises:
+            InputError: there is none, it lies outside the folder, is no regular file, is larger, or cannot be read.
+        """
+        try:
+            return read_regular(self.inside(name, named_by), max_bytes)
+        except (FileNotFoundError, NotADirectoryError) as error:
+            missing = self._error(why(error), name, named_by)
+            raise self.MISSING(missing.message, file=missing.file, field=missing.field) from error
+        except OSError as error:
+            remedy = {NotRegularError: _PUT_A_FILE, TooLargeError: "make it smaller"}.get(type(error))
+            raise self._error(why(error), name, named_by, remedy) from error
+        except ValueError as error:
+            raise self._error("is no file name", repr(name), named_by) from error
+
+    def inside(self, name: str, named_by: Reference | None = None) -> Path:
+        """Path of ``name``, relative to the folder, from which no link and no ``..`` leads out.
+
+        Raises:
+            InputError: one does.
+            OSError: a circle of links.
+        """
+        path = self.path / name
+        if not _inside(path, self.path):
+            raise self._error("lies outside the folder", name, named_by, "copy it into the folder")
+        return path
+
+    def has(self, name: str) -> bool:
+        """Whether a regular file ``name`` lies inside the folder."""
+        path = self.path / name
+        try:
+            return _inside(path, self.path) and path.is_file()
+        except (OSError, ValueError):
+            return False
+
+    def copy(self, name: str, to: Path, max_bytes: int) -> None:
+        """Copy the file ``name`` to ``to``, a file in a folder that is there.
+
+        Raises:
+            InputError: as for :meth:`read`.
+            OSError: it cannot be written.
+        """
+        content = self.read(name, max_bytes)
+        to.write_bytes(content)
+
+    def copy_all(self, to: Path, leave_out: str | None = None) -> None:
+        """Copy the folder, in which there may be nothing but folders and regular files.
+
+        Args:
+            to: a folder that is there.
+            leave_out: name of the folders that are not copied.
+
+        Raises:
+            InputError: as for :meth:`sizes`, or a file cannot be read.
+            OSError: a file cannot be written.
+        """
+        for name in self.sizes():
+            if leave_out not in Path(name).parts:
+                (to / name).parent.mkdir(parents=True, exist_ok=True)
+                with open_regular(self.inside(name)) as source, (to / name).open("wb") as target:
+                    shutil.copyfileobj(source, target)
+
+    def names(self, under: str = "") -> list[str]:
+        """Paths of everything but folders, relative to the folder, sorted by their parts; links are not followed.
+
+        Raises:
+            InputError: there are too many, or a folder cannot be read.
+        """
+        found: list[tuple[str, ...]] = []
+        for path in self._walk(self.path / under):
+            found.append(path.relative_to(self.path).parts)
+            if len(found) > self.MAX_FILES:
+                raise self.ERROR(
+                    f"holds over {self.MAX_FILES} files", file=self.path, remedy="remove what is not its own"
+                )
+        return [str(Path(*parts)) for parts in sorted(found)]
+
+    def sizes(self) -> dict[str, int]:
+        """Bytes of every file, by its path relative to the folder; there is nothing else but folders.
+
+        Libraries that open files themselves may be let into a folder that passed.
+
+        Raises:
+            InputError: there is a link or a special file, too many files, one that is too large, or folders are too
+                deep in each other; names the first.
+        """
+        found: dict[str, int] = {}
+        waiting = [(self.path, "", 0)]
+        while waiting:
+            folder, prefix, depth = waiting.pop()
+            try:
+                with os.scandir(folder) as entries:
+                    for entry in entries:
+                        name = prefix + entry.name
+                        status = entry.stat(follow_symlinks=False)
+                        if stat.S_ISDIR(status.st_mode):
+                            if depth >= MAX_DEPTH:
+                                raise self._error(f"has over {MAX_DEPTH} folders inside each other", name, None)
+                            waiting.append((folder / entry.name, f"{name}/", depth + 1))
+                            continue
+                        if not stat.S_ISREG(status.st_mode):
+                            kind = _KINDS.get(stat.S_IFMT(status.st_mode), "something else")
+                            raise self._error(f"is {kind}, not a file", name, None, _PUT_A_FILE)
+                        if status.st_size > MAX_FILE_BYTES:
+                            raise self._error(f"is larger than {megabytes(MAX_FILE_BYTES)}", name, None)
+                        found[name] = status.st_size
+                        if len(found) > self.MAX_FILES:
+                            remedy = "remove what is not its own"
+                            raise self.ERROR(f"holds over {self.MAX_FILES} files", file=self.path, remedy=remedy)
+            except OSError as error:
+                raise self.ERROR(f"cannot be read: {error.strerror or error}", file=folder) from error
+        return found
+
+    def _walk(self, top: Path) -> Iterator[Path]:
+        def refuse(error: OSError) -> None:
+            if not isinstance(error, FileNotFoundError | NotADirectoryError):
+                raise self.ERROR(f"cannot read: {error.strerror}", file=error.filename) from error
+
+        for place, folders, files in os.walk(top, onerror=refuse):
+            paths = [Path(place, name) for name in folders]
+            yield from (Path(place, name) for name in files)
+            yield from (path for path in paths if path.is_symlink())
+
+    def _error(self, wrong: str, name: str, named_by: Reference | None, remedy: str | None = None) -> InputError:
+        if named_by is None:
+            return self.ERROR(wrong, file=self.path / shortened(name), remedy=remedy)
+        file, field = self.path / named_by.file, named_by.field
+        return self.ERROR(f"{shortened(name)} {wrong}", file=file, field=field, remedy=remedy)
+
+
+def shortened(text: str) -> str:
+    """Return a text cut to 100 characters."""
+    return text if len(text) <= 100 else f"{text[:97]}..."
+
+
+def megabytes(size: int) -> str:
+    """Bytes for people."""
+    return f"{size / 2**20:g} MiB"
+
+
+def _inside(path: Path, folder: Path) -> bool:
+    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))

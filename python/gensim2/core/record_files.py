@@ -1,0 +1,60 @@
+"""Files of a run folder, read so that damage is one clear error and never passes for data."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.tree import MAX_RECORD, read_regular, why
+from gensim2.core.validation import input_error
+
+SCHEMA_VERSION = 1
+"""Of what commands print."""
+
+Model = TypeVar("Model", bound=BaseModel)
+Value = TypeVar("Value")
+
+
+def read_record(path: Path, model: type[Model], remedy: str) -> Model:
+    """Return the JSON file ``path`` as ``model``.
+
+    Raises:
+        InputError: it cannot be read, is not JSON, is of another schema version, or a field is missing, unknown or
+            wrong; with the ``remedy``.
+    """
+    try:
+        content = read_regular(path, MAX_RECORD)
+    except OSError as error:
+        raise InputError(why(error), file=path, remedy=remedy) from error
+    return parse_record(content, TypeAdapter(model), path, remedy)
+
+
+def parse_record(content: bytes, adapter: TypeAdapter[Value], path: Path, remedy: str, at: str = "") -> Value:
+    """Return JSON as the adapter's type.
+
+    Args:
+        at: where in the file it stands, for example a line.
+
+    Raises:
+        InputError: as ``read_record``.
+    """
+    try:
+        # What pydantic would take and JSON does not have (NaN), or takes too long over, ends here.
+        plain = json.loads(content.decode(), parse_constant=_refuse)
+        return adapter.validate_json(json.dumps(plain, allow_nan=False), strict=True)
+    except ValidationError as error:
+        raise input_error(error, file=path, within=at, remedy=remedy) from error
+    except UnicodeDecodeError as error:
+        raise InputError("is not UTF-8 text", file=path, field=at or None, remedy=remedy) from error
+    except (ValueError, RecursionError) as error:
+        reason = error.msg if isinstance(error, json.JSONDecodeError) else "not readable"
+        where = f"line {error.lineno}" if isinstance(error, json.JSONDecodeError) and not at else at or None
+        raise InputError(f"is not valid JSON: {reason}", file=path, field=where, remedy=remedy) from error
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is not JSON")

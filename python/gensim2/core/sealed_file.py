@@ -1,0 +1,90 @@
+"""Files that say in their first line what they are and whether they are whole.
+
+    bytes 0..511    ``<magic> <version> <sha256>`` and a line feed, then zeros: HDF5's user block, which readers skip
+    from 512 on     the body
+
+The digest is of the line's first two words, a line feed, and the body. Bytes that are not those that were written never
+reach the library that reads the body: damaged ones can end the process.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic
+from gensim2.core.foreign.tree import read_regular, why
+
+HEADER_SIZE = 512
+
+MAX_BYTES = 2**30
+"""Of one file: an episode has 20 kB, one with clouds and pictures of three cameras some 20 MB."""
+
+
+@dataclass(frozen=True)
+class Seal:
+    """A kind of file.
+
+    Attributes:
+        magic: its first word.
+        version: that this gensim2 writes and reads.
+        message: what is said of a file that is not whole.
+        remedy: what is to be done about one.
+        damaged: is raised then.
+    """
+
+    magic: str
+    version: int
+    message: str
+    remedy: str
+    damaged: type[InputError]
+
+    def write(self, path: Path, body: bytes) -> str:
+        """Write a file, whole or not at all, and return its digest.
+
+        Raises:
+            WriteError: the folder cannot be written to.
+        """
+        digest = self._digest(self.version, body)
+        write_atomic(path, self._header(self.version, digest) + body)
+        return digest
+
+    def read(self, path: Path) -> tuple[str, bytes]:
+        """Digest and content, header and body, of a file all of whose bytes are those that were written.
+
+        Raises:
+            InputError: it cannot be read, or another version of gensim2 wrote it; ``damaged``: it is not whole.
+        """
+        try:
+            content = read_regular(path, MAX_BYTES)
+        except OSError as error:
+            raise InputError(why(error), file=path, remedy=self.remedy) from error
+        words = content[:HEADER_SIZE].split(b"\n")[0].split(b" ")
+        if len(words) != 3 or words[0] != self.magic.encode() or not words[1].isdigit() or len(words[1]) > 9:
+            raise self.broken(path)
+        version = int(words[1])
+        digest = self._digest(version, memoryview(content)[HEADER_SIZE:])
+        if content[:HEADER_SIZE] != self._header(version, digest):
+            raise self.broken(path)
+        if version != self.version:
+            raise InputError(
+                f"is version {version}, this gensim2 reads {self.version}",
+                file=path,
+                field="schema_version",
+                remedy="use the gensim2 that wrote it",
+            )
+        return digest, content
+
+    def broken(self, path: Path, field: str | None = None) -> InputError:
+        """The error of a file that is not whole."""
+        return self.damaged(self.message, file=path, field=field, remedy=self.remedy)
+
+    def _digest(self, version: int, body: bytes | memoryview) -> str:
+        found = hashlib.sha256(f"{self.magic} {version}\n".encode())
+        found.update(body)
+        return found.hexdigest()
+
+    def _header(self, version: int, digest: str) -> bytes:
+        return f"{self.magic} {version} {digest}\n".encode().ljust(HEADER_SIZE, b"\0")

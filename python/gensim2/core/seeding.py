@@ -1,0 +1,57 @@
+"""Random numbers: every draw comes from a generator made from (seed, task, episode)."""
+
+from __future__ import annotations
+
+import hashlib
+import operator
+from typing import TYPE_CHECKING
+
+from gensim2.core.errors import InputError, brief
+
+if TYPE_CHECKING:
+    import numpy as np
+
+#: Of a run and of a reset of the simulator alike.
+LARGEST_SEED = 2**32 - 1
+
+
+def check_seed(seed: object) -> int:
+    """``seed`` as an int.
+
+    Raises:
+        InputError: it is no whole number from 0 to ``LARGEST_SEED``.
+    """
+    try:
+        number = operator.index(seed)  # type: ignore[arg-type]
+    except TypeError as error:
+        raise InputError(f"must be a whole number, is {seed!r}", field="seed") from error
+    if isinstance(seed, bool) or not 0 <= number <= LARGEST_SEED:
+        raise InputError(f"must lie in 0..2**32 - 1, is {brief(number)}", field="seed")
+    return number
+
+
+def rng(seed: int, task: str, episode: int = 0) -> np.random.Generator:
+    """Return the generator of one episode.
+
+    The same three values give the same stream in every process and on every day; the number of workers has no say.
+
+    Args:
+        seed: the run's seed.
+        task: name of the task, or of whatever purpose draws (for example ``"OpenDrawer/verify"``).
+        episode: index of the episode.
+    """
+    import numpy as np  # here, so that a command line that only reads LARGEST_SEED is quick
+
+    digest = hashlib.blake2b(task.encode(), digest_size=8).digest()
+    return np.random.default_rng([seed, int.from_bytes(digest, "little"), episode])
+
+
+def scene_seeds(seed: int, task: str, purpose: str, count: int, start: int = 0) -> list[int]:
+    """Seeds of ``count`` scenes, from the ``start``-th on: those of different purposes share no stream.
+
+    Args:
+        seed: the run's seed.
+        task: name of the task.
+        purpose: what the scenes are for, for example ``"verify"``.
+    """
+    return [int(rng(seed, f"{task}/{purpose}", index).integers(2**31)) for index in range(start, start + count)]

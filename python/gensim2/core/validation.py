@@ -1,0 +1,53 @@
+"""Turn an error of pydantic into an error that a user can act on."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Collection
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from gensim2.core.errors import InputError
+
+
+def input_error(
+    error: ValidationError,
+    *,
+    file: Path | str | None = None,
+    within: str | None = None,
+    location: tuple[int | str, ...] | None = None,
+    known: Collection[str] | None = None,
+    remedy: str | None = None,
+) -> InputError:
+    """Return the first fault that pydantic found as an :class:`~gensim2.core.errors.InputError`.
+
+    Args:
+        error: raised by a model or an adapter.
+        file: the file that holds the data.
+        within: where in the file the data stand, for example a line.
+        location: steps to the field, where those of the error say more than the file shows.
+        known: fields at this place, to name the one that was meant where a field is unknown.
+        remedy: what to do about it; default: for an unknown field, to rename or to remove the field.
+
+    Example:
+        >>> from pydantic import BaseModel
+        >>> class Box(BaseModel):
+        ...     width: float
+        >>> try:
+        ...     Box(width="wide")
+        ... except ValidationError as error:
+        ...     print(input_error(error, file="box.json", remedy="give metres"))
+        box.json: width: input should be a valid number, unable to parse string as a number (give metres)
+    """
+    first = error.errors()[0]
+    steps = first["loc"] if location is None else location
+    field = ": ".join(part for part in (within, ".".join(map(str, steps))) if part) or None
+    if first["type"] == "extra_forbidden":
+        alike = difflib.get_close_matches(str(steps[-1]), known or (), n=1)
+        rename = f"did you mean {alike[0]!r}?" if alike else "remove it"
+        return InputError("unknown field", file=file, field=field, remedy=remedy or rename)
+    if first["type"] == "value_error":
+        return InputError(str(first["ctx"]["error"]), file=file, field=field, remedy=remedy)
+    message = first["msg"][:1].lower() + first["msg"][1:]
+    return InputError(message, file=file, field=field, remedy=remedy)

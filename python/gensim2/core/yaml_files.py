@@ -1,0 +1,196 @@
+"""The one reader and writer of our YAML: plain data as JSON has it, of bounded size, depth and repetition.
+
+Files come from strangers and from language models, so nothing in them may cost much or mean more than it shows:
+mappings with text for keys, lists, text, numbers, true, false and null. Dates, merges, tags of other types and an
+anchor inside itself are refused; every refusal names file and line.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+from yaml.composer import Composer
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from gensim2.core.errors import InputError
+from gensim2.core.special_files import is_special
+
+#: A config of ours has 2 kB.
+MAX_BYTES = 100_000
+#: Lists and mappings inside each other; ours have 4.
+MAX_DEPTH = 30
+#: Values, each as often as aliases repeat it.
+MAX_VALUES = 20_000
+
+#: Characters; more cannot be 64 bits.
+LONGEST_WHOLE_NUMBER = 100
+TOO_MANY_BITS = "a whole number of more than 64 bits"
+
+_PLAIN = ("map", "seq", "str", "int", "float", "bool", "null")
+_PREFIX = "tag:yaml.org,2002:"
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """The fields that a YAML (or JSON) file holds.
+
+    Raises:
+        InputError: it cannot be read, is no regular file, or what it holds is refused by :func:`parse_yaml`.
+    """
+    try:
+        if is_special(path):
+            raise InputError("is not a regular file", file=path)
+        with path.open("rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        remedy = "name a file that is there" if isinstance(error, FileNotFoundError) else None
+        raise InputError(f"cannot read: {error.strerror}", file=path, remedy=remedy) from error
+    return parse_yaml(data, str(path))
+
+
+def dump_yaml(value: dict[str, Any]) -> str:
+    """YAML in the order given, lists of numbers on one line."""
+    return str(yaml.dump(value, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True))
+
+
+def parse_yaml(data: bytes, file: str) -> dict[str, Any]:
+    """The fields that the text of a YAML file holds; numbers are finite, whole ones of at most 64 bits.
+
+    Raises:
+        InputError: it is not UTF-8, not YAML, too large or too deep, or holds what JSON has not; names the line.
+    """
+    if len(data) > MAX_BYTES:
+        raise InputError(f"is larger than {MAX_BYTES // 1000} kB", file=file)
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError("is not UTF-8 text", file=file) from error
+    try:
+        value = yaml.load(text, Loader=_PlainLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"line {mark.line + 1}" if mark else None
+        problem = ", ".join(part for part in (error.context, error.problem) if part)
+        raise InputError(f"is not valid YAML: {problem}", file=file, field=where) from error
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise InputError("is not valid YAML: a character that no text has", file=file, field=f"line {line}") from error
+    if not isinstance(value, dict):
+        raise InputError("must hold fields by name", file=file, field="line 1")
+    check_finite(value, file)
+    return value
+
+
+def check_finite(value: Any, file: str | None, field: str = "") -> None:
+    """Refuse NaN and infinity anywhere in plain data.
+
+    Raises:
+        InputError: names the field.
+    """
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InputError(f"must be a finite number, is {value}", file=file, field=field)
+    if isinstance(value, dict):
+        for key, item in value.items():
+            check_finite(item, file, f"{field}.{key}" if field else str(key))
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            check_finite(item, file, f"{field}.{index}" if field else str(index))
+
+
+class _FastLoader(Composer, getattr(yaml, "CSafeLoader", object)):  # type: ignore[misc]
+    """libyaml's parser, five times as fast, under the composer in Python, which can be bounded."""
+
+    def __init__(self, stream: str) -> None:
+        yaml.CSafeLoader.__init__(self, stream)
+        Composer.__init__(self)
+
+
+# Packages of PyYAML have libyaml, a build from source may not.
+_Loader: Any = _FastLoader if hasattr(yaml, "CSafeLoader") else yaml.SafeLoader
+
+
+class _PlainLoader(_Loader):  # type: ignore[misc]
+    """Composes within the bounds, constructs the types of JSON only."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._depth = 0
+        self._values = 0
+        self._repeats: dict[Node, int] = {}
+
+    def compose_node(self, parent: Node | None, index: int) -> Node | None:
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent):
+            node: Node | None = super().compose_node(parent, index)
+            assert node is not None
+            if node not in self._repeats:
+                raise _refusal(f"*{event.anchor} stands inside itself", event.start_mark)
+            self._count(self._repeats[node], event.start_mark)
+            return node
+        if self._depth == MAX_DEPTH:
+            raise _refusal(f"more than {MAX_DEPTH} values inside each other", event.start_mark)
+        before = self._values
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        self._count(1, event.start_mark)
+        if node is not None and getattr(event, "anchor", None) is not None:
+            self._repeats[node] = self._values - before
+        return node
+
+    def _count(self, values: int, mark: Any) -> None:
+        self._values += values
+        if self._values > MAX_VALUES:
+            raise _refusal(f"more than {MAX_VALUES} values, repeated ones included", mark)
+
+    def construct_object(self, node: Node, deep: bool = False) -> Any:
+        name = node.tag.removeprefix(_PREFIX)
+        if name not in _PLAIN:
+            name = "date" if name == "timestamp" else name.strip("!")
+            raise _refusal(f"a value of type {name} has no use here (put text in quotes)", node.start_mark)
+        try:
+            value = super().construct_object(node, deep=deep)
+        except (ValueError, LookupError, TypeError, AttributeError) as error:
+            if name == "int" and len(node.value) > LONGEST_WHOLE_NUMBER:
+                raise _refusal(TOO_MANY_BITS, node.start_mark) from error
+            raise _refusal(f"{_shown(node)} is no {name}", node.start_mark) from error
+        if isinstance(value, int) and not -(2**63) <= value < 2**63:
+            raise _refusal(TOO_MANY_BITS, node.start_mark)
+        if isinstance(value, str) and not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
+            raise _refusal("half a character (a lone surrogate)", node.start_mark)
+        return value
+
+    def construct_mapping(self, node: MappingNode, deep: bool = False) -> dict[Any, Any]:
+        if not isinstance(node, MappingNode):
+            raise _refusal(f"{_shown(node)} is no map", node.start_mark)
+        found: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, str):
+                raise _refusal(f"the name of a field must be text, is {_shown(key_node)}", key_node.start_mark)
+            if key in found:  # YAML itself would silently keep the last
+                raise _refusal(f"field {key!r} is given twice", key_node.start_mark)
+            found[key] = self.construct_object(value_node, deep=deep)
+        return found
+
+
+# YAML 1.1 takes on, off, yes and no for truth values as well, and "on" is a field of ours.
+_BOOL = _PREFIX + "bool"
+_PlainLoader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag != _BOOL]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_PlainLoader.add_implicit_resolver(_BOOL, re.compile("^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
+
+
+def _shown(node: Node) -> str:
+    if isinstance(node, ScalarNode):
+        return f"{node.value!r}"
+    return "a list" if isinstance(node, SequenceNode) else "a mapping"
+
+
+def _refusal(problem: str, mark: Any) -> yaml.constructor.ConstructorError:
+    return yaml.constructor.ConstructorError(None, None, problem, mark)

@@ -1,0 +1,258 @@
+"""One point cloud of several depth pictures, in the robot's base frame, cropped and of a set size."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.core.errors import GenSim2Error, InputError, near
+from gensim2.perception.noise import DepthNoise
+from gensim2.perception.sampling import farthest_points, inlier_mask, uniform_stride
+from gensim2.perception.view import View
+
+ROBOT_PARTS = ("gripper", "all", "none")
+SOURCES = ("depth", "keypoints")
+LOW, HIGH = (0.15, -0.62, 0.01), (1.15, 0.62, 1.0)
+"""Corners of the workspace before a Panda, m in its base frame."""
+MAX_POINTS = 49152
+
+RESOLUTION = np.float32(1e-4)
+"""Metres to which coordinates are rounded, so that a stored point is the seen one: 16 bits reach 3.2 m."""
+FARTHEST = 3.2
+
+
+class EmptyCloudError(GenSim2Error):
+    """No camera saw anything that a point cloud keeps."""
+
+
+@dataclass(frozen=True)
+class RobotSegments:
+    """Segmentation ids of the robot's links: the hand with its fingers, and all others."""
+
+    gripper: frozenset[int]
+    arm: frozenset[int]
+
+
+def candidates_for(points: int) -> int:
+    """Candidates of a cloud where no number is given: four a point and 4,096 at least; 0, all, where these are more
+    than a cloud may have.
+    """
+    wanted = max(4 * points, 4096)
+    return wanted if wanted <= MAX_POINTS else 0
+
+
+@dataclass(frozen=True)
+class CloudSettings:
+    """Settings of a point cloud; metres in the robot's base frame.
+
+    Attributes:
+        points: in the cloud.
+        low, high: corners of the workspace that it is cropped to. The default holds what stands on the table before a
+            Panda, and not the table's top.
+        robot: what of it is kept, where segmentation knows it: ``"gripper"``, ``"all"`` or ``"none"``.
+        candidates: points taken evenly over the pictures before farthest point sampling; 0: all.
+        outliers: standard deviations from which on a candidate stands alone and is dropped; None: none is.
+        neighbors: that tell.
+        noise: on the depth pictures; None: they are exact.
+        source: ``"depth"``: pictures; ``"keypoints"``: the true places of the objects' keypoints and of the corners of
+            their boxes, in a set order (:mod:`gensim2.perception.raycast.keypoints`), which only a simulator knows and
+            which are for privileged baselines. Such a cloud has no settings but ``points``: corners, candidates and
+            robot are set to one value, noise and outliers are refused.
+    """
+
+    points: int = 1024
+    low: tuple[float, float, float] = LOW
+    high: tuple[float, float, float] = HIGH
+    robot: Literal["gripper", "all", "none"] = "gripper"
+    candidates: int = 4096
+    outliers: float | None = None
+    neighbors: int = 16
+    noise: DepthNoise | None = field(default=None)
+    source: Literal["depth", "keypoints"] = "depth"
+
+    def __post_init__(self) -> None:
+        if self.source not in SOURCES:
+            raise InputError(f"must be one of {', '.join(SOURCES)}, got {reprlib.repr(self.source)}", field="source")
+        if self.source != "depth":
+            self._keep_points_alone()
+        _check_count(self.points, "points", 1)
+        _check_count(self.candidates, "candidates", 0)
+        _check_count(self.neighbors, "neighbors", 1)
+        if 0 < self.candidates < self.points:
+            raise InputError(f"must be 0 or at least points, {self.points}", field="candidates")
+        if self.robot not in ROBOT_PARTS:
+            raise InputError(f"must be one of {', '.join(ROBOT_PARTS)}, got {reprlib.repr(self.robot)}", field="robot")
+        low, high = (np.asarray(corner, dtype=np.float64) for corner in (self.low, self.high))
+        if low.shape != (3,) or high.shape != (3,) or not (low < high).all():
+            raise InputError("must be three numbers each, low below high", field="low, high")
+        if max(np.abs(low).max(), np.abs(high).max()) > FARTHEST:
+            raise InputError(f"must lie within {FARTHEST} m of the base", field="low, high")
+        if self.outliers is not None and not self.outliers > 0:
+            raise InputError("must be positive", field="outliers")
+
+    def _keep_points_alone(self) -> None:
+        """Give one value to what a cloud of keypoints does not have, so that alike ones are equal."""
+        for name in ("noise", "outliers"):
+            if getattr(self, name) is not None:
+                message = "is of depth pictures, and the cloud is made of keypoints"
+                raise InputError(message, field=name, remedy="leave it out")
+        for name, value in {"low": LOW, "high": HIGH, "robot": "none", "candidates": 0, "neighbors": 16}.items():
+            object.__setattr__(self, name, value)
+
+    @staticmethod
+    def of(values: Mapping[str, Any]) -> CloudSettings:
+        """Settings from plain data, as :meth:`to_dict` gives them.
+
+        Raises:
+            InputError: there is no such setting, or it cannot be so.
+        """
+        given = dict(values)
+        known = [each.name for each in fields(CloudSettings)]
+        for name in given:
+            if name not in known:
+                raise InputError(f"there is no setting {name!r}", field="observation", remedy=near(name, known))
+        for corner in ("low", "high"):
+            if corner in given:
+                given[corner] = _corner(given[corner], corner)
+        if not (given.get("outliers") is None or _is_number(given["outliers"])):
+            raise InputError(f"must be a number, got {reprlib.repr(given['outliers'])}", field="outliers")
+        noise = given.get("noise")
+        if not isinstance(noise, Mapping | DepthNoise | None):
+            raise InputError(f"must be a mapping, got {reprlib.repr(noise)}", field="noise")
+        if isinstance(noise, Mapping):
+            try:
+                given["noise"] = DepthNoise(**noise)
+            except TypeError as error:
+                raise InputError(str(error), field="observation: noise") from error
+        return CloudSettings(**given)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, for JSON; a cloud of depth pictures does not name its source, as files from before there was
+        another do not.
+        """
+        told = {**asdict(self), "low": list(self.low), "high": list(self.high)}
+        if self.source == "depth":
+            del told["source"]
+        return told
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """N points.
+
+    Attributes:
+        xyz: (N, 3) m in the robot's base frame, in whole numbers of ``RESOLUTION``.
+        rgb: (N, 3) of what they lie on.
+        segmentation: (N,) its id; None: unknown.
+    """
+
+    xyz: npt.NDArray[np.float32]
+    rgb: npt.NDArray[np.uint8]
+    segmentation: npt.NDArray[np.int16] | None
+
+
+def point_cloud(views: Sequence[View], settings: CloudSettings, robot: RobotSegments | None = None) -> PointCloud:
+    """Fuse pictures into one cloud: crop, sample evenly, drop outliers, sample farthest points. Nothing is drawn.
+
+    Args:
+        views: of one instant, their noise on them.
+        settings: how.
+        robot: ids by which segmentation knows it; None: it is kept as anything else is.
+
+    Raises:
+        EmptyCloudError: nothing is left.
+    """
+    kept = [_inside(view, settings, robot) for view in views]
+    counts = np.cumsum([0, *(len(pixels) for pixels in kept)])
+    if counts[-1] == 0:
+        raise EmptyCloudError("no camera sees anything in the workspace")
+    chosen = uniform_stride(int(counts[-1]), settings.candidates or int(counts[-1]))
+    parts = [
+        pixels[chosen[(chosen >= first) & (chosen < last)] - first]
+        for pixels, first, last in zip(kept, counts[:-1], counts[1:], strict=True)
+    ]
+    points = np.concatenate([_points(view, part) for view, part in zip(views, parts, strict=True)])
+    rows = np.arange(len(points))
+    if settings.outliers is not None:
+        rows = rows[inlier_mask(points, settings.neighbors, settings.outliers)]
+    rows = rows[farthest_points(points[rows], settings.points)]
+    return _gather(views, parts, points, rows)
+
+
+def _inside(view: View, settings: CloudSettings, robot: RobotSegments | None) -> npt.NDArray[np.int64]:
+    """Numbers of the pixels that are kept of a picture."""
+    depth, camera = view.depth, view.camera
+    inside = depth > 0
+    for axis in range(3):
+        along = depth * camera.rays[:, :, axis] + camera.position[axis]
+        inside &= (along > settings.low[axis]) & (along < settings.high[axis])
+    segmentation = view.segmentation
+    if robot is not None and segmentation is not None and settings.robot != "all":
+        dropped = robot.arm if settings.robot == "gripper" else robot.arm | robot.gripper
+        inside &= ~_is_one_of(segmentation, dropped)
+    return np.flatnonzero(inside)
+
+
+def _is_one_of(segmentation: npt.NDArray[np.int16], ids: frozenset[int]) -> npt.NDArray[np.bool_]:
+    table = np.zeros(max(int(segmentation.max()), *ids, 0) + 1, dtype=bool)
+    table[list(ids)] = True
+    found: npt.NDArray[np.bool_] = table[segmentation]
+    return found
+
+
+def _points(view: View, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+    """(k, 3) m in the base frame."""
+    camera = view.camera
+    found: npt.NDArray[np.float32] = (
+        camera.position + view.depth.reshape(-1)[pixels, None] * camera.rays.reshape(-1, 3)[pixels]
+    )
+    return found
+
+
+def _gather(
+    views: Sequence[View],
+    parts: Sequence[npt.NDArray[np.int64]],
+    points: npt.NDArray[np.float32],
+    rows: npt.NDArray[np.int64],
+) -> PointCloud:
+    """The rows (in rising order) of all points, with what the pictures say of them."""
+    starts = np.cumsum([0, *(len(part) for part in parts)])
+    colors, ids = [], []
+    for view, part, first, last in zip(views, parts, starts[:-1], starts[1:], strict=True):
+        pixels = part[rows[(rows >= first) & (rows < last)] - first]
+        colors.append(view.colors_at(pixels))
+        if view.segmentation is not None:
+            ids.append(view.segmentation.reshape(-1)[pixels])
+    segmentation = np.concatenate(ids) if len(ids) == len(views) else None
+    return PointCloud(from_steps(to_steps(points[rows])), np.concatenate(colors), segmentation)
+
+
+def to_steps(xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.int16]:
+    """Coordinates (m) in whole numbers of ``RESOLUTION``."""
+    return np.asarray(np.rint(xyz / RESOLUTION), dtype=np.int16)
+
+
+def from_steps(steps: npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
+    """Coordinates in m, bit for bit those of the cloud whose :func:`to_steps` these are."""
+    return steps * RESOLUTION
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _corner(values: Any, name: str) -> tuple[float, ...]:
+    numbers = tuple(values) if isinstance(values, Sequence) and not isinstance(values, str) else ()
+    if len(numbers) != 3 or not all(_is_number(each) and abs(each) <= FARTHEST for each in numbers):
+        raise InputError(f"must be three numbers within {FARTHEST} m of the base", field=name)
+    return numbers
+
+
+def _check_count(value: Any, name: str, least: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= MAX_POINTS:
+        raise InputError(f"must be a whole number from {least} to {MAX_POINTS}, got {reprlib.repr(value)}", field=name)

@@ -1,0 +1,302 @@
+"""Noise of a stereo depth camera: steps of disparity, edges, holes; errors of its calibration and clock."""
+
+from __future__ import annotations
+
+import reprlib
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.core.errors import InputError
+
+# SciPy is imported where it is used: refusing arguments needs it not.
+
+Depth = npt.NDArray[np.float32]
+Colors = npt.NDArray[np.uint8]
+
+MAX_SETTING = 1e9
+FIELD = 3.0
+"""Pixels of the smooth field that says where edges are fat, where noise is not correlated."""
+
+
+@dataclass(frozen=True)
+class DepthNoise:
+    """The defaults are white noise with the numbers of a RealSense D435 at 848 x 480; :data:`D435` is all of one.
+
+    Attributes:
+        focal: pixels, of the stereo pair.
+        baseline: m between its two cameras.
+        disparity_sigma: pixels, standard deviation of a measured disparity.
+        disparity_step: pixels to which a disparity is rounded.
+        edge: m between neighbouring pixels from which on they lie at an edge.
+        edge_lost: share of the pixels at an edge that measure nothing.
+        edge_mixed: share of the pixels at an edge that measure something between the two sides.
+        lost: share of all other pixels that measure nothing.
+        correlation: pixels, standard deviation of the Gaussian that neighbouring errors and holes share; 0: white.
+        shadow: what the right camera does not see beside a near thing is not measured, ``f B (1/z_near - 1/z_far)``
+            pixels wide.
+        fattening: pixels at most by which near things grow at their edges.
+        dark, dark_lost: brightness (0 to 1) below which this share measures nothing.
+        grazing, grazing_lost: angle of incidence (rad) above which this share measures nothing.
+        specular, specular_lost: angle of incidence (rad) below which this share does, dazzled by its own light.
+        spread: standard deviation of the logarithm by which noise and losses differ from episode to episode.
+        rotation, translation: standard deviations (rad, m) of a camera's pose about what is believed, an episode.
+        scale, bias: the same of its depth, a share and m.
+        time: the same of its clock, s: joints are read so much later than the picture is taken.
+    """
+
+    focal: float = 425.0
+    baseline: float = 0.05
+    disparity_sigma: float = 0.08
+    disparity_step: float = 1.0 / 32.0
+    edge: float = 0.02
+    edge_lost: float = 0.3
+    edge_mixed: float = 0.2
+    lost: float = 0.005
+    correlation: float = 0.0
+    shadow: bool = False
+    fattening: float = 0.0
+    dark: float = 0.0
+    dark_lost: float = 0.0
+    grazing: float = 1.3
+    grazing_lost: float = 0.0
+    specular: float = 0.0
+    specular_lost: float = 0.0
+    spread: float = 0.0
+    rotation: float = 0.0
+    translation: float = 0.0
+    scale: float = 0.0
+    bias: float = 0.0
+    time: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not isinstance(value, int | float) or not 0 <= value < MAX_SETTING:
+                said = f"must be a number from 0 to {MAX_SETTING:g}, got {reprlib.repr(value)}"
+                raise InputError(said, field=f"noise.{name}")
+        if min(self.focal, self.baseline) <= 0:
+            raise InputError("must be positive", field="noise.focal and noise.baseline")
+        if self.edge_lost + self.edge_mixed > 1 or self.lost > 1:
+            raise InputError("shares are at most 1 together", field="noise.edge_lost, noise.edge_mixed, noise.lost")
+        for name in ("dark_lost", "grazing_lost", "specular_lost"):
+            if getattr(self, name) > 1:
+                raise InputError("must be at most 1", field=f"noise.{name}")
+        if self.fattening > 20 or self.correlation > 20:
+            raise InputError("must be at most 20 pixels", field="noise.fattening and noise.correlation")
+
+    def on(
+        self,
+        depth: Depth,
+        generator: np.random.Generator,
+        colors: Colors | None = None,
+        focal: float | None = None,
+    ) -> Depth:
+        """(H, W) m as such a camera would have measured it; 0 stays 0, and stands for nothing measured.
+
+        Args:
+            depth: (H, W) m.
+            generator: of all that is drawn.
+            colors: (H, W, 3) by which surfaces are dark; None: none is.
+            focal: pixels of this picture, which shadows and angles go by; None: those of the stereo pair.
+        """
+        seen = depth > 0
+        draws = generator.random(depth.shape, dtype=np.float32)
+        weights = generator.random(depth.shape, dtype=np.float32)
+        errors = self.disparity_sigma * generator.standard_normal(depth.shape, dtype=np.float32)
+        if self.correlation:
+            errors = _smooth(errors, self.correlation)
+            draws = self._even(depth, generator)
+        lost_too = self._lost_by_surface(depth, generator, colors, self.focal if focal is None else focal)
+        if self.shadow:
+            lost_too |= shadows(depth, self.baseline, self.focal if focal is None else focal)
+        depth = self._fattened(depth, generator)
+        near, far = _around(depth)
+        edges = seen & (far - near > self.edge)
+        mixed = edges & (draws >= self.edge_lost) & (draws < self.edge_lost + self.edge_mixed)
+        found = np.where(mixed, near + weights * (far - near), depth)
+        disparity = self.focal * self.baseline / np.where(seen, found, 1.0) + errors
+        if self.disparity_step:
+            disparity = np.round(disparity / self.disparity_step) * self.disparity_step
+        lost = ~seen | lost_too | (disparity <= 0) | (draws < np.where(edges, self.edge_lost, self.lost))
+        measured = self.focal * self.baseline / np.where(lost, 1.0, disparity)
+        return np.where(lost, 0.0, measured).astype(np.float32)
+
+    def drawn(self, generator: np.random.Generator) -> DepthNoise:
+        """The noise of one episode."""
+        if not self.spread:
+            return self
+        factors = np.exp(self.spread * generator.standard_normal(4))
+        return replace(
+            self,
+            disparity_sigma=self.disparity_sigma * factors[0],
+            lost=min(self.lost * factors[1], 1.0),
+            edge_lost=min(self.edge_lost * factors[1], 1.0 - self.edge_mixed),
+            correlation=min(self.correlation * factors[2], 20.0),
+            dark_lost=min(self.dark_lost * factors[3], 1.0),
+            grazing_lost=min(self.grazing_lost * factors[3], 1.0),
+            specular_lost=min(self.specular_lost * factors[3], 1.0),
+        )
+
+    def error(self, generator: np.random.Generator) -> CameraError:
+        """Calibration error of one camera in one episode."""
+        from scipy.spatial.transform import Rotation
+
+        draw = generator.standard_normal(8)
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_rotvec(self.rotation / np.sqrt(3.0) * draw[:3]).as_matrix()
+        T[:3, 3] = self.translation / np.sqrt(3.0) * draw[3:6]
+        return CameraError(T, 1.0 + self.scale * float(draw[6]), self.bias * float(draw[7]))
+
+    def _lost_by_surface(
+        self, depth: Depth, generator: np.random.Generator, colors: Colors | None, focal: float
+    ) -> npt.NDArray[np.bool_]:
+        """(H, W) of what measures nothing because of what it lies on."""
+        lost = np.zeros(depth.shape, dtype=bool)
+        if self.dark_lost and colors is not None:
+            lost |= (brightness(colors) < self.dark) & (self._even(depth, generator) < self.dark_lost)
+        if self.grazing_lost or self.specular_lost:
+            angle = incidence(depth, focal, self.edge)
+            draws = self._even(depth, generator)
+            lost |= (angle > self.grazing) & (draws < self.grazing_lost)
+            lost |= (angle < self.specular) & (draws < self.specular_lost)
+        return lost
+
+    def _even(self, depth: Depth, generator: np.random.Generator) -> npt.NDArray[np.floating]:
+        """(H, W) even draws from 0 to 1, neighbours alike as far as noise is correlated."""
+        from scipy.special import ndtr
+
+        if not self.correlation:
+            return generator.random(depth.shape, dtype=np.float32)
+        field = _smooth(generator.standard_normal(depth.shape, dtype=np.float32), self.correlation)
+        return np.asarray(ndtr(field))
+
+    def _fattened(self, depth: Depth, generator: np.random.Generator) -> Depth:
+        """Near things grown at their edges, here and there."""
+        from scipy.ndimage import minimum_filter
+        from scipy.special import ndtr
+
+        reach = int(np.ceil(self.fattening))
+        if not reach:
+            return depth
+        field = ndtr(_smooth(generator.standard_normal(depth.shape, dtype=np.float32), self.correlation or FIELD))
+        low = np.where(depth > 0, depth, np.float32(np.inf))
+        found = depth
+        for by in range(1, reach + 1):
+            near = minimum_filter(low, 2 * by + 1)
+            grown = (depth > 0) & (depth - near > self.edge) & (found == depth) & (by <= field * self.fattening)
+            found = np.where(grown, near, found)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class CameraError:
+    """Calibration error of a camera.
+
+    Attributes:
+        T: (4, 4) of the camera that is believed, in the frame of the true one.
+        scale, bias: the measured depth is ``scale`` times the true one, plus ``bias`` (m).
+    """
+
+    T: npt.NDArray[np.float64]
+    scale: float
+    bias: float
+
+    def on(self, depth: Depth) -> Depth:
+        """(H, W) m as the camera has them; 0 stays 0."""
+        found = np.float32(self.scale) * depth + np.float32(self.bias)
+        return np.where((depth > 0) & (found > 0), found, np.float32(0.0))
+
+
+D435 = DepthNoise(
+    correlation=1.0,
+    shadow=True,
+    fattening=1.5,
+    dark=0.08,
+    dark_lost=0.3,
+    grazing=1.3,
+    grazing_lost=0.5,
+    specular=0.03,
+    specular_lost=0.2,
+    spread=0.2,
+)
+"""A RealSense D435 at 848 x 480, as far as is published of it; ``gensim2 robot fit-noise`` fits your own."""
+
+DEPLOYED = replace(D435, rotation=0.0035, translation=0.003, scale=0.005, bias=0.002, time=0.01)
+"""The same with what a calibration and clocks leave, drawn each episode: 0.2 degrees, 3 mm, 0.5 % and 2 mm of depth,
+10 ms."""
+
+PRESETS = {"white": DepthNoise(), "d435": D435, "deployed": DEPLOYED}
+"""Noise by name."""
+
+
+def shadows(depth: Depth, baseline: float, focal: float) -> npt.NDArray[np.bool_]:
+    """(H, W) of what the left camera of a pair sees and the right one does not: something nearer stands before it.
+
+    Args:
+        depth: (H, W) m of the left camera; 0 where there is nothing.
+        baseline: m. focal: pixels of this picture.
+    """
+    seen = depth > 0
+    disparity = focal * baseline / np.where(seen, depth, np.inf)
+    column = np.arange(depth.shape[1])[None, :] - disparity  # in the right picture
+    beyond = np.full(depth.shape, np.inf)
+    beyond[:, :-1] = np.minimum.accumulate(np.where(seen, column, np.inf)[:, :0:-1], axis=1)[:, ::-1]
+    return np.asarray(seen & (beyond <= column - 0.5))
+
+
+def brightness(colors: Colors) -> npt.NDArray[np.float32]:
+    """(H, W) from 0 to 1 of (H, W, 3)."""
+    weights = np.array([0.299, 0.587, 0.114], dtype=np.float32) / np.float32(255.0)
+    return np.asarray(colors.astype(np.float32) @ weights)
+
+
+def incidence(depth: Depth, focal: float, edge: float) -> npt.NDArray[np.float32]:
+    """(H, W) rad between the camera's axis and what a pixel lies on, from its neighbours; 0.5 where none can be told.
+
+    Args:
+        depth: (H, W) m.
+        focal: pixels of this picture.
+        edge: m between neighbours from which on they lie on different things.
+    """
+    slopes = []
+    for axis in (0, 1):
+        ahead, behind = np.roll(depth, -1, axis), np.roll(depth, 1, axis)
+        told = (ahead > 0) & (behind > 0) & (np.abs(ahead - depth) < edge) & (np.abs(behind - depth) < edge)
+        slopes.append(np.where(told, 0.5 * (ahead - behind), np.nan))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        angle = np.arctan(np.hypot(*slopes) * focal / depth)
+    angle[[0, -1]], angle[:, [0, -1]] = np.nan, np.nan
+    return np.where(np.isfinite(angle) & (depth > 0), angle, 0.5).astype(np.float32)
+
+
+def _smooth(field: npt.NDArray[np.float32], sigma: float) -> npt.NDArray[np.float32]:
+    """White noise with its neighbours mixed in, as strong as before."""
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(field, sigma, mode="wrap") / _weakened(float(sigma)), dtype=np.float32)
+
+
+@lru_cache(maxsize=64)
+def _weakened(sigma: float) -> float:
+    from scipy.ndimage import gaussian_filter1d
+
+    one = np.zeros(2 * int(4.0 * sigma + 1.5) + 1)
+    one[len(one) // 2] = 1.0
+    return float((gaussian_filter1d(one, sigma, mode="constant") ** 2).sum())
+
+
+def _around(depth: Depth) -> tuple[Depth, Depth]:
+    """Least and largest depth of each pixel and its four neighbours, those that measure nothing left out."""
+    low = np.where(depth > 0, depth, np.float32(np.inf))
+    near, far = low.copy(), depth.copy()
+    for here, there in (
+        (np.s_[1:, :], np.s_[:-1, :]),
+        (np.s_[:-1, :], np.s_[1:, :]),
+        (np.s_[:, 1:], np.s_[:, :-1]),
+        (np.s_[:, :-1], np.s_[:, 1:]),
+    ):
+        near[here] = np.minimum(near[here], low[there])
+        far[here] = np.maximum(far[here], depth[there])
+    return np.where(np.isfinite(near), near, np.float32(0.0)), far

@@ -1,0 +1,198 @@
+"""Rays from cameras at posed links: one Embree scene a link, built once; links move, rays are taken to their frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.perception import Camera
+from gensim2.perception.raycast.shapes import Color, Surface, Texture
+
+Array = npt.NDArray[np.float64]
+
+NEAR = 1e-3
+"""Metres ahead of a camera: a box that comes nearer may be seen by any of its pixels."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A rigid thing that is seen.
+
+    Attributes:
+        id: by which segmentation knows it; from 1 on.
+        surface: in its own frame.
+        still: it stands where it stood in the last picture, as a rule.
+    """
+
+    id: int
+    surface: Surface
+    still: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """First hits of the rays of some cameras.
+
+    Attributes:
+        depth: of each camera, (H, W) m ahead; its ``far`` where nothing was met.
+        face: of each camera, (H, W): number of the triangle among all of the caster's; -1 where nothing was met.
+        u, v: of each camera, (H, W): weights of that triangle's second and third corner; only where it is textured.
+    """
+
+    depth: tuple[npt.NDArray[np.float32], ...]
+    face: tuple[npt.NDArray[np.int32], ...]
+    u: tuple[npt.NDArray[np.float32], ...]
+    v: tuple[npt.NDArray[np.float32], ...]
+
+    @staticmethod
+    def none(cameras: Sequence[Camera]) -> Hits:
+        """Nothing met yet."""
+        sizes = [(camera.height, camera.width) for camera in cameras]
+        return Hits(
+            tuple(np.full(s, c.far, dtype=np.float32) for s, c in zip(sizes, cameras, strict=True)),
+            tuple(np.full(s, -1, dtype=np.int32) for s in sizes),
+            tuple(np.zeros(s, dtype=np.float32) for s in sizes),
+            tuple(np.zeros(s, dtype=np.float32) for s in sizes),
+        )
+
+    def copy(self) -> Hits:
+        """The same in memory of its own."""
+        return Hits(_copied(self.depth), _copied(self.face), _copied(self.u), _copied(self.v))
+
+
+_Kept = TypeVar("_Kept", bound=npt.NDArray[Any])
+
+
+def _copied(arrays: tuple[_Kept, ...]) -> tuple[_Kept, ...]:
+    return tuple(array.copy() for array in arrays)
+
+
+class Caster:
+    """Solids and the cameras that look at them.
+
+    What stands still is cast once and kept while it does; the hits are those of a fresh caster all the same.
+
+    Args:
+        solids: the L things to be seen.
+        cameras: that see them.
+    """
+
+    def __init__(self, solids: Sequence[Solid], cameras: Sequence[Camera]) -> None:
+        self.cameras = tuple(cameras)
+        self._solids = tuple(solids)
+        counts = [len(solid.surface.faces) for solid in solids]
+        self._first = np.cumsum([0, *counts])
+        # The last row is for -1: nothing.
+        self._ids = np.repeat([*(solid.id for solid in solids), 0], [*counts, 1]).astype(np.int16)
+        self._colors = np.concatenate([*(solid.surface.colors for solid in solids), np.zeros((1, 3), dtype=np.uint8)])
+        self._textures = [
+            (start, texture)
+            for start, solid in zip(self._first, solids, strict=False)
+            for texture in solid.surface.textures
+        ]
+        self._still = [index for index, solid in enumerate(solids) if solid.still]
+        self._moving = [index for index, solid in enumerate(solids) if not solid.still]
+        self._corners = np.stack([solid.surface.corners for solid in solids])
+        self._projections = np.stack([camera.projection for camera in cameras])
+        self._background: tuple[bytes, Hits] | None = None
+
+    def cast(self, poses: Array) -> Hits:
+        """Cast the rays of all pixels.
+
+        Args:
+            poses: (L, 4, 4) of the solids in the base frame.
+        """
+        hits = self._stood(poses).copy()
+        self._cast(self._moving, poses, hits)
+        return hits
+
+    def segmentation(self, face: npt.NDArray[np.int32]) -> npt.NDArray[np.int16]:
+        """Ids of what was met, of any shape; 0 where nothing was."""
+        return self._ids[face]
+
+    def colors(self, face: npt.NDArray[np.int32], u: npt.NDArray[np.float32], v: npt.NDArray[np.float32]) -> Color:
+        """(..., 3) of the material or the texture where rays met; black where nothing was met."""
+        found = self._colors[face]
+        for start, texture in self._textures:
+            _paint(found, face - start, u, v, texture)
+        return found
+
+    def _stood(self, poses: Array) -> Hits:
+        key = poses[self._still].tobytes()
+        if self._background is None or self._background[0] != key:
+            hits = Hits.none(self.cameras)
+            self._cast(self._still, poses, hits)
+            self._background = key, hits
+        return self._background[1]
+
+    def _cast(self, which: list[int], poses: Array, hits: Hits) -> None:
+        if not which:
+            return
+        boxes = self._boxes(which, poses)
+        for number, index in enumerate(which):
+            solid, pose = self._solids[index], poses[index].astype(np.float32)
+            for view, camera in enumerate(self.cameras):
+                left, top, right, bottom = boxes[view][number]
+                if left < right and top < bottom:
+                    window = (slice(top, bottom), slice(left, right))
+                    self._meet(solid, int(self._first[index]), pose, camera, window, hits, view)
+
+    def _meet(
+        self,
+        solid: Solid,
+        first: int,
+        pose: npt.NDArray[np.float32],
+        camera: Camera,
+        window: tuple[slice, slice],
+        hits: Hits,
+        view: int,
+    ) -> None:
+        """Cast the rays of a window of a picture; what was met before is met no more, unless this is nearer."""
+        depth, face = hits.depth[view][window], hits.face[view][window]
+        turn = pose[:3, :3]
+        rays = camera.rays[window].reshape(-1, 3) @ turn
+        origins = np.empty_like(rays)
+        origins[:] = (camera.position - pose[:3, 3]) @ turn
+        reach = depth.reshape(-1).copy()  # Embree writes the new depths into it
+        met = solid.surface.scene.run(origins, rays, reach, output=True)
+        number = met["primID"].reshape(face.shape)
+        new = number >= 0
+        np.copyto(depth, reach.reshape(face.shape), where=new)
+        np.copyto(face, number + first, where=new)
+        if solid.surface.textures:
+            np.copyto(hits.u[view][window], met["u"].reshape(face.shape), where=new)
+            np.copyto(hits.v[view][window], met["v"].reshape(face.shape), where=new)
+
+    def _boxes(self, which: list[int], poses: Array) -> list[list[list[int]]]:
+        """Of each camera and solid the pixels that may see it: left, top, right, bottom."""
+        corners = poses[which] @ self._corners[which].transpose(0, 2, 1)  # (l, 4, 8)
+        seen = self._projections[:, None] @ corners  # (cameras, l, 3, 8)
+        ahead = seen[:, :, 2].clip(min=NEAR)
+        pixels = seen[:, :, :2] / ahead[:, :, None]
+        low, high = np.floor(pixels.min(axis=3)) - 1, np.ceil(pixels.max(axis=3)) + 1
+        behind = seen[:, :, 2].min(axis=2) < NEAR
+        low[behind], high[behind] = -np.inf, np.inf
+        low[seen[:, :, 2].max(axis=2) < NEAR] = np.inf
+        sizes = np.array([[camera.width, camera.height] for camera in self.cameras])[:, None]
+        boxes = np.concatenate([low.clip(0, sizes), high.clip(0, sizes)], axis=2)
+        found: list[list[list[int]]] = boxes.astype(np.int64).tolist()
+        return found
+
+
+def _paint(
+    colors: Color,
+    face: npt.NDArray[np.int32],
+    u: npt.NDArray[np.float32],
+    v: npt.NDArray[np.float32],
+    texture: Texture,
+) -> None:
+    """Put a texture's colours where its faces were met; ``face`` counts those of its surface."""
+    row = np.searchsorted(texture.faces, face)
+    wears = row < len(texture.faces)
+    wears[wears] = texture.faces[row[wears]] == face[wears]
+    if wears.any():
+        colors[wears] = texture.at(row[wears], u[wears], v[wears])

@@ -1,0 +1,147 @@
+"""Poses of the links of an articulation, from a URDF alone, for a whole episode at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from gensim2.core.errors import InputError
+from gensim2.core.foreign.tree import read_regular, why
+from gensim2.objects.kinematics import joint_motion
+from gensim2.objects.library.urdf import MAX_URDF, Urdf, UrdfJoint, parse_urdf, unit_axis
+
+Array = npt.NDArray[np.float64]
+
+
+@lru_cache(maxsize=256)
+def read_urdf(file: Path) -> Urdf:
+    """A URDF, read once a process.
+
+    Raises:
+        InputError: it cannot be read, or its links form no tree.
+    """
+    try:
+        return parse_urdf(read_regular(file, MAX_URDF), file)
+    except OSError as error:
+        raise InputError(why(error), file=file) from error
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The links of an articulation, in the order in which SAPIEN builds them: depth first, children as in the file.
+
+    Attributes:
+        names: of the L links.
+        parents: index of each link's parent; -1 of the root.
+        joints: above each link; None above the root.
+        coordinates: index of each link's joint in ``q``; -1 where it is fixed.
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    joints: tuple[UrdfJoint | None, ...]
+    coordinates: tuple[int, ...]
+    file: Path
+
+    @staticmethod
+    def of(urdf: Urdf, active: Sequence[str]) -> Tree:
+        """Build the kinematic tree of a URDF.
+
+        Args:
+            urdf: the parsed file.
+            active: names of the joints that are the tree's coordinates, in their order.
+
+        Raises:
+            InputError: a joint that moves is not among ``active``, or is neither revolute nor prismatic.
+        """
+        below: dict[str, list[UrdfJoint]] = {name: [] for name in urdf.links}
+        for joint in urdf.joints:
+            below[joint.parent].append(joint)
+        hanging = {joint.child for joint in urdf.joints}
+        stack: list[tuple[str, int, UrdfJoint | None]] = [
+            (next(name for name in urdf.links if name not in hanging), -1, None)
+        ]
+        names: list[str] = []
+        parents: list[int] = []
+        joints: list[UrdfJoint | None] = []
+        while stack:
+            name, parent, above = stack.pop()
+            stack.extend((joint.child, len(names), joint) for joint in reversed(below[name]))
+            names.append(name)
+            parents.append(parent)
+            joints.append(above)
+        coordinates = tuple(_coordinate(joint, active, urdf.file) for joint in joints)
+        return Tree(tuple(names), tuple(parents), tuple(joints), coordinates, urdf.file)
+
+    @property
+    def still(self) -> tuple[bool, ...]:
+        """Whether each link stands still relative to the root."""
+        found: list[bool] = []
+        for parent, coordinate in zip(self.parents, self.coordinates, strict=True):
+            found.append(coordinate < 0 and (parent < 0 or found[parent]))
+        return tuple(found)
+
+    def poses(self, root: Array, q: Array) -> Array:
+        """(T, L, 4, 4) of the links, in the frame of ``root``.
+
+        Args:
+            root: (T, 4, 4) of the root link.
+            q: (T, n) coordinates, rad and m.
+        """
+        found = np.empty((len(root), len(self.names), 4, 4))
+        for index, (parent, joint, coordinate) in enumerate(
+            zip(self.parents, self.joints, self.coordinates, strict=True)
+        ):
+            if joint is None:
+                found[:, index] = root
+                continue
+            found[:, index] = found[:, parent] @ joint.T
+            if coordinate >= 0:
+                found[:, index] = found[:, index] @ joint_motion(
+                    joint.type, unit_axis(joint, self.file), q[:, coordinate]
+                )
+        return found
+
+
+def pose_matrices(rows: npt.NDArray[np.floating]) -> Array:
+    """(T, 4, 4) of (T, 7) poses: x, y, z, qw, qx, qy, qz."""
+    rows = rows.astype(np.float64)
+    found = np.tile(np.eye(4), (len(rows), 1, 1))
+    found[:, :3, :3] = Rotation.from_quat(rows[:, 3:], scalar_first=True).as_matrix()
+    found[:, :3, 3] = rows[:, :3]
+    return found
+
+
+def state_rows(states: Mapping[str, Any], kind: str, name: str, width: int) -> npt.NDArray[np.float32]:
+    """(T, width) of one thing in ManiSkill's ``env_states``; ``kind`` is ``"actors"`` or ``"articulations"``.
+
+    Raises:
+        InputError: there is none, it has another width, or is not finite.
+    """
+    try:
+        rows = np.asarray(states[kind][name], dtype=np.float32)
+    except KeyError as error:
+        raise InputError("there are no states of it", field=f"env_states/{kind}/{name}") from error
+    if rows.ndim != 2 or rows.shape[1] != width:
+        raise InputError(f"must be (T, {width}), is {rows.shape}", field=f"env_states/{kind}/{name}")
+    if not np.isfinite(rows).all():
+        raise InputError("must be finite", field=f"env_states/{kind}/{name}")
+    return rows
+
+
+def _coordinate(joint: UrdfJoint | None, active: Sequence[str], file: Path) -> int:
+    if joint is None or joint.type == "fixed":
+        return -1
+    field = f"joint {joint.name}"
+    if joint.type not in ("revolute", "continuous", "prismatic"):
+        raise InputError(f"joint type {joint.type!r}", file=file, field=field)
+    if joint.name not in active:
+        raise InputError("moves, and no recorded coordinate says how far", file=file, field=field)
+    return list(active).index(joint.name)

@@ -1,0 +1,210 @@
+"""A task's scene for rays: which solids there are, and where recorded states put them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.objects import ObjectModel, RigidObject
+from gensim2.objects.types import ArticulatedObject
+from gensim2.perception import Camera, RobotSegments, View
+from gensim2.perception.raycast.caster import Caster, Hits, Solid
+from gensim2.perception.raycast.kinematics import Tree, pose_matrices, read_urdf, state_rows
+from gensim2.perception.raycast.shapes import Surface, read_links, read_mesh
+from gensim2.robots import RobotProfile
+from gensim2.scenes.table import HALF_SIZE, visible_boxes
+
+Array = npt.NDArray[np.float64]
+
+TABLE = "table"
+
+
+class RaycastScene:
+    """Robot, table and objects of an episode; nothing of a simulator.
+
+    Segmentation ids are SAPIEN's: links and bodies are counted from 1 in the order in which the environment builds
+    them, whether they are seen or not.
+
+    Args:
+        profile: of the robot.
+        objects: by name, in the task's order.
+        cameras: that see the scene; those that a link carries with their poses in its frame. Without any no mesh is
+            read, and there are no solids.
+
+    Raises:
+        InputError: a file of the robot or of an object cannot be used.
+        MissingExtraError: Embree is not installed.
+    """
+
+    def __init__(self, profile: RobotProfile, objects: Mapping[str, ObjectModel], cameras: Sequence[Camera]) -> None:
+        self.profile, self.cameras = profile, tuple(cameras)
+        self._T_base_world = np.linalg.inv(profile.T_world_base)
+        self._names: dict[int, tuple[str, str]] = {}
+        self._solids: list[Solid] = []
+        self._trees: dict[str, tuple[Tree, list[int]]] = {}
+        self._bodies: list[str] = []
+        active = (*profile.arm_joints, *profile.gripper.joints)
+        self._add_tree(profile.agent, Tree.of(read_urdf(profile.urdf), active))
+        self._add(TABLE, TABLE, _table(), still=True)
+        for name, model in objects.items():
+            if isinstance(model, ArticulatedObject):
+                self._add_tree(name, Tree.of(read_urdf(model.urdf), (model.joint.name,)))
+            elif isinstance(model, RigidObject):
+                self._bodies.append(name)
+                seen = bool(self.cameras) and model.visual is not None
+                self._add(name, name, read_mesh(model.visual) if seen else None, still=False)
+            else:
+                raise TypeError(f"no object of {type(model).__name__}")
+        # Of a link that carries cameras everything is told in its frame, where they stand still.
+        self._casters: dict[str | None, Caster] = {
+            link: Caster(self._solids, [camera for camera in self.cameras if camera.link == link])
+            for link in dict.fromkeys(camera.link for camera in self.cameras)
+        }
+
+    @property
+    def names(self) -> Mapping[int, tuple[str, str]]:
+        """Of each segmentation id: what it belongs to (an object's name, the robot's agent, ``table``) and its link."""
+        return self._names
+
+    @property
+    def solids(self) -> tuple[Solid, ...]:
+        """Solids that rays meet, in the order of :meth:`poses`."""
+        return tuple(self._solids)
+
+    def tree(self, name: str) -> Tree:
+        """Kinematic tree of an articulated object, or of the robot by its agent."""
+        return self._trees[name][0]
+
+    def link_poses(self, states: Mapping[str, Any], name: str, link: str) -> Array:
+        """(T, 4, 4) of a link of an object, or of a rigid object, in the base frame.
+
+        Args:
+            states: ManiSkill's ``env_states``, T rows an array.
+            name: of the object.
+            link: of it; of a rigid one it is not looked at.
+
+        Raises:
+            InputError: they are not of this scene.
+        """
+        if name in self._bodies:
+            rows = state_rows(states, "actors", name, 13)
+            return np.asarray(self._T_base_world @ pose_matrices(rows[:, :7]))
+        return self._links(states, name)[:, self.tree(name).names.index(link)]
+
+    def ids(self, owner: str, links: Sequence[str] | None = None) -> tuple[int, ...]:
+        """Segmentation ids of what belongs to ``owner``, of some of its links or of all."""
+        return tuple(id for id, (who, link) in self._names.items() if who == owner and (links is None or link in links))
+
+    @cached_property
+    def robot(self) -> RobotSegments:
+        """Segmentation ids of the hand with all that hangs on it, and of the rest of the robot."""
+        tree, _ = self._trees[self.profile.agent]
+        hanging = {self.profile.hand_link}
+        for name, parent in zip(tree.names, tree.parents, strict=True):  # parents come before their children
+            if parent >= 0 and tree.names[parent] in hanging:
+                hanging.add(name)
+        gripper = frozenset(self.ids(self.profile.agent, tuple(hanging)))
+        return RobotSegments(gripper, frozenset(self.ids(self.profile.agent)) - gripper)
+
+    def poses(self, states: Mapping[str, Any]) -> Array:
+        """(T, L, 4, 4) of the solids in the base frame at each of T recorded instants.
+
+        Args:
+            states: ManiSkill's ``env_states``, T rows an array.
+
+        Raises:
+            InputError: they are not of this scene.
+        """
+        found: dict[int, Array] = {}
+        for name, (_, ids) in self._trees.items():
+            links = self._links(states, name)
+            found |= {id: links[:, index] for index, id in enumerate(ids)}
+        for name in self._bodies:
+            found[self.ids(name)[0]] = self.link_poses(states, name, name)
+        steps = len(next(iter(found.values())))
+        table = np.eye(4)
+        table[2, 3] = -HALF_SIZE[2]
+        found[self.ids(TABLE)[0]] = np.tile(self._T_base_world @ table, (steps, 1, 1))
+        return np.stack([found[solid.id] for solid in self._solids], axis=1)
+
+    def cast(self, poses: Array, links: Mapping[str, Array] | None = None) -> dict[str | None, Hits]:
+        """Cast the rays of all cameras, by the link that carries them.
+
+        Args:
+            poses: (L, 4, 4) of the solids in the base frame.
+            links: (4, 4) of each link that carries cameras, in the base frame.
+        """
+        return {
+            link: caster.cast(poses if link is None else np.linalg.inv((links or {})[link]) @ poses)
+            for link, caster in self._casters.items()
+        }
+
+    def see(self, poses: Array, links: Mapping[str, Array] | None = None) -> tuple[View, ...]:
+        """Pictures, one a camera, in the cameras' order; arguments as of :meth:`cast`."""
+        found: dict[str, View] = {}
+        for link, hits in self.cast(poses, links).items():
+            caster = self._casters[link]
+            for number, camera in enumerate(caster.cameras):
+                placed = camera
+                if link is not None:
+                    placed = replace(camera, T_base_camera=(links or {})[link] @ camera.T_base_camera)
+                found[camera.name] = _RaycastView(caster, hits, number, placed)
+        return tuple(found[camera.name] for camera in self.cameras)
+
+    def _links(self, states: Mapping[str, Any], name: str) -> Array:
+        """(T, links, 4, 4) of an articulation in the base frame."""
+        tree, _ = self._trees[name]
+        count = sum(index >= 0 for index in tree.coordinates)
+        rows = state_rows(states, "articulations", name, 13 + 2 * count)
+        root = self._T_base_world @ pose_matrices(rows[:, :7])
+        return tree.poses(root, rows[:, 13 : 13 + count].astype(np.float64))
+
+    def _add_tree(self, name: str, tree: Tree) -> None:
+        surfaces = read_links(tree.file) if self.cameras else {}
+        ids = [
+            self._add(name, link, surfaces.get(link), still=still)
+            for link, still in zip(tree.names, tree.still, strict=True)
+        ]
+        self._trees[name] = tree, ids
+
+    def _add(self, owner: str, link: str, surface: Surface | None, still: bool) -> int:
+        id = len(self._names) + 1
+        self._names[id] = owner, link
+        if surface is not None:
+            self._solids.append(Solid(id, surface, still))
+        return id
+
+
+class _RaycastView:
+    """One camera's picture out of what its rays met; colours are worked out where they are asked for."""
+
+    def __init__(self, caster: Caster, hits: Hits, number: int, camera: Camera) -> None:
+        self._caster, self._hits, self._number, self.camera = caster, hits, number, camera
+
+    @cached_property
+    def depth(self) -> npt.NDArray[np.float32]:
+        depth = self._hits.depth[self._number]
+        return np.where(depth < self.camera.far, depth, np.float32(0.0))
+
+    @cached_property
+    def segmentation(self) -> npt.NDArray[np.int16]:
+        return self._caster.segmentation(self._hits.face[self._number])
+
+    def colors_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
+        number, hits = self._number, self._hits
+        u, v = (weights[number].reshape(-1)[pixels] for weights in (hits.u, hits.v))
+        return self._caster.colors(hits.face[number].reshape(-1)[pixels], u, v)
+
+
+@cache
+def _table() -> Surface | None:
+    return Surface.joined([Surface.box(box.center, box.half_size, _bytes(box.color)) for box in visible_boxes()])
+
+
+def _bytes(color: Sequence[float]) -> tuple[int, ...]:
+    return tuple(round(255 * value) for value in color[:3])

@@ -1,0 +1,244 @@
+"""Visible surfaces of a link: triangles, each with the colour of its material or a place in a texture."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.tree import ForeignTree, read_regular, why
+from gensim2.objects.library.folder import MAX_BYTES
+from gensim2.objects.library.urdf import Urdf, shape_elements
+from gensim2.perception.raycast.kinematics import read_urdf
+
+Array = npt.NDArray[np.float64]
+Color = npt.NDArray[np.uint8]
+
+SPHERE_DETAIL = 3  # subdivisions of a sphere
+WHITE = (255, 255, 255)
+
+NEARLY = 0.01
+"""By which the entries of a node's transform differ from those of the identity, at most, where SAPIEN's reader of mesh
+files (assimp) takes it for the identity: what is seen is what SAPIEN shows. The Panda's link 4 is 3 mm off by it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """A picture on some faces of a shape.
+
+    Attributes:
+        image: (h, w, 3), its first row on top.
+        faces: (n,) that wear it.
+        corners: (n, 3, 2) of their corners in the picture: 0 to 1, from the lower left.
+    """
+
+    image: Color
+    faces: npt.NDArray[np.int64]
+    corners: npt.NDArray[np.float32]
+
+    def at(self, rows: npt.NDArray[np.int64], u: npt.NDArray[np.float32], v: npt.NDArray[np.float32]) -> Color:
+        """(k, 3) colours, of the nearest texel, at points of faces.
+
+        Args:
+            rows: (k,) of ``faces``.
+            u, v: (k,) weights of the faces' second and third corners.
+        """
+        weights = np.stack([1.0 - u - v, u, v], axis=-1)
+        place = np.einsum("kc,kcx->kx", weights, self.corners[rows])
+        height, width = self.image.shape[:2]
+        column = np.floor((place[:, 0] % 1.0) * width).astype(np.int64).clip(0, width - 1)
+        row = np.floor(((1.0 - place[:, 1]) % 1.0) * height).astype(np.int64).clip(0, height - 1)
+        return np.asarray(self.image[row, column])
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles in the frame of a link.
+
+    Attributes:
+        vertices: (V, 3) m.
+        faces: (F, 3) corners.
+        colors: (F, 3) of the material; what wears a texture has it there.
+        textures: of some faces.
+    """
+
+    vertices: npt.NDArray[np.float32]
+    faces: npt.NDArray[np.int32]
+    colors: Color
+    textures: tuple[Texture, ...] = ()
+
+    @cached_property
+    def scene(self) -> Any:
+        """Embree's scene of the triangles.
+
+        Raises:
+            MissingExtraError: Embree is not installed.
+        """
+        try:
+            from embreex.mesh_construction import TriangleMesh
+            from embreex.rtcore_scene import EmbreeScene
+        except ImportError as error:
+            raise MissingExtraError("embreex", "sim") from error
+        scene = EmbreeScene()
+        TriangleMesh(scene, self.vertices, self.faces)
+        return scene
+
+    @cached_property
+    def corners(self) -> Array:
+        """(8, 4) of the box around it, homogeneous, m."""
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
+        return np.column_stack([np.where(signs, high, low), np.ones(8)]).astype(np.float64)
+
+    def moved(self, T: Array, scale: float | Array = 1.0) -> Surface:
+        """The same, scaled, then in the frame that ``T`` (4, 4) maps its own to."""
+        vertices = (scale * self.vertices.astype(np.float64)) @ T[:3, :3].T + T[:3, 3]
+        return Surface(vertices.astype(np.float32), self.faces, self.colors, self.textures)
+
+    def painted(self, color: Sequence[int] | None) -> Surface:
+        """The same in one colour; as it is where that is None."""
+        if color is None:
+            return self
+        return Surface(self.vertices, self.faces, np.tile(np.array(color, dtype=np.uint8), (len(self.faces), 1)))
+
+    @staticmethod
+    def box(center: Sequence[float], half_size: Sequence[float], color: Sequence[int]) -> Surface:
+        """An upright box in one colour."""
+        shape = trimesh.creation.box(2.0 * np.asarray(half_size))
+        bare = _surface(np.asarray(shape.vertices) + center, np.asarray(shape.faces))
+        return bare.painted(color)
+
+    @staticmethod
+    def joined(surfaces: Sequence[Surface]) -> Surface | None:
+        """All of them as one; None where there are none."""
+        if not surfaces:
+            return None
+        first_vertex = np.cumsum([0, *(len(each.vertices) for each in surfaces)])
+        first_face = np.cumsum([0, *(len(each.faces) for each in surfaces)])
+        return Surface(
+            np.concatenate([each.vertices for each in surfaces]),
+            np.concatenate(
+                [each.faces + start for each, start in zip(surfaces, first_vertex[:-1], strict=True)], dtype=np.int32
+            ),
+            np.concatenate([each.colors for each in surfaces]),
+            tuple(
+                Texture(texture.image, texture.faces + start, texture.corners)
+                for each, start in zip(surfaces, first_face[:-1], strict=True)
+                for texture in each.textures
+            ),
+        )
+
+
+@lru_cache(maxsize=512)
+def read_mesh(file: Path) -> Surface | None:
+    """Read the surface of a mesh file, in its own frame; None where it has no triangle.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    with opened_mesh(file) as scene:
+        surfaces = []
+        for node in scene.graph.nodes_geometry:
+            T, name = scene.graph[node]
+            mesh = scene.geometry[name]
+            if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+                dressed = _dressed(mesh)
+                surfaces.append(dressed if np.abs(T - np.eye(4)).max() <= NEARLY else dressed.moved(np.asarray(T)))
+        return Surface.joined(surfaces)
+
+
+@contextlib.contextmanager
+def opened_mesh(file: Path) -> Iterator[trimesh.Scene]:
+    """Read a mesh file; errors of the block, which should do nothing but use the scene, are the file's.
+
+    Raises:
+        InputError: it is no regular file, is too large, or is damaged.
+    """
+    try:
+        content = read_regular(file, MAX_BYTES)
+    except OSError as error:
+        raise InputError(why(error), file=file) from error
+    with read_by_library(file, "replace it by an intact mesh file", "no mesh that can be read"):
+        beside: Any = _Beside(file)
+        yield trimesh.load_scene(io.BytesIO(content), file.suffix.lstrip("."), resolver=beside, process=False)
+
+
+class _Beside:
+    """Resolver, for trimesh, of the materials and pictures that a mesh file names: regular files beside it."""
+
+    def __init__(self, file: Path) -> None:
+        self.file_name = file.name
+        self._folder = ForeignTree(file.parent)
+
+    def get(self, name: str) -> bytes:
+        wanted = name.strip()
+        candidates = (wanted, wanted.lstrip("/"), Path(wanted).name)  # as trimesh's own resolver looks for them
+        found = next((each for each in candidates if self._folder.has(each)), wanted)
+        return read_regular(self._folder.inside(found), MAX_BYTES)
+
+    __getitem__ = get
+
+
+@lru_cache(maxsize=128)
+def read_links(file: Path) -> Mapping[str, Surface | None]:
+    """Read the visible surface of each link of a URDF, in its frame; None where it has none. Read once a process.
+
+    Raises:
+        InputError: a visual cannot be read.
+    """
+    urdf = read_urdf(file)
+    return {link: _read_link(urdf, link) for link in urdf.links}
+
+
+def _read_link(urdf: Urdf, link: str) -> Surface | None:
+    surfaces = []
+    for element in shape_elements(urdf, link, "visual"):
+        shape = element.shape
+        if isinstance(shape, str):
+            surface = read_mesh(urdf.file.parent / shape)
+        else:
+            mesh = shape.mesh(SPHERE_DETAIL)
+            surface = _surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        if surface is not None:
+            color = None if element.rgba is None else _rgb(element.rgba)
+            surfaces.append(surface.moved(element.T, element.scale).painted(color))
+    return Surface.joined(surfaces)
+
+
+def _surface(vertices: Array, faces: npt.NDArray[np.integer]) -> Surface:
+    colors = np.full((len(faces), 3), WHITE, dtype=np.uint8)
+    return Surface(vertices.astype(np.float32), faces.astype(np.int32), colors)
+
+
+def _rgb(rgba: Array) -> tuple[int, ...]:
+    return tuple(int(value) for value in np.round(255.0 * rgba[:3]))
+
+
+def _dressed(mesh: trimesh.Trimesh) -> Surface:
+    bare = _surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    material: Any = getattr(mesh.visual, "material", None)
+    if material is None:
+        colors = np.asarray(mesh.visual.face_colors)[:, :3] if mesh.visual.defined else bare.colors
+        return Surface(bare.vertices, bare.faces, np.ascontiguousarray(colors, dtype=np.uint8))
+    image, uv = _image(material), getattr(mesh.visual, "uv", None)
+    if image is not None and uv is not None:
+        texture = Texture(image, np.arange(len(bare.faces)), np.asarray(uv, dtype=np.float32)[bare.faces])
+        return Surface(bare.vertices, bare.faces, bare.colors, (texture,))
+    return bare.painted(tuple(int(value) for value in material.main_color[:3]))
+
+
+def _image(material: Any) -> Color | None:
+    picture = getattr(material, "baseColorTexture", None)
+    if picture is None:
+        picture = getattr(material, "image", None)
+    return None if picture is None else np.asarray(picture.convert("RGB"))

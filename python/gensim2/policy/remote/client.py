@@ -1,0 +1,222 @@
+"""A controller behind a policy server, as a controller of this process."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import reprlib
+import socket
+import struct
+import time
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.perception import Observation, ObservationSpec
+from gensim2.policy.remote.protocol import (
+    MAX_ANSWER,
+    MAX_BYTES,
+    TOKEN,
+    VERSION,
+    Action,
+    Failure,
+    Ready,
+    Refusal,
+    RemoteError,
+    Welcome,
+    decode,
+    encode,
+    is_url,
+    observation_to_message,
+    read_message,
+)
+from gensim2.policy.remote.websocket import logger, unfragmented
+
+DEADLINE = 0.15
+"""Seconds within which an action must come: the watch holds after 0.2."""
+CONNECTING = 10.0
+"""Seconds within which a server must answer at all, and a controller be reset."""
+LEAVING = 1.0
+"""Seconds within which a server must confirm that a connection is closed."""
+
+Answer = TypeVar("Answer", Ready, Action)
+
+
+class RemoteController:
+    """Ask a policy server for each action.
+
+    A late answer raises an error and is dropped when it comes. A server that sends anything invalid raises an error
+    that names the server and the field.
+
+    Args:
+        url: of the server, ``ws://host:port`` or ``wss://``. The token is in the environment, GENSIM2_POLICY_TOKEN.
+        robot: that is driven; None accepts the server's robot.
+        deadline: seconds within which an action must come.
+
+    Attributes:
+        observation_spec: modalities and cameras that the server's controller uses.
+
+    Raises:
+        InputError: the URL or the deadline is invalid, or the token is not set.
+        RemoteError: the server cannot be reached, refuses, or sends an invalid message.
+        MissingExtraError: websockets or msgpack is not installed.
+
+    Example:
+        Export GENSIM2_POLICY_TOKEN as ``gensim2 policy serve`` prints it, then::
+
+            controller = RemoteController("ws://127.0.0.1:8321", "panda")
+            controller.reset(observation, seed=0)
+            action = controller.act(observation)
+            controller.close()
+    """
+
+    def __init__(self, url: str, robot: str | None = None, deadline: float = DEADLINE) -> None:
+        if not is_url(url):
+            raise InputError(f"{url!r} is no websocket", field="policy", remedy="as ws://127.0.0.1:8321")
+        if not 0.0 < deadline < 1e4:
+            raise InputError(f"must be positive seconds, is {deadline}", field="deadline")
+        self._url, self._robot, self._deadline = url, robot, deadline
+        self._server = f"The server {url}"
+        self._number, self._action_size = 0, 0
+        self._token = os.environ.get(TOKEN)
+        self._connection: Any = None
+        self.observation_spec = ObservationSpec()
+        self._connect()
+
+    def reset(self, observation: Observation, seed: int) -> None:
+        """Begin an episode.
+
+        Raises:
+            RemoteError: the server does not answer in time, fails, or sends an invalid message.
+        """
+        message = {"kind": "reset", "observation": observation_to_message(observation), "seed": seed}
+        self._ask(message, Ready, CONNECTING)
+
+    def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
+        """Return the next action, (m + 1,); None when the controller is done.
+
+        Raises:
+            RemoteError: the server does not answer in time, fails, or sends an invalid message.
+        """
+        message = {"kind": "act", "observation": observation_to_message(observation)}
+        action: npt.NDArray[np.float32] | None = self._ask(message, Action, self._deadline).action
+        if action is not None and action.shape != (self._action_size,):
+            said = f"action must be an array of shape ({self._action_size},), got {action.shape}"
+            raise RemoteError(f"{self._server} sent an invalid action: {said}")
+        return action
+
+    def close(self) -> None:
+        """Close the connection; the next request opens another."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def disown(self) -> None:
+        """Reconnect with a wrong token at the next request: an injected fault that tests the watch."""
+        self.close()
+        self._token = f"not {self._token}"
+
+    def _connect(self) -> None:
+        try:
+            from websockets.exceptions import WebSocketException
+            from websockets.sync.client import ClientConnection, connect
+        except ImportError as error:
+            raise MissingExtraError("websockets", "robot") from error
+        if not self._token:
+            raise InputError("is not set", field=TOKEN, remedy="export what gensim2 policy serve says")
+        hello = {"kind": "hello", "protocol": VERSION, "token": self._token, "robot": self._robot}
+        try:
+            connection = connect(
+                self._url,
+                max_size=MAX_ANSWER,
+                compression=None,
+                open_timeout=CONNECTING,
+                close_timeout=LEAVING,
+                proxy=None,
+                logger=logger(),
+                create_connection=unfragmented(ClientConnection),
+            )
+            self._connection = connection
+            # A server that reads nothing must not block whoever sends to it.
+            seconds, share = divmod(self._deadline, 1.0)
+            limit = struct.pack("ll", int(seconds), int(1e6 * share) or 1)
+            connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
+            connection.send(encode(hello))
+            found = decode(connection.recv(timeout=CONNECTING), MAX_ANSWER, self._server)
+            if found["kind"] == "welcome" and found.get("protocol") != VERSION:
+                spoken = reprlib.repr(found.get("protocol"))
+                raise RemoteError(f"{self._url} speaks version {spoken} of the protocol, this is {VERSION}")
+            answer = read_message(found, Welcome, Refusal, sender=self._server)
+            if isinstance(answer, Refusal):
+                raise RemoteError(f"{self._url} refuses: {answer.why}")
+            if self._robot not in (None, answer.robot):
+                raise RemoteError(f"{self._url} drives {answer.robot}, this robot is {self._robot}")
+            self._action_size = answer.action_size
+            self._look(answer.observation)
+        except (OSError, WebSocketException) as error:
+            self._drop()
+            raise RemoteError(f"{self._url} cannot be reached: {error}") from error
+        except RemoteError:
+            self._drop()
+            raise
+
+    def _ask(self, message: dict[str, Any], expected: type[Answer], deadline: float) -> Answer:
+        """Send a request and return its answer.
+
+        After a server went away the client connects again. The restarted controller knows nothing of the episode, so
+        only a reset may follow.
+        """
+        from websockets.exceptions import WebSocketException
+
+        if self._connection is None:
+            self._connect()
+            if message["kind"] != "reset":
+                raise RemoteError(f"{self._url} was away: the episode is begun anew")
+        self._number += 1
+        until = time.monotonic() + deadline
+        data = encode({**message, "number": self._number})
+        if len(data) > MAX_BYTES:
+            raise RemoteError(f"an observation has {len(data)} bytes, {MAX_BYTES} at most")
+        try:
+            self._connection.send(data)
+            answer = self._answer(expected, until)
+        except TimeoutError as error:
+            raise RemoteError(f"{self._url} gave no answer within {1e3 * deadline:.0f} ms") from error
+        except (OSError, WebSocketException) as error:
+            self._drop()
+            raise RemoteError(f"{self._url} is gone: {error}") from error
+        if isinstance(answer, Failure):
+            raise RemoteError(f"{self._url}: {answer.why}")
+        self._look(answer.observation)
+        return answer
+
+    def _answer(self, expected: type[Answer], until: float) -> Answer | Failure:
+        """Return the answer to the last request; answers to earlier ones are dropped."""
+        while (left := until - time.monotonic()) > 0.0:
+            found = decode(self._connection.recv(timeout=left), MAX_ANSWER, self._server)
+            number = found.get("number")
+            if type(number) is int and 0 < number < self._number:
+                continue
+            answer: Answer | Failure = read_message(found, expected, Failure, sender=self._server)
+            if answer.number not in (None, self._number):
+                raise RemoteError(f"{self._server} answered request {answer.number}, the last is {self._number}")
+            return answer
+        raise TimeoutError
+
+    def _drop(self) -> None:
+        """Close a connection that is broken already."""
+        from websockets.exceptions import WebSocketException
+
+        with contextlib.suppress(OSError, WebSocketException):
+            self.close()
+        self._connection = None
+
+    def _look(self, observation: Mapping[str, Any]) -> None:
+        try:
+            self.observation_spec = ObservationSpec.of(observation)
+        except InputError as error:
+            said = f"{(error.field or '').removeprefix('observation.')} {error.message}"
+            raise RemoteError(f"{self._server} sent an invalid observation spec: {said}") from error

@@ -1,0 +1,353 @@
+"""Messages between a loop and a policy server: maps of plain values and arrays, as msgpack over a websocket.
+
+The loop sends ``hello`` with the token and its version, and the server answers ``welcome`` or ``refused``. Each request
+then has one answer with the same number: ``ready`` answers ``reset``, ``action`` answers ``act``, ``error`` either.
+Every message is read through :func:`decode`, which bounds its bytes and values, and :func:`read_message`, which checks
+it against the schema of the messages that are allowed at that point.
+"""
+
+from __future__ import annotations
+
+import re
+import reprlib
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeVar, get_args
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.validation import input_error
+from gensim2.perception import Camera, Observation, PointCloud
+
+VERSION = 1
+MAX_HELLO = 4 << 10
+"""Bytes of the first message, which the server reads before it knows the sender."""
+MAX_BYTES = 16 << 20
+"""Bytes of a request: a cloud of 1,024 points has 15 kB, three depth pictures of 640 x 480 have 1.8 MB."""
+MAX_ANSWER = 64 << 10
+"""Bytes of an answer: an action and an observation spec have less than 2 kB."""
+MAX_VALUES = 10_000
+"""Values of one message, an array counted as one."""
+MAX_ITEMS = 1000
+"""Entries of one list or map."""
+MAX_TEXT = 16 << 10
+"""Bytes of one string."""
+MAX_DIMENSIONS = 4
+TOKEN = "GENSIM2_POLICY_TOKEN"
+"""Environment variable that holds the token: every user of a machine can read its command lines."""
+TOKEN_LENGTH = 16
+"""Minimum number of characters of a token."""
+PORT = 8321
+
+_ARRAY = "__array__"
+_INTEGERS = ("uint8", "uint16", "int16", "int32", "int64")
+_FLOATS = ("float32", "float64")
+_TYPES = (*_INTEGERS, *_FLOATS, "bool")
+_URL = re.compile(r"wss?://[^\s/?#@]+(/[^\s@]*)?")
+
+
+class RemoteError(InputError):
+    """A policy server or its client is unreachable, late, refuses, or sends an invalid message."""
+
+
+def msgpack() -> Any:
+    """Import and return the msgpack module.
+
+    Raises:
+        MissingExtraError: msgpack is not installed.
+    """
+    try:
+        import msgpack
+    except ImportError as error:
+        raise MissingExtraError("msgpack", "robot") from error
+    return msgpack
+
+
+def is_url(text: str) -> bool:
+    """Return whether a text is the URL of a policy server."""
+    return _URL.fullmatch(text) is not None
+
+
+# -------------------------------------------------------------------------------------------------------------- bytes
+
+
+def encode(message: Mapping[str, Any]) -> bytes:
+    """Encode a message."""
+    found: bytes = msgpack().packb(dict(message), default=_plain, use_bin_type=True)
+    return found
+
+
+def decode(data: Any, max_bytes: int = MAX_BYTES, sender: str = "The sender") -> dict[str, Any]:
+    """Decode a message.
+
+    Args:
+        data: bytes as they came.
+        max_bytes: largest allowed size.
+        sender: who sent them, for error messages.
+
+    Raises:
+        RemoteError: the data are no message, or exceed a limit on bytes or values.
+    """
+    if not isinstance(data, bytes):
+        raise RemoteError(f"{sender} sent text in place of a binary message")
+    if len(data) > max_bytes:
+        raise RemoteError(f"{sender} sent a message of {len(data)} bytes, the limit is {max_bytes}")
+    library, counter = msgpack(), _Counter()
+    try:
+        found = library.unpackb(
+            data,
+            raw=False,
+            strict_map_key=True,
+            object_pairs_hook=counter.mapping,
+            list_hook=counter.items,
+            max_array_len=MAX_ITEMS,
+            max_map_len=MAX_ITEMS,
+            max_str_len=MAX_TEXT,
+            max_bin_len=max_bytes,
+            max_ext_len=0,
+        )
+    except (ValueError, TypeError, RecursionError, library.UnpackException) as error:
+        raise RemoteError(f"{sender} sent a damaged message: {error or type(error).__name__}") from error
+    if not isinstance(found, dict) or not isinstance(found.get("kind"), str):
+        raise RemoteError(f"{sender} sent a message without a kind")
+    return found
+
+
+class _Counter:
+    """Counts values while a message is decoded: a byte of msgpack can become 70 bytes of Python."""
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    def items(self, values: list[Any]) -> list[Any]:
+        self._add(len(values))
+        return values
+
+    def mapping(self, pairs: list[tuple[str, Any]]) -> Any:
+        self._add(2 * len(pairs))
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            raise ValueError("a map has a key twice")
+        return _array(found[_ARRAY]) if list(found) == [_ARRAY] else found
+
+    def _add(self, count: int) -> None:
+        self._count += count
+        if self._count > MAX_VALUES:
+            raise ValueError(f"more than {MAX_VALUES} values")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return {_ARRAY: [value.dtype.name, list(value.shape), np.ascontiguousarray(value).tobytes()]}
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is no plain value")
+
+
+def _array(value: Any) -> npt.NDArray[Any]:
+    if not isinstance(value, list) or len(value) != 3:
+        raise ValueError("an array must have a type, a shape and bytes")
+    kind, shape, data = value
+    if not isinstance(kind, str) or kind not in _TYPES or not isinstance(shape, list) or not isinstance(data, bytes):
+        raise ValueError("an array must have a type, a shape and bytes")
+    if len(shape) > MAX_DIMENSIONS or not all(type(each) is int and 0 <= each <= MAX_BYTES for each in shape):
+        raise ValueError("the shape of an array is invalid")
+    found: npt.NDArray[Any] = np.frombuffer(data, dtype=kind)
+    return found.reshape(shape)
+
+
+# ------------------------------------------------------------------------------------------------------------- schemas
+
+
+def _shaped(types: tuple[str, ...], *shape: int | None) -> Any:
+    """Return a check that a value is an array.
+
+    Args:
+        types: that its numbers may have.
+        shape: of the array, None for any length. With a shape, the numbers must be finite too.
+    """
+
+    def check(value: Any) -> npt.NDArray[Any]:
+        if not isinstance(value, np.ndarray) or value.dtype.name not in types:
+            raise ValueError(f"must be an array of {' or '.join(types)}")
+        if shape and (
+            value.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, value.shape, strict=True))
+        ):
+            wanted = ", ".join("N" if each is None else str(each) for each in shape)
+            raise ValueError(f"must be an array of shape ({wanted}), got {value.shape}")
+        if shape and value.dtype.kind == "f" and not np.isfinite(value).all():
+            raise ValueError("must be finite, holds NaN or infinity")
+        return value
+
+    return BeforeValidator(check)
+
+
+class WireMessage(BaseModel):
+    """Fields that are checked without conversion; unknown fields are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
+
+
+Text = Annotated[str, Field(max_length=2000)]
+Word = Annotated[str, Field(max_length=200)]
+Number = Annotated[int, Field(ge=0, lt=2**63)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Hello(WireMessage):
+    """First message of a loop. Its token is checked before anything else of it is read."""
+
+    kind: Literal["hello"]
+    protocol: Number
+    token: Word
+    robot: Word | None = None
+
+
+class Welcome(WireMessage):
+    """Answer to a loop that may ask."""
+
+    kind: Literal["welcome"]
+    protocol: Number
+    gensim2: Word
+    controller: Text
+    robot: Word
+    action_size: Annotated[int, Field(ge=1, le=MAX_ITEMS)]
+    observation: dict[str, Any]
+
+
+class Refusal(WireMessage):
+    """Answer to anybody else."""
+
+    kind: Literal["refused"]
+    why: Text
+
+
+class CloudMessage(WireMessage):
+    """Point cloud of an observation."""
+
+    xyz: Annotated[Any, _shaped(_FLOATS, None, 3)]
+    rgb: Annotated[Any, _shaped(("uint8",), None, 3)]
+    segmentation: Annotated[Any, _shaped(_INTEGERS, None)] | None
+
+
+class CameraMessage(WireMessage):
+    """Camera of an observation."""
+
+    name: Word
+    width: Annotated[int, Field(ge=1, le=1 << 14)]
+    height: Annotated[int, Field(ge=1, le=1 << 14)]
+    intrinsic: Annotated[Any, _shaped(_FLOATS, 3, 3)]
+    T_base_camera: Annotated[Any, _shaped(_FLOATS, 4, 4)]
+    far: Finite
+    link: Word | None
+
+
+class ObservationMessage(WireMessage):
+    """Observation of a request."""
+
+    step: Number
+    time: Finite
+    language: Text
+    arrays: dict[Word, Annotated[Any, _shaped(_TYPES)]]
+    cloud: CloudMessage | None
+    cameras: list[CameraMessage]
+
+    def value(self) -> Observation:
+        """Return the observation."""
+        cloud = self.cloud
+        cameras = [
+            Camera(**{name: getattr(each, name) for name in CameraMessage.model_fields}) for each in self.cameras
+        ]
+        return Observation(
+            self.step,
+            self.time,
+            self.language,
+            self.arrays,
+            None if cloud is None else PointCloud(cloud.xyz, cloud.rgb, cloud.segmentation),
+            {camera.name: camera for camera in cameras},
+        )
+
+
+class Reset(WireMessage):
+    """Request to begin an episode."""
+
+    kind: Literal["reset"]
+    number: Number
+    observation: ObservationMessage
+    seed: int
+
+
+class Act(WireMessage):
+    """Request for the next action."""
+
+    kind: Literal["act"]
+    number: Number
+    observation: ObservationMessage
+
+
+class Ready(WireMessage):
+    """Answer to ``reset``."""
+
+    kind: Literal["ready"]
+    number: Number
+    observation: dict[str, Any]
+
+
+class Action(WireMessage):
+    """Answer to ``act``; without an action the controller is done."""
+
+    kind: Literal["action"]
+    number: Number
+    action: Annotated[Any, _shaped(("float32",), None)] | None
+    observation: dict[str, Any]
+
+
+class Failure(WireMessage):
+    """Answer to a request that failed, or that could not be read and so has no number."""
+
+    kind: Literal["error"]
+    number: Number | None
+    why: Text
+
+
+One = TypeVar("One", bound=WireMessage)
+Other = TypeVar("Other", bound=WireMessage)
+
+
+def read_message(message: Mapping[str, Any], one: type[One], other: type[Other], *, sender: str) -> One | Other:
+    """Check a message against the kinds that are allowed at this point of the conversation.
+
+    Args:
+        message: as :func:`decode` returns it.
+        one, other: allowed kinds of messages.
+        sender: who sent it, for error messages.
+
+    Raises:
+        RemoteError: the message is of another kind, or one of its fields is missing, unknown or invalid.
+    """
+    kinds = {get_args(each.model_fields["kind"].annotation)[0]: each for each in (one, other)}
+    kind = message["kind"]
+    if kind not in kinds:
+        raise RemoteError(f"{sender} sent {reprlib.repr(kind)}, expected {' or '.join(kinds)}")
+    try:
+        return kinds[kind].model_validate(message)
+    except ValidationError as error:
+        raise RemoteError(f"{sender} sent an invalid {kind} message: {input_error(error)}") from error
+
+
+def observation_to_message(observation: Observation) -> dict[str, Any]:
+    """Return the plain values and arrays of an observation, as :class:`ObservationMessage` reads them."""
+    cloud = observation.cloud
+    return {
+        "step": observation.step,
+        "time": observation.time,
+        "language": observation.language,
+        "arrays": dict(observation.arrays),
+        "cloud": None if cloud is None else {"xyz": cloud.xyz, "rgb": cloud.rgb, "segmentation": cloud.segmentation},
+        "cameras": [
+            {name: getattr(camera, name) for name in CameraMessage.model_fields}
+            for camera in observation.cameras.values()
+        ],
+    }

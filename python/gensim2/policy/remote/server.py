@@ -1,0 +1,259 @@
+"""``gensim2 policy serve``: a controller behind a websocket.
+
+A sender is a stranger until its first message has the token. Strangers are few at a time, get a few seconds and a few
+kB, and each has a thread of its own; only the one loop that is served reaches the controller.
+"""
+
+from __future__ import annotations
+
+import hmac
+import math
+import reprlib
+import socket
+import struct
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import gensim2
+from gensim2.core.cores import SWITCH_INTERVAL
+from gensim2.core.errors import GenSim2Error, InputError, MissingExtraError, described, one_line, user_code
+from gensim2.policy.remote.protocol import (
+    MAX_BYTES,
+    MAX_HELLO,
+    PORT,
+    TOKEN_LENGTH,
+    VERSION,
+    Act,
+    Hello,
+    RemoteError,
+    Reset,
+    decode,
+    encode,
+    read_message,
+)
+from gensim2.policy.remote.websocket import CHUNK, logger, unfragmented
+from gensim2.robots import robot
+from gensim2.rollout.controller import Controller, is_privileged, spec_of
+from gensim2.rollout.controller_spec import ControllerError, ControllerSpec, close
+
+GREETING = 5.0
+"""Seconds within which a stranger must open the websocket, and as many within which it must send the token."""
+LEAVING = 1.0
+"""Seconds for which a loop waits for the one before it, whose connection is being closed, before it is refused."""
+CLOSING = 0.2
+"""Seconds within which a peer must confirm that its connection is closed; what it sends meanwhile is discarded."""
+MAX_STRANGERS = 4
+"""Connections at a time that have not sent the token; others are closed at once."""
+MAX_CONTROL_FRAMES = 100
+"""Pings, pongs and closing frames of a stranger; one that sends more is dropped."""
+READING = 1.0
+"""Seconds for which a message to a peer that reads nothing is waited for before the connection is closed."""
+
+
+class PolicyServer:
+    """Serves one controller to one loop at a time.
+
+    Args:
+        controller: how it is made; must not be privileged.
+        robot_name: that it drives.
+        token: that whoever asks must know; 16 characters or more.
+        host, port: that it listens at; port 0: any that is free.
+        said: is told of connections, a line each.
+
+    Raises:
+        InputError: the controller is shown the truth of a simulation, or the token is too short.
+        ControllerError: the controller cannot be made with its arguments.
+        MissingExtraError: websockets or msgpack is not installed.
+    """
+
+    def __init__(
+        self,
+        controller: ControllerSpec,
+        robot_name: str,
+        token: str,
+        *,
+        host: str = "127.0.0.1",
+        port: int = PORT,
+        said: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        if len(token) < TOKEN_LENGTH:
+            raise InputError(f"must have {TOKEN_LENGTH} characters at least", field="token")
+        kind = controller.load()
+        if is_privileged(kind):
+            raise InputError("is shown the truth of a simulated world, which does not travel", field=controller.target)
+        try:
+            from websockets.sync.server import ServerConnection, serve
+        except ImportError as error:
+            raise MissingExtraError("websockets", "robot") from error
+        encode({})  # msgpack is there
+        self._spec, self._token, self._said = controller, token, said
+        self._profile = robot(robot_name)
+        self._controller: Controller = controller.make()
+        self._observation = spec_of(self._controller).to_dict()  # now: one that acts may look at less for a while
+        self._is_warm = False
+        self._busy = threading.Lock()
+        self._connections: set[Any] = set()
+        self._strangers = threading.BoundedSemaphore(MAX_STRANGERS)
+        self._peer = threading.local()  # each connection has a thread of its own
+        try:
+            self._server = serve(
+                self._handle,
+                host,
+                port,
+                max_size=MAX_HELLO,
+                compression=None,
+                open_timeout=GREETING,
+                close_timeout=CLOSING,
+                logger=logger(said),
+                create_connection=unfragmented(ServerConnection, MAX_HELLO, MAX_CONTROL_FRAMES),
+            )
+        except OSError as error:
+            raise InputError(f"cannot listen: {error.strerror}", field=f"{host}:{port}") from error
+        self._speak, self._server.handler = self._server.handler, self._admit
+        self.host, self.port = self._server.socket.getsockname()[:2]
+
+    @property
+    def url(self) -> str:
+        """Address that a loop connects to."""
+        return f"ws://{self.host}:{self.port}"
+
+    def serve(self) -> None:
+        """Answer until :meth:`close` is called."""
+        before = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_INTERVAL)  # strangers' threads give up the interpreter soon
+        try:
+            self._server.serve_forever()
+        finally:
+            sys.setswitchinterval(before)
+
+    def close(self) -> None:
+        """Stop listening, and close every connection and the controller.
+
+        Raises:
+            ControllerError: the controller's ``close`` fails.
+        """
+        self._server.shutdown()
+        for connection in list(self._connections):
+            connection.close()
+        close(self._controller)
+
+    def _admit(self, peer: socket.socket, address: Any) -> None:
+        """Go through a connection from its first byte, unless there are too many strangers."""
+        if not self._strangers.acquire(blocking=False):
+            peer.close()
+            return
+        self._peer.address, self._peer.is_known = address, False
+        try:
+            # The library answers pings while it holds the lock that closing the connection needs.
+            seconds, share = divmod(READING, 1.0)
+            peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", int(seconds), int(1e6 * share)))
+            self._speak(peer, address)
+        finally:
+            self._trust()
+
+    def _trust(self) -> None:
+        """Count this thread's connection among the strangers no longer."""
+        if not self._peer.is_known:
+            self._peer.is_known = True
+            self._strangers.release()
+
+    def _handle(self, connection: Any) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        who = str(self._peer.address[0])  # the socket knows it only as long as it is open
+        try:
+            hello = decode(connection.recv(timeout=GREETING), MAX_HELLO, who)
+            refused = self._greet(hello, who)
+            if refused is None:
+                self._trust()
+                if not self._busy.acquire(timeout=LEAVING):
+                    refused = "another loop is being served (a server serves one at a time: evaluate with one worker)"
+            if refused is not None:
+                refused = one_line(refused)
+                self._said(f"{who} refused: {refused}")
+                connection.send(encode({"kind": "refused", "why": refused}))
+                return
+        except (RemoteError, TimeoutError, ConnectionClosed) as error:
+            self._said(f"{who} refused: {one_line(str(error)) or type(error).__name__}")
+            return
+        try:
+            self._said(f"{who} connected")
+            self._connections.add(connection)
+            connection.max_control_frames = math.inf
+            connection.protocol.max_message_size, connection.recv_bufsize = MAX_BYTES, CHUNK
+            connection.send(encode(self._welcome()))
+            for data in connection:
+                connection.send(encode(self._answer(data, who)))
+        except ConnectionClosed as error:
+            self._said(f"{who}: {one_line(str(error))}")
+        finally:
+            self._connections.discard(connection)
+            self._busy.release()
+            self._said(f"{who} gone")
+
+    def _greet(self, message: dict[str, Any], who: str) -> str | None:
+        """Return why a first message is refused; None where it is not. Without the token nothing is told."""
+        token = message.get("token")
+        if message["kind"] != "hello" or not isinstance(token, str):
+            return "no token"
+        if not hmac.compare_digest(token.encode(), self._token.encode()):
+            return "wrong token"
+        spoken = message.get("protocol")
+        if spoken != VERSION:
+            said = reprlib.repr(spoken)
+            return f"speaks version {said} of the protocol, this is {VERSION}: install the same gensim2"
+        try:
+            hello = read_message(message, Hello, Hello, sender=who)
+        except RemoteError as error:
+            return str(error)
+        if hello.robot not in (None, self._profile.name):
+            return f"drives {hello.robot}, this controller is for {self._profile.name}"
+        return None
+
+    def _welcome(self) -> dict[str, Any]:
+        return {
+            "kind": "welcome",
+            "protocol": VERSION,
+            "gensim2": gensim2.__version__,
+            "controller": self._spec.target,
+            "robot": self._profile.name,
+            "action_size": self._profile.action_size,
+            "observation": self._observation,
+        }
+
+    def _answer(self, data: Any, who: str) -> dict[str, Any]:
+        number: int | None = None
+        try:
+            with user_code(lambda error: ControllerError(described(error)), GenSim2Error):
+                request = read_message(decode(data, sender=who), Reset, Act, sender=who)
+                number = request.number
+                observation = request.observation.value()
+                if isinstance(request, Reset):
+                    self._controller.reset(observation, request.seed)
+                    if not self._is_warm:
+                        # A network's first action takes longest: ask for one here, where no deadline counts.
+                        self._controller.act(observation)
+                        self._is_warm = True
+                        self._controller.reset(observation, request.seed)
+                    found: dict[str, Any] = {"kind": "ready"}
+                else:
+                    found = {"kind": "action", "action": self._action(self._controller.act(observation))}
+                return {**found, "number": number, "observation": spec_of(self._controller).to_dict()}
+        except (GenSim2Error, MemoryError) as error:  # its loop is told, and goes on
+            return {"kind": "error", "number": number, "why": one_line(str(error) or type(error).__name__)}
+
+    def _action(self, given: Any) -> npt.NDArray[np.float32] | None:
+        if given is None:
+            return None
+        with np.errstate(over="ignore"):
+            action = np.asarray(given, dtype=np.float32)
+        if action.shape != (self._profile.action_size,):
+            raise RemoteError(f"the controller gave an action of shape {action.shape}")
+        if not np.isfinite(action).all():
+            raise RemoteError("the controller gave an action that holds NaN or infinity")
+        return action

@@ -1,0 +1,69 @@
+"""Limits on websockets that the library itself does not have."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from typing import Any
+
+from gensim2.core.errors import one_line
+
+CHUNK = 1 << 16
+"""Bytes that are read at a time from a known peer."""
+
+
+def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
+    """Return a connection class that drops a peer that sends a message in fragments, or too many control frames.
+
+    Our messages have one frame. The library bounds the bytes of a message but not the number of its fragments, so
+    that a stranger could fill the memory with empty ones. It also answers every ping, which a stranger need not read.
+
+    Args:
+        kind: ``ClientConnection`` or ``ServerConnection`` of ``websockets.sync``.
+        chunk: bytes that are read, and whose frames are parsed, before any of them is looked at.
+        most: pings, pongs and closing frames that the peer may send, which are ``max_control_frames`` of a connection.
+    """
+    from websockets.frames import DATA_OPCODES, Frame
+
+    class Unfragmented(kind):  # type: ignore[misc]
+        recv_bufsize = chunk
+        max_control_frames, control_frames = most, 0
+        dropped = False
+
+        def process_event(self, event: Any) -> None:
+            is_data = isinstance(event, Frame) and event.opcode in DATA_OPCODES
+            if isinstance(event, Frame) and not is_data:
+                self.control_frames += 1
+            if self.control_frames > self.max_control_frames or (is_data and not event.fin):
+                self.dropped = True
+                self.close_socket()
+            elif not self.dropped:  # frames of the same chunk
+                super().process_event(event)
+
+    return Unfragmented
+
+
+class _Lines(logging.Handler):
+    """Turns what the library logs into one line each, without tracebacks."""
+
+    def __init__(self, said: Callable[[str], None]) -> None:
+        super().__init__(logging.ERROR)
+        self._said = said
+
+    def emit(self, record: logging.LogRecord) -> None:
+        error = record.exc_info[1] if record.exc_info else None
+        if isinstance(error, EOFError):  # the library reads on for a moment after it has closed a connection itself
+            return
+        self._said(one_line(record.getMessage() if error is None else f"{record.getMessage()}: {error}"))
+
+
+def logger(said: Callable[[str], None] = lambda line: None) -> logging.Logger:
+    """Return a logger of its own for a connection.
+
+    Args:
+        said: is called with each error, on one line.
+    """
+    found = logging.Logger("websockets", logging.ERROR)
+    found.addHandler(_Lines(said))
+    return found

@@ -1,0 +1,246 @@
+"""Pictures of the arm standing in one pose after another: moved there through the limits, or read from a log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.core.errors import GenSim2Error, InputError
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.seeding import rng
+from gensim2.perception import Camera
+from gensim2_robot.arm import Arm
+from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
+from gensim2_robot.calibration.surfaces import ArmView
+from gensim2_robot.clocks import Clock
+from gensim2_robot.devices import CameraDriver, Frame
+from gensim2_robot.log_messages import ArmMessage, PictureMessage
+from gensim2_robot.log_reader import messages
+
+SPREAD = np.array([0.9, 0.5, 0.6, 0.6, 0.8, 0.8, 1.0])
+"""Rad about the reset pose within which poses are drawn; of an arm with other joints the first or the last of these."""
+LOWEST = 0.25
+"""Metres above the table that the tool keeps: what stands there is unknown."""
+STILL, UNMOVED_SECONDS = 0.02, 0.3
+"""Rad/s below which an arm stands, and for how long before a picture counts."""
+ARRIVED = 0.05
+"""Rad from its pose at which the arm may stand."""
+PATIENCE = 60.0
+"""Seconds within which it must stand there."""
+PICTURES = 5
+"""Of each camera and pose; their median counts."""
+TRIES = 10_000
+MAX_BYTES = 1 << 30
+"""Bytes of the pictures that are read of a log."""
+MAX_POSES = 200
+"""Poses that are read of a log."""
+MAX_STATES = MAX_PICTURES = 1 << 19
+"""States of the arm and times of pictures that are kept of a log: at 100 a second, those of 87 minutes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Station:
+    """Pictures of one pose.
+
+    Attributes:
+        q: (n,) all active joints.
+        frames: by camera.
+    """
+
+    q: Array
+    frames: Mapping[str, tuple[Frame, ...]]
+
+    def view(self, camera: Camera) -> ArmView:
+        """The median of a camera's depth pictures, where more than half of them measure anything."""
+        depths = np.stack([camera.metres(frame.depth) for frame in self.frames[camera.name]]).astype(np.float64)
+        there = 2 * (depths > 0).sum(axis=0) > len(depths)
+        depths[depths == 0] = np.nan
+        found = np.zeros(there.shape, dtype=np.float32)
+        found[there] = np.nanmedian(depths[:, there], axis=0)
+        return ArmView(self.q, found)
+
+
+def draw_poses(limits: ArmLimits, count: int, seed: int) -> list[Array]:
+    """(m,) of the arm, so many, each within the limits with the tool high above the table.
+
+    Raises:
+        InputError: there are hardly any.
+    """
+    draw = rng(seed, "calibration poses")
+    home = np.array(limits.profile.reset_qpos)[list(limits.profile.arm_columns)]
+    spread = np.resize(SPREAD, len(home))
+    low = np.maximum(limits.low, [-np.inf, -np.inf, LOWEST])
+    found: list[Array] = []
+    for _ in range(TRIES):
+        q = home + draw.uniform(-1.0, 1.0, len(home)) * spread
+        tool = limits.tool(q[None])[0]
+        inside = (q > limits.lower).all() and (q < limits.upper).all()
+        if inside and (tool > low).all() and (tool < limits.high).all() and limits.is_clear(q[None]):
+            found.append(q)
+            if len(found) == count:
+                return found
+    raise InputError(f"has {len(found)} poses within its limits, {count} are wanted", field="poses")
+
+
+def take(
+    arm: Arm, cameras: CameraDriver, clock: Clock, poses: Sequence[Array], progress: Progress = NULL_PROGRESS
+) -> list[Station]:
+    """Move the arm to each pose, through the limits, and take pictures there.
+
+    Raises:
+        RefusedError: the arm stands where it may not be, or is pressed on.
+        GenSim2Error: the arm or a camera says nothing, or the arm stands in too few of the poses.
+    """
+    walk = _Walk(arm, cameras, clock)
+    walk.begin()
+    found = []
+    for number, pose in enumerate(poses):
+        if walk.to(pose):
+            found.append(walk.look())
+            progress.message(f"pose {number + 1} of {len(poses)}")
+        else:
+            progress.message(f"pose {number + 1} of {len(poses)} is out of reach: left out")
+    return found
+
+
+class _Walk:
+    """The arm from pose to pose, a command each cycle."""
+
+    def __init__(self, arm: Arm, cameras: CameraDriver, clock: Clock) -> None:
+        self._arm, self._cameras, self._clock = arm, cameras, clock
+        self._next = clock.now() + CYCLE
+        self._names = [camera.name for camera in cameras.cameras]
+
+    def begin(self) -> None:
+        until = self._clock.now() + PATIENCE
+        while self._arm.state() is None:
+            self._tick(until, "the arm says nothing")
+        self._arm.begin(self._where())
+
+    def to(self, pose: Array) -> bool:
+        """Whether the arm stands at the pose in the end."""
+        until, still = self._clock.now() + PATIENCE, 0.0
+        while self._clock.now() < until:
+            frames = self._tick()
+            del frames  # of an arm that moves
+            self._arm.command(pose, 1.0, self._clock.now())
+            sent = self._arm.sent
+            state = self._arm.state()
+            assert sent is not None
+            assert state is not None
+            stands = sent.is_at_rest and np.abs(state.v).max() < STILL
+            still = still + CYCLE if stands else 0.0
+            if still > UNMOVED_SECONDS:
+                return bool(np.abs(self._where() - pose).max() < ARRIVED)
+        return False
+
+    def look(self) -> Station:
+        """Pictures that were taken from now on."""
+        begun, found = self._clock.now(), {name: list[Frame]() for name in self._names}
+        joints = []
+        while min(map(len, found.values())) < PICTURES:
+            for frame in self._tick(begun + PATIENCE, "a camera gives no pictures"):
+                if frame.captured >= begun:
+                    found[frame.camera].append(frame)
+            self._arm.hold(self._clock.now())
+            state = self._arm.state()
+            assert state is not None
+            joints.append(state.q)
+        frames = {name: tuple(each[:PICTURES]) for name, each in found.items()}
+        return Station(np.mean(joints, axis=0), frames)
+
+    def _where(self) -> Array:
+        state = self._arm.state()
+        assert state is not None
+        return self._arm.joints(state.q)
+
+    def _tick(self, until: float = np.inf, trouble: str = "") -> Sequence[Frame]:
+        self._clock.wait(self._next)
+        self._next = self._clock.now() + CYCLE
+        if self._clock.now() > until:
+            raise GenSim2Error(f"{trouble} for {PATIENCE:g} s")
+        self._arm.poll()
+        return self._cameras.poll()
+
+
+def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
+    """Poses in which the arm of a log stood while every camera took a picture, so many of each at most.
+
+    The log is read twice, first for the times and then for the pictures, so that only these are in memory.
+
+    Raises:
+        InputError: there is no log, it is damaged, the arm stood nowhere, or in more poses than fit into memory.
+    """
+    times, joints, speeds, taken = [], [], [], list[_Taken]()
+    for _, message in messages(folder):
+        if isinstance(message, ArmMessage):
+            times.append(message.time)
+            joints.append(message.q)
+            speeds.append(float(np.abs(message.v).max()))
+        elif isinstance(message, PictureMessage):
+            size = message.depth.nbytes + message.colors.nbytes
+            taken.append(_Taken(len(taken), message.camera, message.captured, size))
+        for count, most, what in (
+            (len(times), MAX_STATES, "states of the arm"),
+            (len(taken), MAX_PICTURES, "pictures"),
+        ):
+            if count > most:
+                raise InputError(f"holds over {most} {what}", file=folder, remedy="make a shorter log")
+    if len({len(q) for q in joints}) > 1:
+        raise InputError("the arm has other numbers of joints", file=folder, field="/arm")
+    names, wanted = {each.camera for each in taken}, set[int]()
+    found: list[tuple[Array, dict[str, list[_Taken]]]] = []
+    size = 0
+    for q, shown in _stood(np.array(times), joints, np.array(speeds), taken):
+        if set(shown) == names and all(np.abs(q - each).max() > ARRIVED for each, _ in found):
+            kept = {name: each[:pictures] for name, each in shown.items()}
+            found.append((q, kept))
+            wanted |= {each.index for some in kept.values() for each in some}
+            size += sum(each.size for some in kept.values() for each in some)
+            if size > MAX_BYTES or len(found) > MAX_POSES:
+                said = f"the arm stands in {len(found)} poses or more, {size >> 20} MiB of pictures"
+                raise InputError(f"{said}: too many", file=folder, remedy="make a shorter log")
+    if not found:
+        raise InputError("the arm stands nowhere while all cameras look", file=folder)
+    pictures_only = (message for _, message in messages(folder) if isinstance(message, PictureMessage))
+    frames = {number: message.frame() for number, message in enumerate(pictures_only) if number in wanted}
+    return [
+        Station(q, {name: tuple(frames[each.index] for each in some) for name, some in shown.items()})
+        for q, shown in found
+    ]
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """A picture of a log that is not in memory: its place among the pictures, and its bytes."""
+
+    index: int
+    camera: str
+    captured: float
+    size: int
+
+
+def _stood(
+    times: npt.NDArray[np.float64], joints: list[Array], speeds: npt.NDArray[np.float64], taken: list[_Taken]
+) -> list[tuple[Array, dict[str, list[_Taken]]]]:
+    """Joints and pictures of each stretch of time in which the arm stood."""
+    order = np.argsort(times, kind="stable")
+    times = times[order]
+    moved = np.concatenate([[0], np.cumsum(~(speeds[order] <= STILL))])  # states, in time, that move or say no number
+    found: list[tuple[Array, dict[str, list[_Taken]]]] = []
+    open_until = -np.inf
+    for picture in sorted(taken, key=lambda each: each.captured):
+        first = int(np.searchsorted(times, picture.captured - UNMOVED_SECONDS, "left"))
+        end = int(np.searchsorted(times, picture.captured + UNMOVED_SECONDS, "right"))
+        if end - first < 2 or moved[end] > moved[first]:
+            open_until = -np.inf
+            continue
+        if picture.captured > open_until:
+            found.append((joints[order[first + (end - first) // 2]], {}))
+        open_until = picture.captured + 1.0
+        found[-1][1].setdefault(picture.camera, []).append(picture)
+    return found

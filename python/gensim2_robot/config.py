@@ -1,0 +1,204 @@
+"""Configuration of a line, spelled once for everything that drives one: runs, trials, pages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal, cast
+
+from gensim2.core.errors import InputError
+from gensim2.perception import DepthNoise
+from gensim2.policy.remote.client import DEADLINE
+from gensim2.rollout.controller_spec import ControllerSpec
+from gensim2.scenes.config import SceneArguments, split_arguments
+from gensim2_robot.arm_limits import FORCE, JUMP, MARGIN, SPEED
+from gensim2_robot.calibration.file import DAYS
+from gensim2_robot.watch import WatchRules
+
+SIMULATED = "simulated"
+SOFTWARE = "software"
+ARMS = ("franka", "panda", "ur", "xarm")
+"""Arms that there is a driver for; ``panda``: Franka's by the other library."""
+
+MAX_RATE = 1000.0
+"""Pictures a second of a camera: more than any gives."""
+MAX_PIXELS = 8192
+"""Width and height of a picture: more than any camera gives."""
+
+CameraKind = Literal["simulated", "software", "recording", "realsense"]
+
+
+@dataclass(frozen=True)
+class CameraSource:
+    """Source of the pictures.
+
+    Attributes:
+        kind: ``simulated``: rays; ``software``: rays that go through software devices of ``pyrealsense2``;
+            ``recording``: files of devices, or logs of the line; ``realsense``: devices.
+        devices: file, folder of a log or serial number of each camera, by name; empty where pictures are rendered.
+    """
+
+    kind: CameraKind
+    devices: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_rendered(self) -> bool:
+        """Whether pictures follow the simulated world."""
+        return self.kind in (SIMULATED, SOFTWARE)
+
+    @classmethod
+    def parse(cls, word: str) -> CameraSource:
+        """Read ``simulated``, ``software``, ``recording:NAME=DIR|FILE,...`` or ``realsense:NAME=SERIAL,...``.
+
+        Raises:
+            InputError: it is not written so.
+        """
+        if word in (SIMULATED, SOFTWARE):
+            return cls(cast(CameraKind, word))
+        kind, _, rest = word.partition(":")
+        pairs = [each.partition("=") for each in rest.split(",")]
+        if kind not in ("recording", "realsense") or not all(name and device for name, _, device in pairs):
+            remedy = f"{SIMULATED}, {SOFTWARE}, recording:NAME=DIR|FILE,... or realsense:NAME=SERIAL,..."
+            raise InputError(f"no cameras {word!r}", field="--cameras", remedy=remedy)
+        found = {name: device for name, _, device in pairs}
+        if len(found) < len(pairs):
+            raise InputError(f"{word!r} names a camera twice", field="--cameras")
+        return cls(cast(CameraKind, kind), found)
+
+
+@dataclass(frozen=True)
+class Delays:
+    """Delays of simulated devices by a simulated clock: ranges in seconds, drawn each episode.
+
+    Attributes:
+        camera: from a picture to its arrival.
+        controller: from a question to its answer.
+    """
+
+    camera: tuple[float, float] = (0.03, 0.03)
+    controller: tuple[float, float] = (0.05, 0.05)
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in vars(self).items():
+            if not 0.0 <= low <= high < 10.0:
+                raise InputError(f"must be a range of seconds from 0 to 10, is {(low, high)}", field=f"delays.{name}")
+
+
+class LineArguments(SceneArguments, total=False):
+    """Inputs of a line by keyword: those of scenes, and the attributes of :class:`LineConfig`."""
+
+    arm: str
+    cameras: str
+    policy: Path | str | ControllerSpec | None
+    deadline: float
+    speed: float
+    margin: float
+    force: float
+    jump: float
+    pixels: tuple[int, int]
+    rate: float
+    noise: DepthNoise | str | Path
+    delays: Delays
+    calibration: Path | None
+    calibration_days: float
+    seed: int
+    dry: bool
+    simulated_clock: bool
+    rules: WatchRules | None
+
+
+@dataclass(frozen=True)
+class LineConfig:
+    """Everything that a line follows from beside its task and scenes.
+
+    Attributes:
+        arm: ``simulated``, or ``franka:HOST``, ``panda:HOST``, ``ur:HOST``, ``xarm:HOST``.
+        cameras: see :meth:`CameraSource.parse`. Recordings do not follow an arm: they go with a dry run of a
+            simulated one.
+        policy: a checkpoint, the URL of a server (``ws://host:port``), or a controller; None: the plan's chain, which
+            is shown the true scene.
+        deadline: seconds within which an action must come from a server.
+        speed: share of the arm's speed; control steps are stretched by as much.
+        margin: rad that joints keep from the ends of their range.
+        force: that may press on the arm, N.
+        jump: rad by which the first action of an episode may lie off where the arm stands.
+        pixels: width and height of the cameras' pictures.
+        rate: of the cameras, pictures a second.
+        noise: of simulated cameras: itself, its name, or a file that was fitted.
+        delays: of simulated devices by a simulated clock.
+        calibration: file that says where the cameras are; None: they are where the simulation has them.
+        calibration_days: of its age from which on it is refused.
+        seed: of the scenes and of all noise.
+        dry: nothing is sent to the arm.
+        simulated_clock: everything in this process, by a clock that waits for it.
+        rules: of the watch; None: the usual ones.
+
+    Raises:
+        InputError: an argument cannot be so.
+    """
+
+    arm: str = SIMULATED
+    cameras: str = SIMULATED
+    policy: Path | str | ControllerSpec | None = None
+    deadline: float = DEADLINE
+    speed: float = SPEED
+    margin: float = MARGIN
+    force: float = FORCE
+    jump: float = JUMP
+    pixels: tuple[int, int] = (320, 240)
+    rate: float = 10.0
+    noise: DepthNoise | str | Path = "d435"
+    delays: Delays = Delays()
+    calibration: Path | None = None
+    calibration_days: float = DAYS
+    seed: int = 0
+    dry: bool = False
+    simulated_clock: bool = False
+    rules: WatchRules | None = None
+
+    def __post_init__(self) -> None:
+        kind, _, host = self.arm.partition(":")
+        if self.arm != SIMULATED and (kind not in ARMS or not host):
+            known = ", ".join(f"{each}:HOST" for each in ARMS)
+            raise InputError(f"no arm {self.arm!r}", field="--arm", remedy=f"{SIMULATED}, {known}")
+        kind = self.source.kind
+        if (self.arm == SIMULATED) != (kind != "realsense"):
+            said = f"--arm {self.arm} with --cameras {self.cameras}: both are real, or both are simulated"
+            raise InputError(said, field="--cameras", remedy="as --arm franka:HOST --cameras realsense:left=SERIAL")
+        if kind == "recording" and not self.dry:
+            raise InputError("recordings do not follow the arm", field="--cameras", remedy="gensim2 robot dry-run")
+        if kind != SIMULATED and self.simulated_clock:
+            raise InputError("devices go by the machine's clock", field="simulated_clock")
+        if not 0.0 < self.rate <= MAX_RATE:
+            raise InputError(f"must lie between 0 and {MAX_RATE:g} pictures a second, is {self.rate}", field="rate")
+        if len(self.pixels) != 2 or not all(1 <= count <= MAX_PIXELS for count in self.pixels):
+            raise InputError(f"must be width and height, 1 to {MAX_PIXELS}, not {self.pixels}", field="pixels")
+        if self.delays != Delays() and not self.simulated_clock:
+            raise InputError("are of a simulated clock", field="delays", remedy="simulated_clock=True")
+        if not self.is_simulated and self.policy is None:
+            raise InputError("is shown the true scene, which there is in a simulation only", field="--plan")
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether the arm is simulated."""
+        return self.arm == SIMULATED
+
+    @property
+    def source(self) -> CameraSource:
+        """Source of the pictures."""
+        return CameraSource.parse(self.cameras)
+
+    @classmethod
+    def split(cls, given: Mapping[str, Any]) -> tuple[LineConfig, SceneArguments]:
+        """The configuration of a line, and the arguments of its scenes, from the keywords of both.
+
+        Raises:
+            InputError: an argument cannot be so.
+            TypeError: there is no such keyword.
+        """
+        scene, others = split_arguments(given)
+        unknown = set(others) - {each.name for each in fields(cls)}
+        if unknown:
+            raise TypeError(f"unexpected keywords: {', '.join(sorted(unknown))}")
+        return cls(**cast(Any, others)), scene

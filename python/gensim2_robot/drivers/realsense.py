@@ -1,0 +1,262 @@
+"""RealSense cameras, and recordings of them, by ``pyrealsense2`` (extra ``realsense``). Never tried on a camera.
+
+Devices are opened sensor by sensor into the library's syncer, so that one way serves cameras, recordings, and the
+library's software devices (:mod:`gensim2_robot.drivers.software_realsense`), by which it is tried.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.perception import Camera
+from gensim2_robot.devices import Frame
+from gensim2_robot.drivers.streamed import DriverError
+
+MILLIMETRE = 1e-3
+QUEUE = 4
+"""Pairs of pictures that wait in the library at most; the oldest are dropped."""
+OF_A_BAG = "pyrealsense2.context().convert_bag_to_db3(BAG, DB3) makes a .db3 of a .bag that is whole"
+"""Remedy where the library, which plays the old format but calls it deprecated, does not play a file of it."""
+
+
+def library() -> Any:
+    """Import ``pyrealsense2``.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        import pyrealsense2
+    except ImportError as error:
+        raise MissingExtraError("pyrealsense2", "realsense") from error
+    return pyrealsense2
+
+
+def connected(serials: Mapping[str, str]) -> dict[str, Any]:
+    """Devices that are plugged in, by camera.
+
+    Args:
+        serials: number of the device of each camera, by name.
+
+    Raises:
+        DriverError: one is not there.
+        MissingExtraError: ``pyrealsense2`` is not installed.
+    """
+    rs = library()
+    there = {device.get_info(rs.camera_info.serial_number): device for device in rs.context().query_devices()}
+    for name, serial in serials.items():
+        if serial not in there:
+            known = ", ".join(sorted(there)) or "none"
+            raise DriverError(f"camera {name}: no device {serial} is plugged in; there are: {known}")
+    return {name: there[serial] for name, serial in serials.items()}
+
+
+def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
+    """Recordings (``.db3``, or ``.bag`` of an older library) as devices, by camera.
+
+    Args:
+        files: of each camera, one camera a file.
+
+    Raises:
+        InputError: a file is none, or none that the library can read.
+        MissingExtraError: ``pyrealsense2`` is not installed.
+    """
+    context = library().context()
+    found = {}
+    for name, file in files.items():
+        if not file.is_file():
+            raise InputError("there is no such recording", file=file, field=f"cameras.{name}")
+        try:
+            found[name] = context.load_device(str(file))
+        except RuntimeError as error:
+            said = f"is no recording of a RealSense: {error}"
+            remedy = OF_A_BAG if file.suffix == ".bag" else None
+            raise InputError(said, file=file, field=f"cameras.{name}", remedy=remedy) from error
+    return found
+
+
+class RealSenseCameras:
+    """Devices that are asked for pictures; colours are brought onto the depth picture.
+
+    Recordings are played at the rate at which they were made, begin again when they are over, and their pictures count
+    as taken when they come.
+
+    Args:
+        cameras: that there are: names, pixels and poses; intrinsics are asked of the devices.
+        devices: of each, by name (:func:`connected`, :func:`recorded`).
+        rate: pictures a second; None: the most that a device gives of depth and colours alike.
+
+    Attributes:
+        cameras: with the intrinsics of the devices; our pixel centres lie at .5, the library's at 0.
+        serials: numbers of the devices, as they say themselves, by camera.
+
+    Raises:
+        MissingExtraError: ``pyrealsense2`` is not installed.
+        InputError: a camera has no device.
+        DriverError: a device does not give such pictures, or its depth is distorted.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], devices: Mapping[str, Any], rate: int | None = None) -> None:
+        rs = library()
+        self.serials: dict[str, str] = {}
+        self._films: list[_Film] = []
+        found = []
+        with contextlib.ExitStack() as failed:
+            for camera in cameras:
+                if camera.name not in devices:
+                    raise InputError("has no device", field=camera.name)
+                film = _Film(rs, camera, devices[camera.name], rate)
+                failed.callback(film.close)
+                self._films.append(film)
+                self.serials[camera.name] = film.serial
+                found.append(film.camera)
+            failed.pop_all()
+        self.cameras = tuple(found)
+
+    def poll(self) -> Sequence[Frame]:
+        """Pictures that came since the last call, oldest first.
+
+        Raises:
+            DriverError: a device's clock is not the machine's.
+        """
+        return sorted((frame for film in self._films for frame in film.poll()), key=lambda frame: frame.captured)
+
+    def close(self) -> None:
+        """Leave the devices."""
+        for film in self._films:
+            film.close()
+
+
+class _Film:
+    """Depth and colours of one device that belong together."""
+
+    def __init__(self, rs: Any, camera: Camera, device: Any, rate: int | None) -> None:
+        self._rs, self._device = rs, device
+        self._playback: Any = device.as_playback() if device.is_playback() else None
+        self.serial: str = device.get_info(rs.camera_info.serial_number)
+        unit = rs.option.depth_units  # a recorder's sensors have it, and are no depth sensors to the library
+        units = [sensor.get_option(unit) for sensor in device.query_sensors() if sensor.supports(unit)]
+        if not units or abs(units[0] - MILLIMETRE) > 1e-6:
+            raise DriverError(f"camera {camera.name}: depth comes in units of {units} m, must be {MILLIMETRE}")
+        self._wanted = (camera.width, camera.height, rate)
+        seen = self._choose(camera.name)[rs.stream.depth].get_intrinsics()
+        if any(seen.coeffs):
+            raise DriverError(f"camera {camera.name}: its depth is distorted: {list(seen.coeffs)}")
+        intrinsic = np.array([[seen.fx, 0.0, seen.ppx + 0.5], [0.0, seen.fy, seen.ppy + 0.5], [0.0, 0.0, 1.0]])
+        self.camera = replace(camera, width=seen.width, height=seen.height, intrinsic=intrinsic)
+        self._align = rs.align(rs.stream.depth)
+        self._count = 0
+        self._start()
+
+    def poll(self) -> list[Frame]:
+        """Pictures that came; colours on the depth picture."""
+        found = []
+        pair = self._syncer.poll_for_frames()
+        while pair:
+            depth = pair.get_depth_frame()
+            if depth and pair.get_color_frame():
+                found.append(self._frame(depth, self._align.process(pair)))
+            pair = self._syncer.poll_for_frames()
+        if self._playback and self._offset is not None and self._is_over():
+            self._stop()
+            self._start()
+        return found
+
+    def close(self) -> None:
+        """Leave the device."""
+        self._stop()
+
+    def _choose(self, name: str) -> dict[Any, Any]:
+        """Depth and colours in the asked size and rate; a recording gives what it has."""
+        rs = self._rs
+        kinds = {rs.stream.depth: rs.format.z16, rs.stream.color: rs.format.rgb8}
+        self._sensors: list[tuple[Any, list[Any]]] = []
+        found: dict[Any, Any] = {}
+        sizes = set()
+        wanted = self._wanted if self._wanted[2] is not None else (*self._wanted[:2], self._highest_rate(kinds))
+        for sensor in self._device.query_sensors():
+            opened = []
+            for profile, kind, video in _streams(sensor, kinds):
+                if kind in found:
+                    continue
+                has = (video.width(), video.height(), profile.fps())
+                sizes.add(has)
+                if self._playback or has == wanted:
+                    found[kind] = video
+                    opened.append(profile)
+            if opened:
+                if not self._playback and sensor.supports(rs.option.global_time_enabled):
+                    sensor.set_option(rs.option.global_time_enabled, 1)
+                self._sensors.append((sensor, opened))
+        if len(found) < len(kinds):
+            width, height, rate = self._wanted
+            known = ", ".join(f"{one}x{other} at {each} Hz" for one, other, each in sorted(sizes)) or "none"
+            at = "one rate" if rate is None else f"{rate} Hz"
+            said = f"no depth and colours of {width}x{height} at {at}; it has: {known}"
+            raise DriverError(f"camera {name}, {self.serial}: {said}")
+        return found
+
+    def _highest_rate(self, kinds: Mapping[Any, Any]) -> int | None:
+        """The highest rate (Hz) at which the device gives every kind in the asked size; None: there is none."""
+        rates: dict[Any, set[int]] = {kind: set() for kind in kinds}
+        for sensor in self._device.query_sensors():
+            for profile, kind, video in _streams(sensor, kinds):
+                if (video.width(), video.height()) == self._wanted[:2]:
+                    rates[kind].add(profile.fps())
+        return max(set.intersection(*rates.values()), default=None)
+
+    def _start(self) -> None:
+        self._syncer = self._rs.syncer(QUEUE)
+        # The library's clock is the system's, where its devices' global time is on; ours is the monotonic one. Of a
+        # recording the offset is that of the picture that came soonest: a busy machine gives the first ones late.
+        self._offset: float | None = None if self._playback else time.monotonic() - time.time()
+        with contextlib.ExitStack() as failed:
+            for sensor, profiles in self._sensors:
+                sensor.open(profiles)
+                failed.callback(sensor.close)
+                sensor.start(self._syncer)
+                failed.callback(sensor.stop)
+            failed.pop_all()
+
+    def _stop(self) -> None:
+        for sensor, _ in self._sensors:
+            sensor.stop()
+            sensor.close()
+
+    def _is_over(self) -> bool:
+        return bool(self._playback.current_status() == self._rs.playback_status.stopped)
+
+    def _frame(self, depth: Any, aligned: Any) -> Frame:
+        taken = MILLIMETRE * float(depth.get_timestamp())
+        if self._playback:
+            now = time.monotonic() - taken
+            self._offset = now if self._offset is None else min(self._offset, now)
+        assert self._offset is not None, "that of a device is known from the start"
+        if not self._playback and depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
+            said = "its times are its own clock's; switch its global time on"
+            raise DriverError(f"camera {self.camera.name}, {self.serial}: {said}")
+        self._count += 1
+        return Frame(
+            self.camera.name,
+            self._count - 1 if self._playback else int(depth.get_frame_number()),
+            taken + self._offset,
+            np.array(depth.get_data(), dtype=np.uint16),
+            np.array(aligned.get_color_frame().get_data(), dtype=np.uint8),
+            self.serial,
+        )
+
+
+def _streams(sensor: Any, kinds: Mapping[Any, Any]) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield the profiles of a sensor's streams of these kinds and formats, with kind and video profile."""
+    for profile in sensor.get_stream_profiles():
+        kind = profile.stream_type()
+        if profile.format() == kinds.get(kind):
+            yield profile, kind, profile.as_video_stream_profile()

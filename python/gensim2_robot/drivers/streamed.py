@@ -1,0 +1,259 @@
+"""Streamed joint positions, common to all arms that take them: two threads, so that nothing waits for a wire."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.core.errors import GenSim2Error
+from gensim2.robots import OPEN, RobotProfile
+from gensim2_robot.arm_limits import CYCLE, Array
+from gensim2_robot.clocks import LOOP_PRIORITY, schedule_first
+from gensim2_robot.devices import ArmMode, ArmState
+
+KEPT = 1000
+"""States that wait to be polled at most."""
+SILENT = 0.15
+"""Seconds without a target after which an arm is stopped, and refuses what comes then: the loop sends one each 10 ms,
+and makes up for a tenth of a second."""
+LEAST, MOST = 1.0, 3.0
+"""Cycles that the arm is behind the stream: with less left to go it slows down, with more it goes ``FASTER``."""
+FASTER = 1.1
+"""Of the stream's pace, where the arm is too far behind: after targets that were late and came all at once."""
+HALTING = 2.0
+"""Seconds for which the loop waits for an arm's library to stop the arm, or to leave it."""
+TOO_MANY = 30
+"""Targets that wait at most: more than the loop makes up for."""
+
+
+class DriverError(GenSim2Error):
+    """An arm cannot be connected to, or refuses."""
+
+
+class StreamedArm(ABC):
+    """An arm that takes joint positions at a rate of its own.
+
+    Targets come 100 a second and are gone through in straight lines, a cycle each, one to three cycles behind: what
+    comes a little late, or all at once after a pause, makes the arm neither halt nor hurry. Where no successor comes,
+    it slows down towards the last target and is never sent beyond; soon after it is stopped. The gripper has a thread
+    of its own, for it may take its time, and is told of the first command and of changes.
+
+    Args:
+        profile: of the robot.
+        rate: commands a second that the arm takes.
+    """
+
+    def __init__(self, profile: RobotProfile, rate: float) -> None:
+        self.profile, self._period = profile, 1.0 / rate
+        self._states: deque[ArmState] = deque(maxlen=KEPT)
+        self._lock, self._wire = threading.Lock(), threading.Lock()
+        self._goals: deque[Array] = deque()
+        self._passed: Array | None = None
+        self._share = self._told = self._played = 0.0
+        self._stood: Array | None = None
+        self._gripper = OPEN
+        self._told_grip: float | None = None  # of what it holds at the start nobody knows
+        self._grips: queue.SimpleQueue[float | None] = queue.SimpleQueue()
+        self._standing, self._over = True, False
+        self._trouble: str | None = None
+        self._last: ArmState | None = None
+        self._threads: list[threading.Thread] = []
+
+    def start(self) -> None:
+        """Begin to read states and to take targets."""
+        for target in (self._run, self._run_gripper):
+            self._threads.append(threading.Thread(target=target, name=type(self).__name__, daemon=True))
+            self._threads[-1].start()
+
+    # --------------------------------------------------------------- the protocol
+
+    def poll(self) -> Sequence[ArmState]:
+        """States that came since the last call, oldest first."""
+        found = []
+        while self._states:
+            found.append(self._states.popleft())
+        return found
+
+    def send(self, q: Array, gripper: float, t: float) -> None:
+        """Targets for the time t (s): (m,) of the arm's joints, and the gripper from -1 to 1."""
+        if self._trouble is not None:
+            return  # its states say so
+        with self._lock:
+            self._told, target = time.monotonic(), np.array(q, dtype=np.float64)
+            if self._passed is None:
+                self._passed = target if self._stood is None else self._stood
+                self._share, self._played = 0.0, self._told + CYCLE  # there is always one more to go to
+            self._goals.append(target)
+            self._standing = False
+        if gripper != self._told_grip:
+            self._gripper = self._told_grip = float(gripper)
+            self._grips.put(self._gripper)
+
+    def stand(self) -> None:
+        """Stop at once by the arm's own means."""
+        with self._lock:
+            self._standing, self._passed = True, None
+            self._goals.clear()
+        self._within(HALTING, self._halt_wire)
+
+    def _halt_wire(self) -> None:
+        with self._wire:  # behind a target that is being written; what comes after is not
+            self._halt()
+
+    def _within(self, seconds: float, what: Callable[[], None]) -> None:
+        """Call the maker's library in a thread of its own: the loop waits for a library that hangs no longer."""
+        thread = threading.Thread(target=self._attempt, args=(what,), daemon=True)
+        thread.start()
+        thread.join(timeout=seconds)
+        if thread.is_alive():
+            self._trouble = f"the arm's library did not answer within {seconds:g} s"
+
+    def close(self) -> None:
+        """Stop, and leave the arm."""
+        self.stand()
+        self._over = True
+        self._grips.put(None)
+        for thread in self._threads:
+            thread.join(timeout=2.0)
+        self._within(HALTING, self._disconnect)
+
+    # --------------------------------------------------------------- of each arm
+
+    @abstractmethod
+    def _read(self) -> tuple[Array, Array, float, ArmMode]:
+        """(m,) joints and velocities of the arm, N that press on it from outside, and what it says of itself."""
+
+    @abstractmethod
+    def _write(self, q: Array, v: Array) -> None:
+        """Send (m,) joints, and their velocities.
+
+        Raises:
+            DriverError: the arm does not take them.
+        """
+
+    @abstractmethod
+    def _halt(self) -> None:
+        """Stop by the arm's own means."""
+
+    @abstractmethod
+    def _grip(self, command: float) -> None:
+        """Move the gripper, -1 to 1; may wait for it."""
+
+    @abstractmethod
+    def _disconnect(self) -> None:
+        """Leave the arm."""
+
+    # ------------------------------------------------------------------- threads
+
+    def _run(self) -> None:
+        schedule_first(LOOP_PRIORITY)
+        due = time.monotonic()
+        while not self._over:
+            self._cycle()
+            due = max(due + self._period, time.monotonic())
+            time.sleep(max(0.0, due - time.monotonic()))
+
+    def _cycle(self) -> None:
+        found = self._attempt(self._read)
+        now = time.monotonic()
+        if found is not None:
+            arm, speed, force, mode = found
+            self._stood = arm
+            q, v = np.empty(len(self.profile.reset_qpos)), np.zeros(len(self.profile.reset_qpos))
+            columns = list(self.profile.arm_columns)
+            q[columns], v[columns] = arm, speed
+            q[list(self.profile.gripper_columns)] = self.profile.gripper.at_command(self._gripper)
+            refuses = self._trouble is not None
+            self._last = ArmState(now, q, v, force, "refusing" if refuses else mode, self._trouble or "")
+            self._states.append(self._last)
+        elif self._last is not None:  # the connection is lost: the last place, at its time, and why there is no other
+            self._states.append(replace(self._last, mode="refusing", reason=self._trouble or ""))
+        with self._lock:
+            if self._standing or self._passed is None:
+                return
+            trouble = None
+            if now - self._told > SILENT:
+                trouble = f"no target for {1e3 * SILENT:.0f} ms"
+            elif len(self._goals) > TOO_MANY:
+                trouble = f"more than {1 / CYCLE:.0f} targets a second"
+            goal, speed = self._play(now)
+        if trouble is None:
+            with self._wire:
+                if not self._standing:
+                    self._attempt(lambda: self._write(goal, speed))
+        else:
+            self.stand()
+            self._trouble = trouble
+
+    def _play(self, now: float) -> tuple[Array, Array]:
+        """Go on along the targets; returns (m,) rad and rad/s."""
+        assert self._passed is not None
+        if now < self._played:
+            return self._passed, np.zeros_like(self._passed)
+        self._share += _gone(len(self._goals) - self._share, (now - self._played) / CYCLE)
+        self._played = now
+        while self._goals and self._share >= 1.0:
+            self._passed = self._goals.popleft()
+            self._share -= 1.0
+        if not self._goals:
+            self._share = 0.0
+            return self._passed, np.zeros_like(self._passed)
+        way = self._goals[0] - self._passed
+        return self._passed + self._share * way, _pace(len(self._goals) - self._share) * way / CYCLE
+
+    def _run_gripper(self) -> None:
+        while True:
+            command = self._grips.get()
+            while not self._grips.empty():  # what has changed again need not be done
+                command = self._grips.get()
+            if command is None or self._over:
+                return
+            wanted = command
+            self._attempt(lambda wanted=wanted: self._grip(wanted))
+
+    def _attempt(self, what: Any) -> Any:
+        """The result of a call to the maker's library; None where it failed: the arm says so with its next state."""
+        try:
+            return what()
+        except Exception as error:  # noqa: BLE001 - libraries raise what they like; the watch stops by the state
+            self._trouble = f"{type(error).__name__}: {error}"
+            return None
+
+    @property
+    def trouble(self) -> str | None:
+        """The last error of the arm's library; None: nothing went wrong."""
+        return self._trouble
+
+
+def _pace(left: float) -> float:
+    """Cycles of the stream that are gone through in a cycle, with so many left to go."""
+    return FASTER if left > MOST else min(1.0, left / LEAST)
+
+
+def _gone(left: float, cycles: float) -> float:
+    """Cycles of the stream that are gone through in so many cycles, with so many left to go: fewer than are left."""
+    pace = max(1.0, _pace(left))
+    straight = min(pace * cycles, max(0.0, left - LEAST))
+    rest = cycles - straight / pace
+    return straight + min(left, LEAST) * (1.0 - float(np.exp(-rest / LEAST)))
+
+
+def finite(values: Any, size: int, what: str) -> npt.NDArray[np.float64]:
+    """(size,) numbers of a library.
+
+    Raises:
+        DriverError: they are none, or not as many.
+    """
+    found = np.asarray(values, dtype=np.float64).reshape(-1)[:size]
+    if found.shape != (size,) or not np.isfinite(found).all():
+        raise DriverError(f"the arm says {what} in no numbers")
+    return found

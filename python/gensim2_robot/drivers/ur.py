@@ -1,0 +1,77 @@
+"""Arms of Universal Robots, by ``ur_rtde`` (extra ``ur``). Never tried on an arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gensim2.core.errors import MissingExtraError
+from gensim2.robots import RobotProfile
+from gensim2_robot.arm_limits import Array
+from gensim2_robot.devices import ArmMode
+from gensim2_robot.drivers.streamed import DriverError, StreamedArm, finite
+
+RATE = 500.0
+"""Of an e-Series; a CB3 takes 125."""
+LOOKAHEAD, GAIN = 0.05, 500.0
+"""Seconds and N m/rad-like units of ``servoJ``: smoothing, and how hard a target is gone to."""
+DECELERATION = 4.0
+"""m/s^2 of ``servoStop``."""
+
+
+class URArm(StreamedArm):
+    """A UR arm in remote control.
+
+    Args:
+        host: its address.
+        profile: of the robot.
+        grip: moves its gripper, -1 to 1; None: there is none. RTDE knows none, they are a maker's own.
+        rate: 500 of an e-Series, 125 of a CB3.
+
+    Raises:
+        MissingExtraError: ``ur_rtde`` is not installed.
+        DriverError: the arm cannot be connected to.
+    """
+
+    def __init__(
+        self, host: str, profile: RobotProfile, grip: Callable[[float], None] | None = None, rate: float = RATE
+    ) -> None:
+        try:
+            import rtde_control
+            import rtde_receive
+        except ImportError as error:
+            raise MissingExtraError("ur_rtde", "ur") from error
+        super().__init__(profile, rate)
+        self._move_gripper = grip
+        try:
+            self._receive: Any = rtde_receive.RTDEReceiveInterface(host, rate)
+            self._control: Any = rtde_control.RTDEControlInterface(host, rate)
+        except RuntimeError as error:
+            raise DriverError(f"{host}: {error}") from error
+        self.start()
+
+    def _read(self) -> tuple[Array, Array, float, ArmMode]:
+        size = len(self.profile.arm_joints)
+        q = finite(self._receive.getActualQ(), size, "where it stands")
+        v = finite(self._receive.getActualQd(), size, "how it moves")
+        force = float(np.linalg.norm(finite(self._receive.getActualTCPForce(), 3, "what presses on it")))
+        stopped = self._receive.isProtectiveStopped() or self._receive.isEmergencyStopped()
+        return q, v, force, "reflex" if stopped else "ready"
+
+    def _write(self, q: Array, v: Array) -> None:
+        if not self._control.servoJ(q.tolist(), 0.0, 0.0, self._period, LOOKAHEAD, GAIN):
+            raise DriverError("servoJ was not taken: is the arm in remote control, its program running?")
+
+    def _halt(self) -> None:
+        self._control.servoStop(DECELERATION)
+
+    def _grip(self, command: float) -> None:
+        if self._move_gripper is not None:
+            self._move_gripper(command)
+
+    def _disconnect(self) -> None:
+        self._control.stopScript()
+        self._control.disconnect()
+        self._receive.disconnect()

@@ -1,0 +1,87 @@
+"""Arms of UFACTORY, by ``xarm-python-sdk`` (extra ``xarm``). Never tried on an arm."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gensim2.core.errors import MissingExtraError
+from gensim2.robots import RobotProfile
+from gensim2_robot.arm_limits import Array
+from gensim2_robot.devices import ArmMode
+from gensim2_robot.drivers.streamed import DriverError, StreamedArm, finite
+
+RATE = 100.0
+"""The SDK's servo mode takes up to 250."""
+SERVO, READY, STOP = 1, 0, 4
+"""The SDK's mode of streamed joints, and its states."""
+WIDEST = 850
+"""The gripper's unit: open."""
+
+
+class XArm(StreamedArm):
+    """An xArm.
+
+    Args:
+        host: its address.
+        profile: of the robot.
+        gripper: whether it has the maker's.
+        sensor: whether it has a force sensor; without, the force is told as 0, and only the arm's own collision
+            detection stops it.
+
+    Raises:
+        MissingExtraError: ``xarm-python-sdk`` is not installed.
+        DriverError: the arm cannot be connected to, or is in error.
+    """
+
+    def __init__(self, host: str, profile: RobotProfile, gripper: bool = True, sensor: bool = False) -> None:
+        try:
+            from xarm.wrapper import XArmAPI
+        except ImportError as error:
+            raise MissingExtraError("xarm-python-sdk", "xarm") from error
+        super().__init__(profile, RATE)
+        self._has_gripper, self._has_sensor, self._halted = gripper, sensor, False
+        try:
+            self._arm: Any = XArmAPI(host, is_radian=True)
+        except Exception as error:  # the SDK raises bare Exceptions
+            raise DriverError(f"{host}: {error}") from error
+        self._require(self._arm.motion_enable(True), "motion_enable")
+        self._require(self._arm.set_mode(SERVO), "set_mode")
+        self._require(self._arm.set_state(READY), "set_state")
+        if gripper:
+            self._require(self._arm.set_gripper_enable(True), "set_gripper_enable")
+        self.start()
+
+    def _read(self) -> tuple[Array, Array, float, ArmMode]:
+        size = len(self.profile.arm_joints)
+        code, values = self._arm.get_joint_states(is_radian=True)
+        self._require(code, "get_joint_states")
+        force = 0.0
+        if self._has_sensor:
+            force = float(np.linalg.norm(finite(self._arm.ft_ext_force, 3, "what presses on it")))
+        mode: ArmMode = "reflex" if self._arm.has_error else "ready"
+        return finite(values[0], size, "where it stands"), finite(values[1], size, "how it moves"), force, mode
+
+    def _write(self, q: Array, v: Array) -> None:
+        if self._halted:  # the SDK takes no targets in the state that stops
+            self._require(self._arm.set_mode(SERVO), "set_mode")
+            self._require(self._arm.set_state(READY), "set_state")
+            self._halted = False
+        self._require(self._arm.set_servo_angle_j(q.tolist(), is_radian=True), "set_servo_angle_j")
+
+    def _halt(self) -> None:
+        self._halted = True
+        self._require(self._arm.set_state(STOP), "set_state")
+
+    def _grip(self, command: float) -> None:
+        if self._has_gripper:
+            position = round(0.5 * (command + 1.0) * WIDEST)
+            self._require(self._arm.set_gripper_position(position, wait=True), "set_gripper_position")
+
+    def _disconnect(self) -> None:
+        self._arm.disconnect()
+
+    def _require(self, code: Any, what: str) -> None:
+        if code != 0:
+            raise DriverError(f"{what}: the arm's error {code}")

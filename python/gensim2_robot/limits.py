@@ -1,0 +1,246 @@
+"""The one function between anyone and the wire.
+
+Every command that is sent comes with a stop that was checked whole: positions, velocities, accelerations, jerks, the
+tool's speed and workspace, the distance of the robot to itself and to the table. A command after which no such stop is
+known is not sent; the next piece of the last checked stop is, in its place or mixed with it. So by induction no limit
+is passed, whatever is asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.core.errors import GenSim2Error
+from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
+from gensim2_robot.stops import SLACK, Commands, quickest_stop
+
+_MIXTURES = (1.0, 0.5, 0.25, 0.1)
+"""Shares of what is asked for that are tried; the rest is the checked stop."""
+
+_CLOSE = 1e-9
+"""Rad (m) within which a command is what was asked for."""
+
+
+class RefusedError(GenSim2Error):
+    """A target or a state with which the arm must not go on; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sent:
+    """The last command on the wire, and the stop that was checked with it.
+
+    Attributes:
+        q, v, a: (m,) the command, and the differences of commands and of velocities by the cycle.
+        stop: the commands that bring it to rest from here.
+        clips: names of the limits that kept it from being what was asked for.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    stop: Commands
+    clips: tuple[str, ...] = field(default=())
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the command stands still."""
+        return len(self.stop) == 0 and not self.v.any()
+
+
+def begin(q: npt.ArrayLike, limits: ArmLimits) -> Sent:
+    """Begin where the arm stands: the first command of all.
+
+    Args:
+        q: (m,) measured positions of the arm's joints, rad (m).
+        limits: of every command.
+
+    Returns:
+        A command of those positions, at rest.
+
+    Raises:
+        RefusedError: the arm stands where it may not be, so that nothing can be checked from there.
+    """
+    here = _finite(q, limits)
+    for number, (value, low, high) in enumerate(zip(here, limits.lower, limits.upper, strict=True)):
+        if not low <= value <= high:
+            name = limits.profile.arm_joints[number]
+            raise RefusedError(f"{name} stands at {value:.3f}, outside {low:.3f} to {high:.3f}: move it by hand first")
+    tool = limits.tool(here[None])[0]
+    if not ((tool >= limits.low) & (tool <= limits.high)).all():
+        raise RefusedError(f"the tool stands at {np.round(tool, 3).tolist()}, outside the workspace")
+    if not limits.is_clear(here[None]):
+        raise RefusedError(f"the robot is nearer than {limits.clearance} m to itself or to the table")
+    return Sent(here, np.zeros(limits.size), np.zeros(limits.size), Commands.none(limits.size))
+
+
+def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -> Array:
+    """A controller's action as numbers that make sense, before anything is done about it.
+
+    Args:
+        action: (m + 1,): targets of the arm's joints, and the gripper from -1 to 1.
+        here: (m,) where the arm stands, with the first action of an episode; None: it is not the first.
+
+    Returns:
+        (m + 1,), the gripper clipped to -1 and 1.
+
+    Raises:
+        RefusedError: it is of another shape, not finite, jumps at the start, or cannot be reached.
+    """
+    try:
+        given = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise RefusedError(f"an action must be numbers: {error}") from error
+    if given.shape != (limits.size + 1,):
+        raise RefusedError(f"an action must be ({limits.size + 1},), is {given.shape}")
+    if not np.isfinite(given).all():
+        raise RefusedError("an action holds NaN or infinity")
+    arm = given[:-1]
+    beyond = np.maximum(limits.range_lower - arm, arm - limits.range_upper)
+    worst = int(beyond.argmax())
+    if beyond[worst] > limits.jump:
+        raise RefusedError(f"{limits.profile.arm_joints[worst]} cannot reach {arm[worst]:.3f}")
+    if here is not None:
+        off = np.abs(arm - here)
+        worst = int(off.argmax())
+        if off[worst] > limits.jump:
+            name = limits.profile.arm_joints[worst]
+            raise RefusedError(f"the first action jumps: {name} by {off[worst]:.2f}, {limits.jump:g} at most")
+    return np.append(arm, np.clip(given[-1], -1.0, 1.0))
+
+
+def limit(
+    sent: Sent, target: npt.ArrayLike, limits: ArmLimits, force: float = 0.0, measured: Array | None = None
+) -> Sent:
+    """The command of the next cycle: the target, or what comes nearest to it and keeps every limit.
+
+    A pure function: it keeps nothing, and the same arguments have the same result.
+
+    Args:
+        sent: the last command.
+        target: (m,) positions that are asked for, rad (m).
+        limits: of every command.
+        force: that presses on the arm from outside, N.
+        measured: (m,) positions at which the arm was measured last, rad (m); None: they are not known.
+
+    Returns:
+        The command, a cycle of 10 ms after ``sent``, the stop that was checked with it, and the names of the limits
+        that kept it from the target.
+
+    Raises:
+        RefusedError: the target is not finite, or the force too great.
+    """
+    check_force(force, limits)
+    wanted = _finite(target, limits)
+    clips: list[str] = []
+    if measured is not None:
+        leash = limits.leash_under(force)
+        near = np.clip(wanted, measured - leash, measured + leash)
+        if (near != wanted).any():
+            wanted, clips = near, ["leash"]
+    rate = _rate_towards(sent, wanted, limits, clips)
+    standing = np.zeros(limits.size)
+    back = sent.stop.a[0] if len(sent.stop) else standing
+    for share in _MIXTURES:
+        a = rate if share == 1.0 else back + share * (rate - back)
+        v = sent.v + CYCLE * a
+        q = sent.q + CYCLE * v
+        stop = _checked(sent.q, q, v, a, limits, clips)
+        if stop is not None:
+            if np.abs(q - np.asarray(target)).max() <= _CLOSE:
+                clips.clear()
+            return Sent(q, v, a, stop, tuple(dict.fromkeys(clips)))
+    if not len(sent.stop):
+        return Sent(sent.q, standing, standing, sent.stop, tuple(dict.fromkeys(clips)))
+    q, v, a = sent.stop.q[0], sent.stop.v[0], sent.stop.a[0]
+    return Sent(q, v, a, sent.stop.after(1), tuple(dict.fromkeys(clips)))
+
+
+def check_force(force: float, limits: ArmLimits) -> None:
+    """Refuse to send anything under too great a force (N).
+
+    Raises:
+        RefusedError: it is.
+    """
+    if not force <= limits.force:
+        raise RefusedError(f"a force of {force:.0f} N presses on the arm, {limits.force:g} N at most")
+
+
+def halt(sent: Sent) -> Sent:
+    """Follow the checked stop for one cycle.
+
+    Args:
+        sent: the last command.
+
+    Returns:
+        The next command of its stop, a cycle of 10 ms later, without clips; the same positions (rad, m) at rest where
+        the stop is over.
+    """
+    if not len(sent.stop):
+        standing = np.zeros_like(sent.v)
+        return Sent(sent.q, standing, standing, sent.stop)
+    return Sent(sent.stop.q[0], sent.stop.v[0], sent.stop.a[0], sent.stop.after(1))
+
+
+def _finite(values: npt.ArrayLike, limits: ArmLimits) -> Array:
+    found = np.array(values, dtype=np.float64)
+    if found.shape != (limits.size,):
+        raise RefusedError(f"a target must be ({limits.size},), is {found.shape}")
+    if not np.isfinite(found).all():
+        raise RefusedError("a target holds NaN or infinity")
+    return found
+
+
+def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]) -> Array:
+    """(m,) acceleration of the next cycle: to the target at once, or towards it so that it can be stopped at."""
+    inside = np.clip(wanted, limits.lower, limits.upper)
+    if (inside != wanted).any():
+        clips.append("position")
+    way = inside - sent.q
+    speed = way / CYCLE
+    rate = (speed - sent.v) / CYCLE
+    change = rate - sent.a
+    up, down = limits.fastest_from(sent.q)
+    fastest = np.where(way > 0.0, up, down)
+    passed = {
+        "velocity": np.abs(speed) > fastest,
+        "acceleration": np.abs(rate) > limits.acceleration,
+        "jerk": np.abs(change) > CYCLE * limits.jerk,
+    }
+    late = np.zeros(limits.size, dtype=bool)
+    for name, which in passed.items():
+        if which.any():
+            clips.append(name)
+        late |= which
+    slow = np.minimum(fastest, np.sqrt(limits.acceleration * np.abs(way)))
+    speed = np.where(late, np.sign(way) * np.minimum(slow, np.abs(speed)), speed)
+    rate = np.clip((speed - sent.v) / CYCLE, -limits.acceleration, limits.acceleration)
+    return np.clip(rate, sent.a - CYCLE * limits.jerk, sent.a + CYCLE * limits.jerk)
+
+
+def _checked(before: Array, q: Array, v: Array, a: Array, limits: ArmLimits, clips: list[str]) -> Commands | None:
+    """The stop from a command, where the command and all of the stop keep every limit; else the limit is noted."""
+    if (q < limits.lower - SLACK).any() or (q > limits.upper + SLACK).any():
+        clips.append("position")
+        return None
+    if (np.abs(v) > (1.0 + SLACK) * limits.velocity).any() or not limits.brakes(q, v, SLACK):
+        clips.append("velocity")
+        return None
+    stop = quickest_stop(q, v, a, limits)
+    if stop is None:
+        clips.append("position")
+        return None
+    rows = np.concatenate([before[None], q[None], stop.q])
+    tool = limits.tool(rows)
+    if (np.linalg.norm(np.diff(tool, axis=0), axis=1) > (1.0 + SLACK) * CYCLE * limits.tool_speed).any():
+        clips.append("tool speed")
+        return None
+    if (tool[1:] < limits.low).any() or (tool[1:] > limits.high).any():
+        clips.append("workspace")
+        return None
+    if not limits.is_clear(rows[1:]):
+        clips.append("clearance")
+        return None
+    return stop

@@ -1,0 +1,436 @@
+"""The loop: states and pictures in, questions to the controller, its targets through the limits onto the wire.
+
+One cycle is 10 ms. Ten of them are a period, in which the controller is asked for the actions that the next period
+needs. A plan's chain and a policy are asked in the same way. Periods follow the cameras: one is a cycle shorter or
+longer where pictures would wait for their question.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from gensim2_robot.arm import Arm
+from gensim2_robot.arm_limits import CYCLE, Array
+from gensim2_robot.clocks import Clock
+from gensim2_robot.devices import CameraDriver, Frame
+from gensim2_robot.eyes import Sight
+from gensim2_robot.journal import Journal
+from gensim2_robot.limits import RefusedError, Sent, admit
+from gensim2_robot.mind import Answer, Begin, Question
+from gensim2_robot.pipes import DeviceGoneError
+from gensim2_robot.streaming import Streamer
+from gensim2_robot.watch import State, Watch
+
+PERIOD_CYCLES = 10
+PERIOD = PERIOD_CYCLES * CYCLE
+"""Seconds from one question to the next."""
+LEAD = PERIOD
+"""Seconds from a question to the first of its actions at the earliest: the time to think."""
+BRAKING = PERIOD - 3.0 * CYCLE
+"""Seconds that braking along the path may take, so that the arm rests within a period: around a bend it is slower than
+a stop that leaves the path."""
+CATCH_UP = 0.1
+"""Seconds that the loop may be behind and still make up for, cycle by cycle; what is more is left out."""
+FRESH_CYCLES = 3
+"""Cycles that pictures may have waited for their question before questions are moved towards them."""
+STANDING = 0.02
+"""Rad/s (m/s) below which the arm is measured to stand."""
+
+
+class Mind(Protocol):
+    """The way to a controller. Nothing here waits."""
+
+    def send(self, message: Begin | Question) -> None:
+        """Say or ask something."""
+        ...
+
+    def poll(self) -> Sequence[Answer]:
+        """Answers that came since the last call."""
+        ...
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether there is still a controller."""
+        ...
+
+
+@dataclass
+class Figures:
+    """Measurements of the loop; times in seconds, in milliseconds where the name says so.
+
+    Attributes:
+        periods: from one period's begin to the next.
+        late: by which each began late.
+        commands_late: by which each command was sent after its time.
+        picture_age_ms: from the newest picture of a question to the cloud that was made of it, of each cloud.
+        encoding_ms: to make it of the pictures at hand, of each cloud.
+        acting_ms: of the controller, of each answer.
+        refused: targets that made no sense, by reason.
+        late_actions: that came when their time was over.
+        skipped: that were left out because the loop was too far behind.
+    """
+
+    periods: list[float] = field(default_factory=list)
+    late: list[float] = field(default_factory=list)
+    commands_late: list[float] = field(default_factory=list)
+    picture_age_ms: list[float] = field(default_factory=list)
+    encoding_ms: list[float] = field(default_factory=list)
+    acting_ms: list[float] = field(default_factory=list)
+    refused: Counter[str] = field(default_factory=Counter)
+    late_actions: int = 0
+    skipped: float = 0.0
+
+
+def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
+    """Return the cycles to add to a period so that questions come to meet pictures; -1, 0 or 1.
+
+    The nearer way is taken, but for the one on which pictures would grow too old before the next ones meet a question.
+
+    Args:
+        waited: cycles between the arrival of the newest complete set of pictures and a question.
+        latency: s from a picture to its arrival.
+        max_age: s that a picture may be old at a question.
+    """
+    if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:  # soon enough, or no set a period: nothing to follow
+        return 0
+    too_old = latency + PERIOD + 2 * CYCLE > max_age
+    return -1 if too_old or waited <= PERIOD_CYCLES // 2 else 1
+
+
+class Line:
+    """A controller, an arm and its cameras.
+
+    Args:
+        arm: behind its limits.
+        cameras: that are looked through.
+        mind: the controller.
+        watch: who lets the arm move.
+        clock: of everything.
+        journal: of everything.
+        pace: control steps a second.
+
+    Attributes:
+        pace: control steps a second.
+        commands: where set, every command is added to it.
+        in_phase: whether questions meet pictures soon after their arrival.
+        stopped_ms, standing_ms: from what ended the motion to the last command that moved, and to the measured arm
+            standing; None: not yet, or nothing ended it.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        cameras: CameraDriver,
+        mind: Mind,
+        watch: Watch,
+        clock: Clock,
+        journal: Journal,
+        *,
+        pace: float,
+    ) -> None:
+        self.arm, self._cameras, self._mind = arm, cameras, mind
+        self.watch, self._clock, self._journal = watch, clock, journal
+        self.pace = pace
+        self._names = [camera.name for camera in cameras.cameras]
+        self._streamer = Streamer(arm.limits)
+        self.figures = Figures()
+        self.commands: list[Array] | None = None
+        self.interrupted: str | None = None
+        self._cycle = self._next_period = 0
+        self._fresh: set[str] = set()
+        self._fresh_at = 0
+        self._written: dict[str, Frame] = {}
+        self._latency = 0.0
+        self.in_phase = False
+        self._number = 0
+        self._sent_at = clock.now()
+        self._braking = self._on_path = False
+        self._period_began: float | None = None
+        self._told = 0
+        self.stopped_ms: float | None = None
+        self.standing_ms: float | None = None
+        self._seed, self._failed, self._first_number = 0, False, 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget an episode; the arm is let go until the next begins."""
+        self.arm.release()
+        self._next = self._clock.now() + CYCLE  # between episodes a person may have taken his time
+        self.watch.clear()
+        self._streamer.clear()
+        self.frames: dict[str, Frame] = {}
+        self._fresh.clear()  # pictures of a set that was not complete belong to what is forgotten
+        self._steps = 0
+        self._due = 0.0
+        self._open: Question | None = None
+        self._first: Array | None = None
+        self._grips: list[tuple[float, float]] = []
+        self._grip = 1.0
+        self.done = False
+        self._paused_at: float | None = None
+
+    # ---------------------------------------------------------------- episodes
+
+    def begin(self, seed: int) -> None:
+        """Arm and run: the arm is taken over where it stands, and the controller is told.
+
+        Raises:
+            RefusedError: the arm stands where it may not be.
+        """
+        now = self._clock.now()
+        state = self.arm.state()
+        assert state is not None, "the arm has said where it stands"
+        arm = self.arm.joints(state.q)
+        self.arm.begin(arm)
+        self._first = arm
+        self.watch.arm(now)
+        self._seed, self._failed, self._first_number = seed, False, self._number
+        self._mind.send(Begin(seed))
+        self.watch.run(now)
+        self._due = now + LEAD
+
+    def resume(self, person: str) -> None:
+        """Go on after a hold, from where the arm stands; a controller that has failed begins anew there."""
+        now = self._clock.now()
+        self.watch.resume(now, person)
+        if self._failed:
+            self._failed = False
+            self._mind.send(Begin(self._seed))
+        self._streamer.clear()
+        self._due, self._open, self._grips = now + LEAD, None, []
+        self._grip = self.arm.gripper  # changes of actions that were dropped are dropped with them
+        self.stopped_ms = self.standing_ms = None
+
+    def pause(self) -> None:
+        """Ask the controller nothing more until :meth:`go_on`: the scene settles."""
+        if self._paused_at is None:
+            self._paused_at = self._clock.now()
+
+    def go_on(self) -> None:
+        """Ask the controller again; control steps that went by meanwhile count, so that it drops stale actions."""
+        if self._paused_at is not None:
+            self._steps += round((self._clock.now() - self._paused_at) * self.pace)
+            self._paused_at = None
+
+    # ------------------------------------------------------------------- cycle
+
+    def cycle(self) -> None:
+        """One cycle of the wire."""
+        self._clock.wait(self._next)
+        due, now = self._next, self._clock.now()
+        late = now - due
+        if late > CATCH_UP:
+            self.figures.skipped += late
+            due = now
+        self._next = due + CYCLE
+        self._cycle += 1
+        begins = self._cycle >= self._next_period
+        if begins:
+            self._measure_period(now, late)
+        self._take_in(now)
+        if begins:
+            shift = phase_shift(self._cycle - self._fresh_at, self._latency, self.watch.rules.frame_age)
+            self._next_period = self._cycle + PERIOD_CYCLES + shift
+            self.in_phase = shift == 0
+        self._check(now)
+        if begins and self.watch.state is State.RUNNING:
+            self.watch.check_frames(self._names, now)
+        if begins and self.watch.state is State.RUNNING and self._paused_at is None and not self.done:
+            self._ask(due, now)
+        self._write_changes()
+        self._drive(due, now)
+        self._write_changes()
+        if begins:
+            self._write_frames()  # last: what writes them down is busy with them, and computes in this process
+
+    def _measure_period(self, now: float, late: float) -> None:
+        if self._period_began is not None and self.watch.state is State.RUNNING:
+            self.figures.periods.append(now - self._period_began)
+            self.figures.late.append(late)
+            self.watch.period(late, now)
+            self._journal.clocks(now, late, {name: now - frame.captured for name, frame in self.frames.items()})
+        self._period_began = now
+
+    def _take_in(self, now: float) -> None:
+        try:
+            for state in self.arm.poll():
+                self.watch.saw_arm(state, now)
+                self._journal.state(state)
+            for frame in self._cameras.poll():
+                self.watch.saw_frame(frame, now)
+                self.frames[frame.camera] = frame
+                self._saw_fresh(frame.camera, now)
+        except DeviceGoneError as error:
+            self.watch.stop(now, str(error))
+        for answer in self._mind.poll():
+            self._hear(answer, now)
+        if not self._mind.is_alive:
+            self.watch.stop(now, "the controller's process is gone")
+
+    def _write_frames(self) -> None:
+        """Log the newest picture of each camera: a question is about no other, and devices give three times as many."""
+        for name, frame in self.frames.items():
+            if frame is not self._written.get(name):
+                self._journal.frame(frame)
+                self._written[name] = frame
+
+    def _saw_fresh(self, camera: str, now: float) -> None:
+        self._fresh.add(camera)
+        if self._fresh.issuperset(self._names):
+            self._fresh.clear()
+            self._fresh_at = self._cycle
+            self._latency = max(now - self.frames[name].captured for name in self._names)
+
+    def _check(self, now: float) -> None:
+        if self.interrupted is not None:
+            self.watch.stop(now, f"a person or the system asked to stop: {self.interrupted}")
+        if self._journal.trouble is not None:
+            self.watch.hold(now, f"the log cannot be written: {self._journal.trouble}")
+        state = self.arm.state()
+        self.watch.check_arm(state, None if state is None else self.arm.joints(state.q), now)
+        sent = self.arm.sent
+        self.watch.check_answer(sent is not None and not sent.is_at_rest, now)
+
+    # -------------------------------------------------------- questions, answers
+
+    def _ask(self, due: float, now: float) -> None:
+        """Ask for the actions that begin before the end of the next period and are not known yet."""
+        if self._open is not None:
+            return
+        step = 1.0 / self.pace
+        if self._due < due + LEAD - step:  # the controller was late: what is over is not made up for
+            self._due = due + LEAD
+        count = int(np.ceil((due + LEAD + PERIOD - self._due) / step - 1e-9))
+        state = self.arm.state()
+        if count <= 0 or state is None:
+            return
+        frames = tuple(self.frames[name] for name in self._names)
+        posed = {frame.camera: self.arm.at(frame.captured).q for frame in frames}
+        sight = Sight(self._steps, state.q, state.v, self.arm.gripper, frames, posed)
+        self._open = Question(self._number, sight, count)
+        self._number += 1
+        self._journal.question(now, self._open)
+        self._mind.send(self._open)
+        self.watch.asked(now)
+
+    def _hear(self, answer: Answer, now: float) -> None:
+        """Targets of an answer to the open question; any other answer is of an episode that is over."""
+        is_open = self._open is not None and answer.number == self._open.number
+        if is_open:
+            self._open = None
+            self.watch.answered()
+            self._journal.answer(now, answer)
+            self._note(answer)
+        if answer.error is not None and answer.number >= self._first_number:  # it has ended, also where that comes late
+            self._failed = True
+            self.watch.hold(now, answer.error)
+            return
+        if not is_open:
+            return
+        self.done = answer.done
+        if self._paused_at is not None:  # asked before the pause: the arm holds, the answer moves it no more
+            return
+        step, targets = 1.0 / self.pace, []
+        for action in answer.actions:
+            try:
+                admitted = admit(action, self.arm.limits, self._first)
+            except RefusedError as error:
+                self.figures.refused[str(error)] += 1
+                self.watch.hold(now, f"refused: {error}")
+                return
+            self._first = None
+            self._due += step
+            self._steps += 1
+            targets.append((self._due, admitted[:-1]))
+            self._grips.append((self._due - step, float(admitted[-1])))
+        if self.watch.state is State.RUNNING and self.arm.sent is not None and targets:
+            before = self._streamer.late
+            self._streamer.add(targets, self.arm.sent, self._sent_at)
+            late = self._streamer.late - before
+            self.figures.late_actions += late
+            self.watch.came(late == len(targets), now)
+
+    def _note(self, answer: Answer) -> None:
+        if answer.cloud_ms is not None:
+            self.figures.picture_age_ms.append(answer.cloud_ms)
+        if answer.encoding_ms is not None:
+            self.figures.encoding_ms.append(answer.encoding_ms)
+        self.figures.acting_ms.append(answer.acting_ms)
+
+    # ---------------------------------------------------------------- the wire
+
+    def _drive(self, due: float, now: float) -> None:
+        """The command of this cycle, by the watch's state."""
+        sent = self.arm.sent
+        if sent is None:
+            self._note_standing(now)
+            return
+        try:
+            if self.watch.state is State.RUNNING:
+                while self._grips and self._grips[0][0] <= due:
+                    self._grip = self._grips.pop(0)[1]
+                sent = self.arm.command(self._streamer.at(due, sent), self._grip, due)
+            elif self.watch.state is State.HOLDING:
+                sent = self._held(sent, due)
+            elif self.watch.state is State.STOPPED:
+                if self.watch.stops_at_once:
+                    self._stop(now)
+                    return
+                sent = self.arm.hold(due)
+                if sent.is_at_rest:
+                    self._stop(now)
+            else:
+                sent = self.arm.hold(due)
+        except RefusedError as error:  # a force: the arm gives way by its own means
+            self.watch.stop(now, str(error), at_once=True)
+            self._write_changes()
+            self._stop(now)
+            return
+        self._sent_at = due
+        self.figures.commands_late.append(self._clock.now() - due)
+        self.watch.sent(sent, due)
+        self._journal.sent(due, sent, self.arm.gripper)
+        if self.commands is not None:
+            self.commands.append(sent.q)
+        if self.watch.state is State.HOLDING and sent.is_at_rest:
+            self._note_rest(now)
+        self._note_standing(now)
+
+    def _held(self, sent: Sent, due: float) -> Sent:
+        """Brake along the path; where the arm is not on it, or that takes too long, by the stop that was checked."""
+        if not self._braking:
+            self._braking = True
+            self._on_path = (
+                self._streamer.follows(sent, self._sent_at) and self._streamer.brake(self._sent_at) <= BRAKING
+            )
+        if self._on_path and not sent.is_at_rest:
+            return self.arm.command(self._streamer.at(due, sent), self._grip, due)
+        return self.arm.hold(due)
+
+    def _stop(self, now: float) -> None:
+        self.arm.stop()
+        self._note_rest(now)
+        self._note_standing(now)
+
+    def _note_rest(self, now: float) -> None:
+        if self.stopped_ms is None:
+            self.stopped_ms = 1e3 * (now - self.watch.changes[-1].time)
+
+    def _note_standing(self, now: float) -> None:
+        state = self.arm.state()
+        if self.stopped_ms is None or self.standing_ms is not None or state is None:
+            return
+        if state.time >= self.watch.changes[-1].time and np.abs(self.arm.joints(state.v)).max() < STANDING:
+            self.standing_ms = 1e3 * (now - self.watch.changes[-1].time)
+
+    def _write_changes(self) -> None:
+        for change in self.watch.changes[self._told :]:
+            self._journal.change(change.time, change.state, change.reason)
+            self._braking = self._on_path = False
+            self.stopped_ms = self.standing_ms = None
+        self._told = len(self.watch.changes)

@@ -1,0 +1,232 @@
+"""The line in the browser while it runs: clouds, the robot, its next actions, clocks (viser)."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.perception import Observation, ObservationSpec
+from gensim2.perception.columns import CLOUD
+from gensim2.perception.raycast.kinematics import Tree, read_urdf
+from gensim2.perception.raycast.shapes import read_links
+from gensim2.robots import OPEN, robot
+from gensim2.rollout.controller import PROPRIOCEPTIVE
+from gensim2.rollout.controller_spec import ControllerSpec
+from gensim2.viewing import CLOUD_POINT, draw_solid, quaternion, viser_module
+from gensim2_kpam.show import add_text, plain_markdown
+from gensim2_robot.devices import ArmState, Frame
+from gensim2_robot.limits import Sent
+from gensim2_robot.mind import Answer, Question
+from gensim2_robot.watch import WatchRules
+
+EVERY = 0.1
+"""Seconds from one picture of the page to the next."""
+NEXT = (255, 120, 0)
+"""Colour of the tool at the next actions."""
+NEXT_POINT = 0.012
+"""Metres across of each of them."""
+
+
+PATIENT = WatchRules(
+    frame_age=np.inf,
+    apart=np.inf,
+    no_action=np.inf,
+    thinking=np.inf,
+    late_answers=sys.maxsize,
+    state_age=np.inf,
+    behind=np.inf,
+    overrun=np.inf,
+)
+"""Rules where nothing moves: what is late is shown, and looked at on."""
+
+
+class LivePage:
+    """A page that is told of everything as a log is, and draws what is newest in a thread of its own.
+
+    Args:
+        robot_name: of the robot.
+        title: one line of text.
+        host: address to listen on.
+        port: of the page; the next free one is taken where it is in use.
+
+    Attributes:
+        trouble: None: a page that cannot be drawn holds nothing up.
+
+    Raises:
+        InputError: a file of the robot cannot be used.
+        MissingExtraError: viser is not installed.
+    """
+
+    trouble: str | None = None
+
+    def __init__(self, robot_name: str, title: str, *, host: str = "localhost", port: int = 8080) -> None:
+        profile = self._profile = robot(robot_name)
+        server = self.server = viser_module().ViserServer(host=host, port=port, verbose=False)
+        server.scene.set_up_direction("+z")
+        server.initial_camera.position, server.initial_camera.look_at = (1.6, -1.2, 1.0), (0.4, 0.0, 0.2)
+        add_text(server, title)
+        self._tree = Tree.of(read_urdf(profile.urdf), (*profile.arm_joints, *profile.gripper.joints))
+        surfaces = read_links(self._tree.file)
+        self._links = [
+            (number, draw_solid(server, ("robot", name), surface))
+            for number, name in enumerate(self._tree.names)
+            if (surface := surfaces[name]) is not None
+        ]
+        nowhere, black = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8)  # three.js takes no empty cloud
+        self._cloud, self._next = (
+            server.scene.add_point_cloud(name, nowhere, black, point_size=size, visible=False)
+            for name, size in (("/cloud", CLOUD_POINT), ("/next", NEXT_POINT))
+        )
+        self._stand(np.array(profile.reset_qpos))
+        self._said = add_text(server, "nothing yet")
+        self._state: ArmState | None = None
+        self._answer: Answer | None = None
+        self._watch, self._clocks = "idle", ""
+        self._drawn: tuple[ArmState | None, Answer | None] = (None, None)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="page", daemon=True)
+        self._thread.start()
+
+    @property
+    def shown(self) -> list[str]:
+        """Names of the links that are drawn."""
+        return [self._tree.names[number] for number, _ in self._links]
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Draw the last, and end the page."""
+        self._over.set()
+        self._thread.join(timeout=3.0)
+        self.server.stop()
+
+    # ----------------------------------------------------------------- what comes
+
+    def state(self, state: ArmState) -> None:
+        """Note where the arm stands."""
+        self._state = state
+
+    def answer(self, time: float, answer: Answer) -> None:
+        """Note the cloud and the next actions."""
+        self._answer = answer
+
+    def change(self, time: float, state: str, reason: str) -> None:
+        """Note the watch's state."""
+        self._watch = f"{state}: {reason}"
+
+    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
+        """Note the clocks of a period."""
+        pictures = ", ".join(f"{name} {1e3 * age:.0f} ms" for name, age in ages.items())
+        self._clocks = f"period {1e3 * late:.1f} ms late; pictures: {pictures}"
+
+    def frame(self, frame: Frame) -> None:
+        """Pictures are shown as the cloud that they make."""
+
+    def sent(self, time: float, sent: Sent, gripper: float) -> None:
+        """Nothing: the page shows where the arm stands."""
+
+    def question(self, time: float, question: Question) -> None:
+        """An answer follows."""
+
+    # -------------------------------------------------------------------- drawing
+
+    def _run(self) -> None:
+        while not self._over.wait(EVERY):
+            self.draw()
+        self.draw()
+
+    def draw(self) -> None:
+        """Draw what is newest."""
+        state, answer = self._state, self._answer
+        with self.server.atomic():
+            if state is not None and state is not self._drawn[0]:
+                self._stand(state.q)
+            if answer is not None and answer is not self._drawn[1]:
+                self._draw_answer(answer, state)
+            self._said.content = plain_markdown(*self._words(state, answer))
+        self._drawn = state, answer
+
+    def _stand(self, q: npt.NDArray[np.float64]) -> None:
+        poses = self._tree.poses(np.eye(4)[None], q[None])[0]
+        for number, handle in self._links:
+            handle.position, handle.wxyz = poses[number][:3, 3], quaternion(poses[number])
+
+    def _draw_answer(self, answer: Answer, state: ArmState | None) -> None:
+        cloud = answer.seen.get(CLOUD)
+        if cloud is not None:
+            _show_points(self._cloud, cloud[:, :3].astype(np.float32), (255 * cloud[:, 3:6]).astype(np.uint8))
+        if state is not None:
+            tools = self.tools(answer.actions, state.q)
+            _show_points(self._next, tools, np.full((len(tools), 3), NEXT, np.uint8))
+
+    def tools(self, actions: npt.NDArray[np.float32], q: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+        """(k, 3) m of the tool at (k, m + 1) actions, the other joints as in (n,) ``q``."""
+        found = []
+        for action in actions[np.isfinite(actions).all(axis=1)] if actions.ndim == 2 else ():
+            if len(action) == self._profile.action_size:
+                there = q.copy()
+                there[list(self._profile.arm_columns)] = action[:-1]
+                found.append(self._profile.model.forward_kinematics(there, self._profile.tool_link)[:3, 3])
+        return np.array(found, dtype=np.float32).reshape(-1, 3)
+
+    def _words(self, state: ArmState | None, answer: Answer | None) -> list[str]:
+        lines = [f"watch {self._watch}"]
+        if state is not None:
+            lines.append(f"arm {state.mode}, {state.force:.0f} N")
+        if answer is not None:
+            cloud = "no cloud" if answer.cloud_ms is None else f"cloud {answer.cloud_ms:.0f} ms after its pictures"
+            lines.append(f"{cloud}, controller {answer.acting_ms:.0f} ms, {len(answer.actions)} actions")
+        return [*lines, self._clocks]
+
+
+def _show_points(handle: Any, points: npt.NDArray[np.float32], colors: npt.NDArray[np.uint8]) -> None:
+    handle.visible = len(points) > 0
+    if len(points):
+        handle.points, handle.colors = points, colors
+
+
+class Looking:
+    """A controller that looks and keeps the arm where it stands, without an end.
+
+    Args:
+        arm: number of the arm's joints.
+        cameras: names of those that it looks through; None: the usual ones.
+        clouds: whether it wants clouds; of cameras that are not calibrated none can be made.
+    """
+
+    def __init__(self, arm: int, cameras: Sequence[str] | None = None, clouds: bool = True) -> None:
+        seen = ObservationSpec.of(None if cameras is None else {"cameras": list(cameras)})
+        self.observation_spec = seen if clouds else PROPRIOCEPTIVE
+        self._arm = arm
+
+    def reset(self, observation: Observation, seed: int) -> None:
+        """Begin an episode."""
+        self._action = np.append(observation.joint_positions[: self._arm], OPEN).astype(np.float32)
+
+    def act(self, observation: Observation) -> npt.NDArray[np.float32]:
+        """The same action always."""
+        return self._action
+
+
+def looking(robot_name: str, cameras: Sequence[str] | None = None, clouds: bool = True) -> ControllerSpec:
+    """A controller that looks and moves nothing."""
+    named = None if cameras is None else list(cameras)
+    arguments = {"arm": len(robot(robot_name).arm_joints), "cameras": named, "clouds": clouds}
+    return ControllerSpec(f"{__name__}:Looking", arguments)

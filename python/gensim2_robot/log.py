@@ -1,0 +1,306 @@
+"""Everything that was seen, asked, answered, sent and decided, in MCAP files that are whole whatever happens.
+
+Files are closed at a set size and begun anew; the oldest go when the folder's share of the disk is used up. Room to
+close a file is kept aside from the start, in a file without a name, so that a full disk ends the log and not what it
+holds, and a killed run leaves nothing but its log.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import queue
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from gensim2.core.errors import InputError, MissingExtraError, WriteError
+from gensim2_robot.devices import ArmState, Frame
+from gensim2_robot.limits import Sent
+from gensim2_robot.log_messages import About
+from gensim2_robot.mind import Answer, Question
+from gensim2_robot.packing import MAX_MESSAGE, pack
+
+ENCODING = "gensim2-pack"
+SEGMENT = 256 << 20
+"""Bytes of a file."""
+MAX_BYTES = 4 << 30
+"""Bytes of a run's files together."""
+DAYS = 30.0
+"""Age at which the files of former runs in the same folder go."""
+RESERVE = 8 << 20
+"""Bytes that are kept aside to close a file on a full disk: more than a chunk and all indices."""
+CHUNK = 1 << 20
+MAX_SECONDS = 1e9
+"""Times from which on, like negative ones, a message has the stamp 0; its own field keeps the time."""
+BEHIND = 2000
+"""Messages that may wait to be written."""
+
+Opener = Callable[[Path], BinaryIO]
+
+
+def _open(path: Path) -> BinaryIO:
+    return path.open("xb", buffering=0)
+
+
+class _Whole:
+    """File object for MCAP's writer: a block is written whole or not at all; on a full disk the reserve is freed.
+
+    Args:
+        path: of the file.
+        opener: opens it.
+        give_way: frees what was kept aside.
+    """
+
+    def __init__(self, path: Path, opener: Opener, give_way: Callable[[], None]) -> None:
+        self._file, self._give_way, self._length = opener(path), give_way, 0
+        self.trouble: str | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all of the bytes; take back a half-written block and write it again in the reserved space.
+
+        Raises:
+            OSError: the reserved space is used up too, or the file was removed.
+        """
+        block = bytes(data)
+        try:
+            self._put(block)
+        except OSError as error:
+            self.trouble = error.strerror or str(error)
+            self._give_way()
+            self._file.truncate(self._length)
+            self._file.seek(self._length)
+            self._put(block)
+        self._length += len(block)
+        if os.fstat(self._file.fileno()).st_nlink == 0:  # its blocks are lost when it is closed
+            raise FileNotFoundError(errno.ENOENT, "the file was removed")
+        return len(block)
+
+    def _put(self, block: bytes) -> None:
+        view = memoryview(block)
+        while view:
+            view = view[self._file.write(view) :]
+
+    def flush(self) -> None:
+        """Nothing waits."""
+
+    def tell(self) -> int:
+        """Bytes so far."""
+        return self._length
+
+    def close(self) -> None:
+        """Bring it to the disk."""
+        if not self._file.closed:
+            with contextlib.suppress(OSError):
+                os.fsync(self._file.fileno())
+            self._file.close()
+
+
+class Log:
+    """Writes in a thread of its own; whoever logs never waits for the disk.
+
+    Args:
+        folder: of the run; made, must be empty.
+        about: the first message of each file.
+        max_bytes: bytes of all files together.
+        segment: bytes of one.
+        opener: opens files.
+
+    Attributes:
+        trouble: why nothing more is written; None: all is well.
+
+    Raises:
+        InputError: the folder is not empty.
+        WriteError: the folder cannot be written to, or is full.
+        MissingExtraError: mcap is not installed.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        about: About,
+        *,
+        max_bytes: int = MAX_BYTES,
+        segment: int = SEGMENT,
+        opener: Opener = _open,
+    ) -> None:
+        try:
+            from mcap.writer import CompressionType, Writer
+        except ImportError as error:
+            raise MissingExtraError("mcap", "robot") from error
+        how: dict[str, Any] = {"chunk_size": CHUNK, "compression": CompressionType.LZ4, "enable_data_crcs": True}
+        self._new_writer: Callable[[Any], Any] = partial(Writer, **how)
+        self.folder, self._about, self._opener = folder, about.model_dump(mode="json"), opener
+        self._max_bytes, self._segment = max_bytes, segment
+        self.trouble: str | None = None
+        self._begun = 0
+        taken = InputError("holds a log already", file=folder, remedy="choose another folder with --out")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if any(folder.glob("*.mcap")):
+                raise taken
+            self._reserve = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 - closed at the end
+            os.posix_fallocate(self._reserve.fileno(), 0, RESERVE)
+            self._open_next()
+        except FileExistsError as error:  # a file in the folder's place, or another run was quicker
+            raise taken if folder.is_dir() else WriteError("is not a folder", file=folder) from error
+        except OSError as error:
+            remedy = "make room, or choose another folder with --out"
+            raise WriteError(f"cannot write: {error.strerror or error}", file=folder, remedy=remedy) from error
+        self._queue: queue.Queue[tuple[str, float, bytes] | None] = queue.Queue(BEHIND)
+        self._thread = threading.Thread(target=self._write_all, name="log", daemon=True)
+        self._thread.start()
+
+    # ---------------------------------------------------------------- messages
+
+    def state(self, state: ArmState) -> None:
+        """The arm's word."""
+        plain = {"time": state.time, "force": state.force, "mode": state.mode}
+        self._put("/arm", state.time, plain, {"q": state.q, "v": state.v})
+
+    def frame(self, frame: Frame) -> None:
+        """A picture."""
+        plain = {
+            "camera": frame.camera,
+            "number": frame.number,
+            "captured": frame.captured,
+            "serial": frame.serial,
+        }
+        self._put(f"/camera/{frame.camera}", frame.captured, plain, {"depth": frame.depth, "colors": frame.colors})
+
+    def sent(self, time: float, sent: Sent, gripper: float) -> None:
+        """A command."""
+        self._put("/sent", time, {"time": time, "gripper": gripper, "clips": list(sent.clips)}, {"q": sent.q})
+
+    def question(self, time: float, question: Question) -> None:
+        """Log a question to the controller; pictures by their numbers."""
+        sight = question.sight
+        plain = {
+            "time": time,
+            "number": question.number,
+            "count": question.count,
+            "step": sight.step,
+            "gripper": sight.gripper,
+            "frames": {frame.camera: frame.number for frame in sight.frames},
+        }
+        posed = {f"posed/{name}": q for name, q in sight.posed.items()}
+        self._put("/question", time, plain, {"q": sight.q, "v": sight.v, **posed})
+
+    def answer(self, time: float, answer: Answer) -> None:
+        """Log its answer, and all that it was given."""
+        plain = {
+            "time": time,
+            "number": answer.number,
+            "done": answer.done,
+            "error": answer.error,
+            "cloud_ms": answer.cloud_ms,
+            "acting_ms": answer.acting_ms,
+        }
+        seen = {f"seen/{name}": array for name, array in answer.seen.items()}
+        self._put("/answer", time, plain, {"actions": answer.actions, **seen})
+
+    def change(self, time: float, state: str, reason: str) -> None:
+        """The watch's state, and why."""
+        self._put("/watch", time, {"time": time, "state": str(state), "reason": reason}, {})
+
+    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
+        """Log how late a period began, and how old each camera's last picture was."""
+        wall = _time_of_day()
+        self._put("/clocks", time, {"time": time, "late": late, "ages": ages, "wall": wall}, {})
+
+    def _put(self, topic: str, time: float, plain: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+        if self.trouble is not None:
+            return
+        data = pack(plain, arrays)
+        if len(data) > MAX_MESSAGE:
+            self.trouble = f"a message of {topic} has {len(data) >> 20} MiB, more than {MAX_MESSAGE >> 20}"
+            return
+        try:
+            self._queue.put_nowait((topic, time, data))
+        except queue.Full:
+            self.trouble = f"{BEHIND} messages wait: the disk is too slow"
+
+    # ------------------------------------------------------------------ files
+
+    def close(self) -> None:
+        """Write what waits, and end."""
+        while self._thread.is_alive():
+            try:
+                self._queue.put(None, timeout=0.1)
+                break
+            except queue.Full:  # what writes is behind, or has ended: then nothing takes what waits
+                continue
+        self._thread.join()
+        self._reserve.close()
+
+    def _write_all(self) -> None:
+        try:
+            while (item := self._queue.get()) is not None:
+                if self.trouble is None or not self._file.trouble:
+                    self._write(*item)
+        except OSError as error:  # also in the room that was kept aside
+            self.trouble = self._file.trouble or error.strerror or str(error)
+        try:
+            self._close_file()
+        except OSError as error:
+            self.trouble = self.trouble or error.strerror or str(error)
+
+    def _write(self, topic: str, time: float, data: bytes) -> None:
+        if topic not in self._channels:
+            self._channels[topic] = self._writer.register_channel(topic, ENCODING, 0)
+        stamp = int(1e9 * time) if 0.0 <= time < MAX_SECONDS else 0  # a clock that jumps may say anything
+        self._writer.add_message(self._channels[topic], stamp, data, stamp)
+        if self._file.trouble is not None:
+            self.trouble = self._file.trouble
+        elif self._file.tell() > self._segment:
+            self._close_file()
+            self._open_next()
+            self._prune()
+
+    def _open_next(self) -> None:
+        self._path = self.folder / f"log_{self._begun:06d}.mcap"
+        self._begun += 1
+        self._file = _Whole(self._path, self._opener, self._reserve.close)
+        self._writer: Any = self._new_writer(self._file)
+        self._writer.start(profile="gensim2", library="gensim2")
+        self._channels: dict[str, int] = {}
+        channel = self._writer.register_channel("/about", ENCODING, 0)
+        self._writer.add_message(channel, 0, pack(self._about, {}), 0)
+
+    def _close_file(self) -> None:
+        self._writer.finish()
+        self._file.close()
+        if self._file.trouble is not None:
+            self.trouble = self._file.trouble
+
+    def _prune(self) -> None:
+        """Remove the run's oldest files beyond its share."""
+        files = sorted(self.folder.glob("log_*.mcap"))
+        total = sum(path.stat().st_size for path in files)
+        for path in files[:-2]:
+            if total <= self._max_bytes:
+                return
+            total -= path.stat().st_size
+            path.unlink()
+
+
+def prune_runs(folder: Path, days: float = DAYS) -> list[Path]:
+    """Remove the logs of former runs, ``robot-*`` in a folder, that are older than so many days; returns them."""
+    removed = []
+    oldest = _time_of_day() - 86400.0 * days
+    for path in sorted(folder.glob("robot-*/log_*.mcap")):
+        if path.stat().st_mtime < oldest:
+            path.unlink()
+            removed.append(path)
+    return removed
+
+
+def _time_of_day() -> float:
+    return time.time()

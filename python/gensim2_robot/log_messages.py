@@ -1,0 +1,267 @@
+"""Schemas of the messages in a log, which :class:`~gensim2_robot.log.Log` writes and ``log_reader`` reads.
+
+Messages of a robot that was moved may hold NaN, where a device or a policy gave it; cameras and settings may not.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from gensim2.core.errors import InputError
+from gensim2.core.validation import input_error
+from gensim2.perception import Camera, ObservationSpec
+from gensim2_robot.devices import ArmMode, Frame
+
+MAX_PIXELS = 1 << 23
+"""Pixels of all cameras of a log together: their rays take 500 MB of memory."""
+MAX_JOINTS = 100
+
+
+def _array(kind: str, dimensions: int) -> AfterValidator:
+    """Accept a non-empty array of numbers of one kind (as ``dtype.kind`` has it, or a dtype's name)."""
+
+    def check(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        if kind not in (values.dtype.kind, values.dtype.name) or values.ndim != dimensions:
+            raise ValueError(f"must have {dimensions} axes, is {values.dtype.name} of shape {values.shape}")
+        return values
+
+    return AfterValidator(check)
+
+
+def _joint_count(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    if not 1 <= len(values) <= MAX_JOINTS:
+        raise ValueError(f"must be 1 to {MAX_JOINTS} joints, are {len(values)}")
+    return values
+
+
+Joints = Annotated[np.ndarray, _array("f", 1), AfterValidator(_joint_count)]
+
+
+class LogMessage(BaseModel):
+    """One message: its plain fields and its arrays, of which ``posed/left`` is ``left`` of the field ``posed``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
+
+
+class LoggedCamera(LogMessage):
+    """A :class:`~gensim2.perception.Camera` as JSON."""
+
+    name: Annotated[str, Field(min_length=1, max_length=100)]
+    width: int
+    height: int
+    intrinsic: list[list[float]]
+    T_base_camera: list[list[float]]
+    far: float
+    link: str | None
+    depth_scale: float = 1.0
+    depth_bias: float = 0.0
+
+    @model_validator(mode="after")
+    def _is_a_camera(self) -> LoggedCamera:
+        try:
+            self.camera()
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    @staticmethod
+    def of(camera: Camera) -> LoggedCamera:
+        """Return a camera as it is logged."""
+        arrays = {name: getattr(camera, name).tolist() for name in ("intrinsic", "T_base_camera")}
+        return LoggedCamera(**{name: getattr(camera, name) for name in LoggedCamera.model_fields} | arrays)
+
+    def camera(self) -> Camera:
+        """Return the camera.
+
+        Raises:
+            InputError: a value has the wrong shape or is out of range.
+        """
+        arrays = {name: np.array(getattr(self, name), dtype=np.float64) for name in ("intrinsic", "T_base_camera")}
+        return Camera(**{name: getattr(self, name) for name in LoggedCamera.model_fields} | arrays)
+
+
+class About(LogMessage):
+    """First message of each file of a log.
+
+    Attributes:
+        robot: name of the robot.
+        language: instruction that the policy was given.
+        pixels: smallest number of pixels of a picture that the policy looked at; None: all, as version 0.1 did.
+        observation: what the policy was given, as :meth:`ObservationSpec.to_dict` has it.
+        cameras: that the log has pictures of, those on a link with their poses in its frame.
+        task, controller, arm, speed, margin, seed: of the run, for people.
+    """
+
+    schema_version: Literal[1] = 1
+    robot: Annotated[str, Field(max_length=400)]
+    language: Annotated[str, Field(max_length=10_000)]
+    observation: dict[str, Any]
+    cameras: list[LoggedCamera]
+    pixels: float | None = None
+    task: str = ""
+    controller: dict[str, Any] = {}
+    arm: str = ""
+    speed: float | None = None
+    margin: float | None = None
+    seed: int | None = None
+
+    @model_validator(mode="after")
+    def _can_be_observed(self) -> About:
+        if len({camera.name for camera in self.cameras}) < len(self.cameras):
+            raise ValueError("names a camera twice")
+        if sum(camera.width * camera.height for camera in self.cameras) > MAX_PIXELS:
+            raise ValueError(f"its cameras have over {MAX_PIXELS} pixels together")
+        if self.pixels is not None and not self.pixels >= 1:
+            raise ValueError("pixels must be positive")
+        try:
+            self.spec()
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def spec(self) -> ObservationSpec:
+        """Return what the policy was given."""
+        return ObservationSpec.of(self.observation)
+
+
+class ArmMessage(LogMessage):
+    """State of the arm."""
+
+    time: float
+    force: float
+    mode: ArmMode
+    q: Joints
+    v: Joints
+
+    @model_validator(mode="after")
+    def _has_as_many(self) -> ArmMessage:
+        if len(self.q) != len(self.v):
+            raise ValueError(f"{len(self.q)} positions, {len(self.v)} velocities")
+        return self
+
+
+class PictureMessage(LogMessage):
+    """One picture; those of version 0.1 name no device."""
+
+    camera: str
+    number: int
+    captured: float
+    serial: Annotated[str, Field(max_length=400)] = ""
+    depth: Annotated[np.ndarray, _array("uint16", 2)]
+    colors: Annotated[np.ndarray, _array("uint8", 3)]
+
+    def frame(self) -> Frame:
+        """Return the picture as devices give it."""
+        return Frame(self.camera, self.number, self.captured, self.depth, self.colors, self.serial)
+
+
+class SentMessage(LogMessage):
+    """Command to the arm."""
+
+    time: float
+    gripper: float
+    clips: list[str]
+    q: Joints
+
+
+class QuestionMessage(LogMessage):
+    """Question to the policy; pictures by their numbers, and the joints when each was taken."""
+
+    time: float
+    number: int
+    count: int
+    step: int
+    gripper: float
+    frames: Annotated[dict[str, int], Field(max_length=100)]
+    q: Joints
+    v: Joints
+    posed: dict[str, Joints] = {}
+
+    @model_validator(mode="after")
+    def _poses_each_picture(self) -> QuestionMessage:
+        if self.posed.keys() != self.frames.keys():
+            raise ValueError("frames and posed must name the same cameras")
+        return self
+
+
+class AnswerMessage(LogMessage):
+    """Answer of the policy, and all arrays that it was given."""
+
+    time: float
+    number: int
+    done: bool
+    error: str | None
+    cloud_ms: float | None
+    acting_ms: float
+    actions: Annotated[np.ndarray, _array("f", 2)]
+    seen: dict[str, np.ndarray] = {}
+
+
+class WatchMessage(LogMessage):
+    """State of the watch, and why."""
+
+    time: float
+    state: str
+    reason: str
+
+
+class ClocksMessage(LogMessage):
+    """How late a period began, and how old the last picture of each camera was, s; the time of day."""
+
+    time: float
+    late: float
+    ages: dict[str, float]
+    wall: float
+
+
+AnyMessage: TypeAlias = (
+    About | ArmMessage | PictureMessage | SentMessage | QuestionMessage | AnswerMessage | WatchMessage | ClocksMessage
+)
+
+_CAMERA = "/camera/"
+_SCHEMAS: dict[str, type[AnyMessage]] = {
+    "/about": About,
+    "/arm": ArmMessage,
+    "/sent": SentMessage,
+    "/question": QuestionMessage,
+    "/answer": AnswerMessage,
+    "/watch": WatchMessage,
+    "/clocks": ClocksMessage,
+}
+
+
+def message_of(topic: str, plain: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) -> AnyMessage:
+    """Return a message of a log.
+
+    Args:
+        topic: its topic.
+        plain: its plain fields.
+        arrays: its arrays by name.
+
+    Raises:
+        InputError: there is no such topic, or a field is missing, unknown or wrong.
+    """
+    schema = PictureMessage if topic.startswith(_CAMERA) else _SCHEMAS.get(topic)
+    if schema is None:
+        raise InputError("is no topic of a log", field=topic)
+    fields: dict[str, Any] = {}
+    for name, values in arrays.items():
+        group, slash, key = name.partition("/")
+        if slash and isinstance(fields.setdefault(group, {}), dict):
+            fields[group][key] = values
+        else:
+            fields[name] = values
+    if twice := fields.keys() & plain.keys():
+        raise InputError("is given twice", field=f"{topic}: {min(twice)}")
+    fields |= plain
+    try:
+        found = schema.model_validate(fields)
+    except ValidationError as error:
+        raise input_error(error, within=topic) from error
+    if isinstance(found, PictureMessage) and topic != f"{_CAMERA}{found.camera}":
+        raise InputError(f"is a picture of {found.camera!r}", field=topic)
+    return found

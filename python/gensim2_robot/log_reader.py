@@ -1,0 +1,229 @@
+"""Reader of logs, which may come from anyone: sizes before memory, checksums before content, schemas before use.
+
+A log whose run was killed has no end. Everything that was written of it is read, as a stream.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.tree import open_regular, why
+from gensim2_robot.log_messages import About, AnyMessage, PictureMessage, message_of
+from gensim2_robot.packing import MAX_MESSAGE, unpack
+
+if TYPE_CHECKING:
+    from mcap.records import Chunk
+
+MAX_CHUNK = MAX_MESSAGE + (2 << 20)
+"""Bytes of one chunk, compressed or not: a message, and the MiB that waited for it."""
+MAX_CHANNELS = 100
+
+_MAGIC = b"\x89MCAP0\r\n"
+_REMEDY = "restore the file, or leave it out"
+
+
+def log_files(folder: Path) -> list[Path]:
+    """Return the files of a log, or the one file that was named, in their order.
+
+    Raises:
+        InputError: there is none.
+    """
+    files = sorted(folder.glob("log_*.mcap")) if folder.is_dir() else [folder]
+    if not files:
+        raise InputError("holds no log", file=folder, remedy="name the folder of a run: log_000000.mcap lies in it")
+    return files
+
+
+def messages(folder: Path) -> Iterator[tuple[str, AnyMessage]]:
+    """Yield topic and content of all messages of a log, or of one of its files, as they were written.
+
+    Each file begins with the same :class:`About`; pictures are of its cameras, in their sizes.
+
+    Raises:
+        InputError: there is no log, a file is damaged, or a message is not as its schema has it.
+        MissingExtraError: mcap is not installed.
+    """
+    about: About | None = None
+    for path in log_files(folder):
+        is_first = True
+        for topic, data in _packed(path):
+            try:
+                message = message_of(topic, *unpack(data))
+            except InputError as error:
+                raise InputError(error.message, file=path, field=error.field, remedy=_REMEDY) from error
+            if is_first != isinstance(message, About):
+                raise InputError("must stand first in a file, and once", file=path, field="/about", remedy=_REMEDY)
+            if isinstance(message, About):
+                if about is not None and message != about:
+                    raise InputError("is not that of the file before", file=path, field="/about", remedy=_REMEDY)
+                about, is_first = message, False
+            elif isinstance(message, PictureMessage) and about is not None:
+                _require_camera(message, about, path)
+            yield topic, message
+    if about is None:
+        raise InputError("holds no message: its run was ended before it wrote any", file=folder)
+
+
+def about_of(folder: Path) -> About:
+    """Return the first message of a log.
+
+    Raises:
+        InputError: there is none, or it is damaged.
+        MissingExtraError: mcap is not installed.
+    """
+    _, message = next(messages(folder))
+    assert isinstance(message, About), "messages() begins with it"
+    return message
+
+
+def unclosed(folder: Path) -> list[str]:
+    """Return the names of the files of a log that have no end, as those of a killed run.
+
+    Raises:
+        InputError: there is no log, or a file cannot be read.
+    """
+    found = []
+    for path in log_files(folder):
+        with _opened(path) as (stream, size):
+            if not _is_closed(stream, size):
+                found.append(path.name)
+    return found
+
+
+def _require_camera(picture: PictureMessage, about: About, path: Path) -> None:
+    field = f"/camera/{picture.camera}"
+    camera = next((each for each in about.cameras if each.name == picture.camera), None)
+    if camera is None:
+        raise InputError("is no camera of the log", file=path, field=field, remedy=_REMEDY)
+    shape = (camera.height, camera.width)
+    if picture.depth.shape != shape or picture.colors.shape != (*shape, 3):
+        said = f"depth is {picture.depth.shape}, colours are {picture.colors.shape}, the camera has {shape}"
+        raise InputError(said, file=path, field=field, remedy=_REMEDY)
+
+
+def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Topic and bytes of each message of a file."""
+    try:
+        from mcap.data_stream import ReadDataStream
+        from mcap.opcode import Opcode
+        from mcap.records import Channel, Chunk, DataEnd, Message
+    except ImportError as error:
+        raise MissingExtraError("mcap", "robot") from error
+    topics: dict[int, str] = {}
+
+    def read(opcode: int, content: bytes) -> Iterator[tuple[str, bytes]]:
+        with read_by_library(path, _REMEDY, "is damaged"):
+            record: Channel | Message | Chunk | None = None
+            stream = ReadDataStream(io.BytesIO(content))
+            if opcode == Opcode.CHANNEL:
+                record = Channel.read(stream)
+            elif opcode == Opcode.MESSAGE:
+                record = Message.read(stream, len(content))
+            elif opcode == Opcode.CHUNK:
+                record = Chunk.read(stream)
+        if isinstance(record, Channel):
+            topics[record.id] = record.topic
+            if len(topics) > MAX_CHANNELS:
+                raise _damaged(path, f"it has over {MAX_CHANNELS} channels")
+        elif isinstance(record, Message):
+            if record.channel_id not in topics:
+                raise _damaged(path, "a message is of no channel")
+            yield topics[record.channel_id], record.data
+        elif isinstance(record, Chunk):
+            expanded = _expanded(record, path)
+            for each in _records(io.BytesIO(expanded), 0, len(expanded), path, whole=True):
+                if each[0] == Opcode.CHUNK:
+                    raise _damaged(path, "a chunk is in a chunk")
+                yield from read(*each)
+
+    with _opened(path) as (stream, size):
+        closed = _is_closed(stream, size)
+        head = stream.read(len(_MAGIC))
+        if head != _MAGIC[: len(head)]:
+            raise InputError("is no MCAP file", file=path, remedy="name a log_*.mcap of a run, or its folder")
+        checksum, ended = zlib.crc32(head), False
+        for opcode, content in _records(stream, len(head), size - closed * len(_MAGIC), path, whole=closed):
+            if opcode == Opcode.DATA_END:
+                with read_by_library(path, _REMEDY, "is damaged"):
+                    end = DataEnd.read(ReadDataStream(io.BytesIO(content)))
+                if end.data_section_crc not in (0, checksum):  # 0: older logs have none
+                    raise _damaged(path, "its checksum is another")
+                ended = True
+            checksum = zlib.crc32(content, zlib.crc32(struct.pack("<BQ", opcode, len(content)), checksum))
+            if not ended:  # what follows repeats channels, and is for those who seek
+                yield from read(opcode, content)
+        if closed and not ended:
+            raise _damaged(path, "it has no end of data")
+
+
+def _records(stream: BinaryIO, at: int, end: int, path: Path, *, whole: bool) -> Iterator[tuple[int, bytes]]:
+    """Opcode and content of each record from ``at`` to ``end``; ``whole``: none may be cut off."""
+    while at < end:
+        head = stream.read(min(9, end - at))
+        opcode, length = struct.unpack("<BQ", head) if len(head) == 9 else (0, end)
+        at += 9 + length
+        if at > end:
+            if whole:
+                raise _damaged(path, "a record is cut off")
+            return
+        if length > MAX_CHUNK:
+            raise _damaged(path, f"a record has {length / 2**20:.0f} MiB")
+        yield opcode, stream.read(length)
+
+
+def _expanded(chunk: Chunk, path: Path) -> bytes:
+    """Content of a chunk, of the size that it states; no more memory is taken, whatever the compressed bytes say."""
+    import lz4.frame
+    import zstandard
+
+    size = chunk.uncompressed_size
+    if size > MAX_CHUNK:
+        raise _damaged(path, f"a chunk expands to {size / 2**20:.0f} MiB, more than {MAX_CHUNK / 2**20:.0f}")
+    found: bytes
+    with read_by_library(path, _REMEDY, "is damaged"):
+        if chunk.compression == "lz4":
+            found = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+        elif chunk.compression == "zstd":
+            found = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size + 1)
+        elif chunk.compression == "":
+            found = chunk.data
+        else:
+            raise _damaged(path, f"a chunk is compressed as {chunk.compression!r}")
+    if len(found) != size:
+        raise _damaged(path, "a chunk does not expand to the size that it states")
+    if chunk.uncompressed_crc not in (0, zlib.crc32(found)):
+        raise _damaged(path, "the checksum of a chunk is another")
+    return found
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[tuple[BinaryIO, int]]:
+    """A file and its size; errors of the system name it."""
+    try:
+        with open_regular(path) as stream:
+            yield stream, os.fstat(stream.fileno()).st_size
+    except OSError as error:
+        raise InputError(why(error), file=path, remedy=_REMEDY) from error
+
+
+def _is_closed(stream: BinaryIO, size: int) -> bool:
+    """Whether a file has its end; the stream stands at its beginning before and after."""
+    if size < 2 * len(_MAGIC):
+        return False
+    stream.seek(size - len(_MAGIC))
+    found = stream.read(len(_MAGIC)) == _MAGIC
+    stream.seek(0)
+    return found
+
+
+def _damaged(path: Path, said: str) -> InputError:
+    return InputError(f"is damaged: {said}", file=path, remedy=_REMEDY)

@@ -1,0 +1,380 @@
+"""A line with all that it goes between, opened and given up again."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+from pydantic import ValidationError
+
+from gensim2.core.errors import InputError
+from gensim2.core.validation import input_error
+from gensim2.perception import Camera, DepthNoise, ObservationSpec
+from gensim2.perception.noise_file import read_noise
+from gensim2.policy.remote.client import RemoteController
+from gensim2.policy.remote.protocol import is_url
+from gensim2.robots import RobotProfile, robot
+from gensim2.rollout.controller import is_privileged, spec_of
+from gensim2.rollout.controller_spec import ControllerSpec
+from gensim2.rollout.inputs import TaskInput
+from gensim2_robot.arm import Arm
+from gensim2_robot.arm_limits import ArmLimits, Array
+from gensim2_robot.calibration.file import Calibration, calibrated, read_calibration, require_calibrated
+from gensim2_robot.calibration.file import serials as calibrated_serials
+from gensim2_robot.cameras import ProcessCameras
+from gensim2_robot.clocks import MachineClock, SimulatedClock
+from gensim2_robot.config import SIMULATED, SOFTWARE, LineConfig
+from gensim2_robot.devices import ArmDriver, ArmState
+from gensim2_robot.eyes import PIXELS
+from gensim2_robot.faults import Fault, FullDisk
+from gensim2_robot.journal import Journal, Journals, NoJournal
+from gensim2_robot.line import Line
+from gensim2_robot.log_messages import About, LoggedCamera
+from gensim2_robot.mind import MindSpec, looked_at
+from gensim2_robot.real import ByHand, open_arm, open_cameras
+from gensim2_robot.session import Devices, OpenMind
+from gensim2_robot.watch import Watch, WatchRules
+
+REMOTE = "gensim2.policy.remote.client:RemoteController"
+
+
+class DryArm:
+    """An arm that is told nothing: all is computed and judged, and nothing is sent."""
+
+    def __init__(self, driver: ArmDriver) -> None:
+        self._driver, self.profile = driver, driver.profile
+
+    def poll(self) -> Sequence[ArmState]:
+        """States that came."""
+        return self._driver.poll()
+
+    def send(self, q: Array, gripper: float, t: float) -> None:
+        """Nothing."""
+
+    def stand(self) -> None:
+        """Stop all the same."""
+        self._driver.stand()
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Inputs of a line that were read and checked, before anything is opened.
+
+    Attributes:
+        given: the task.
+        config: of the line.
+        controller: how it is made.
+        seen: what it looks at.
+        privileged: it is shown the true scene.
+        limits: of the arm.
+        noise: of simulated cameras.
+        cameras: that are looked through; of real ones names, pixels and a first guess of their poses.
+        calibration: where they are; None: where the simulation has them.
+    """
+
+    given: TaskInput
+    config: LineConfig
+    controller: ControllerSpec
+    seen: ObservationSpec
+    privileged: bool
+    limits: ArmLimits
+    noise: DepthNoise
+    cameras: tuple[Camera, ...]
+    calibration: Calibration | None
+
+    @property
+    def profile(self) -> RobotProfile:
+        """The robot."""
+        return self.limits.profile
+
+
+def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) -> Prepared:
+    """Read and check everything that a line follows from.
+
+    Args:
+        given: the task.
+        config: of the line.
+        faults: that devices are to have.
+
+    Raises:
+        InputError: an argument cannot be used.
+        MissingExtraError: what is needed is not installed.
+    """
+    from gensim2_robot.simulated_cameras import simulated_cameras
+
+    noise = config.noise if isinstance(config.noise, DepthNoise) else read_noise(config.noise)
+    controller = _controller(given, config)
+    profile = robot(given.scene.robot)
+    limits = ArmLimits.of(profile, speed=config.speed, margin=config.margin, force=config.force, jump=config.jump)
+    limits.prepare()
+    made = controller.make(given.spec, profile)
+    seen, privileged = spec_of(made), is_privileged(made)
+    if isinstance(made, RemoteController):
+        made.close()  # the controller's process connects anew
+    if privileged and not config.is_simulated:
+        raise InputError("is shown the true scene, which there is in a simulation only", field=controller.target)
+    if seen.is_privileged:
+        raise InputError("sees keypoints of the objects, which no camera gives", field=controller.target)
+    cameras = simulated_cameras(profile, *config.pixels)
+    source = config.source
+    if not source.is_rendered:
+        if seen.modalities and not set(seen.cameras) <= set(source.devices):
+            said = f"the policy looks through {', '.join(seen.cameras)}"
+            raise InputError(said, field="--cameras", remedy="name the device of each")
+    elif seen.modalities:
+        cameras = tuple(each for each in cameras if each.name in seen.cameras)
+    for fault in faults:
+        if fault.name == "policy-token" and controller.target != REMOTE:
+            raise InputError("there is no server to refuse a token", field="--fault", remedy="--policy ws://HOST:PORT")
+        if (fault.kind == "arm" and not config.is_simulated) or (fault.kind == "camera" and not source.is_rendered):
+            raise InputError(f"{fault.name} is a fault of simulated devices", field="--fault")
+        if fault.name in ("camera-swapped", "camera-mislabelled"):
+            if len(cameras) < 2:
+                raise InputError("there is one camera, and nothing to exchange it with", field="fault")
+            if source.kind == SOFTWARE:
+                raise InputError(
+                    "a software device gives its own pictures", field="fault", remedy=f"--cameras {SIMULATED}"
+                )
+    calibration = None
+    if config.calibration is not None:
+        asked = cameras if source.is_rendered else ()  # real ones say their pixels when they are open
+        calibration = read_calibration(config.calibration, given.scene.robot, asked, days=config.calibration_days)
+    elif not source.is_rendered and not config.dry:
+        raise InputError(
+            "real cameras need one",
+            field="--calibration",
+            remedy="make it with gensim2 robot calibrate --from a dry run",
+        )
+    return Prepared(given, config, controller, seen, privileged, limits, noise, cameras, calibration)
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A line whose devices are open.
+
+    Attributes:
+        line: the loop.
+        devices: that it goes between.
+        about: what a log says of it.
+        disk: of the log, which may be told to be full; None: there is no log.
+    """
+
+    line: Line
+    devices: Devices
+    about: About
+    disk: FullDisk | None
+
+
+@contextlib.contextmanager
+def opened(
+    prepared: Prepared,
+    *,
+    log: Path | None = None,
+    watching: Sequence[Journal] = (),
+    seed: int | None = None,
+    mind: OpenMind | None = None,
+    pace: float | None = None,
+    interrupted: Sequence[int] = (),
+) -> Iterator[Opened]:
+    """Open devices and log, and give them up when the block ends.
+
+    Args:
+        prepared: what the line follows from.
+        log: folder of the log; None: nothing is written down.
+        watching: whoever else is told of everything.
+        seed: of all noise; None: that of the configuration.
+        mind: whose actions are taken; None: those of the controller, in a process of its own.
+        pace: control steps a second; None: the robot's, stretched by the speed.
+        interrupted: numbers of signals that have asked to stop, as :func:`interruptions` gives them.
+
+    Raises:
+        InputError: the log's folder is not empty.
+        DriverError: a device cannot be opened.
+        DeviceGoneError: a device's process has ended or does not answer, or a signal asked to stop.
+    """
+    config, given = prepared.config, prepared.given
+    noise_seed = config.seed if seed is None else seed
+    with contextlib.ExitStack() as stack:
+        real: ProcessCameras | None = None
+        cameras = prepared.cameras
+        if not config.source.is_rendered:
+            real = open_cameras(config.source, cameras, config.rate, interrupted)
+            giving_up = stack.enter_context(contextlib.ExitStack())
+            giving_up.callback(real.close)
+            cameras = real.cameras
+        believed, serials = cameras, _serials(cameras, real)
+        if prepared.calibration is not None:
+            assert config.calibration is not None, "it was read from there"
+            require_calibrated(prepared.calibration, cameras, config.calibration)
+            believed = calibrated(cameras, prepared.calibration)
+            serials = {**serials, **calibrated_serials(prepared.calibration)}
+        about = about_line(prepared, believed)
+        journals: list[Journal] = []
+        disk = None if log is None else FullDisk()
+        if log is not None and disk is not None:
+            from gensim2_robot.log import Log
+
+            written = Log(log, about, opener=disk.open)
+            stack.callback(written.close)
+            journals.append(written)
+        spec = MindSpec(prepared.controller, given.spec, given.scene.robot, believed)
+        if config.simulated_clock:
+            devices = _local(prepared, spec, noise_seed, mind, interrupted)
+        elif config.is_simulated:
+            devices = _in_processes(prepared, spec, noise_seed, mind, real, interrupted)
+        else:
+            assert real is not None, "a real arm has real cameras"
+            devices = _real(prepared, spec, real, mind)
+        if real is not None:
+            giving_up.pop_all()
+        stack.callback(devices.close)
+        rules = config.rules
+        if rules is None:
+            rules = WatchRules(behind=np.inf) if config.dry else WatchRules()
+        line = Line(
+            Arm(DryArm(devices.arm) if config.dry else devices.arm, prepared.limits),
+            devices.cameras,
+            devices.mind,
+            Watch(rules, serials),
+            devices.clock,
+            _journal([*journals, *watching]),
+            pace=pace or prepared.profile.control_hz * config.speed,
+        )
+        line.commands = []
+        yield Opened(line, devices, about, disk)
+
+
+def _journal(several: Sequence[Journal]) -> Journal:
+    if not several:
+        return NoJournal()
+    return several[0] if len(several) == 1 else Journals(several)
+
+
+def _serials(cameras: tuple[Camera, ...], real: ProcessCameras | None) -> Mapping[str, str]:
+    from gensim2_robot.simulated_cameras import simulated_serials
+
+    return simulated_serials(cameras) if real is None else real.serials
+
+
+def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
+    """Return what a log and a result say of a line.
+
+    Args:
+        prepared: what the line follows from.
+        believed: its cameras, where they are taken to be.
+    """
+    config, given, controller = prepared.config, prepared.given, prepared.controller
+    try:
+        return About(
+            task=given.spec.name,
+            language=given.spec.description,
+            robot=given.scene.robot,
+            controller=controller.to_dict() if config.policy is not None else {"target": controller.target},
+            arm=config.arm,
+            speed=config.speed,
+            margin=config.margin,
+            seed=config.seed,
+            pixels=PIXELS,
+            observation=looked_at(prepared.seen, believed).to_dict(),
+            cameras=[LoggedCamera.of(camera) for camera in believed],
+        )
+    except ValidationError as error:
+        raise input_error(error) from error
+
+
+def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
+    from gensim2.rollout.worker import chain
+
+    policy = config.policy
+    if policy is None:
+        return chain(given.strategies, given.rollout)
+    if isinstance(policy, ControllerSpec):
+        return policy
+    if is_url(str(policy)):
+        arguments = {"url": str(policy), "robot": given.scene.robot, "deadline": config.deadline}
+        return ControllerSpec(REMOTE, arguments)
+    from gensim2.policy.evaluating import controller_for
+
+    return controller_for(policy, given)
+
+
+def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None, interrupted: Sequence[int]) -> Devices:
+    from gensim2_robot.local import LocalArm, LocalCameras, LocalMind
+    from gensim2_robot.simulated_cameras import SimulatedCameras
+    from gensim2_robot.simulated_world import SimulatedWorld
+
+    config = prepared.config
+    with contextlib.ExitStack() as giving_up:
+        world, clock = SimulatedWorld(prepared.given.scene), SimulatedClock()
+        arm = LocalArm(world, clock)
+        giving_up.callback(arm.close)
+        simulated = SimulatedCameras(world.profile, prepared.cameras, seed, prepared.noise)
+        seeing = LocalCameras(world, simulated, clock, config.rate, config.delays.camera, seed)
+        mind = mind or LocalMind(spec, world, clock, config.delays.controller, interrupted)
+        giving_up.pop_all()
+    return Devices(arm, seeing, mind, clock, arm, {"arm": arm.fail, "camera": seeing.fail, "policy": mind.fail})
+
+
+def _in_processes(
+    prepared: Prepared,
+    spec: MindSpec,
+    seed: int,
+    mind: OpenMind | None,
+    played: ProcessCameras | None,
+    interrupted: Sequence[int],
+) -> Devices:
+    from gensim2_robot.processes import ProcessArm, ProcessMind
+    from gensim2_robot.simulated_cameras import RenderedCameras
+
+    config, scene = prepared.config, prepared.given.scene
+    with contextlib.ExitStack() as giving_up:
+        arm = ProcessArm(scene)
+        giving_up.callback(arm.close)
+        mind = mind or ProcessMind(spec, arm.truth)
+        giving_up.callback(mind.close)
+        failing = {"arm": arm.fail, "policy": mind.fail}
+        seeing = played
+        if seeing is None:
+            through = config.source.kind == SOFTWARE
+            how = (scene.robot, prepared.cameras, arm.eyes, seed, config.rate, prepared.noise, through)
+            seeing = ProcessCameras(RenderedCameras, *how, interrupted=interrupted)
+            failing["camera"] = seeing.fail
+        giving_up.pop_all()
+    return Devices(arm, seeing, mind, MachineClock(), arm, failing)
+
+
+def _real(prepared: Prepared, spec: MindSpec, cameras: ProcessCameras, mind: OpenMind | None) -> Devices:
+    from gensim2_robot.processes import ProcessMind
+
+    with contextlib.ExitStack() as giving_up:
+        arm = open_arm(prepared.config.arm, prepared.profile)
+        giving_up.callback(arm.close)
+        mind = mind or ProcessMind(spec, None)
+        giving_up.pop_all()
+    return Devices(arm, cameras, mind, MachineClock(), ByHand(), {"policy": mind.fail})
+
+
+@contextlib.contextmanager
+def interruptions() -> Iterator[list[int]]:
+    """Signals that ask to stop, as they come: the arm is stopped first, then they are heard."""
+    came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+
+    def note(number: int, _: FrameType | None) -> None:
+        came.append(number)
+
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, note) for number in numbers}
+    try:
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,352 @@
+"""Processes of devices; simulated arm and controller in theirs, by the machine's clock. Nothing here waits for them.
+
+A signal that is meant for the whole group ends only the one that watches: it lets the others go when the arm stands.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from multiprocessing.connection import Connection, Pipe
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from gensim2.core.cores import usable_cores
+from gensim2.core.errors import GenSim2Error
+from gensim2.core.processes.fork_server import ignore_interrupts, start_fork_server
+from gensim2.planning.scene import Scene
+from gensim2.robots import robot
+from gensim2.scenes.config import SceneConfig
+from gensim2.tasks.measurement import Measurement
+from gensim2_robot.arm_limits import CYCLE, Array
+from gensim2_robot.clocks import CONTROLLER_PRIORITY, schedule_first
+from gensim2_robot.devices import ArmState
+from gensim2_robot.mind import Answer, Begin, MindSpec, Question, think
+from gensim2_robot.picture_slots import PictureSlots, Room, SharedPicture
+from gensim2_robot.pipes import DeviceGoneError, MessagePipe
+
+PRELOAD = (
+    "gensim2_robot.cameras",
+    "gensim2_robot.simulated_world",
+    "gensim2_robot.simulated_cameras",
+    "gensim2.sim.sapien_scene",
+)
+SLIP = 0.2
+"""Seconds that the simulated time may be behind and still catch up."""
+
+ENDING = 3.0
+"""Seconds within which a process must end when it is told to."""
+KILLED = 1.0
+"""Seconds within which a killed process ends, unless the kernel itself waits for a device of its."""
+
+_CONTEXT = multiprocessing.get_context("forkserver")
+_GONE = (EOFError, OSError)
+
+
+class DeviceProcess:
+    """A process and the pipe to it. Nothing here waits for what the process does.
+
+    Args:
+        what: it is, for people.
+        target: runs there, with the other end of the pipe and the arguments; a GenSim2Error of it is told.
+        arguments: of it.
+    """
+
+    def __init__(self, what: str, target: Callable[..., None], *arguments: Any) -> None:
+        _CONTEXT.set_forkserver_preload(list(PRELOAD))  # imported once, as long as no process was begun
+        ours, theirs = Pipe()
+        self.pipe = MessagePipe(ours, what)
+        self._process: BaseProcess = _CONTEXT.Process(
+            target=_child, args=(target, theirs, *arguments), daemon=True, name=what
+        )
+        start_fork_server()
+        self._process.start()
+        theirs.close()
+
+    def drain(self) -> list[Any]:
+        """Return the messages that came.
+
+        Raises:
+            DeviceGoneError: the process has ended, or does not answer.
+            GenSim2Error: the process says why it cannot go on.
+        """
+        found = self.pipe.drain()
+        for message in found:
+            if isinstance(message, GenSim2Error):
+                raise message
+        return found
+
+    def tell(self, message: Any) -> None:
+        """Send a message; what cannot be sent shows at the next :meth:`drain`."""
+        self.pipe.tell(message)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it runs."""
+        return self._process.is_alive()
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the process."""
+        return self._process.pid
+
+    def kill(self) -> None:
+        """End it without a word."""
+        self._process.kill()
+
+    def close(self) -> None:
+        """Let it end, or end it, within four seconds."""
+        self.tell(None)
+        self._process.join(timeout=ENDING)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join(timeout=KILLED)
+        self.pipe.close()
+
+
+def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> None:
+    ignore_interrupts()
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
+        os.environ[name] = "1"
+    gc.freeze()  # the collector would look at all that was imported, and stop the process for 0.1 s
+    try:
+        target(pipe, *arguments)
+    except GenSim2Error as error:
+        with contextlib.suppress(*_GONE):
+            pipe.send(error)
+    except _GONE:
+        return  # whom it worked for has ended
+
+
+# ------------------------------------------------------------------------- arm
+
+
+class ProcessArm:
+    """The simulated arm in its process.
+
+    Args:
+        scene: what the scenes follow from.
+
+    Attributes:
+        goal, at_rest: whether the task's goal held, and the scene was at rest, at the last look.
+        eyes, truth: ends of pipes by which cameras and a privileged controller ask the world.
+    """
+
+    def __init__(self, scene: SceneConfig) -> None:
+        self.profile = robot(scene.robot)
+        self.eyes, eyes = Pipe()
+        self.truth, truth = Pipe()
+        self._process = DeviceProcess("arm", _serve_world, scene, eyes, truth)
+        self.goal = self.at_rest = False
+        self._wanted, self._episode = 0, -1
+
+    def poll(self) -> Sequence[ArmState]:
+        """States that came."""
+        found: list[ArmState] = []
+        for kind, value in self._process.drain():
+            if kind == "states":
+                found += value
+            elif kind == "goal":
+                self.goal, self.at_rest = value
+            elif kind == "episode":
+                self._episode, self.goal, self.at_rest = value, False, False
+                found.clear()
+        return found
+
+    def send(self, q: Array, gripper: float, t: float) -> None:
+        """Targets for the time t."""
+        self._process.tell(("send", q, gripper, t))
+
+    def stand(self) -> None:
+        """Stop where the arm is."""
+        self._process.tell(("stand",))
+
+    def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
+        """A fresh scene; ``is_ready`` says when it is there."""
+        self._wanted += 1
+        self._process.tell(("reset", seed, options))
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the scene of the last reset is there."""
+        return self._episode == self._wanted
+
+    def fail(self, fault: str) -> None:
+        """Let it fail from now on."""
+        self._process.tell(("fault", fault))
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+
+
+def _serve_world(pipe: Connection, scene: SceneConfig, eyes: Connection, truth: Connection) -> None:
+    from gensim2_robot.simulated_world import GOAL_EVERY, SimulatedWorld
+
+    world = SimulatedWorld(scene)
+    others = [MessagePipe(eyes, "cameras"), MessagePipe(truth, "controller")]
+    begun, cycle, due = False, 0, time.monotonic()
+    while True:
+        while pipe.poll():
+            message = pipe.recv()
+            if message is None:
+                world.close()
+                return
+            kind, *values = message
+            if kind == "send":
+                world.send(*values)
+            elif kind == "stand":
+                world.stand()
+            elif kind == "fault":
+                world.faults.add(values[0])
+            elif kind == "reset":
+                world.reset(*values)
+                begun, cycle, due = True, 0, time.monotonic()
+                pipe.send(("episode", world.episode))
+        if begun:
+            world.advance(due)
+            said = world.said(due)
+            if said:
+                pipe.send(("states", said))
+            if cycle % GOAL_EVERY == 0:
+                pipe.send(("goal", world.look()))
+            cycle += 1
+            for other in others:
+                _answer_world(other, world, due)
+        due += CYCLE
+        now = time.monotonic()
+        if now - due > SLIP:
+            due = now
+        time.sleep(max(0.0, due - now))
+
+
+def _answer_world(pipe: MessagePipe, world: Any, now: float) -> None:
+    with contextlib.suppress(DeviceGoneError):
+        for asked in pipe.drain():
+            pipe.tell({"rows": lambda: world.rows(now), "measure": world.measure, "scene": world.scene_state}[asked]())
+
+
+class ProcessTruth:
+    """Truth of a simulated world in its own process."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+
+    def measure(self) -> Measurement:
+        """Measure objects and gripper at the present instant, in the world frame."""
+        found: Measurement = self._ask("measure")
+        return found
+
+    def scene_state(self) -> Scene:
+        """The scene as a planner sees it."""
+        found: Scene = self._ask("scene")
+        return found
+
+    def _ask(self, what: str) -> Any:
+        try:
+            self._pipe.send(what)
+            return self._pipe.recv()
+        except _GONE as error:
+            raise GenSim2Error("the simulated world is gone") from error
+
+
+# ------------------------------------------------------------------ controller
+
+
+class ProcessMind:
+    """A controller in a process of its own.
+
+    Args:
+        spec: how it is made.
+        world: end of the pipe by which a privileged one asks the simulated world; None: there is none.
+    """
+
+    def __init__(self, spec: MindSpec, world: Connection | None) -> None:
+        self._process = DeviceProcess("controller", _serve_mind, spec, world)
+        self._slots: PictureSlots | None = None
+        self.is_ready = False
+        self._gone = False
+
+    def send(self, message: Begin | Question) -> None:
+        """Say or ask something; what finds no room, as earlier questions were not looked at, has no answer."""
+        if isinstance(message, Begin):
+            self._process.tell(message)
+            return
+        assert self._slots is not None, "it is asked when it is ready"
+        pictures = [put for frame in message.sight.frames if (put := self._slots.put(frame)) is not None]
+        if len(pictures) == len(message.sight.frames):
+            self._process.tell((replace(message, sight=replace(message.sight, frames=())), pictures))
+        else:
+            for picture in pictures:
+                self._slots.free(picture)
+
+    def poll(self) -> Sequence[Answer]:
+        """Answers that came.
+
+        Raises:
+            GenSim2Error: the controller cannot be made.
+        """
+        found = []
+        try:
+            for message in self._process.drain():
+                if message == "ready":
+                    self.is_ready = True
+                elif isinstance(message, Room):
+                    self._slots = PictureSlots.enter(message)
+                elif isinstance(message, SharedPicture):
+                    assert self._slots is not None, "it lies in them"
+                    self._slots.free(message)
+                else:
+                    found.append(message)
+        except DeviceGoneError:
+            self._gone = True
+        return found
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether its process runs."""
+        return not self._gone and self._process.is_alive
+
+    def fail(self, fault: str) -> None:
+        """Let it fail from now on."""
+        if fault == "policy-killed":
+            self._process.kill()
+        else:
+            self._process.tell(fault)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+        if self._slots is not None:
+            self._slots.close()
+
+
+def _serve_mind(pipe: Connection, spec: MindSpec, world: Connection | None) -> None:
+    slots, room = PictureSlots.make(spec.cameras)
+    pipe.send(room)
+
+    def receive() -> Any:
+        message = pipe.recv()
+        if not isinstance(message, tuple):
+            return message
+        question, pictures = message
+        frames = tuple(map(slots.take, pictures))
+        for picture in pictures:
+            pipe.send(picture)
+        return replace(question, sight=replace(question.sight, frames=frames))
+
+    def send(message: Any) -> None:
+        if message == "ready":
+            gc.freeze()  # the controller is made
+            if usable_cores() > 1:  # on one core what it waits for would wait for it
+                schedule_first(CONTROLLER_PRIORITY)
+        pipe.send(message)
+
+    think(spec, receive, send, time.monotonic, None if world is None else ProcessTruth(world))

@@ -1,0 +1,87 @@
+"""``gensim2 robot run``: episodes on an arm until the time is over or something ends them, and what came of it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Unpack
+
+from gensim2.core.errors import InputError
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.seeding import scene_seeds
+from gensim2.rollout.inputs import check_counts, read_task_input
+from gensim2_robot.config import LineArguments, LineConfig
+from gensim2_robot.faults import Fault
+from gensim2_robot.journal import Journal
+from gensim2_robot.keys import Keys
+from gensim2_robot.line import Figures
+from gensim2_robot.opening import about_line, interruptions, opened, prepare
+from gensim2_robot.pipes import DeviceGoneError
+from gensim2_robot.session import Layout, Session, result
+from gensim2_robot.watch import Watch
+
+ENDLESS = 100_000
+"""Episodes of a run that is bounded by its time alone."""
+MAX_MINUTES = 1e5
+"""Of a run."""
+
+
+def run(
+    task: str,
+    *,
+    minutes: float = 1.0,
+    episodes: int | None = None,
+    faults: Sequence[Fault] = (),
+    log: Path | None = None,
+    keys: Keys | None = None,
+    watching: Sequence[Journal] = (),
+    progress: Progress = NULL_PROGRESS,
+    **line: Unpack[LineArguments],
+) -> dict[str, Any]:
+    """Let a policy, or the planner's chain, drive an arm through the deployed line.
+
+    Args:
+        task: name of a library task, or a folder that holds one.
+        minutes: after which no episode goes on.
+        episodes: at most; None: as many as there is time for, and one where a person would have to lay out the next.
+            A real arm that is moved makes no more than one.
+        faults: of the devices.
+        log: folder of the log; None: nothing is written down.
+        keys: of a person, who resumes or stops.
+        watching: whoever else is told of everything.
+        progress: is told of episodes.
+        line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`.
+
+    Returns:
+        Plain data: docs/robot.md.
+
+    Raises:
+        InputError: an argument cannot be used.
+        MissingExtraError: what is needed is not installed.
+    """
+    if not 0.0 < minutes < MAX_MINUTES:
+        raise InputError(f"must be positive and less than {MAX_MINUTES:g}, is {minutes}", field="minutes")
+    if episodes is not None:
+        check_counts(episodes=episodes)
+    for fault in faults:
+        if fault.name == "disk-full" and log is None:
+            raise InputError("disk-full needs a log that can fail", field="fault", remedy="leave out --no-log")
+    config, scene = LineConfig.split(line)
+    if (episodes or 1) > 1 and not (config.is_simulated or config.dry):
+        said = f"a person lays out each scene of a real arm, {episodes} are asked for"
+        raise InputError(said, field="episodes", remedy="gensim2 robot trial")
+    given = read_task_input(task, seed=config.seed, **scene)
+    prepared = prepare(given, config, faults)
+    count = episodes or (ENDLESS if config.is_simulated else 1)
+    with interruptions() as interrupted, contextlib.ExitStack() as stack:
+        try:
+            there = stack.enter_context(opened(prepared, log=log, watching=watching, interrupted=interrupted))
+        except DeviceGoneError as error:
+            watch = Watch()
+            watch.stop(0.0, str(error))
+            return result(about_line(prepared, prepared.cameras), None, watch, Figures(), interrupted)
+        session = Session(there.line, there.devices, given, faults, there.disk, interrupted, keys, progress)
+        layouts = [Layout(seed) for seed in scene_seeds(config.seed, given.spec.name, "robot", count)]
+        session.run(60.0 * minutes, layouts, goal_ends=not prepared.privileged)
+    return session.report(there.about, log)

@@ -1,0 +1,251 @@
+"""``gensim2 robot trial``: a person is led through seeded placements; verdicts and causes are kept as they come."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, is_dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal, Unpack
+
+from gensim2.core.errors import GenSim2Error, InputError, WriteError
+from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.seeding import scene_seeds
+from gensim2.rollout.controller_spec import ControllerSpec
+from gensim2.rollout.inputs import read_task_input
+from gensim2_robot.config import LineArguments, LineConfig
+from gensim2_robot.journal import Journal
+from gensim2_robot.keys import Keys
+from gensim2_robot.opening import Prepared, interruptions, opened, prepare
+from gensim2_robot.pipes import DeviceGoneError
+from gensim2_robot.session import Ended, Layout, Session
+from gensim2_robot.trial.person import Person
+from gensim2_robot.trial.protocol import Placed, Protocol, reset_options
+from gensim2_robot.trial.record import Asked, Trial, TrialFolder, write_table
+
+Verdict = Literal["person", "simulator"]
+TRIALS = 10
+"""Of the paper's protocol."""
+
+
+class TrialsEndedError(GenSim2Error):
+    """The trials cannot go on as they are; those that are over are kept."""
+
+
+def trial(
+    protocol: Protocol,
+    *,
+    out: Path,
+    trials: int = TRIALS,
+    verdict: Verdict = "person",
+    person: Person | None = None,
+    resume: bool = False,
+    logged: bool = False,
+    name: str | None = None,
+    keys: Keys | None = None,
+    watching: Sequence[Journal] = (),
+    progress: Progress = NULL_PROGRESS,
+    **line: Unpack[LineArguments],
+) -> dict[str, Any]:
+    """Carry out trials of one protocol and write the table of all that ``out`` holds.
+
+    What is finished is kept when anything ends the trials. A simulated arm whose watch has held or stopped it is a
+    failed trial, and the next one begins with fresh devices; a real one ends there, to be seen to.
+
+    Args:
+        protocol: what is laid out, and what counts.
+        out: folder; the trials of a task are in one of its folders.
+        trials: how many.
+        verdict: whose counts.
+        person: who lays out and judges; None where a simulator does both.
+        resume: go on with what the folder holds.
+        logged: write everything down, a log for each opening of the devices.
+        name: of the folder in ``out``; None: the task's.
+        keys: of the person, who resumes or stops.
+        watching: whoever else is told of everything.
+        progress: is told of trials.
+        line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`.
+
+    Returns:
+        Plain data: the table with all records.
+
+    Raises:
+        InputError: an argument cannot be used, or the folder holds other trials.
+        WriteError: a trial cannot be kept; the arm has come to rest.
+        TrialsEndedError: the line stopped before an episode began, or a real arm is to be seen to.
+        KeyboardInterrupt: a signal asked to stop; the arm has come to rest.
+    """
+    config, scene = LineConfig.split(line)
+    if verdict == "simulator" and not config.is_simulated:
+        raise InputError("there is no simulator to judge a real arm", field="--verdict", remedy="person")
+    if person is None and verdict == "person":
+        raise InputError("a person judges, and there is none", field="person")
+    given = read_task_input(protocol.task, seed=config.seed, **scene)
+    protocol.require(given.spec)
+    told = given.spec.model_copy(update={"description": protocol.sentence})
+    given = replace(given, scene=replace(given.scene, task=told))
+    prepared = prepare(given, config)
+    folder = out / (name or given.spec.name)
+    asked = Asked(
+        task=given.spec.name,
+        policy=_named(config),
+        seed=config.seed,
+        protocol=protocol.model_dump(mode="json"),
+        line=_plain(config),
+        scene={**given.scene.options.to_record(), "instances": given.instances},
+    )
+    kept = TrialFolder(folder, asked, resume)
+    course = _Course(protocol, prepared, kept, trials, verdict, person, progress)
+    try:
+        while course.pending():
+            first = course.pending()[0]
+            log = folder / f"log_{first:04d}_{datetime.now(UTC):%Y%m%dT%H%M%S}" if logged else None
+            with interruptions() as interrupted, contextlib.ExitStack() as stack:
+                try:
+                    seed = course.seeds[first]
+                    there = stack.enter_context(
+                        opened(prepared, log=log, watching=watching, seed=seed, interrupted=interrupted)
+                    )
+                except DeviceGoneError:
+                    if interrupted:
+                        raise KeyboardInterrupt from None
+                    raise
+                session = Session(there.line, there.devices, given, (), there.disk, interrupted, keys, progress)
+                ends = config.is_simulated and not prepared.privileged
+                session.run(math.inf, course.layouts(), goal_ends=ends, ended=course.ended)
+            if interrupted:
+                raise KeyboardInterrupt
+            if course.unwritten is not None:
+                raise course.unwritten
+            watch = there.line.watch
+            if course.current is None:
+                continue
+            if not session.in_episode:
+                raise TrialsEndedError(f"trial {course.current.number} was not begun: {watch.reason}")
+            course.halted(str(watch.state), watch.reason)
+            if not config.is_simulated:
+                raise TrialsEndedError(f"the watch has {watch.state} the arm: see to it, then go on with --resume")
+    finally:
+        if course.unwritten is None:
+            table = write_table(out)
+    return table
+
+
+@dataclass(frozen=True)
+class _Current:
+    number: int
+    placed: dict[str, Placed]
+
+
+class _Course:
+    """The trials that are left, one after the other."""
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        prepared: Prepared,
+        kept: TrialFolder,
+        trials: int,
+        verdict: Verdict,
+        person: Person | None,
+        progress: Progress,
+    ) -> None:
+        self._protocol, self._kept, self._verdict, self._person = protocol, kept, verdict, person
+        self._simulated, self._seed, self._progress = prepared.config.is_simulated, prepared.config.seed, progress
+        self._trials = trials
+        self.seeds = scene_seeds(self._seed, protocol.task, "trial", trials)
+        self.current: _Current | None = None
+        self.unwritten: WriteError | None = None
+
+    def pending(self) -> list[int]:
+        """Numbers of the trials that are left."""
+        return [number for number in range(self._trials) if number not in self._kept.trials]
+
+    def layouts(self) -> Iterator[Layout]:
+        """Scenes of the trials that are left; a person lays out what no simulator does."""
+        for number in self.pending():
+            placed = self._protocol.place(self._seed, number)
+            self.current = _Current(number, placed)
+            if not self._simulated:
+                assert self._person is not None, "a person lays out"
+                what = [f"{name}: {text}" for name, text in self._protocol.objects.items()] if number == 0 else []
+                where = [each.told(name) for name, each in placed.items()]
+                self._person.lay_out([f"Trial {number + 1} of {self._trials}", *what, *where])
+            yield Layout(self.seeds[number], reset_options(placed))
+
+    def ended(self, end: Ended) -> None:
+        """Take the verdict of an episode that came to its end."""
+        cause = None
+        if self._verdict == "simulator":
+            success = end.held is True
+            cause = None if success else end.lacking
+        else:
+            assert self._person is not None, "a person judges"
+            success = self._person.judge(self._protocol.verdict, end.held)
+            cause = None if success else self._person.cause(self._protocol.causes)
+        self._keep(success, cause, self._verdict, end.goal, "idle", "episode over", end.seconds)
+
+    def halted(self, state: str, reason: str) -> None:
+        """Count the trial in which the watch has held or stopped the arm as a failure."""
+        self._keep(False, f"{state}: {reason}", "watch", None, state, reason, 0.0)
+
+    def _keep(
+        self,
+        success: bool,
+        cause: str | None,
+        by: Literal["person", "simulator", "watch"],
+        goal: bool | None,
+        state: str,
+        reason: str,
+        seconds: float,
+    ) -> None:
+        assert self.current is not None, "a trial is under way"
+        found = Trial(
+            number=self.current.number,
+            placements={name: asdict(each) for name, each in self.current.placed.items()},
+            success=success,
+            cause=cause,
+            by=by,
+            goal=goal,
+            state=state,
+            reason=reason,
+            seconds=round(seconds, 3),
+            at=datetime.now(UTC).isoformat(timespec="seconds"),
+        )
+        try:
+            self._kept.add(found)
+        except WriteError as error:
+            self.unwritten = error
+            raise
+        self.current = None
+        done = self._kept.trials.values()
+        self._progress.message(f"trial {found.number + 1}: {'yes' if success else cause}")
+        self._progress.message(f"{sum(each.success for each in done)} of {len(done)}")
+
+
+def _named(config: LineConfig) -> str:
+    policy = config.policy
+    if policy is None:
+        return "plan"
+    return policy.target if isinstance(policy, ControllerSpec) else str(policy)
+
+
+def _plain(config: LineConfig) -> dict[str, Any]:
+    """Everything that trials which are gone on with must keep to, as JSON gives it back."""
+    left_out = ("policy", "seed", "calibration_days")
+    found: dict[str, Any] = {}
+    for name, value in vars(config).items():
+        if name not in left_out:
+            plain = asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+            found[name] = _json(plain)
+    return found
+
+
+def _json(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _json(each) for name, each in value.items()}
+    if isinstance(value, tuple | list):
+        return [_json(each) for each in value]
+    return str(value) if isinstance(value, Path) else value

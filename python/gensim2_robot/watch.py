@@ -1,0 +1,285 @@
+"""Supervision of the arm, as a state machine: idle, armed, running, holding, stopped.
+
+A software stop, not safety-rated: docs/robot.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.core.errors import GenSim2Error
+from gensim2_robot.devices import ArmState, Frame
+from gensim2_robot.limits import Sent
+
+TOLD_APART = 48
+"""Measurements in a row of a picture from which on noise does not repeat it."""
+
+
+class State(StrEnum):
+    """State of a watch."""
+
+    IDLE = "idle"
+    ARMED = "armed"
+    RUNNING = "running"
+    HOLDING = "holding"
+    STOPPED = "stopped"
+
+
+class StateError(GenSim2Error):
+    """Transition that the present state does not allow."""
+
+
+@dataclass(frozen=True)
+class WatchRules:
+    """Tolerances of the watch; seconds.
+
+    Attributes:
+        frame_age: of a picture that is used.
+        apart: between the newest pictures of two cameras.
+        no_action: from a question to the controller to its answer, where the arm moves in between.
+        thinking: the same where it stands all the while.
+        late_answers: in a row, all of whose actions are over when they come.
+        state_age: of the arm's last word.
+        behind: rad (m) by which the arm may lie off every command of the last ``window``, unless it is pressed on:
+            what blocks it is judged by the force.
+        pressed: N from which on it is.
+        window: of commands that the arm is compared with.
+        overrun: by which a period may be late without counting as an overrun.
+        overruns: of them in a row that stop the arm.
+    """
+
+    frame_age: float = 0.150
+    apart: float = 0.050
+    no_action: float = 0.200
+    thinking: float = 20.0
+    late_answers: int = 3
+    state_age: float = 0.100
+    behind: float = 0.08
+    pressed: float = 10.0
+    window: float = 0.300
+    overrun: float = 0.020
+    overruns: int = 3
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of state.
+
+    Attributes:
+        time: s.
+        state: that follows.
+        reason: why, for people.
+        at_once: the arm stops by its own means; commands of a checked stop would come too late or are not taken.
+    """
+
+    time: float
+    state: State
+    reason: str
+    at_once: bool = False
+
+
+@dataclass
+class Watch:
+    """The state machine. It is told what happens and says what state follows; it moves nothing itself.
+
+    Only a person resumes, and only what is held; what is stopped is begun anew.
+
+    Attributes:
+        rules: what it bears.
+        serials: number of the device that each camera is, by its name.
+    """
+
+    rules: WatchRules = field(default_factory=WatchRules)
+    serials: Mapping[str, str] = field(default_factory=dict)
+    state: State = State.IDLE
+    reason: str = ""
+    changes: list[Change] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what was seen: an episode begins."""
+        self._frames: dict[str, Frame] = {}
+        self._forget_motion()
+
+    def _forget_motion(self) -> None:
+        self._commands: list[tuple[float, Sent]] = []
+        self._asked: float | None = None
+        self._moved_since = False
+        self._late_answers = 0
+        self._overruns = 0
+
+    # ------------------------------------------------------------- transitions
+
+    def arm(self, now: float) -> None:
+        """Everything is there; nothing moves yet."""
+        self._require(State.IDLE)
+        self._change(now, State.ARMED, "ready")
+
+    def run(self, now: float) -> None:
+        """Let the controller move the arm."""
+        self._require(State.ARMED)
+        self._change(now, State.RUNNING, "begun")
+
+    def rest(self, now: float) -> None:
+        """An episode is over."""
+        self._require(State.ARMED, State.RUNNING)
+        self._change(now, State.IDLE, "episode over")
+
+    def hold(self, now: float, reason: str) -> None:
+        """Come to rest and stand there under control; what is stopped stays so."""
+        if self.state in (State.ARMED, State.RUNNING):
+            self._change(now, State.HOLDING, reason)
+
+    def stop(self, now: float, reason: str, *, at_once: bool = False) -> None:
+        """Stop, whatever there was before; ``at_once`` by the arm's own means."""
+        if self.state is not State.STOPPED:
+            self._change(now, State.STOPPED, reason, at_once)
+
+    @property
+    def stops_at_once(self) -> bool:
+        """Whether the arm is to stop by its own means."""
+        return self.state is State.STOPPED and self.changes[-1].at_once
+
+    def resume(self, now: float, person: str) -> None:
+        """Go on after a hold.
+
+        Args:
+            person: who says so.
+
+        Raises:
+            StateError: nothing is held, or no person resumes it.
+        """
+        self._require(State.HOLDING)
+        if not person:
+            raise StateError("a person resumes: say who")
+        self._forget_motion()
+        self._change(now, State.RUNNING, f"resumed by {person}")
+
+    def _require(self, *states: State) -> None:
+        if self.state not in states:
+            raise StateError(f"is {self.state}, must be {' or '.join(states)}")
+
+    def _change(self, now: float, state: State, reason: str, at_once: bool = False) -> None:
+        self.state, self.reason = state, reason
+        self.changes.append(Change(now, state, reason, at_once))
+
+    # ------------------------------------------------------------ what is seen
+
+    def saw_frame(self, frame: Frame, now: float) -> None:
+        """A picture came.
+
+        No camera is without noise: the same picture twice is frozen, and one with rows of the picture before is torn.
+        """
+        expected = self.serials.get(frame.camera)
+        if expected is not None and frame.serial != expected:
+            self.hold(now, f"camera {frame.camera}: the picture is of the device {frame.serial!r}, not {expected!r}")
+        before = self._frames.get(frame.camera)
+        if before is not None:
+            if frame.captured < before.captured or frame.captured > now + self.rules.apart:
+                self.hold(now, f"camera {frame.camera}: its clock jumped by {frame.captured - before.captured:.3f} s")
+            elif frame.depth.shape != before.depth.shape:
+                self.hold(now, f"camera {frame.camera}: the picture has another size")
+            else:
+                same = np.flatnonzero((frame.depth == before.depth).all(axis=1))
+                if len(same) == len(frame.depth) and frame.depth.any():
+                    self.hold(now, f"camera {frame.camera}: the picture is frozen")
+                elif (rows := _told_apart(frame.depth[same])) > 0:
+                    self.hold(now, f"camera {frame.camera}: the picture is torn, {rows} rows are of the one before")
+        self._frames[frame.camera] = frame
+
+    def saw_arm(self, state: ArmState, now: float) -> None:
+        """The arm said where it stands."""
+        why = f": {state.reason}" if state.reason else ""
+        if state.mode == "reflex":
+            self.stop(now, f"the arm has stopped by itself: reflex{why}", at_once=True)
+        elif state.mode == "refusing":
+            self.stop(now, f"the arm refuses commands{why}", at_once=True)
+        elif state.mode == "at-limit":
+            self.hold(now, f"the arm is at a limit of its own{why}")
+        if not (np.isfinite(state.q).all() and np.isfinite(state.v).all()):
+            self.stop(now, "the arm says where it stands in no numbers")
+
+    def sent(self, sent: Sent, time: float) -> None:
+        """A command was sent."""
+        self._commands = [each for each in self._commands if each[0] >= time - self.rules.window]
+        self._commands.append((time, sent))
+
+    def asked(self, now: float) -> None:
+        """The controller was asked."""
+        if self._asked is None:
+            self._asked, self._moved_since = now, False
+
+    def answered(self) -> None:
+        """It has answered."""
+        self._asked = None
+
+    def came(self, late: bool, now: float) -> None:
+        """Its actions came; ``late``: all of them are over. Thinking before a motion makes one answer late."""
+        self._late_answers = self._late_answers + 1 if late else 0
+        if self._late_answers >= self.rules.late_answers:
+            self.hold(now, f"no action from the controller in time, {self._late_answers} answers in a row")
+
+    def period(self, late: float, now: float) -> None:
+        """A period of the loop began so much too late (s)."""
+        self._overruns = self._overruns + 1 if late > self.rules.overrun else 0
+        if self._overruns >= self.rules.overruns:
+            self.stop(now, f"{self._overruns} periods in a row overran, the last by {1e3 * late:.0f} ms")
+
+    # ------------------------------------------------------------------- rules
+
+    def check_frames(self, cameras: Sequence[str], now: float) -> None:
+        """Hold where a picture that is about to be used is missing, too old, or of another time than the others."""
+        times = []
+        for name in cameras:
+            frame = self._frames.get(name)
+            if frame is None:
+                self.hold(now, f"camera {name}: no picture")
+                return
+            if now - frame.captured > self.rules.frame_age:
+                self.hold(now, f"camera {name}: the last picture is {1e3 * (now - frame.captured):.0f} ms old")
+                return
+            times.append(frame.captured)
+        if times and max(times) - min(times) > self.rules.apart:
+            behind = cameras[times.index(min(times))]
+            self.hold(
+                now, f"camera {behind}: its picture is {1e3 * (max(times) - min(times)):.0f} ms behind the others"
+            )
+
+    def check_arm(self, state: ArmState | None, arm: np.ndarray | None, now: float) -> None:
+        """Hold where the arm is silent, or is not where it was sent.
+
+        Args:
+            state: its last.
+            arm: (m,) of its joints.
+        """
+        if self.state is not State.RUNNING:
+            return
+        if state is None or now - state.time > self.rules.state_age:
+            age = "nothing" if state is None else f"{1e3 * (now - state.time):.0f} ms old"
+            self.hold(now, f"the arm lags: its last word is {age}")
+        elif arm is not None and self._commands:
+            off = min(float(np.abs(sent.q - arm).max()) for _, sent in self._commands)
+            if off > self.rules.behind and state.force < self.rules.pressed:
+                self.hold(now, f"the arm lags: it is {off:.3f} rad from where it was sent")
+
+    def check_answer(self, moves: bool, now: float) -> None:
+        """Hold where the controller has not answered in time."""
+        if self._asked is None or self.state is not State.RUNNING:
+            return
+        # A motion that ran out of actions has come to rest by itself: it was cut short all the same.
+        self._moved_since |= moves
+        waited = now - self._asked
+        if waited > (self.rules.no_action if self._moved_since else self.rules.thinking):
+            self.hold(now, f"no action from the controller for {1e3 * waited:.0f} ms")
+
+
+def _told_apart(rows: npt.NDArray[np.uint16]) -> int:
+    """Rows that hold enough measurements to be told apart by their noise."""
+    return int((np.count_nonzero(rows, axis=1) >= TOLD_APART).sum())
