@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from constraints import point_to_point, pointing_down
+
 from gensim2.tasks.spec import TaskSpec
 
 OPEN_DRAWER = Path(__file__).parent / "open_drawer"
@@ -47,30 +49,12 @@ TASK = TaskSpec.model_validate(
 
 
 def _point(tool: str, target: str, offset: list[float], tolerance: float) -> dict[str, Any]:
-    return {
-        "type": "point2point_constraint",
-        "keypoint_name": tool,
-        "target_keypoint_name": target,
-        "target_offset": offset,
-        "tolerance": tolerance,
-    }
-
-
-def _down(tolerance: float) -> dict[str, Any]:
-    return {
-        "type": "frame_axis_parallel",
-        "axis_from_keypoint_name": "tool_tail",
-        "axis_to_keypoint_name": "tool_head",
-        "target_axis": [0.0, 0.0, -1.0],
-        "target_axis_frame": "world",
-        "target_inner_product": 1.0,
-        "tolerance": tolerance,
-    }
+    return point_to_point(tool, target, tolerance, target_offset=offset)
 
 
 STRATEGIES: dict[str, dict[str, Any]] = {
     "open": {
-        "constraint_list": [_point("tool_head", "articulated_object_head", [0.0, 0.0, 0.0], 0.001), _down(0.1)],
+        "constraint_list": [_point("tool_head", "articulated_object_head", [0.0, 0.0, 0.0], 0.001), pointing_down(0.1)],
         "pre_actuation_motions": [["translate_z", -0.1]],
         "post_actuation_motions": [["follow_joint_to", 1.0]],
         "gripper": "grasp",
@@ -80,14 +64,14 @@ STRATEGIES: dict[str, dict[str, Any]] = {
     "place": {
         "constraint_list": [
             _point("rigidbody_object_head", "articulated_object_inside", [0.0, 0.0, 0.02], 0.028),
-            _down(0.6),
+            pointing_down(0.6),
         ],
         "pre_actuation_motions": ["move-up"],
         "gripper": "release",
         "let_go": 0.08,
     },
     "close": {
-        "constraint_list": [_point("tool_head", "articulated_object_head", [0.0, 0.0, 0.0], 0.001), _down(0.6)],
+        "constraint_list": [_point("tool_head", "articulated_object_head", [0.0, 0.0, 0.0], 0.001), pointing_down(0.6)],
         "pre_actuation_motions": [["translate_z", -0.1]],
         "post_actuation_motions": [["follow_joint_to", 0.0]],
         "gripper": "closed",

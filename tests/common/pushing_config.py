@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from constraints import point_to_point
+
 CONFIG: dict[str, Any] = {
     "constraint_list": [
-        {
-            "type": "point2point_constraint",
-            "keypoint_name": "tool_head",
-            "target_keypoint_name": "articulated_object_head",
-            "tolerance": 0.001,
-        },
+        point_to_point("tool_head", "articulated_object_head", 0.001),
     ],
     "pre_actuation_motions": [["translate_z", -0.1]],
     "post_actuation_motions": ["move-forward", "move-forward"],

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from constraints import point_to_point
+
 sys.path.insert(0, str(Path(__file__).parents[1] / "kill"))
 
 import fake_world
@@ -23,15 +25,7 @@ from gensim2.tasks.strategies import StepStrategies
 
 CONFIG = {
     "task_name": "OpenDemo",
-    "constraint_list": [
-        {
-            "name": "tip_on_handle",
-            "type": "point2point_constraint",
-            "keypoint_name": "tool_head",
-            "target_keypoint_name": "articulated_object_head",
-            "tolerance": 0.001,
-        }
-    ],
+    "constraint_list": [point_to_point("tool_head", "articulated_object_head", 0.001, name="tip_on_handle")],
 }
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from constraints import point_to_point
 
 sys.path.append(str(Path(__file__).parents[1] / "kill"))
 
@@ -243,14 +244,7 @@ def problem_line() -> str:
     pose = np.eye(4)
     pose[:3, 3] = (0.5, 0.0, 0.2)
     config = {
-        "constraint_list": [
-            {
-                "type": "point2point_constraint",
-                "keypoint_name": "tool_head",
-                "target_keypoint_name": "articulated_object_head",
-                "tolerance": 0.001,
-            }
-        ],
+        "constraint_list": [point_to_point("tool_head", "articulated_object_head", 0.001)],
         "pre_actuation_motions": [["translate_z", -0.05]],
         "post_actuation_motions": [["translate_x", -0.05]],
     }

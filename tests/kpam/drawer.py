@@ -8,6 +8,7 @@ from typing import Any
 import coal
 import numpy as np
 import numpy.typing as npt
+from constraints import parallel, point_to_point
 from parts import Moved, Part, least_distance, part
 from peers import Arm
 
@@ -75,22 +76,9 @@ def scene(panda: kpam.Robot) -> kpam.Scene:
 
 def config(tool: str, target: str, pre: list[Any], post: list[Any]) -> kpam.SolverConfig:
     """A point of the tool on a target, the hand looking down, its fingers closing along y."""
-    constraints: list[dict[str, Any]] = [
-        {"type": "point2point_constraint", "keypoint_name": tool, "target_keypoint_name": target, "tolerance": 0.001}
-    ]
+    constraints: list[dict[str, Any]] = [point_to_point(tool, target, 0.001)]
     axes = {"tail": [0, 0, 1], "side": [0, 1, 0]}
-    constraints += [
-        {
-            "type": "frame_axis_parallel",
-            "axis_from_keypoint_name": "head",
-            "axis_to_keypoint_name": name,
-            "target_axis": axis,
-            "target_axis_frame": "world",
-            "target_inner_product": 1,
-            "tolerance": 0.02,
-        }
-        for name, axis in axes.items()
-    ]
+    constraints += [parallel("head", name, axis, 0.02) for name, axis in axes.items()]
     return kpam.SolverConfig(
         {"constraint_list": constraints, "pre_actuation_motions": pre, "post_actuation_motions": post}
     )

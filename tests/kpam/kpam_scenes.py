@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from constraints import parallel, point_to_point
 
 import gensim2_kpam as kpam
 
@@ -22,30 +23,9 @@ def config(**changes: Any) -> dict[str, Any]:
     """Fingertips on the lid's edge from above, then along the lid's joint."""
     out: dict[str, Any] = {
         "constraint_list": [
-            {
-                "type": "point2point_constraint",
-                "keypoint_name": "tool_head",
-                "target_keypoint_name": "edge",
-                "tolerance": 0.001,
-            },
-            {
-                "type": "frame_axis_parallel",
-                "axis_from_keypoint_name": "tool_head",
-                "axis_to_keypoint_name": "tool_tail",
-                "target_axis": [0, 0, 1],
-                "target_axis_frame": "world",
-                "target_inner_product": 1,
-                "tolerance": 0.02,
-            },
-            {
-                "type": "frame_axis_parallel",
-                "axis_from_keypoint_name": "tool_head",
-                "axis_to_keypoint_name": "tool_side",
-                "target_axis": [0, 1, 0],
-                "target_axis_frame": "world",
-                "target_inner_product": 1,
-                "tolerance": 0.02,
-            },
+            point_to_point("tool_head", "edge", 0.001),
+            parallel("tool_head", "tool_tail", [0, 0, 1], 0.02),
+            parallel("tool_head", "tool_side", [0, 1, 0], 0.02),
         ],
         "pre_actuation_motions": [["translate_z", -0.1]],
         "post_actuation_motions": [["translate_z", -0.05], "move-up"],

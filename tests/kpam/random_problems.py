@@ -9,6 +9,7 @@ from typing import Any
 
 import coal
 import numpy as np
+from constraints import parallel, point_to_point
 from contacts import Hinge, Obstacle
 from mechanism import Mechanism
 from parts import Part, part, shape_distance, transform
@@ -200,26 +201,11 @@ def problem_on(arm: RandomArm, mechanism: Mechanism, number: int, draw: np.rando
     point = hand[:3, :3] @ arm.tip + hand[:3, 3]
     independent = sorted(mechanism.movers(arm.hand))
     config: dict[str, Any] = {
-        "constraint_list": [
-            {
-                "type": "point2point_constraint",
-                "keypoint_name": "tip",
-                "target_keypoint_name": "goal",
-                "tolerance": 1e-3 if len(independent) > 2 else 0.02,
-            }
-        ]
+        "constraint_list": [point_to_point("tip", "goal", 1e-3 if len(independent) > 2 else 0.02)]
     }
     if len(independent) > 4 and draw.random() < 0.6:
         config["constraint_list"].append(
-            {
-                "type": "frame_axis_parallel",
-                "axis_from_keypoint_name": "behind",
-                "axis_to_keypoint_name": "tip",
-                "target_axis": hand[:3, 2].tolist(),
-                "target_axis_frame": "world",
-                "target_inner_product": 1.0,
-                "tolerance": float(draw.choice([0.05, 0.3])),
-            }
+            parallel("behind", "tip", hand[:3, 2].tolist(), float(draw.choice([0.05, 0.3])))
         )
     T_base_object, joint = moving_joint(draw, mechanism, q_goal)
     config |= motions(draw, mechanism, joint is not None)

@@ -9,6 +9,7 @@ from typing import Any
 import coal
 import numpy as np
 import pytest
+from constraints import point_to_point
 
 import gensim2_kpam as kpam
 
@@ -132,14 +133,7 @@ def test_every_arm_carries_something(name: str, robots: Path, tmp_path: Path) ->
     post[:3, 3] = 0.5 * (here[:3, :3] @ tip + here[:3, 3] + there) - [0.0, 0.0, 0.07]
     floor = np.eye(4)
     floor[2, 3] = -0.2
-    constraints = [
-        {
-            "type": "point2point_constraint",
-            "keypoint_name": "tip",
-            "target_keypoint_name": "goal",
-            "tolerance": 1e-3,
-        }
-    ]
+    constraints = [point_to_point("tip", "goal", 1e-3)]
     config = {
         "constraint_list": constraints,
         "pre_actuation_motions": case.before,

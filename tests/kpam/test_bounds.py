@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from constraints import point_to_point
 
 import gensim2_kpam as kpam
 
 from .kpam_scenes import Q_START, config, problem
 
-POINT = {"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "goal", "tolerance": 0.001}
+POINT = point_to_point("tip", "goal", 0.001)
 TO_A_POINT = {"constraint_list": [POINT]}
 POINTS = {"tool_keypoints": {"tip": [0.0, 0.0, 0.1]}, "object_keypoints": {"goal": [0.5, 0.0, 0.4]}}
 

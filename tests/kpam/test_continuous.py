@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from constraints import parallel
 
 import gensim2_kpam as kpam
 
@@ -34,15 +35,7 @@ def endless_arm(tmp_path: Path) -> kpam.Robot:
 
 def scene(robot: kpam.Robot, start: np.ndarray, goal: np.ndarray, **changes: Any) -> kpam.KeypointProblem:
     point = {"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "goal"}
-    up = {
-        "type": "frame_axis_parallel",
-        "axis_from_keypoint_name": "base",
-        "axis_to_keypoint_name": "tip",
-        "target_axis": [0, 0, -1],
-        "target_axis_frame": "world",
-        "target_inner_product": 1,
-        "tolerance": 0.05,
-    }
+    up = parallel("base", "tip", [0, 0, -1], 0.05)
     settings = {"constraint_list": [{**point, "tolerance": 0.001}, up], "pre_actuation_motions": [["rotate", 0.6]]}
     arguments: dict[str, Any] = {
         "config": settings,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from constraints import point_to_point
 
 import gensim2_kpam as kpam
 
@@ -40,16 +41,7 @@ def walls(*, shut: bool = False) -> list[kpam.Body]:
 def behind_the_wall(panda: kpam.Robot, *, shut: bool = False, **options: Any) -> kpam.KeypointProblem:
     """Return a problem whose pose lies beyond the wall."""
     at = panda.forward_kinematics(TURNED) @ np.array([0.0, 0.0, 0.1034, 1.0])
-    config = {
-        "constraint_list": [
-            {
-                "type": "point2point_constraint",
-                "keypoint_name": "tool_head",
-                "target_keypoint_name": "goal",
-                "tolerance": 1e-3,
-            }
-        ]
-    }
+    config = {"constraint_list": [point_to_point("tool_head", "goal", 1e-3)]}
     return problem(
         panda,
         config=config,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from constraints import parallel, point_to_point
 from tests.kpam.kpam_scenes import problem
 
 import gensim2_kpam as kpam
@@ -64,15 +65,7 @@ def test_seeds_that_none_draws_from_are_refused(scara: kpam.Robot, seed: int) ->
 
 
 def test_proving_a_path_ends_with_the_deadline(scara: kpam.Robot) -> None:
-    axis = {
-        "type": "frame_axis_parallel",
-        "axis_from_keypoint_name": "a",
-        "axis_to_keypoint_name": "b",
-        "target_axis": [0, 0, 1],
-        "target_axis_frame": "world",
-        "target_inner_product": 1,
-        "tolerance": 1e-6,
-    }
+    axis = parallel("a", "b", [0, 0, 1], 1e-6)
     motion = kpam.Scene(scara).plan_to(
         [-1.0, 0.0, 0.0, 0.0],
         [1.0, 0.0, 0.0, 0.0],
@@ -107,12 +100,7 @@ def thing(name: str, place: list[float], half: list[float]) -> kpam.Body:
 def test_more_of_a_search_never_takes_a_part_back(scara: kpam.Robot) -> None:
     """The straight way is barred by a post, and the lift ends at a plate: a part is found, with each of two margins."""
     goal = scara.forward_kinematics([0.7, 0.3, 0.1, -0.5])[:3, 3]
-    point = {
-        "type": "point2point_constraint",
-        "keypoint_name": "tip",
-        "target_keypoint_name": "goal",
-        "tolerance": 0.001,
-    }
+    point = point_to_point("tip", "goal", 0.001)
     question = kpam.KeypointProblem(
         scara,
         kpam.SolverConfig({"constraint_list": [point], "post_actuation_motions": [["translate_z", 0.35]]}),

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from constraints import point_to_point
 
 import gensim2_kpam as kpam
 
@@ -32,14 +33,7 @@ GANTRY = """
 def gantry_problem(robot: kpam.Robot, q: Array, goal: Array) -> kpam.KeypointProblem:
     config = kpam.SolverConfig(
         {
-            "constraint_list": [
-                {
-                    "type": "point2point_constraint",
-                    "keypoint_name": "tip",
-                    "target_keypoint_name": "goal",
-                    "tolerance": 0.001,
-                }
-            ],
+            "constraint_list": [point_to_point("tip", "goal", 0.001)],
             "post_actuation_motions": [["translate_z", 0.1]],
         }
     )

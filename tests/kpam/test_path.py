@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from constraints import parallel, point_to_point
 
 import gensim2_kpam as kpam
 
@@ -14,15 +15,7 @@ GOAL = np.array([1.2, -0.1, 0.0, -2.2, 0.0, 2.1, 0.9, 0.04, 0.04])
 
 def upright(tolerance: float, **changes: object) -> kpam.SolverConfig:
     """The tool points down within a tolerance."""
-    entry = {
-        "type": "frame_axis_parallel",
-        "axis_from_keypoint_name": "tool_head",
-        "axis_to_keypoint_name": "tool_tail",
-        "target_axis": [0, 0, 1],
-        "target_axis_frame": "world",
-        "target_inner_product": 1,
-        "tolerance": tolerance,
-    }
+    entry = parallel("tool_head", "tool_tail", [0, 0, 1], tolerance)
     return kpam.SolverConfig({"constraint_list": [{**entry, **changes}]})
 
 
@@ -79,11 +72,6 @@ def test_what_cannot_hold_along_a_path_is_named(panda: kpam.Robot) -> None:
         scene.plan_to(Q_START, GOAL, path=upright(0.1))
     with pytest.raises(kpam.ProblemError, match="world"):
         scene.plan_to(Q_START, GOAL, path=upright(0.1, target_axis_frame="object"), tool_keypoints=TOOL)
-    point = {
-        "type": "point2point_constraint",
-        "keypoint_name": "tool_head",
-        "target_keypoint_name": "x",
-        "tolerance": 0.1,
-    }
+    point = point_to_point("tool_head", "x", 0.1)
     with pytest.raises(kpam.ProblemError, match="only axis constraints"):
         scene.plan_to(Q_START, GOAL, path=kpam.SolverConfig({"constraint_list": [point]}), tool_keypoints=TOOL)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from constraints import point_to_point
 from scipy.spatial.transform import Rotation
 
 import gensim2_kpam as kpam
@@ -347,18 +348,7 @@ def test_bad_shapes_are_named() -> None:
 def test_other_arms_reach(robots: Path, urdf: str, hand: str, at: list[float]) -> None:
     file = robots / urdf
     robot = kpam.Robot.from_urdf(file, hand_link=hand)
-    settings = kpam.SolverConfig(
-        {
-            "constraint_list": [
-                {
-                    "type": "point2point_constraint",
-                    "keypoint_name": "tip",
-                    "target_keypoint_name": "goal",
-                    "tolerance": 1.0e-3,
-                }
-            ]
-        }
-    )
+    settings = kpam.SolverConfig({"constraint_list": [point_to_point("tip", "goal", 1.0e-3)]})
     start = np.clip(np.zeros(len(robot.joint_names)), robot.lower, robot.upper)
     scene = kpam.KeypointProblem(
         robot,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from constraints import parallel, point_to_point
 
 import gensim2_kpam as kpam
 
@@ -46,26 +47,8 @@ def mirrored(urdf: str) -> str:
 def question(
     robot: kpam.Robot, q: Array, goal: Array, axes: list[tuple[str, Array]], side: float
 ) -> kpam.KeypointProblem:
-    constraints: list[dict[str, Any]] = [
-        {
-            "type": "point2point_constraint",
-            "keypoint_name": "tool_head",
-            "target_keypoint_name": "goal",
-            "tolerance": 0.001,
-        }
-    ]
-    constraints += [
-        {
-            "type": "frame_axis_parallel",
-            "axis_from_keypoint_name": "tool_head",
-            "axis_to_keypoint_name": name,
-            "target_axis": list(axis * [1, side, 1]),
-            "target_axis_frame": "world",
-            "target_inner_product": 1,
-            "tolerance": 0.02,
-        }
-        for name, axis in axes
-    ]
+    constraints: list[dict[str, Any]] = [point_to_point("tool_head", "goal", 0.001)]
+    constraints += [parallel("tool_head", name, list(axis * [1, side, 1]), 0.02) for name, axis in axes]
     return problem(
         robot,
         config={"constraint_list": constraints},

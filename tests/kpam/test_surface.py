@@ -10,6 +10,7 @@ from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
+from constraints import point_to_point
 
 import gensim2_kpam as kpam
 
@@ -19,9 +20,7 @@ PENDULUM = """<robot name="pendulum"><link name="base"/><link name="bob"/>
   <joint name="hinge" type="revolute"><parent link="base"/><child link="bob"/><origin xyz="0.3 0 0.3"/>
   <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="2"/></joint></robot>"""
 
-CONSTRAINTS = [
-    {"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "goal", "tolerance": 0.001}
-]
+CONSTRAINTS = [point_to_point("tip", "goal", 0.001)]
 
 
 def stubbed() -> dict[str, ast.stmt]:

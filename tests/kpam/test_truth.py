@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from constraints import point_to_point
 
 import gensim2_kpam as kpam
 
@@ -16,16 +17,7 @@ Array = np.ndarray
 
 
 def point(name: str = "goal", tolerance: float = 1e-3) -> dict[str, Any]:
-    return {
-        "constraint_list": [
-            {
-                "type": "point2point_constraint",
-                "keypoint_name": "tool_head",
-                "target_keypoint_name": name,
-                "tolerance": tolerance,
-            }
-        ]
-    }
+    return {"constraint_list": [point_to_point("tool_head", name, tolerance)]}
 
 
 def moving(robot: kpam.Robot, q: Array, velocity: Array, goal: Array, **options: Any) -> kpam.Plan:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from constraints import point_to_point, pointing_down
 from table_scenes import placed, table_scene
 
 import gensim2_kpam as kpam
@@ -26,23 +27,10 @@ CLOSE = Step(name="close", object="drawer", strategies=("push",))
 def push(ahead: float) -> KeypointStrategy:
     """The closed fingers come down so far (m) ahead of the handle, and push it in."""
     constraints: list[dict[str, Any]] = [
-        {
-            "type": "point2point_constraint",
-            "keypoint_name": "tool_head",
-            "target_keypoint_name": "articulated_object_head",
-            "target_offset": [0.0, ahead, 0.0],
-            "target_offset_frame": "joint",
-            "tolerance": 0.001,
-        },
-        {
-            "type": "frame_axis_parallel",
-            "axis_from_keypoint_name": "tool_tail",
-            "axis_to_keypoint_name": "tool_head",
-            "target_axis": [0.0, 0.0, -1.0],
-            "target_axis_frame": "world",
-            "target_inner_product": 1.0,
-            "tolerance": 0.1,
-        },
+        point_to_point(
+            "tool_head", "articulated_object_head", 0.001, target_offset=[0.0, ahead, 0.0], target_offset_frame="joint"
+        ),
+        pointing_down(0.1),
     ]
     way = parse_strategy(
         {

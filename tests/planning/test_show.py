@@ -6,6 +6,7 @@ import urllib.request
 
 import numpy as np
 import pytest
+from constraints import point_to_point
 
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.planning.steps import StepPlanner
@@ -18,14 +19,7 @@ pytest.importorskip("yourdfpy")
 pytest.importorskip("mani_skill")
 
 CONFIG = {
-    "constraint_list": [
-        {
-            "type": "point2point_constraint",
-            "keypoint_name": "tool_head",
-            "target_keypoint_name": "articulated_object_head",
-            "tolerance": 0.001,
-        }
-    ],
+    "constraint_list": [point_to_point("tool_head", "articulated_object_head", 0.001)],
     "post_actuation_motions": ["move-up"],
 }
 

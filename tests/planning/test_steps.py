@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from constraints import point_to_point
 from drawer_task import STRATEGIES, TASK
 from table_scenes import placed, resting, table_scene
 
@@ -90,16 +91,7 @@ def test_a_world_that_is_moved_is_the_one_built_where_things_stand(scene: Scene)
 
 def test_what_is_held_is_named_with_and_without_its_owner(scene: Scene) -> None:
     held = replace(scene, held="ball")
-    config = {
-        "constraint_list": [
-            {
-                "type": "point2point_constraint",
-                "keypoint_name": "rigidbody_object_head",
-                "target_keypoint_name": "drawer/articulated_object_inside",
-                "tolerance": 0.03,
-            }
-        ]
-    }
+    config = {"constraint_list": [point_to_point("rigidbody_object_head", "drawer/articulated_object_inside", 0.03)]}
     planner = StepPlanner(PANDA)
     way = parse_strategy(config)
     problem = planner.problem(held, STEPS["place"], way)  # type: ignore[arg-type]

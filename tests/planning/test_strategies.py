@@ -6,6 +6,7 @@ import pickle
 from typing import Any
 
 import pytest
+from constraints import point_to_point
 
 from gensim2.core.errors import InputError
 from gensim2.planning.config import ObjectNames, check_strategies
@@ -15,12 +16,7 @@ from gensim2.tasks.spec import TaskSpec
 
 pytest.importorskip("mani_skill")
 
-POINT = {
-    "type": "point2point_constraint",
-    "keypoint_name": "tool_head",
-    "target_keypoint_name": "articulated_object_head",
-    "tolerance": 0.001,
-}
+POINT = point_to_point("tool_head", "articulated_object_head", 0.001)
 OPEN = {"constraint_list": [POINT], "post_actuation_motions": [["follow_joint_to", 1.0]], "gripper": "grasp"}
 PLACE = {
     "constraint_list": [

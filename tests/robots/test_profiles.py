@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from constraints import point_to_point, pointing_down
 
 import gensim2_kpam as kpam
 from gensim2.core.errors import InputError
@@ -56,21 +57,8 @@ def test_an_episode_begins_with_the_hand_over_the_table(any_robot: str) -> None:
 def test_the_hand_reaches_the_table_as_far_as_stated(any_robot: str) -> None:
     """Pointing down, 2 cm above the top, straight ahead and half a radian to either side; not much farther."""
     profile = robot(any_robot)
-    down = {
-        "type": "frame_axis_parallel",
-        "axis_from_keypoint_name": "tool_tail",
-        "axis_to_keypoint_name": "tool_head",
-        "target_axis": [0.0, 0.0, -1.0],
-        "target_axis_frame": "world",
-        "target_inner_product": 1.0,
-        "tolerance": 0.02,
-    }
-    there = {
-        "type": "point2point_constraint",
-        "keypoint_name": "tool_head",
-        "target_keypoint_name": "there",
-        "tolerance": 0.002,
-    }
+    down = pointing_down(0.02)
+    there = point_to_point("tool_head", "there", 0.002)
     config = kpam.SolverConfig({"constraint_list": [there, down]})
 
     def is_reached(distance: float, angle: float) -> bool:

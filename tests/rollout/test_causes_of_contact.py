@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from constraints import point_to_point, pointing_down
 from drawer_task import OPEN_DRAWER
 from sapien import Pose
 
@@ -58,23 +59,14 @@ def _grasp(target_offset: tuple[float, float, float]) -> dict[str, Any]:
     """Straight down on the ball, aside from it by an offset."""
     return {
         "constraint_list": [
-            {
-                "type": "point2point_constraint",
-                "keypoint_name": "tool_head",
-                "target_keypoint_name": "rigidbody_object_head",
-                "target_offset": list(target_offset),
-                "target_offset_frame": "world",
-                "tolerance": 0.002,
-            },
-            {
-                "type": "frame_axis_parallel",
-                "axis_from_keypoint_name": "tool_tail",
-                "axis_to_keypoint_name": "tool_head",
-                "target_axis": [0.0, 0.0, -1.0],
-                "target_axis_frame": "world",
-                "target_inner_product": 1.0,
-                "tolerance": 0.05,
-            },
+            point_to_point(
+                "tool_head",
+                "rigidbody_object_head",
+                0.002,
+                target_offset=list(target_offset),
+                target_offset_frame="world",
+            ),
+            pointing_down(0.05),
         ],
         "pre_actuation_motions": ["move-up"],
         "post_actuation_motions": ["move-up"],
