@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conditions import PLAIN
 
 from gensim2.core.errors import InputError
 from gensim2.tasks.figures import Condition, Figure, Source, Verdicts
@@ -27,19 +28,9 @@ def made() -> Iterator[Any]:
 
 
 def _row(task: str, held: int, *, seed: int = 7, **condition: Any) -> Figure:
-    plain: dict[str, Any] = {
-        "objects": "real",
-        "physics": "ours",
-        "robot": "panda",
-        "instances": "all",
-        "randomization": "paper",
-        "attempts": 1,
-        "open_loop": False,
-        "disturbance": None,
-    }
     return Figure(
         task=task,
-        condition=Condition(**{**plain, **condition}),
+        condition=Condition(**{"objects": "real", **PLAIN, **condition}),
         seed=seed,
         runs=5,
         episodes=250,

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
+from conditions import PLAIN
 
 from gensim2.cli.main import run
 from gensim2.data.runfolder import TaskFolder
@@ -19,18 +20,7 @@ LONG = "PlaceGolfBallIntoDrawer"
 
 def figure(physics: str = "ours") -> Figure:
     """A row as a benchmark leaves it."""
-    condition = Condition.model_validate(
-        {
-            "objects": "real",
-            "physics": physics,
-            "robot": "panda",
-            "instances": "all",
-            "randomization": "paper",
-            "attempts": 1,
-            "open_loop": False,
-            "disturbance": None,
-        }
-    )
+    condition = Condition.model_validate({"objects": "real", **PLAIN, "physics": physics})
     return Figure(
         task=LONG,
         condition=condition,

@@ -36,13 +36,6 @@ from gensim2.design.pictures import LazyPicture
 PNG = b"\x89PNG\r\n\x1a\n" + b"0" * 20
 
 
-@pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The key, and a back-off of milliseconds."""
-    monkeypatch.setenv("OPENAI_API_KEY", KEY)
-    monkeypatch.setattr("openai._base_client.INITIAL_RETRY_DELAY", 0.01)
-
-
 @pytest.fixture
 def server() -> Iterator[ModelServer]:
     with ModelServer(lambda asked: '{"fine": true}') as found:
