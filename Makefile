@@ -44,9 +44,10 @@ docs: setup ## the documentation as a site in dist/site: guides, command line, P
 # One target folder: what both are made of is compiled once, and not anew where a build stands.
 wheels: export CARGO_TARGET_DIR = $(CURDIR)/target
 wheels: export VIRTUAL_ENV = $(CURDIR)/.venv
-wheels: setup ## wheels and source distributions of gensim2 and gensim2-kpam in dist/wheels
+wheels: setup ## wheels and source distributions of gensim2, gensim2-kpam and gensim2-robot in dist/wheels
 	@.venv/bin/maturin build --quiet --release --sdist --out dist/wheels
 	@cd crates/python && $(VIRTUAL_ENV)/bin/maturin build --quiet --release --sdist --out $(CURDIR)/dist/wheels
+	@PATH=$$PATH:.tools/bin uv build --quiet --no-build-isolation --out-dir dist/wheels python
 	@ls -1 dist/wheels
 
 LOCK = PATH=$$PATH:.tools/bin uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest \
@@ -64,4 +65,4 @@ figures: setup ## run anew what made the figures (FIGURES_OUT, days of one core)
 	@.venv/bin/python benchmarks/results_table.py --into docs/results.md README.md
 
 clean: ## remove what was built; keeps .venv/ and runs/
-	@rm -rf target dist .mypy_cache .ruff_cache .pytest_cache .hypothesis python/gensim2_kpam/_native*.so .venv/.gensim2-extension
+	@rm -rf target dist python/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis python/gensim2_kpam/_native*.so .venv/.gensim2-extension

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Make .venv/ ready: pinned packages, the Rust extension, gensim2 itself, a Vulkan driver for pictures.
+# Make .venv/ ready: pinned packages, the Rust extension, gensim2 and gensim2-robot, a Vulkan driver for pictures.
 #
 # Every step leaves a stamp in .venv/ and is skipped while what it was made from is unchanged. An existing .venv/ is
 # adopted; nothing in it is removed. Environment:
@@ -94,6 +94,14 @@ if changed extension "$extension" || [ ! -x "$venv/bin/gensim2" ] ||
     CARGO_TERM_QUIET=true VIRTUAL_ENV=$venv PATH=$(dirname "$uv"):$PATH "$venv/bin/maturin" develop --quiet --release --uv ||
         fail "the extension did not build"
     stamp extension "$extension"
+fi
+
+robot=$({ echo "$place" && cat python/pyproject.toml; } | digest)
+if changed robot "$robot"; then
+    find_uv "$python"
+    # setuptools is pinned in requirements.lock, so that nothing is fetched.
+    "$uv" pip install --quiet --no-deps --no-build-isolation --python "$python" --editable python
+    stamp robot "$robot"
 fi
 
 if [ ! -e "$venv/.gensim2-vulkan" ]; then

@@ -17,7 +17,7 @@ import click
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-from gensim2.cli.main import COMMANDS, cli
+from gensim2.cli.main import cli
 
 #: A reference in a docstring, as the page shows it.
 _CELL = re.compile(r"<td.*?</td>", re.S)
@@ -49,7 +49,7 @@ _FILES = re.compile(r"\[([^]]*)\]\((?!https?:|#|[\w/]+\.md|docs/)([^)]*)\)")
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Put the pages of the reference below their first ones in the navigation."""
     under = {
-        "Command line": ["cli/index.md", *({name: f"cli/{name}.md"} for name in COMMANDS)],
+        "Command line": ["cli/index.md", *({name: f"cli/{name}.md"} for name in cli.list_commands(click.Context(cli)))],
         "Python": ["api/index.md", *({name: f"api/{name}.md"} for name in PACKAGES)],
     }
     for section in config.nav or ():

@@ -1,9 +1,10 @@
-"""The wheel works away from the clone with all its data, and the pins are complete."""
+"""The wheels work away from the clone with all their data, and the pins are complete."""
 
 from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -18,6 +19,7 @@ from solver_wheel import readme_lines
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 SOLVER = tomllib.loads((ROOT / "crates/python/pyproject.toml").read_text())["project"]
+ROBOT = tomllib.loads((ROOT / "python/pyproject.toml").read_text())["project"]
 LOCK, DOCS_LOCK = ((ROOT / name).read_text() for name in ("requirements.lock", "requirements-docs.lock"))
 
 
@@ -28,10 +30,17 @@ def _pins() -> dict[str, Version]:
     return {pin.name.lower().replace("_", "-"): Version(next(iter(pin.specifier)).version) for pin in pins}
 
 
-@pytest.mark.parametrize("extra", [None, "sim", "mujoco", "dev"])
-def test_every_requirement_is_pinned(extra: str | None) -> None:
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        PROJECT["dependencies"],
+        *(PROJECT["optional-dependencies"][extra] for extra in ("sim", "mujoco", "remote", "dev")),
+        [line for line in ROBOT["dependencies"] if Requirement(line).name != "gensim2"],
+    ],
+    ids=["gensim2", "sim", "mujoco", "remote", "dev", "gensim2-robot"],
+)
+def test_every_requirement_is_pinned(wanted: list[str]) -> None:
     pins = _pins()
-    wanted = PROJECT["dependencies"] if extra is None else PROJECT["optional-dependencies"][extra]
     for line in wanted:
         requirement = Requirement(line)
         if requirement.marker is not None and not requirement.marker.evaluate():
@@ -57,7 +66,8 @@ def test_locks_are_installed_with_their_hashes(file: str) -> None:
 
 def test_one_version_everywhere() -> None:
     workspace = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]
-    assert workspace["package"]["version"] == PROJECT["version"] == SOLVER["version"]
+    assert workspace["package"]["version"] == PROJECT["version"] == SOLVER["version"] == ROBOT["version"]
+    assert f"gensim2[remote]=={PROJECT['version']}" in ROBOT["dependencies"]
 
 
 def test_the_solver_alone_needs_numpy_and_nothing_else() -> None:
@@ -93,41 +103,71 @@ def test_api_pages_are_built_without_a_warning(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("wheel")
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The wheel of each distribution, by name."""
+    folder = tmp_path_factory.mktemp("wheels")
     # The same profile and interpreter as the set-up's, so that nothing is compiled twice.
-    subprocess.run(
-        [Path(sys.executable).with_name("maturin"), "build", "--quiet", "--release", "--out", folder],
-        cwd=ROOT,
-        check=True,
-        env={**os.environ, "VIRTUAL_ENV": sys.prefix},
-    )
-    (found,) = folder.glob("*.whl")
-    return found
+    environment = {"CARGO_TARGET_DIR": str(ROOT / "target"), **os.environ, "VIRTUAL_ENV": sys.prefix}
+    maturin = [Path(sys.executable).with_name("maturin"), "build", "--quiet", "--release", "--out", folder]
+    for project in (ROOT, ROOT / "crates/python"):
+        subprocess.run(maturin, cwd=project, check=True, env=environment)
+    # setuptools leaves files beside the sources.
+    copy = shutil.copytree(ROOT / "python", folder / "source", ignore=shutil.ignore_patterns("gensim2", "gensim2_kpam"))
+    script = f"from setuptools.build_meta import build_wheel; build_wheel({str(folder)!r})"
+    subprocess.run([sys.executable, "-c", script], cwd=copy, check=True, capture_output=True)
+    return {path.name.partition("-")[0].replace("_", "-"): path for path in folder.glob("*.whl")}
 
 
-def test_wheel_holds_code_data_stubs_and_licence(wheel: Path) -> None:
+def names_in(wheel: Path) -> set[str]:
     with zipfile.ZipFile(wheel) as archive:
-        names = set(archive.namelist())
-    sources = {
+        return set(archive.namelist())
+
+
+def sources(package: str) -> set[str]:
+    return {
         str(path.relative_to(ROOT / "python"))
-        for path in (ROOT / "python").rglob("*")
+        for path in (ROOT / "python" / package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".so"
     }
-    assert sources - names == set()
-    assert "gensim2_kpam/_native.abi3.so" in names
-    assert {"gensim2/py.typed", "gensim2_kpam/py.typed", "gensim2/objects/words.toml"} <= names
-    assert any(name.endswith("licenses/LICENSE") for name in names)
 
 
-def test_wheel_works_away_from_the_clone(wheel: Path, tmp_path: Path) -> None:
-    site = tmp_path / "site"
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(site)
+def test_wheels_hold_code_data_stubs_and_licence(wheels: dict[str, Path]) -> None:
+    held = {name: names_in(wheel) for name, wheel in wheels.items()}
+    for name, packages in {
+        "gensim2": {"gensim2", "gensim2_kpam"},
+        "gensim2-kpam": {"gensim2_kpam"},
+        "gensim2-robot": {"gensim2_robot"},
+    }.items():
+        assert set.union(*map(sources, packages)) - held[name] == set(), name
+        assert {each.split("/")[0] for each in held[name] if ".dist-info" not in each} == packages, name
+    for name in ("gensim2", "gensim2-kpam"):
+        assert {"gensim2_kpam/_native.abi3.so", "gensim2_kpam/py.typed"} <= held[name]
+    assert {"gensim2/py.typed", "gensim2/objects/words.toml"} <= held["gensim2"]
+    assert {"gensim2_robot/py.typed", "gensim2_robot/protocols/CloseBox.yaml"} <= held["gensim2-robot"]
+    assert any(each.endswith("licenses/LICENSE") for each in held["gensim2"])
+
+
+def away(wheels: list[Path], folder: Path, script: str) -> subprocess.CompletedProcess[str]:
+    """Run a script with the wheels unpacked in a folder, from another place than the clone."""
+    for wheel in wheels:
+        with zipfile.ZipFile(wheel) as archive:
+            archive.extractall(folder / "site")
+    return subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(folder / "site")},
+    )
+
+
+def test_wheel_works_away_from_the_clone(wheels: dict[str, Path], tmp_path: Path) -> None:
+    site = str(tmp_path / "site")
     script = (
         "import gensim2, gensim2_kpam\n"
-        f"assert gensim2.__file__.startswith({str(site)!r}), gensim2.__file__\n"
-        f"assert gensim2_kpam.__file__.startswith({str(site)!r}), gensim2_kpam.__file__\n"
+        f"assert gensim2.__file__.startswith({site!r}), gensim2.__file__\n"
+        f"assert gensim2_kpam.__file__.startswith({site!r}), gensim2_kpam.__file__\n"
         "from gensim2.core.pages import template\n"
         "for name in ('report.html.j2', 'tasks.html.j2'): template('gensim2.design', name)\n"
         "template('gensim2.inspection', 'objects.html.j2')\n"
@@ -136,14 +176,23 @@ def test_wheel_works_away_from_the_clone(wheel: Path, tmp_path: Path) -> None:
         "from gensim2.objects import open_library\n"
         "print(len(task_names()), open_library('builtin').load('drawer', '0').urdf.exists())\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(site)},
-    )
+    result = away([wheels["gensim2"]], tmp_path, script)
     assert result.returncode == 0, result.stderr
     assert result.stdout.split()[1] == "True"
     assert int(result.stdout.split()[0]) >= 8
+
+
+def test_robots_are_a_distribution_of_their_own(wheels: dict[str, Path], tmp_path: Path) -> None:
+    # The environment of the tests has both distributions; what is on the path first counts.
+    site = str(tmp_path / "site")
+    script = (
+        "from importlib.metadata import Distribution\n"
+        f"(point,) = Distribution.at({site!r} + '/gensim2_robot-{ROBOT['version']}.dist-info').entry_points\n"
+        "assert (point.group, point.name) == ('gensim2.commands', 'robot')\n"
+        "import gensim2_robot, gensim2.cli.main as main\n"
+        f"assert gensim2_robot.__file__.startswith({site!r}), gensim2_robot.__file__\n"
+        "raise SystemExit(main.run(['robot', '--help']))\n"
+    )
+    result = away([wheels["gensim2"], wheels["gensim2-robot"]], tmp_path, script)
+    assert result.returncode == 0, result.stderr
+    assert "dry-run" in result.stdout

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -129,6 +130,7 @@ def test_nothing_in_gensim2_knows_the_distribution_for_robots() -> None:
     for path in sources("gensim2"):
         for name in imports(path.read_text()):
             assert not lies_in(name, "gensim2_robot"), f"{path}: {name}"
+        assert re.search(r"\bgensim2_robot\b", path.read_text()) is None, path
 
 
 def test_the_interpreter_of_task_code_knows_tasks_and_executes_nothing() -> None:

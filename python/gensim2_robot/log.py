@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from gensim2.core.errors import InputError, MissingExtraError, WriteError
+from gensim2.core.errors import InputError, WriteError
 from gensim2_robot.devices import ArmState, Frame
 from gensim2_robot.limits import Sent
 from gensim2_robot.log_messages import About
@@ -119,7 +119,6 @@ class Log:
     Raises:
         InputError: the folder is not empty.
         WriteError: the folder cannot be written to, or is full.
-        MissingExtraError: mcap is not installed.
     """
 
     def __init__(
@@ -131,10 +130,8 @@ class Log:
         segment: int = SEGMENT,
         opener: Opener = _open,
     ) -> None:
-        try:
-            from mcap.writer import CompressionType, Writer
-        except ImportError as error:
-            raise MissingExtraError("mcap", "robot") from error
+        from mcap.writer import CompressionType, Writer
+
         how: dict[str, Any] = {"chunk_size": CHUNK, "compression": CompressionType.LZ4, "enable_data_crcs": True}
         self._new_writer: Callable[[Any], Any] = partial(Writer, **how)
         self.folder, self._about, self._opener = folder, about.model_dump(mode="json"), opener

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.errors import InputError
 from gensim2.core.foreign.library import read_by_library
 from gensim2.core.foreign.tree import open_regular, why
 from gensim2_robot.log_messages import About, AnyMessage, PictureMessage, message_of
@@ -50,7 +50,6 @@ def messages(folder: Path) -> Iterator[tuple[str, AnyMessage]]:
 
     Raises:
         InputError: there is no log, a file is damaged, or a message is not as its schema has it.
-        MissingExtraError: mcap is not installed.
     """
     about: About | None = None
     for path in log_files(folder):
@@ -78,7 +77,6 @@ def about_of(folder: Path) -> About:
 
     Raises:
         InputError: there is none, or it is damaged.
-        MissingExtraError: mcap is not installed.
     """
     _, message = next(messages(folder))
     assert isinstance(message, About), "messages() begins with it"
@@ -112,12 +110,10 @@ def _require_camera(picture: PictureMessage, about: About, path: Path) -> None:
 
 def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
     """Topic and bytes of each message of a file."""
-    try:
-        from mcap.data_stream import ReadDataStream
-        from mcap.opcode import Opcode
-        from mcap.records import Channel, Chunk, DataEnd, Message
-    except ImportError as error:
-        raise MissingExtraError("mcap", "robot") from error
+    from mcap.data_stream import ReadDataStream
+    from mcap.opcode import Opcode
+    from mcap.records import Channel, Chunk, DataEnd, Message
+
     topics: dict[int, str] = {}
 
     def read(opcode: int, content: bytes) -> Iterator[tuple[str, bytes]]:

@@ -7,6 +7,7 @@ import os
 import pickle
 import subprocess
 import sys
+from importlib.metadata import EntryPoints
 from pathlib import Path
 
 import click
@@ -35,6 +36,8 @@ def _command_that_raises(monkeypatch: pytest.MonkeyPatch, error: BaseException) 
         (InputError("two\nlines"), 2, "two lines"),
         (MissingExtraError("mani_skill", "sim"), 2, "pip install 'gensim2[sim]'"),
         (ModuleNotFoundError("no", name="sapien.core"), 2, "pip install 'gensim2[sim]'"),
+        (ModuleNotFoundError("no", name="msgpack"), 2, "pip install 'gensim2[remote]'"),
+        (MissingExtraError("ur_rtde", "ur", "gensim2-robot"), 2, "pip install 'gensim2-robot[ur]'"),
         (GenSim2Error("a worker died"), 1, "a worker died"),
         (NotRunError("OpenBox: demos", {4: "took too long"}), 3, "OpenBox: demos: could not be run: 4 (took too long"),
         (KeyboardInterrupt(), 130, "interrupted"),
@@ -81,6 +84,19 @@ def test_bad_flags_are_bad_input(capfd: pytest.CaptureFixture[str], arguments: l
     assert out == ""
     assert err.count("\n") == 1
     assert "--help" in err
+
+
+def test_a_distribution_adds_its_command_and_is_named_where_it_is_missing(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    context = click.Context(cli.cli)
+    assert cli.cli.list_commands(context) == [*cli.COMMANDS, "robot"]
+    assert cli.run(["robot", "--help"]) == 0
+    assert "dry-run" in capfd.readouterr().out
+    monkeypatch.setattr(cli, "entry_points", lambda **_: EntryPoints())
+    assert cli.cli.list_commands(context) == list(cli.COMMANDS)
+    assert cli.run(["robot", "check"]) == 2
+    assert capfd.readouterr().err == "gensim2: gensim2 robot is not installed (pip install gensim2-robot)\n"
 
 
 @pytest.mark.parametrize("name", sorted(cli.COMMANDS))

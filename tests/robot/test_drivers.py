@@ -325,7 +325,7 @@ def test_an_arm_that_is_not_there_and_a_library_that_is_not_are_told(
     fakes = modules(body)
     for module in fakes:
         monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MissingExtraError, match=rf"{package} is not installed .*gensim2\[{name}\]"):
+    with pytest.raises(MissingExtraError, match=rf"{package} is not installed .*gensim2-robot\[{name}\]"):
         make("here", body)
     for module, fake in fakes.items():
         monkeypatch.setitem(sys.modules, module, fake)
@@ -526,7 +526,7 @@ def test_cameras_that_cannot_be_used_are_told(rs: Any, tmp_path: Path, monkeypat
     with pytest.raises(DriverError, match="distorted"):
         RealSenseCameras([LEFT], {"left": Distorted(LEFT, "1", 30).device}, 30)
     monkeypatch.setitem(sys.modules, "pyrealsense2", None)
-    with pytest.raises(MissingExtraError, match=r"gensim2\[realsense\]"):
+    with pytest.raises(MissingExtraError, match=r"gensim2-robot\[realsense\]"):
         connected({"left": "1"})
 
 

@@ -9,6 +9,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from importlib.metadata import entry_points
 from typing import NoReturn
 
 import click
@@ -27,12 +28,7 @@ EXTRAS = {
     "ray": "ray",
     "mujoco": "mujoco",
     "viser": "viz",
-    **dict.fromkeys(("cv2", "mcap", "msgpack", "websockets"), "robot"),
-    "franky": "franka",
-    "panda_py": "panda",
-    "pyrealsense2": "realsense",
-    **dict.fromkeys(("rtde_control", "rtde_receive"), "ur"),
-    "xarm": "xarm",
+    **dict.fromkeys(("msgpack", "websockets"), "remote"),
     "safetensors": "train",
     "transformers": "clip",
     **dict.fromkeys(("onnxruntime", "onnxscript"), "export"),
@@ -53,7 +49,6 @@ COMMANDS = {
     "render": "gensim2.cli.render:render",
     "train": "gensim2.cli.train:train",
     "policy": "gensim2.cli.policy:policy",
-    "robot": "gensim2_robot.cli.robot:robot",
     "data": "gensim2.cli.data:data",
     "tasks": "gensim2.cli.tasks:tasks",
     "assets": "gensim2.cli.assets:assets",
@@ -62,20 +57,35 @@ COMMANDS = {
 }
 
 
+#: Entry points of this group, of any distribution, are commands as well.
+COMMAND_GROUP = "gensim2.commands"
+
+#: Commands of our other distributions, for the remedy where a distribution is not installed.
+OTHER_DISTRIBUTIONS = {"robot": "gensim2-robot"}
+
+
 class LazyGroup(click.Group):
     """A group whose commands are imported one at a time."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of ``COMMANDS``."""
-        return list(COMMANDS)
+        """Return the names in the order of ``COMMANDS``, then those of other installed distributions."""
+        return [*COMMANDS, *sorted(entry_points(group=COMMAND_GROUP).names - set(COMMANDS))]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """Import one command."""
-        if name not in COMMANDS:
-            return None
-        module, attribute = COMMANDS[name].split(":")
-        command = getattr(importlib.import_module(module), attribute)
-        assert isinstance(command, click.Command)
+        """Import one command.
+
+        Raises:
+            MissingExtraError: the command's distribution is not installed.
+        """
+        if name in COMMANDS:
+            module, attribute = COMMANDS[name].split(":")
+            command = getattr(importlib.import_module(module), attribute)
+        else:
+            added = entry_points(group=COMMAND_GROUP, name=name)
+            if not added and name in OTHER_DISTRIBUTIONS:
+                raise MissingExtraError(f"gensim2 {name}", "", OTHER_DISTRIBUTIONS[name])
+            command = next((each.load() for each in added), None)
+        assert command is None or isinstance(command, click.Command)
         return command
 
 

@@ -123,15 +123,22 @@ class ClosedEnvError(GenSim2Error):
 
 
 class MissingExtraError(GenSim2Error):
-    """An optional dependency is not installed."""
+    """An optional dependency is not installed.
 
-    def __init__(self, module: str, extra: str) -> None:
-        super().__init__(f"{module} is not installed (pip install 'gensim2[{extra}]')")
-        self.module, self.extra = module, extra
+    Args:
+        module: name of the missing module or command.
+        extra: extra of ``distribution`` that installs the module; "": the distribution itself.
+        distribution: name of the distribution to install.
+    """
 
-    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
+    def __init__(self, module: str, extra: str, distribution: str = "gensim2") -> None:
+        wanted = f"'{distribution}[{extra}]'" if extra else distribution
+        super().__init__(f"{module} is not installed (pip install {wanted})")
+        self.module, self.extra, self.distribution = module, extra, distribution
+
+    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str, str]]:
         """Survive the way from a worker process."""
-        return type(self), (self.module, self.extra)
+        return type(self), (self.module, self.extra, self.distribution)
 
 
 class NotRunError(GenSim2Error):

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.errors import InputError
 from gensim2.perception import Camera
 
 Array = npt.NDArray[np.float64]
@@ -56,12 +56,9 @@ class Board:
             raise InputError(f"{text!r} is no board", field="--board", remedy="as 7x5:0.04:0.03") from error
 
     def charuco(self) -> Any:
-        """OpenCV's.
+        """Return OpenCV's board."""
+        import cv2
 
-        Raises:
-            MissingExtraError: OpenCV is not installed.
-        """
-        cv2 = _cv2()
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
         return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, dictionary)
 
@@ -101,12 +98,9 @@ class HandEye:
 
 
 def find_corners(colors: npt.NDArray[np.uint8], board: Board, T_base_hand: Array) -> Corners | None:
-    """Corners of the board in an (H, W, 3) picture; None: too few are seen.
+    """Corners of the board in an (H, W, 3) picture; None: too few are seen."""
+    import cv2
 
-    Raises:
-        MissingExtraError: OpenCV is not installed.
-    """
-    cv2 = _cv2()
     charuco = board.charuco()
     grey = cv2.cvtColor(np.ascontiguousarray(colors), cv2.COLOR_RGB2GRAY)
     corners, ids, _, _ = cv2.aruco.CharucoDetector(charuco).detectBoard(grey)
@@ -128,7 +122,6 @@ def hand_eye(camera: Camera, views: Sequence[Corners], held_out: Sequence[Corner
 
     Raises:
         InputError: there are too few pictures, or the hand was not turned.
-        MissingExtraError: OpenCV is not installed.
     """
     if len(views) < LEAST_VIEWS or not held_out:
         raise InputError(f"needs {LEAST_VIEWS} pictures and one held out", field="views")
@@ -171,7 +164,8 @@ def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
 
 def _board_pose(camera: Camera, view: Corners) -> Array:
     """(4, 4) of the board in the camera's frame."""
-    cv2 = _cv2()
+    import cv2
+
     there, turn, shift = cv2.solvePnP(view.points, view.pixels, camera.intrinsic, None, flags=cv2.SOLVEPNP_ITERATIVE)
     if not there:
         raise InputError("the board's pose cannot be told from its corners", field="views")
@@ -201,11 +195,3 @@ def _matrix(x: Array) -> Array:
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.from_rotvec(x[:3]).as_matrix(), x[3:]
     return T
-
-
-def _cv2() -> Any:
-    try:
-        import cv2
-    except ImportError as error:
-        raise MissingExtraError("opencv-python", "robot") from error
-    return cv2

@@ -52,7 +52,7 @@ class FrankaArm(StreamedArm):
         try:
             import franky
         except ImportError as error:
-            raise MissingExtraError("franky-control", "franka") from error
+            raise MissingExtraError("franky-control", "franka", "gensim2-robot") from error
         super().__init__(profile, RATE)
         self._franky: Any = franky
         config = franky.RealtimeConfig.Enforce if enforce_realtime else franky.RealtimeConfig.Ignore

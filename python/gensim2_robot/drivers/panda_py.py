@@ -40,7 +40,7 @@ class PandaPyArm(StreamedArm):
             import panda_py
             from panda_py import controllers, libfranka
         except ImportError as error:
-            raise MissingExtraError("panda-python", "panda") from error
+            raise MissingExtraError("panda-python", "panda", "gensim2-robot") from error
         super().__init__(profile, RATE)
         self._controllers: Any = controllers
         self._stopped = (libfranka.RobotMode.kReflex, libfranka.RobotMode.kUserStopped)

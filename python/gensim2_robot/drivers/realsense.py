@@ -36,7 +36,7 @@ def library() -> Any:
     try:
         import pyrealsense2
     except ImportError as error:
-        raise MissingExtraError("pyrealsense2", "realsense") from error
+        raise MissingExtraError("pyrealsense2", "realsense", "gensim2-robot") from error
     return pyrealsense2
 
 

@@ -42,7 +42,7 @@ class URArm(StreamedArm):
             import rtde_control
             import rtde_receive
         except ImportError as error:
-            raise MissingExtraError("ur_rtde", "ur") from error
+            raise MissingExtraError("ur_rtde", "ur", "gensim2-robot") from error
         super().__init__(profile, rate)
         self._move_gripper = grip
         try:

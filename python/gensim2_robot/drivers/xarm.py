@@ -39,7 +39,7 @@ class XArm(StreamedArm):
         try:
             from xarm.wrapper import XArmAPI
         except ImportError as error:
-            raise MissingExtraError("xarm-python-sdk", "xarm") from error
+            raise MissingExtraError("xarm-python-sdk", "xarm", "gensim2-robot") from error
         super().__init__(profile, RATE)
         self._has_gripper, self._has_sensor, self._halted = gripper, sensor, False
         try:

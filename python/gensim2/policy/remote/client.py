@@ -124,7 +124,7 @@ class RemoteController:
             from websockets.exceptions import WebSocketException
             from websockets.sync.client import ClientConnection, connect
         except ImportError as error:
-            raise MissingExtraError("websockets", "robot") from error
+            raise MissingExtraError("websockets", "remote") from error
         if not self._token:
             raise InputError("is not set", field=TOKEN, remedy="export what gensim2 policy serve says")
         hello = {"kind": "hello", "protocol": VERSION, "token": self._token, "robot": self._robot}

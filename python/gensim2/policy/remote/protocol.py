@@ -61,7 +61,7 @@ def msgpack() -> Any:
     try:
         import msgpack
     except ImportError as error:
-        raise MissingExtraError("msgpack", "robot") from error
+        raise MissingExtraError("msgpack", "remote") from error
     return msgpack
 
 

@@ -89,7 +89,7 @@ class PolicyServer:
         try:
             from websockets.sync.server import ServerConnection, serve
         except ImportError as error:
-            raise MissingExtraError("websockets", "robot") from error
+            raise MissingExtraError("websockets", "remote") from error
         encode({})  # msgpack is there
         self._spec, self._token, self._said = controller, token, said
         self._profile = robot(robot_name)
