@@ -242,9 +242,10 @@ def benchmark_configs(
             raise InputError(message, file=configs, field="scenes", remedy="use recorded scenes")
     options = SceneOptions.of(assets=assets, physics=physics, robot=ROBOT)
     # Only now what takes long to import.
+    from gensim2.core.processes import Execution
     from gensim2.data.runfolder import RunFolder, default_run_dir
-    from gensim2.rollout.evaluator import PoolEvaluator
     from gensim2.rollout.identity import digest, listing, provenance, versions
+    from gensim2.rollout.runner import EpisodeRunner
 
     arguments = {
         "method": "original-configs",
@@ -265,7 +266,7 @@ def benchmark_configs(
     rows, warnings = [], dict[str, str]()
     with (
         RunFolder(Path(out) if out is not None else default_run_dir(), told, identity, resume) as folder,
-        PoolEvaluator(options, workers, progress, log=folder.errors_log) as evaluator,
+        EpisodeRunner(options, Execution(workers), progress, log=folder.errors_log) as evaluator,
     ):
         for name, group in groups.items():
             jobs = [_recorded(group.spec, problem, library) for problem in group.problems]

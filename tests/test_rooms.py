@@ -217,3 +217,15 @@ def test_a_name_of_a_class_has_one_meaning_in_design_and_evaluation() -> None:
     ours = ("design/", "evaluation/", "bench/")
     shared = {name: found for name, found in owners.items() if len(found) > 1}
     assert {name for name, found in shared.items() if any(each.startswith(ours) for each in found)} == set()
+
+
+def test_how_jobs_run_is_one_value() -> None:
+    """No function beside the keywords of ``Execution`` has a parameter of its own for a time limit or for Ray."""
+    allowed = ("core/processes/", "cli/options.py")
+    for path in sources("gensim2"):
+        if path.relative_to(PYTHON / "gensim2").as_posix().startswith(allowed):
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                names = {argument.arg for argument in (*node.args.args, *node.args.kwonlyargs)}
+                assert not names & {"ray", "time_limit", "jobs_per_worker"}, f"{path}: {node.name}"

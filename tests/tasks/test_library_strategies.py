@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.core.processes import Execution
+from gensim2.rollout.runner import EpisodeRunner
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_strategies, load_task, task_names
 
@@ -18,14 +19,14 @@ NEEDED = 4
 
 
 @pytest.fixture(scope="module")
-def evaluator() -> Iterator[PoolEvaluator]:
+def evaluator() -> Iterator[EpisodeRunner]:
     """On generated objects; two workers, which change nothing."""
-    with PoolEvaluator(SceneOptions("builtin"), 2) as evaluator:
+    with EpisodeRunner(SceneOptions("builtin"), Execution(2)) as evaluator:
         yield evaluator
 
 
 @pytest.mark.parametrize("name", task_names("paper"))
-def test_the_stored_strategies_do_their_task(name: str, evaluator: PoolEvaluator) -> None:
+def test_the_stored_strategies_do_their_task(name: str, evaluator: EpisodeRunner) -> None:
     strategies = load_strategies(name)
     setting = evaluator.config(load_task(name), "all")
     ways = {step.name: {each: strategies[each] for each in step.strategies} for step in setting.task.steps}

@@ -7,12 +7,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
-from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.core.processes import Execution
 from gensim2.data.record import DatasetRecord, TaskRecord
 from gensim2.data.status import Listener, NullListener, Status
-from gensim2.rollout.config import RolloutArguments
+from gensim2.rollout.config import RunArguments
 from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
-from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, only_strategies, read_task_inputs
+from gensim2.rollout.inputs import TaskInput, check_counts, only_strategies, read_task_inputs
 
 SCHEMA_VERSION = 1
 """Of what the command prints."""
@@ -62,13 +62,9 @@ def collect(
     noise: float = 0.0,
     strategy: Sequence[str] = (),
     objects: int | None = None,
-    workers: int | None = 2,
-    ray: str | None = None,
     resume: bool = False,
-    time_limit: float = TIME_LIMIT,
-    jobs_per_worker: int = JOBS_PER_WORKER,
     listener: Listener | None = None,
-    **scene: Unpack[RolloutArguments],
+    **scene: Unpack[RunArguments],
 ) -> CollectionResult:
     """Collect a data set of demonstrations; each episode is kept as soon as it is finished.
 
@@ -90,15 +86,10 @@ def collect(
         strategy: names: a step that has any of them is done in no other way.
         objects: generated ones of each articulated class to draw from in place of those that ``instances`` says,
             beyond the listed and the new ones, drawn by the seed; None: those of ``instances``.
-        workers: simulator processes, 0 for this one; what they leave does not depend on it. On Ray the most that there
-            are at a time; None: one a CPU of the cluster.
-        ray: ``"local"``, or the address of a cluster whose nodes all have ``out`` at the same path; None: processes of
-            this machine.
         resume: go on with the data set that ``out`` holds, if it does; it may get more episodes and more tasks.
-        time_limit, jobs_per_worker: as for ``demo``.
         listener: listener for the state of every task.
-        scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``, as
-            :class:`~gensim2.rollout.config.RolloutArguments` has them.
+        scene: of the scenes, the chain of steps and the worker processes: see
+            :class:`~gensim2.rollout.config.RunArguments`.
 
     Returns:
         Counts of the episodes by task, and the tasks that were left out.
@@ -109,7 +100,7 @@ def collect(
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` tries them again.
     """
     check_counts(episodes=episodes)
-    check_workers(time_limit, jobs_per_worker, workers, ray)
+    execution = Execution.of(scene)
     given, skipped = read_task_inputs(tasks, seed=seed, **scene)
     if objects is not None:
         check_counts(objects=objects)
@@ -119,22 +110,19 @@ def collect(
     # Only now what takes long to import.
     from gensim2.data.folder import ERRORS_LOG, CollectionFolder
     from gensim2.data.queue import Queue
-    from gensim2.rollout.evaluator import PoolEvaluator
+    from gensim2.rollout.runner import EpisodeRunner
 
     listener = listener or NullListener()
     with CollectionFolder(
-        Path(out), _description(given, seed, episodes, keep_failures, objects), resume, {"workers": workers, "ray": ray}
+        Path(out), _description(given, seed, episodes, keep_failures, objects), resume, execution.to_record()
     ) as folder:
         queue = Queue(folder, given, listener)
-        with PoolEvaluator(
+        with EpisodeRunner(
             given[0].scene.options,
-            workers,
+            execution,
             listener,
             rollout=given[0].rollout,
-            time_limit=time_limit,
-            jobs_per_worker=jobs_per_worker,
             log=folder.path / ERRORS_LOG,
-            ray=ray,
         ) as evaluator:
             status = queue.run(evaluator)
             return CollectionResult(folder.path, status, skipped, evaluator.cpu_s)

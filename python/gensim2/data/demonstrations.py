@@ -15,9 +15,9 @@ from gensim2.data.task_queue import Quota, TaskQueue, run_queues
 from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
 from gensim2.data.video import Replay, film
 from gensim2.objects import Library
-from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.identity import versions
 from gensim2.rollout.record import Episode
+from gensim2.rollout.runner import EpisodeRunner
 from gensim2.rollout.tally import Tally
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
@@ -52,7 +52,7 @@ def collect(
     strategies: Strategies,
     files: TaskFolder,
     run: RunFolder,
-    evaluator: PoolEvaluator,
+    evaluator: EpisodeRunner,
     library: Library,
     instances: str,
     *,
@@ -123,7 +123,7 @@ def collect(
     return collected
 
 
-def _film(folder: Path, task: TaskSpec, evaluator: PoolEvaluator, progress: Progress) -> None:
+def _film(folder: Path, task: TaskSpec, evaluator: EpisodeRunner, progress: Progress) -> None:
     """Film the first demonstration in a worker; where no picture can be made, say so and go on."""
     from gensim2.sim import rendering
 

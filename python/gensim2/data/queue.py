@@ -20,8 +20,8 @@ from gensim2.data.runfolder import TaskFolder
 from gensim2.data.status import Listener, Status
 from gensim2.data.task_queue import Quota, TaskQueue, run_queues
 from gensim2.objects import Library
-from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.inputs import TaskInput
+from gensim2.rollout.runner import EpisodeRunner
 
 UPDATE_SECONDS = 0.5
 """Between two words to whoever watches."""
@@ -44,7 +44,7 @@ class Queue:
         self._record = folder.dataset.record
         self._tasks = [self._queue(one) for one in given]
         self._ran, self._begin, self._told = 0, time.monotonic(), 0.0
-        self._evaluator: PoolEvaluator | None = None
+        self._evaluator: EpisodeRunner | None = None
         self._objects: dict[str, ObjectUsed] = {}
         for task in self._tasks:
             files = TaskFolder(task.store.folder)
@@ -63,7 +63,7 @@ class Queue:
             keep_failures=self._record.keep_failures,
         )
 
-    def run(self, evaluator: PoolEvaluator) -> Status:
+    def run(self, evaluator: EpisodeRunner) -> Status:
         """Run what is not done; leave the data set complete, with its report.
 
         Raises:
@@ -115,7 +115,7 @@ class Queue:
             self._listener.message(f"{there} of {self.status().total} episodes are there already")
         return whole
 
-    def _run(self, evaluator: PoolEvaluator, whole: set[str]) -> None:
+    def _run(self, evaluator: EpisodeRunner, whole: set[str]) -> None:
         for task in self._tasks:
             if task.is_done and task.name not in whole:
                 self._finish(task)

@@ -7,11 +7,11 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import append, remove_temporaries
-from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT, Failure, Job, WorkerPool, results
+from gensim2.core.processes import Execution, ExecutionArguments, Failure, Job, results
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DataSet
@@ -78,12 +78,10 @@ def render(
     spec: ObservationSpec | None = None,
     tasks: Sequence[str] = (),
     episodes: int | None = None,
-    workers: int = 2,
     resume: bool = False,
     assets: Path | str | None = None,
-    time_limit: float = TIME_LIMIT,
-    jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
+    **execution: Unpack[ExecutionArguments],
 ) -> RenderingResult:
     """Observe every episode of a data set that held, one atomic file each.
 
@@ -99,11 +97,10 @@ def render(
         spec: modalities, cameras and settings of the cloud; None: point clouds of 1,024 points.
         tasks: names of tasks; none: all of the data set.
         episodes: number of episodes of each task, the first that held; None: all.
-        workers: number of processes; the files do not depend on it.
         resume: go on with observations that are there, all of the same spec.
         assets: where the data set's objects are now; None: where they were.
-        time_limit, jobs_per_worker: as for ``collect``.
         progress: listener for stages and steps.
+        execution: see :class:`~gensim2.core.processes.ExecutionArguments`.
 
     Returns:
         Counts of episodes and frames, bytes and CPU seconds.
@@ -113,6 +110,7 @@ def render(
         WriteError: no room is left; what was finished is kept.
         NotRunError: some episodes could not be run; all others are finished.
     """
+    how = Execution.of(execution)
     folder, spec = Path(folder), spec or ObservationSpec()
     if spec.is_proprioceptive:
         raise InputError("must name something that cameras give", field="modalities")
@@ -124,7 +122,7 @@ def render(
         for store in wanted.values():
             if (store.folder / OBSERVATIONS).is_dir():
                 remove_temporaries(store.folder / OBSERVATIONS)
-        return _Rendering(dataset, spec, episodes, resume, progress).run(wanted, workers, time_limit, jobs_per_worker)
+        return _Rendering(dataset, spec, episodes, resume, progress).run(wanted, how)
     finally:
         lock.release()
 
@@ -139,9 +137,7 @@ class _Rendering:
         self._episodes = episodes
         self._size = self._there = 0
 
-    def run(
-        self, stores: dict[str, TaskStore], workers: int, time_limit: float, jobs_per_worker: int
-    ) -> RenderingResult:
+    def run(self, stores: dict[str, TaskStore], execution: Execution) -> RenderingResult:
         missing = [(store, row) for store in stores.values() for row in self._missing(store)]
         objects = ObjectCheck(self._dataset, self._progress)
         for store, row in missing:
@@ -156,13 +152,7 @@ class _Rendering:
         self._progress.advance(self._there)
         rendered = frames = 0
         cpu = 0.0
-        with WorkerPool(
-            min(workers, len(missing)),
-            time_limit=time_limit,
-            jobs_per_worker=jobs_per_worker,
-            preload=PRELOAD,
-            on_failure=self._failed,
-        ) as pool:
+        with execution.at_most(len(missing)).executor(preload=PRELOAD, on_failure=self._failed) as pool:
             log = self._dataset.path / ERRORS_LOG
             for _, made in results(pool.map_unordered(render_episode, jobs), "observations", log):
                 rendered, frames, cpu = rendered + 1, frames + made.frames, cpu + made.cpu_s

@@ -19,9 +19,9 @@ from gensim2.core.processes import Job
 from gensim2.data.status import TaskStatus
 from gensim2.data.store import TaskStore
 from gensim2.rollout import worker
-from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
+from gensim2.rollout.runner import EpisodeRunner
 from gensim2.scenes.config import Drawn
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
@@ -194,7 +194,7 @@ class TaskQueue:
         for _ in self.store.write_rows(self.needed):
             pass
 
-    def jobs(self, evaluator: PoolEvaluator, first: int) -> Iterator[Job | None]:
+    def jobs(self, evaluator: EpisodeRunner, first: int) -> Iterator[Job | None]:
         """Yield what is to come, numbered from ``first`` on; None while what is under way may fill the quota.
 
         An episode is begun only while those that held and those under way, were all of them to hold, are too few. So
@@ -216,7 +216,7 @@ class TaskQueue:
 
 def run_queues(
     queues: Sequence[TaskQueue],
-    evaluator: PoolEvaluator,
+    evaluator: EpisodeRunner,
     finished: Callable[[TaskQueue], None],
 ) -> None:
     """Run the missing episodes of the queues, task by task, and count each as it is finished.

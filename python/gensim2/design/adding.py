@@ -6,17 +6,17 @@ from pathlib import Path
 from typing import Unpack
 
 from gensim2.core.errors import InputError
-from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT, Job
+from gensim2.core.processes import Execution, Job
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.records import Verification
 from gensim2.design.remembering import Remembered, verified
 from gensim2.design.unseen import kept_apart
 from gensim2.rollout import worker
-from gensim2.rollout.config import RolloutArguments
-from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.config import RunArguments
 from gensim2.rollout.inputs import check_counts, read_task_input
 from gensim2.rollout.record import Episode
+from gensim2.rollout.runner import EpisodeRunner
 from gensim2.tasks.library import origin_of
 from gensim2.tasks.memory import LEAST_EPISODES, LEAST_SHARE, Memory, UnverifiedTaskError
 from gensim2.tasks.spec import Provenance
@@ -30,10 +30,9 @@ def add_task(
     *,
     episodes: int = LEAST_EPISODES,
     seed: int = 0,
-    workers: int = 2,
     memory: Memory | None = None,
     progress: Progress = NULL_PROGRESS,
-    **given: Unpack[RolloutArguments],
+    **given: Unpack[RunArguments],
 ) -> Remembered:
     """Run fresh episodes of a task with its strategies and add it to a library where enough of them hold.
 
@@ -41,10 +40,9 @@ def add_task(
         folder: holds task.yaml and strategies/.
         episodes: of the verification, at least ``LEAST_EPISODES``.
         seed: of the scenes.
-        workers: simulator processes.
         memory: default: the user's library.
         progress: listener.
-        given: see :class:`~gensim2.rollout.config.RolloutArguments`.
+        given: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Raises:
         InputError: the folder or an argument cannot be used, or there is no library.
@@ -53,6 +51,7 @@ def add_task(
         NotRunError: episodes could not be run.
     """
     check_counts(episodes=episodes)
+    execution = Execution.of(given)
     if episodes < LEAST_EPISODES:
         raise InputError(f"must be at least {LEAST_EPISODES}, not {episodes}", field="episodes")
     memory = memory or Memory()
@@ -69,14 +68,7 @@ def add_task(
     kind = apart.kind if read.instances == "all" else "all"
     found: dict[int, Episode] = {}
     progress.start(f"{task.name}: verify", episodes)
-    with PoolEvaluator(
-        read.scene.options,
-        workers,
-        progress,
-        rollout=read.rollout,
-        time_limit=TIME_LIMIT,
-        jobs_per_worker=JOBS_PER_WORKER,
-    ) as evaluator:
+    with EpisodeRunner(read.scene.options, execution, progress, rollout=read.rollout) as evaluator:
         jobs = [Job(i, (evaluator.config(task, drawn[i]), read.strategies, seeds[i])) for i in range(episodes)]
         for index, episode in evaluator.run(worker.episode, jobs, f"{task.name}: verification"):
             found[index] = episode

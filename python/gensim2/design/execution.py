@@ -21,8 +21,8 @@ from gensim2.design.search import Budget, Search
 from gensim2.design.unseen import kept_apart
 from gensim2.design.verification import VERIFY_EPISODES, verify
 from gensim2.objects import Library
-from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.inputs import TaskInput, chosen_word
+from gensim2.rollout.runner import EpisodeRunner
 from gensim2.rollout.tally import Tally
 from gensim2.tasks.library import strategies_of
 from gensim2.tasks.likeness import first_alike
@@ -101,7 +101,7 @@ class PipelineRun:
         library: Library,
         designer: Designer,
         folder: RunFolder,
-        evaluator: PoolEvaluator,
+        evaluator: EpisodeRunner,
         seed: int,
         extent: Extent,
         known: Sequence[Known],

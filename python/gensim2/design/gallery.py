@@ -10,11 +10,11 @@ from typing import Any, Unpack
 from gensim2.core.errors import GenSim2Error
 from gensim2.core.files import write_atomic
 from gensim2.core.pages import template
-from gensim2.core.processes import TIME_LIMIT
+from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import SCHEMA_VERSION
-from gensim2.rollout.inputs import check_workers, read_task_inputs
-from gensim2.scenes.config import SceneArguments
+from gensim2.rollout.config import EvaluationArguments
+from gensim2.rollout.inputs import read_task_inputs
 
 INDEX = "index.html"
 
@@ -46,11 +46,9 @@ def tasks_gallery(
     origin: str | None = None,
     out: Path,
     seed: int = 0,
-    workers: int = 2,
     resume: bool = False,
-    time_limit: float = TIME_LIMIT,
     progress: Progress = NULL_PROGRESS,
-    **scene: Unpack[SceneArguments],
+    **scene: Unpack[EvaluationArguments],
 ) -> TasksGallery:
     """Make a folder with a page that shows each task: an episode that held, its sentence, its steps, its figures.
 
@@ -61,24 +59,23 @@ def tasks_gallery(
         origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
         out: folder to write to.
         seed: of the scenes; of the first five of each task the first that holds is shown.
-        workers, time_limit: as for ``demo``.
         resume: go on with the gallery that ``out`` holds.
         progress: listener.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`.
+        scene: see :class:`~gensim2.rollout.config.EvaluationArguments`.
 
     Raises:
         InputError: an argument cannot be used.
         GenSim2Error: no Vulkan driver works on this machine.
         NotRunError: some tasks could not be run; all others are finished, and ``resume`` goes on.
     """
-    check_workers(time_limit, jobs_per_worker=1)
+    execution = Execution.of(scene)
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     # Only now what takes long to import.
     from gensim2.core.processes import Job
     from gensim2.data.runfolder import RunFolder
     from gensim2.design.shelf import SPEED, GalleryEntry, film_one_that_holds
-    from gensim2.rollout.evaluator import PoolEvaluator
     from gensim2.rollout.identity import identity
+    from gensim2.rollout.runner import EpisodeRunner
     from gensim2.sim import rendering
 
     if not rendering.can_render():
@@ -93,12 +90,12 @@ def tasks_gallery(
                 "seed": seed,
                 **options.to_record(),
                 **rollout.to_record(),
-                "workers": workers,
+                "workers": execution.workers,
             },
             identity(given),
             resume,
         ) as folder,
-        PoolEvaluator(options, workers, progress, time_limit=time_limit, log=folder.errors_log) as evaluator,
+        EpisodeRunner(options, execution, progress, log=folder.errors_log) as evaluator,
     ):
         shelves = [GalleryEntry(one, folder.task(one.spec.name), seed) for one in given]
         for shelf in shelves:

@@ -9,7 +9,7 @@ from typing import Unpack
 
 from gensim2.core import seeding
 from gensim2.core.errors import InputError
-from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.records import PipelineResult
 from gensim2.data.runfolder import RunFolder, default_run_dir
@@ -23,18 +23,17 @@ from gensim2.design.report import reported
 from gensim2.design.search import LONG_BUDGET, Budget
 from gensim2.design.verification import VERIFY_EPISODES
 from gensim2.objects import open_library
-from gensim2.rollout.config import RolloutArguments, RolloutOptions
-from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.config import RolloutOptions, RunArguments
 from gensim2.rollout.identity import digest, listing
 from gensim2.rollout.inputs import (
     check_counts,
-    check_workers,
     chosen_word,
     has_instances,
     instances_word,
     read_task_input,
     scene_options,
 )
+from gensim2.rollout.runner import EpisodeRunner
 from gensim2.tasks.library import PAPER, load_strategies, load_task, task_names
 
 DESIGNERS: dict[str, type[Designer]] = {"offline": OfflineDesigner}
@@ -50,18 +49,14 @@ def run_pipeline(
     episodes: int = 5,
     seed: int = 0,
     out: Path | None = None,
-    workers: int | None = 2,
-    ray: str | None = None,
     target_task: str | None = None,
     stored_tasks: Sequence[str] = (),
     resume: bool = False,
     designer: str | Designer = "offline",
     video: bool = True,
     budget: Budget | None = None,
-    time_limit: float = TIME_LIMIT,
-    jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
-    **scene: Unpack[RolloutArguments],
+    **scene: Unpack[RunArguments],
 ) -> PipelineResult:
     """Design new tasks, verify them in physics and collect demonstrations of those that hold.
 
@@ -81,21 +76,15 @@ def run_pipeline(
         episodes: number of demonstrations to keep of each task; 0: none.
         seed: seed of every draw.
         out: run folder; default ``runs/<date>-<time>``.
-        workers: simulator processes, 0 for this one; the result does not depend on their number. On Ray the most at a
-            time; None: one a CPU of the cluster.
-        ray: ``"local"``, or the address of a cluster whose nodes all have ``out`` at the same path; None: processes of
-            this machine.
         target_task: design this task of the task library anew, with that task hidden from the designer.
         stored_tasks: tasks of the library that are also verified and demonstrated, with the strategies stored there.
         resume: go on with the run that ``out`` holds.
         designer: ``"offline"``, or a :class:`~gensim2.design.base.Designer`.
         video: film each kept task where this machine can render.
         budget: episodes and rounds of the search of each task; None: the usual ones.
-        time_limit: seconds after which an episode, or the planning on one scene, counts as hung and is tried again.
-        jobs_per_worker: jobs after which a simulator process is renewed.
         progress: listener for stages and steps.
         scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``, as
-            :class:`~gensim2.rollout.config.RolloutArguments` has them. Demonstrations draw from ``instances``, search
+            :class:`~gensim2.rollout.config.RunArguments` has them. Demonstrations draw from ``instances``, search
             and verification keep theirs apart; only tasks on objects that have such instances are proposed.
 
     Returns:
@@ -114,7 +103,7 @@ def run_pipeline(
         raise InputError("no task is asked for", field="single, long", remedy="ask for one of them, or a stored task")
     if episodes < 0:
         raise InputError(f"must be at least 0, not {episodes}", field="episodes")
-    check_workers(time_limit, jobs_per_worker, workers, ray)
+    execution = Execution.of(scene)
     by = _designer(designer)
     target = redesigned(load_task(target_task)) if target_task is not None else None
     seeding.check_seed(seed)
@@ -146,8 +135,7 @@ def run_pipeline(
                 "long": long,
                 "target_task": target_task,
                 "stored_tasks": [given.spec.name for given in stored],
-                "workers": workers,
-                "ray": ray,
+                **execution.to_record(),
             },
             {
                 "budget": digest([asdict(each) for each in ((budget,) if budget else (Budget(), LONG_BUDGET))]),
@@ -158,20 +146,17 @@ def run_pipeline(
             resume,
         ) as folder,
         reported(folder.path),
-        PoolEvaluator(
+        EpisodeRunner(
             options,
-            workers,
+            execution,
             progress,
             rollout=rollout,
-            time_limit=time_limit,
-            jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
-            ray=ray,
         ) as evaluator,
     ):
         extent = Extent(verify, episodes, instances, video)
-        execution = PipelineRun(library, by, folder, evaluator, seed, extent, known, familiar, budget, progress)
-        result = execution.run(wanted if target is None else Wanted(1), target, stored)
+        pipeline = PipelineRun(library, by, folder, evaluator, seed, extent, known, familiar, budget, progress)
+        result = pipeline.run(wanted if target is None else Wanted(1), target, stored)
         folder.finish(result.to_dict())
     return result
 

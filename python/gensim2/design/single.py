@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from gensim2.core.files import check_writable
-from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import SCHEMA_VERSION
-from gensim2.rollout.config import RolloutArguments
-from gensim2.rollout.inputs import check_counts, check_workers, read_task_input
+from gensim2.rollout.config import RunArguments
+from gensim2.rollout.inputs import check_counts, read_task_input
 from gensim2.rollout.tally import Tally
 
 
@@ -56,13 +56,10 @@ def demo(
     episodes: int = 5,
     seed: int = 0,
     out: Path | None = None,
-    workers: int = 2,
     resume: bool = False,
     video: bool = True,
-    time_limit: float = TIME_LIMIT,
-    jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
-    **scene: Unpack[RolloutArguments],
+    **scene: Unpack[RunArguments],
 ) -> DemoResult:
     """Record demonstrations of a task with its stored strategies.
 
@@ -77,14 +74,11 @@ def demo(
         episodes: number of successful demonstrations to keep.
         seed: seed of the scenes.
         out: run folder; default ``runs/<date>-<time>``.
-        workers: simulator processes.
         resume: go on with the run that ``out`` holds.
         video: film the first demonstration where this machine can render.
-        time_limit: seconds after which an episode counts as hung and is tried again.
-        jobs_per_worker: jobs after which a simulator process is renewed.
         progress: listener for stages and steps.
-        scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``, as
-            :class:`~gensim2.rollout.config.RolloutArguments` has them.
+        scene: of the scenes, the chain of steps and the worker processes: see
+            :class:`~gensim2.rollout.config.RunArguments`.
 
     Returns:
         The run folder, the number of demonstrations, and counts over the episodes that were run for them.
@@ -94,7 +88,7 @@ def demo(
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
     check_counts(episodes=episodes)
-    check_workers(time_limit, jobs_per_worker)
+    execution = Execution.of(scene)
     run_dir = Path(out) if out is not None else None
     if run_dir is not None:
         check_writable(run_dir / "run.json")
@@ -103,8 +97,8 @@ def demo(
     from gensim2.data.demonstrations import collect
     from gensim2.data.runfolder import RunFolder, default_run_dir
     from gensim2.design.report import reported
-    from gensim2.rollout.evaluator import PoolEvaluator
     from gensim2.rollout.identity import digest, listing
+    from gensim2.rollout.runner import EpisodeRunner
 
     spec, strategies, library = given.spec, given.strategies, given.library
     with (
@@ -118,7 +112,7 @@ def demo(
                 **given.scene.options.to_record(),
                 **given.rollout.to_record(),
                 "instances": given.instances,
-                "workers": workers,
+                "workers": execution.workers,
             },
             {
                 "task": digest(spec.model_dump(mode="json")),
@@ -128,13 +122,11 @@ def demo(
             resume,
         ) as folder,
         reported(folder.path),
-        PoolEvaluator(
+        EpisodeRunner(
             given.scene.options,
-            workers,
+            execution,
             progress,
             rollout=given.rollout,
-            time_limit=time_limit,
-            jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
         ) as evaluator,
     ):

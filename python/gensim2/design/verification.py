@@ -12,7 +12,7 @@ from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.design.unseen import Apart
 from gensim2.objects import Library
 from gensim2.rollout import worker
-from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.runner import EpisodeRunner
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 
@@ -34,7 +34,7 @@ def verify(
     strategies: Strategies,
     files: TaskFolder,
     run: RunFolder,
-    evaluator: PoolEvaluator,
+    evaluator: EpisodeRunner,
     library: Library,
     apart: Apart,
     *,

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from gensim2.core.errors import InputError
-from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.evaluation.benchmark_table import TaskRow, groups
 from gensim2.evaluation.running import finish_table, run_episodes
-from gensim2.rollout.config import DISTURBANCES, Disturbance, EpisodeConfig, RolloutArguments
-from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
+from gensim2.rollout.config import DISTURBANCES, Disturbance, EpisodeConfig, RunArguments
+from gensim2.rollout.inputs import TaskInput, check_counts, read_task_inputs
 from gensim2.tasks.spec import Step
 from gensim2.tasks.strategies import Strategies
 
@@ -73,13 +73,9 @@ def benchmark(
     one_plan: bool = False,
     disturbance: Disturbance | None = None,
     out: Path | None = None,
-    workers: int | None = 2,
-    ray: str | None = None,
     resume: bool = False,
-    time_limit: float = TIME_LIMIT,
-    jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
-    **scene: Unpack[RolloutArguments],
+    **scene: Unpack[RunArguments],
 ) -> BenchmarkResult:
     """Run the planner on random scenes of every task; each episode is kept as soon as it is finished.
 
@@ -101,15 +97,10 @@ def benchmark(
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; tasks in which no rigid object is
             taken are left out.
         out: run folder; default ``runs/<date>-<time>``.
-        workers: simulator processes, 0 for this one; the table does not depend on their number. On Ray the most at a
-            time; None: one a CPU of the cluster.
-        ray: ``"local"``, or the address of a cluster whose nodes all have ``out`` at the same path; None: processes of
-            this machine.
         resume: go on with the run that ``out`` holds.
-        time_limit, jobs_per_worker: as for ``demo``.
         progress: listener for stages and steps.
-        scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``, as
-            :class:`~gensim2.rollout.config.RolloutArguments` has them.
+        scene: of the scenes, the chain of steps and the worker processes: see
+            :class:`~gensim2.rollout.config.RunArguments`.
 
     Returns:
         The table: one row a task with its three verdicts and their 95 % intervals.
@@ -119,7 +110,7 @@ def benchmark(
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
     check_counts(runs=runs, episodes=episodes, attempts=attempts)
-    check_workers(time_limit, jobs_per_worker, workers, ray)
+    execution = Execution.of(scene)
     if disturbance is not None and disturbance not in DISTURBANCES:
         raise InputError(
             f"no disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}"
@@ -130,8 +121,8 @@ def benchmark(
     # Only now what takes long to import.
     from gensim2.data.runfolder import RUN_JSON, RunFolder, default_run_dir
     from gensim2.rollout import worker
-    from gensim2.rollout.evaluator import PoolEvaluator
     from gensim2.rollout.identity import identity, provenance, versions
+    from gensim2.rollout.runner import EpisodeRunner
 
     if disturbance is not None:
         given, without = _disturbable(given, resume and out is not None and (Path(out) / RUN_JSON).exists())
@@ -157,21 +148,17 @@ def benchmark(
                 "command": "benchmark",
                 "stored_tasks": names,
                 **arguments,
-                "workers": workers,
-                "ray": ray,
+                **execution.to_record(),
             },
             identity(given),
             resume,
         ) as folder,
-        PoolEvaluator(
+        EpisodeRunner(
             options,
-            workers,
+            execution,
             progress,
             rollout=rollout,
-            time_limit=time_limit,
-            jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
-            ray=ray,
         ) as evaluator,
     ):
         rows, speeds = [], {}

@@ -9,24 +9,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from gensim2.core.errors import GenSim2Error, InputError
-from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.evaluation.benchmark_table import TaskRow, groups
 from gensim2.evaluation.running import finish_table, run_episodes
 from gensim2.perception import ObservationSpec
-from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.config import EpisodeConfig, EvaluationArguments
 from gensim2.rollout.controller import is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerSpec, close
-from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
+from gensim2.rollout.inputs import TaskInput, check_counts, read_task_inputs
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.run import STOPS, Stop
-from gensim2.scenes.config import SceneArguments
 
 if TYPE_CHECKING:
     from gensim2.data.runfolder import RunFolder
-    from gensim2.rollout.evaluator import PoolEvaluator
+    from gensim2.rollout.runner import EpisodeRunner
 
 Keep = partial[Episode] | None
 
@@ -92,13 +91,9 @@ def evaluate(
     seed: int = 0,
     videos: int = 0,
     out: Path | None = None,
-    workers: int | None = 2,
-    ray: str | None = None,
     resume: bool = False,
-    time_limit: float = TIME_LIMIT,
-    jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
-    **scene: Unpack[SceneArguments],
+    **scene: Unpack[EvaluationArguments],
 ) -> EvaluationResult:
     """Run a controller on the scenes that a benchmark with this seed has, and judge its episodes as it does.
 
@@ -117,8 +112,7 @@ def evaluate(
         stop: ``"goal"``: an episode ends where the controller says None, where the goal has held for half a second and
             still does when the scene rests, or at the step limit, and is judged. ``"controller"``: one that never says
             None is cut and has not held.
-        runs, episodes, seed, out, workers, ray, resume, time_limit, jobs_per_worker, progress, scene: as for
-            :func:`~gensim2.evaluation.benchmark`.
+        runs, episodes, seed, out, resume, progress, scene: as for :func:`~gensim2.evaluation.benchmark`.
         videos: number of episodes of each task that are filmed by ray casting, beside the controller's point cloud.
 
     Returns:
@@ -130,7 +124,7 @@ def evaluate(
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
     check_counts(runs=runs, episodes=episodes)
-    check_workers(time_limit, jobs_per_worker, workers, ray)
+    execution = Execution.of(scene)
     if stop not in STOPS:
         raise InputError(f"no way to stop {stop!r}", field="stop", remedy=f"one of {', '.join(STOPS)}")
     given, skipped = read_task_inputs((tasks,) if isinstance(tasks, str) else tasks, seed=seed, **scene)
@@ -138,8 +132,8 @@ def evaluate(
     about = _about(spec, given[0], data)
     # Only now what takes long to import.
     from gensim2.data.runfolder import RunFolder, default_run_dir
-    from gensim2.rollout.evaluator import PoolEvaluator
     from gensim2.rollout.identity import identity, versions
+    from gensim2.rollout.runner import EpisodeRunner
 
     options = given[0].scene.options
     asked = {
@@ -157,20 +151,16 @@ def evaluate(
                 "command": "evaluate",
                 "stored_tasks": [one.spec.name for one in given],
                 **asked,
-                "workers": workers,
-                "ray": ray,
+                **execution.to_record(),
             },
             {**identity(given), "controller": spec.digest, "stop": stop},
             resume,
         ) as folder,
-        PoolEvaluator(
+        EpisodeRunner(
             options,
-            workers,
+            execution,
             progress,
-            time_limit=time_limit,
-            jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
-            ray=ray,
         ) as evaluator,
     ):
         rows, speeds, films = [], {}, {}
@@ -255,7 +245,7 @@ def _keep(folder: Path, index: int, episode: Episode, recording: Recording | Non
 def _keep_missing(
     given: TaskInput,
     folder: RunFolder,
-    evaluator: PoolEvaluator,
+    evaluator: EpisodeRunner,
     spec: ControllerSpec,
     stop: Stop,
     videos: int,
@@ -296,7 +286,7 @@ def _film(
     spec: ControllerSpec,
     about: Mapping[str, Any],
     folder: RunFolder,
-    evaluator: PoolEvaluator,
+    evaluator: EpisodeRunner,
     seed: int,
     progress: Progress,
 ) -> list[str]:

@@ -13,13 +13,13 @@ from gensim2.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
     from gensim2.data.runfolder import RunFolder
-    from gensim2.rollout.evaluator import PoolEvaluator
+    from gensim2.rollout.runner import EpisodeRunner
 
 
 def run_episodes(
     task: TaskSpec,
     folder: Path,
-    evaluator: PoolEvaluator,
+    evaluator: EpisodeRunner,
     function: Callable[..., Episode],
     arguments: Callable[[int, int], tuple[Any, ...]],
     *,

@@ -121,8 +121,8 @@ def _relabel(
     progress: Progress,
 ) -> Relabels:
     """Labels of one task of one data set in one round, made once: in ``path``, by the policy in ``folder``."""
-    from gensim2.core.processes import Job, results
-    from gensim2.rollout.evaluator import PoolEvaluator
+    from gensim2.core.processes import Execution, Job, results
+    from gensim2.rollout.runner import EpisodeRunner
 
     if path.exists():
         return Relabels.load(path)
@@ -130,7 +130,7 @@ def _relabel(
     jobs = [Job(n, (given.scene, given.strategies, str(folder), each)) for n, each in enumerate(seeds)]
     progress.start(f"{given.spec.name}: relabels", len(jobs))
     made: dict[int, Any] = {}
-    with PoolEvaluator(given.scene.options, workers, progress) as evaluator:
+    with EpisodeRunner(given.scene.options, Execution(workers), progress) as evaluator:
         for index, arrays in results(evaluator.executor.map_unordered(relabel_episode, jobs), "relabels", None):
             made[index] = arrays
             progress.advance()

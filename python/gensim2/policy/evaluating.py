@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import Any, Literal, Unpack, get_args
 
 from gensim2.core.errors import InputError, near
-from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.core.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.evaluation.evaluating import EvaluationResult, evaluate
 from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.control import Shuffled
 from gensim2.policy.sentences import embeds, sentence_row, substitutes
+from gensim2.rollout.config import EvaluationArguments
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs, scene_options
 from gensim2.rollout.run import Stop
 from gensim2.rollout.worker import chain
-from gensim2.scenes.config import SceneArguments
 
 Control = Literal["blind", "shuffled", "no-op", "expert"]
 """Controls beside a policy: the policy with all points at the origin, the policy with clouds of other scenes, an arm
@@ -144,13 +143,9 @@ def evaluate_policy(
     arguments: Mapping[str, Any] | None = None,
     runs: int = 1,
     out: Path | None = None,
-    workers: int | None = 2,
-    ray: str | None = None,
     resume: bool = False,
-    time_limit: float = TIME_LIMIT,
-    jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
-    **scene: Unpack[SceneArguments],
+    **scene: Unpack[EvaluationArguments],
 ) -> PolicyResult:
     """Measure a policy and its controls.
 
@@ -160,8 +155,8 @@ def evaluate_policy(
         control_episodes: of each task; at most ``episodes``.
         arguments: of the policy's controller, beside its checkpoint.
         out: folder; each control has one in it.
-        tasks, episodes, stop, data, videos, seed, runs, workers, ray, resume, time_limit, jobs_per_worker, progress,
-        scene: as for :func:`~gensim2.evaluation.evaluate`.
+        tasks, episodes, stop, data, videos, seed, runs, resume, progress, scene: as for
+            :func:`~gensim2.evaluation.evaluate`.
 
     Raises:
         CheckpointError: the checkpoint cannot be used with this robot or these tasks.
@@ -194,15 +189,7 @@ def evaluate_policy(
     from gensim2.data.runfolder import default_run_dir
 
     out = default_run_dir() if out is None else out
-    shared: dict[str, Any] = {
-        "seed": seed,
-        "workers": workers,
-        "ray": ray,
-        "resume": resume,
-        "time_limit": time_limit,
-        "jobs_per_worker": jobs_per_worker,
-        **scene,
-    }
+    shared: dict[str, Any] = {"seed": seed, "resume": resume, **scene}
     found = evaluate(
         policy_controller(checkpoint, **told),
         names,

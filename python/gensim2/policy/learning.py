@@ -9,7 +9,7 @@ from typing import Any, Unpack
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import check_writable, write_json
-from gensim2.core.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.data.lock import FolderLock
@@ -36,7 +36,7 @@ from gensim2.policy.train import TrainResult
 from gensim2.policy.training import read_flat
 from gensim2.robots import robot
 from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
-from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_all_task_inputs, scene_options
+from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs, scene_options
 from gensim2.scenes.config import SceneArguments
 
 SCENES = 2000
@@ -180,7 +180,7 @@ def learn(
     for name, count in (("objects", objects), ("generated", generated)):
         if count is not None:
             check_counts(**{name: count})
-    check_workers(TIME_LIMIT, JOBS_PER_WORKER, workers)
+    Execution(workers)
     devices = read_devices(device)
     controls = CONTROLS if controls is None else read_controls(controls)
     if policy not in HEADS:

@@ -51,7 +51,8 @@ def teach_by_plans(
     workers: int,
     progress: Progress,
 ) -> tuple[dict[str, int], TrainResult]:
-    from gensim2.rollout.evaluator import PoolEvaluator
+    from gensim2.core.processes import Execution
+    from gensim2.rollout.runner import EpisodeRunner
 
     planned, spent = list[Planned](), 0.0
     if record.start is not None and begun is not None and not again:
@@ -62,7 +63,7 @@ def teach_by_plans(
     for (one, _), count in zip(parts, objects, strict=True):
         of_task[one.spec.name] += count
     limit, (config, training, spec, device) = DATA_SHARE * 60.0 * record.minutes / len(group), how
-    with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
+    with EpisodeRunner(group[0].scene.options, Execution(workers), progress) as evaluator:
         if again:
             planned, spent = plan_again(again, spec, folder, evaluator.executor, seed=record.seed, progress=progress)
         known = len(planned)

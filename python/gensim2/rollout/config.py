@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, get_args
 
 from gensim2.core.errors import InputError
+from gensim2.core.processes import ExecutionArguments
 from gensim2.scenes.config import SceneArguments, SceneConfig, SceneOptions
 from gensim2.scenes.physics import with_current_scene
 from gensim2.tasks.spec import TaskSpec
@@ -29,6 +30,14 @@ class RolloutArguments(SceneArguments, total=False):
     """
 
     open_loop: bool
+
+
+class RunArguments(RolloutArguments, ExecutionArguments, total=False):
+    """Keywords of commands that run the chain of steps: of its scenes, of the chain, and of the worker processes."""
+
+
+class EvaluationArguments(SceneArguments, ExecutionArguments, total=False):
+    """Keywords of commands that run any controller: of its scenes, and of the worker processes."""
 
 
 @dataclass(frozen=True)

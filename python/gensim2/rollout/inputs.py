@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Unpack
 
 from gensim2.core.errors import InputError, brief, near
-from gensim2.core.processes import executor_at
 from gensim2.core.seeding import check_seed, rng
 from gensim2.objects import ArticulatedObject, Library, open_library
 from gensim2.objects.library.selection import object_of_ids, taken_instances, words_of_objects
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.strategies import parse_strategy
 from gensim2.robots import robot as profile
-from gensim2.rollout.config import RolloutArguments, RolloutOptions
+from gensim2.rollout.config import RolloutOptions, RunArguments
 from gensim2.scenes.config import SceneConfig, SceneOptions, split_arguments
 from gensim2.tasks.library import (
     PAPER,
@@ -32,9 +31,6 @@ from gensim2.tasks.library import (
 )
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies, with_strategies
-
-#: Seconds; no job needs eleven days, and infinity is no time to wait.
-LONGEST_TIME_LIMIT = 1e6
 
 
 @dataclass(frozen=True)
@@ -62,13 +58,13 @@ class TaskInput:
         return self.scene.task
 
 
-def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RolloutArguments]) -> TaskInput:
+def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RunArguments]) -> TaskInput:
     """Read and check a task.
 
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/ (or solver.yaml, version 1).
         seed: of the run.
-        given: see :class:`~gensim2.rollout.config.RolloutArguments`.
+        given: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Raises:
         InputError: names the file and the field, or the argument.
@@ -97,7 +93,7 @@ def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RolloutArgument
     return TaskInput(options.with_task(spec, word), word, strategies, library, rollout)
 
 
-def scene_options(**given: Unpack[RolloutArguments]) -> SceneOptions:
+def scene_options(**given: Unpack[RunArguments]) -> SceneOptions:
     """Options of a run's scenes, from its keywords.
 
     Raises:
@@ -108,7 +104,7 @@ def scene_options(**given: Unpack[RolloutArguments]) -> SceneOptions:
     return SceneOptions.of(**split_arguments(given)[0])
 
 
-def instances_word(**given: Unpack[RolloutArguments]) -> str:
+def instances_word(**given: Unpack[RunArguments]) -> str:
     """The word that says which instances a run draws from.
 
     Raises:
@@ -121,14 +117,14 @@ def instances_word(**given: Unpack[RolloutArguments]) -> str:
 
 
 def read_task_inputs(
-    tasks: Sequence[str], *, seed: int, origin: str | None = None, **given: Unpack[RolloutArguments]
+    tasks: Sequence[str], *, seed: int, origin: str | None = None, **given: Unpack[RunArguments]
 ) -> tuple[list[TaskInput], dict[str, str]]:
     """Read and check the tasks that these objects do for; the others come with the reason why they are left out.
 
     Args:
         tasks, origin: as for :func:`of_these_objects`.
         seed: of the run.
-        given: see :class:`~gensim2.rollout.config.RolloutArguments`.
+        given: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Raises:
         InputError: as for :func:`of_these_objects` and :func:`read_task_input`, or a task is named twice.
@@ -141,7 +137,7 @@ def read_task_inputs(
     return inputs, skipped
 
 
-def read_all_task_inputs(tasks: Sequence[str], *, seed: int, **given: Unpack[RolloutArguments]) -> list[TaskInput]:
+def read_all_task_inputs(tasks: Sequence[str], *, seed: int, **given: Unpack[RunArguments]) -> list[TaskInput]:
     """Read and check tasks of which none may be left out.
 
     Args:
@@ -293,31 +289,6 @@ def _is_folder(task: str) -> bool:
         return bool(task) and Path(task).is_dir()
     except OSError as error:
         raise InputError(f"cannot read: {error.strerror}", file=task) from error
-
-
-def check_workers(time_limit: float, jobs_per_worker: int, workers: int | None = 0, ray: str | None = None) -> None:
-    """Refuse options of worker processes that mean nothing, before anything starts.
-
-    Args:
-        time_limit: seconds.
-        jobs_per_worker: jobs after which a process is renewed.
-        workers: processes, 0 for the caller's own; None, one for each CPU, only on Ray.
-        ray: address of a cluster.
-
-    Raises:
-        InputError: one is out of range, or no address.
-        MissingExtraError: Ray is asked for and not installed.
-    """
-    executor_at(ray)
-    if workers is None and ray is None:
-        raise InputError("must be a number where there is no Ray cluster that has one", field="workers")
-    if workers is not None and workers < 0:
-        raise InputError(f"must be at least 0, not {brief(workers)}", field="workers")
-    if workers == 0 and ray is not None:
-        raise InputError("must be at least 1 on Ray", field="workers")
-    if not 0 < time_limit <= LONGEST_TIME_LIMIT:
-        raise InputError(f"must lie in 0..{LONGEST_TIME_LIMIT:g} s, is {time_limit}", field="time_limit")
-    check_counts(jobs_per_worker=jobs_per_worker)
 
 
 def check_counts(**values: int) -> None:

@@ -20,7 +20,7 @@ import kill_runs
 
 from gensim2.cli.main import BAD_INPUT, run
 from gensim2.core.errors import InputError, NotRunError
-from gensim2.core.processes import Job, WorkerPool, enumerated, place, results
+from gensim2.core.processes import Job, WorkerPool, enumerated, execution, results
 from gensim2.evaluation import evaluating
 from gensim2.rollout import worker
 
@@ -73,7 +73,7 @@ def test_commands_leave_the_bytes_that_they_leave_on_this_machine(
     fake_world.install()
     monkeypatch.setattr(fake_world, "EPISODE_SECONDS", 0.0)
     monkeypatch.setattr(evaluating, "_episode", jobs.evaluated)
-    monkeypatch.setattr(place, "WorkerPool", lambda _, **given: WorkerPool(0, **given))
+    monkeypatch.setattr(execution, "WorkerPool", lambda _, **given: WorkerPool(0, **given))
     asked: list[tuple[Any, ...]] = []
     monkeypatch.setattr(ray_pools, "RayPool", lambda *where, **_: asked.append(where) or pool)
     monkeypatch.setattr(pool, "close", lambda: None)

@@ -18,6 +18,7 @@ import fake_world
 from llm_answers import BOX, DRAWER, LONG, GoodModel
 from llm_server import KEY, SERVER_ERROR, Asked, ModelServer
 
+from gensim2.core.processes import Execution
 from gensim2.cli.main import run as command
 from gensim2.data.records import PipelineResult
 from gensim2.design import run_pipeline, views
@@ -26,7 +27,7 @@ from gensim2.design.llm import Asking
 from gensim2.design.search import Budget
 from gensim2.core.errors import InputError, ModelError
 from gensim2.rollout import worker
-from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.runner import EpisodeRunner
 from gensim2.rollout.record import Episode, StrictMiss
 from gensim2.rollout.config import EpisodeConfig
 from gensim2.scenes.config import SceneOptions
@@ -66,10 +67,10 @@ def world(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     )
     monkeypatch.setattr("gensim2.design.briefing.has_instances", lambda library, name, words: name in CLASSES)
 
-    def here(scene: SceneOptions, workers: int, progress: Any, **given: Any) -> PoolEvaluator:
-        return PoolEvaluator(scene, 0, progress, **given)
+    def here(scene: SceneOptions, _: Execution, progress: Any, **given: Any) -> EpisodeRunner:
+        return EpisodeRunner(scene, Execution(0), progress, **given)
 
-    monkeypatch.setattr("gensim2.design.run.PoolEvaluator", here)
+    monkeypatch.setattr("gensim2.design.run.EpisodeRunner", here)
 
 
 @pytest.fixture

@@ -16,11 +16,12 @@ pytest.importorskip("openai")
 from llm_answers import LONG, Learner
 from llm_server import KEY, ModelServer
 
+from gensim2.core.processes import Execution
 from gensim2.design import run_pipeline
 from gensim2.design.designing import model_designer
 from gensim2.design.llm import Asking
 from gensim2.design.search import Budget
-from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.runner import EpisodeRunner
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_task_file
 
@@ -46,10 +47,10 @@ def test_a_long_task_goes_from_the_first_question_until_it_is_kept(
     monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("gensim2.design.briefing.has_instances", lambda _, name, __: name in ("drawer", "golf_ball"))
 
-    def here(scene: SceneOptions, workers: int, progress: Any, **given: Any) -> PoolEvaluator:
-        return PoolEvaluator(scene, 0, progress, **given)
+    def here(scene: SceneOptions, _: Execution, progress: Any, **given: Any) -> EpisodeRunner:
+        return EpisodeRunner(scene, Execution(0), progress, **given)
 
-    monkeypatch.setattr("gensim2.design.run.PoolEvaluator", here)
+    monkeypatch.setattr("gensim2.design.run.EpisodeRunner", here)
     with ModelServer(Learner(LONG)) as server:
         designer = model_designer(
             "test-model", Asking("topdown", trials=1), SceneOptions("builtin"), base_url=server.url, timeout=10.0

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from gensim2.core.processes import Execution
 from gensim2.data.records import Verification
 from gensim2.data.runfolder import RunFolder
 from gensim2.design import verification
@@ -15,7 +16,7 @@ from gensim2.design.verification import UNDER_WAY, VERIFY_EPISODES, verify
 from gensim2.core.errors import InputError
 from gensim2.objects import open_library
 from gensim2.rollout import worker
-from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.runner import EpisodeRunner
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_task
 
@@ -30,7 +31,7 @@ def low_threshold(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _verify(out: Path, seed: int = 0, episodes: int = VERIFY_EPISODES) -> Verification:
-    with RunFolder(out, {}, {}, resume=True) as run, PoolEvaluator(CIRCUMSTANCES, 0) as evaluator:
+    with RunFolder(out, {}, {}, resume=True) as run, EpisodeRunner(CIRCUMSTANCES, Execution(0)) as evaluator:
         files, library = run.task(TASK.name), open_library("builtin")
         apart = kept_apart(library, TASK)
         return verify(TASK, {}, files, run, evaluator, library, apart, episodes=episodes, seed=seed)

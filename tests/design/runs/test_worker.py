@@ -13,9 +13,9 @@ import process_jobs
 import pytest
 
 from gensim2.core.errors import InputError, NotRunError
-from gensim2.core.processes import Job
+from gensim2.core.processes import Execution, Job
 from gensim2.rollout import worker
-from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.runner import EpisodeRunner
 from gensim2.rollout.config import EpisodeConfig, RolloutOptions
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_strategies, load_task
@@ -129,11 +129,11 @@ def test_strategies_that_nobody_takes_are_bad_input() -> None:
         worker.episode(CONFIG, changed('"gripper"', '"nonsense"'), 5)
 
 
-class _Made(PoolEvaluator):
+class _Made(EpisodeRunner):
     """Jobs in this process."""
 
     def __init__(self) -> None:
-        super().__init__(SceneOptions("builtin"), 0)
+        super().__init__(SceneOptions("builtin"), Execution(0))
 
 
 def test_an_evaluator_gives_episodes_and_scores_in_the_order_of_its_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,6 +175,6 @@ def test_an_evaluator_names_what_could_not_be_run() -> None:
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_cpu_is_that_of_all_processes(workers: int) -> None:
-    with PoolEvaluator(SceneOptions("builtin"), workers) as evaluator:
+    with EpisodeRunner(SceneOptions("builtin"), Execution(workers)) as evaluator:
         list(evaluator.run(process_jobs.spin, [Job(index, (0.25,)) for index in range(4)], "work"))
         assert 1.0 <= evaluator.cpu_s < 2.0

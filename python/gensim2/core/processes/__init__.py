@@ -1,5 +1,6 @@
 """Jobs in other processes: run again where a process was lost, finished in any order, never in doubt."""
 
+from gensim2.core.processes.execution import Execution, ExecutionArguments
 from gensim2.core.processes.executor import (
     Executor,
     Failure,
@@ -10,12 +11,11 @@ from gensim2.core.processes.executor import (
     in_order,
     results,
 )
-from gensim2.core.processes.place import executor_at
-from gensim2.core.processes.pool import JOBS_PER_WORKER, TIME_LIMIT, WorkerPool
+from gensim2.core.processes.pool import WorkerPool
 
 __all__ = [
-    "JOBS_PER_WORKER",
-    "TIME_LIMIT",
+    "Execution",
+    "ExecutionArguments",
     "Executor",
     "Failure",
     "Job",
@@ -23,7 +23,6 @@ __all__ = [
     "WorkerPool",
     "WorkerStartError",
     "enumerated",
-    "executor_at",
     "in_order",
     "results",
 ]

@@ -9,17 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from gensim2.core.files import append
-from gensim2.core.processes import (
-    JOBS_PER_WORKER,
-    TIME_LIMIT,
-    Executor,
-    Failure,
-    Job,
-    Outcome,
-    enumerated,
-    executor_at,
-    results,
-)
+from gensim2.core.processes import Execution, Executor, Failure, Job, Outcome, enumerated, results
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.rollout import worker
 from gensim2.rollout.config import DEFAULT_ROLLOUT, EpisodeConfig, RolloutOptions
@@ -31,20 +21,17 @@ from gensim2.tasks.strategies import StepStrategies
 Result = TypeVar("Result")
 
 
-class PoolEvaluator:
+class EpisodeRunner:
     """Plans and runs episodes in worker processes; what comes of them does not depend on their number.
 
     A context manager: leaving it ends the workers.
 
     Args:
         scene: what the scenes of all tasks follow from.
-        workers: number of processes; None: one for each CPU of the Ray cluster.
+        execution: where and how the jobs run.
         progress: is advanced once a job; whoever calls starts the stage.
         rollout: what all episodes have in common beside their scenes.
-        time_limit: seconds after which a job counts as hung and is tried again.
-        jobs_per_worker: jobs after which a process is renewed.
         log: file for tries that came to nothing, with their tracebacks; None keeps none.
-        ray: ``"local"``, or the address of a Ray cluster; None: processes of this machine.
 
     Attributes:
         failed_tries: tries that came to nothing.
@@ -53,29 +40,23 @@ class PoolEvaluator:
     def __init__(
         self,
         scene: SceneOptions,
-        workers: int | None,
+        execution: Execution,
         progress: Progress = NULL_PROGRESS,
         *,
         rollout: RolloutOptions = DEFAULT_ROLLOUT,
-        time_limit: float = TIME_LIMIT,
-        jobs_per_worker: int = JOBS_PER_WORKER,
         log: Path | None = None,
-        ray: str | None = None,
     ) -> None:
         self.scene, self.rollout = scene, rollout
         self.failed_tries = 0
         self._progress, self._log = progress, log
-        self._executor = executor_at(ray)(
-            workers,
-            time_limit=time_limit,
-            jobs_per_worker=jobs_per_worker,
+        self._executor = execution.executor(
             preload=worker.PRELOAD[scene.engine],
             prepare=partial(worker.prepare, scene),
             on_failure=self._failed,
         )
         self._begin, self._elsewhere = time.process_time(), 0.0
 
-    def __enter__(self) -> PoolEvaluator:
+    def __enter__(self) -> EpisodeRunner:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,0 +1,98 @@
+"""Where and how the jobs of a run are executed, as one value."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypedDict
+
+from gensim2.core.errors import InputError, brief
+from gensim2.core.processes.executor import Executor, Failure
+from gensim2.core.processes.pool import JOBS_PER_WORKER, TIME_LIMIT, WorkerPool
+
+LONGEST_TIME_LIMIT = 1e6
+"""Seconds; no job needs eleven days, and infinity is no time to wait."""
+
+
+class ExecutionArguments(TypedDict, total=False):
+    """Keywords of commands that run jobs in worker processes; the results depend on none of them.
+
+    Keys:
+        workers: number of processes; 0 runs the jobs in this process. On Ray the largest number at a time; None there
+            means one for each CPU of the cluster. Default: 2.
+        ray: ``"local"``, or the address of a Ray cluster whose nodes all have the output folder at the same path;
+            None, the default: processes of this machine.
+        time_limit: seconds after which a job counts as hung and runs again in a fresh process. Default: 900.
+        jobs_per_worker: jobs after which a process is renewed. Default: 500.
+    """
+
+    workers: int | None
+    ray: str | None
+    time_limit: float
+    jobs_per_worker: int
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Where and how jobs run; checked when it is made, before anything starts.
+
+    Attributes:
+        workers, ray, time_limit, jobs_per_worker: see :class:`ExecutionArguments`.
+
+    Raises:
+        InputError: a value is out of range, or ``ray`` is no address.
+        MissingExtraError: ``ray`` is given and Ray is not installed.
+    """
+
+    workers: int | None = 2
+    ray: str | None = None
+    time_limit: float = TIME_LIMIT
+    jobs_per_worker: int = JOBS_PER_WORKER
+
+    def __post_init__(self) -> None:
+        if self.ray is not None:
+            from gensim2.core.processes.ray import check_address
+
+            check_address(self.ray)
+        if self.workers is None and self.ray is None:
+            raise InputError("must be a number where there is no Ray cluster that has one", field="workers")
+        if self.workers is not None and self.workers < 0:
+            raise InputError(f"must be at least 0, not {brief(self.workers)}", field="workers")
+        if self.workers == 0 and self.ray is not None:
+            raise InputError("must be at least 1 on Ray", field="workers")
+        if not 0 < self.time_limit <= LONGEST_TIME_LIMIT:
+            raise InputError(f"must lie in 0..{LONGEST_TIME_LIMIT:g} s, is {self.time_limit}", field="time_limit")
+        if self.jobs_per_worker < 1:
+            raise InputError(f"must be at least 1, not {brief(self.jobs_per_worker)}", field="jobs_per_worker")
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Execution:
+        """Return the execution that keywords describe; keywords of other things are ignored."""
+        return cls(**{each.name: given[each.name] for each in fields(cls) if each.name in given})
+
+    def at_most(self, jobs: int) -> Execution:
+        """Return this execution with no more processes on this machine than there are jobs."""
+        if self.ray is not None or self.workers is None:
+            return self
+        return replace(self, workers=min(self.workers, jobs))
+
+    def to_record(self) -> dict[str, Any]:
+        """Return the fields that a run's record keeps."""
+        return {"workers": self.workers, "ray": self.ray}
+
+    def executor(
+        self,
+        *,
+        preload: Sequence[str] = (),
+        prepare: Callable[[], object] | None = None,
+        on_failure: Callable[[Failure], None] | None = None,
+    ) -> Executor:
+        """Return a new executor; the arguments are those of :class:`~gensim2.core.processes.WorkerPool`."""
+        how: dict[str, Any] = {"time_limit": self.time_limit, "jobs_per_worker": self.jobs_per_worker}
+        how |= {"preload": preload, "prepare": prepare, "on_failure": on_failure}
+        if self.ray is not None:
+            from gensim2.core.processes.ray import RayPool
+
+            return RayPool(self.ray, self.workers, **how)
+        assert self.workers is not None
+        return WorkerPool(self.workers, **how)
