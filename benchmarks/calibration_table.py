@@ -1,4 +1,4 @@
-"""Table of docs/calibration.md, from the JSON of `benchmarks/original_configs.py --json FILE`.
+"""Table of docs/results/calibration.md, from the JSON of `benchmarks/original_configs.py --json FILE`.
 
     python benchmarks/calibration_table.py FILE...       # takes the figures of these runs in, and writes the table
     python benchmarks/calibration_table.py               # writes the table from the figures that there are
@@ -19,7 +19,7 @@ from gensim2.core.files import write_atomic, write_json
 from gensim2.rollout.tally import interval
 
 FIGURES = Path(__file__).with_suffix("").with_name("calibration.json")
-PAGE = Path(__file__).parents[1] / "docs" / "calibration.md"
+PAGE = Path(__file__).parents[1] / "docs/results/calibration.md"
 BEGIN, END = "<!-- calibration: begin -->\n", "<!-- calibration: end -->\n"
 ROW = ("name", "paper", "release", "p_value", "causes", "instances")
 

@@ -1,4 +1,4 @@
-"""Put what a run of the offline designer kept on the package's shelf, and write ``docs/designed.md`` from the shelf.
+"""Store the tasks of an offline design run in the package, and write ``docs/results/designed.md``.
 
     gensim2 run-pipeline --from-empty --single 60 --long 60 --verify 50 --episodes 0 --no-video --assets builtin \
         --seed 7 --library none --out runs/designed
@@ -25,12 +25,12 @@ from gensim2.tasks.spec import TaskSpec
 
 ROOT = Path(__file__).parents[1]
 SHELF = ROOT / "python" / "gensim2" / "tasks" / "designed"
-PAGE = ROOT / "docs" / "designed.md"
+PAGE = ROOT / "docs/results/designed.md"
 
 HEAD = """# Tasks that the offline designer made
 
 From an empty library, on generated objects, without a key: proposed from what objects afford and composed by pre- and
-post-conditions ([architecture.md](architecture.md)), verified on objects that the search never saw. Strategies come
+post-conditions ([architecture.md](../architecture.md)), verified on objects that the search never saw. Strategies come
 from the shared rules (`gensim2/tasks/library/strategies`), from rules over sizes (`design/skills.py`), and from the
 search over alignments. Tasks that the paper's suite has are left out. `gensim2 benchmark --origin offline` runs them.
 This page is written by `python benchmarks/designed.py`.

@@ -2,8 +2,8 @@
 
     fci/bin/python benchmarks/franka_chain.py [--runs 100] [--speed 0.1 0.5] [--pace 1] [--json OUT]
 
-in an environment of its own, with ``franky-sim`` and ``franky-control`` beside the clone's packages: docs/robot.md,
-"Drivers", says how it is made.
+in an environment of its own, with ``franky-sim`` and ``franky-control`` beside the clone's packages;
+docs/results/robot.md has the commands.
 
 The whole chain as it drives an arm, but for the arm: commands 100 a second through the limits, our driver, the maker's
 client with its 1 kHz loop, UDP and TCP, and in a process of its own a server that speaks the FCI and moves an arm in

@@ -39,7 +39,7 @@ PLAN_OPTIONS: kpam.Options = {
     "avoid_collisions": False,
     "allow_partial": False,
 }
-"""The original's plans know of no collisions; its motions are in frames of its own (docs/solver.md)."""
+"""The original's plans know of no collisions; its motions are in frames of its own (docs/reference/solver.md)."""
 
 
 class HandStepsController:

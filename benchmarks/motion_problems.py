@@ -6,7 +6,7 @@ Seven kinds of scenes by our own code: shelves of three builds with cylinders on
 cage, and a table with clutter, from above and from below. Sizes are those of such furniture, places and turns are
 drawn. From rest (below the table: from under it) to a hand pose about something to be grasped, by inverse kinematics
 from drawn starts. Start and goal keep the margin. The format is that of ``gensim2 bench motion``
-(docs/benchmarks.md); the same seed gives the same file.
+(docs/reference/benchmarks.md); the same seed gives the same file.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Run the original's own solver configs in our copy of its physics: a calibration of that copy (docs/calibration.md).
+"""Run the original's own solver configs in our copy of its physics (docs/results/calibration.md).
 
 python benchmarks/original_configs.py plans.jsonl --assets DIR --json OUT.json                  # recorded scenes
 python benchmarks/original_configs.py plans.jsonl --assets DIR --scenes drawn --episodes 30 --seed S --json OUT.json
@@ -214,7 +214,7 @@ def benchmark_configs(
 
     Args:
         tasks: names of tasks of one step; none: all of the file.
-        configs: planning problems with the original's configs, one JSON object a line (docs/benchmarks.md).
+        configs: planning problems with the original's configs, one JSON object a line (docs/reference/benchmarks.md).
         scenes: ``"recorded"``: every scene of the file once. ``"drawn"``: ``episodes`` of each task, drawn by ``seed``.
         episodes: of each task, where scenes are drawn.
         seed: of the scenes that are drawn.

@@ -1,4 +1,4 @@
-"""Tables of policies in docs/policy_keypose.md and README.md, from the JSON of `gensim2 learn --json FILE`.
+"""Tables of policies in docs/guides/keypose_policies.md and README.md, from the JSON of `gensim2 learn --json FILE`.
 
     python benchmarks/policy_table.py FILE... --commit HASH   # takes the figures of these runs in, and writes tables
     python benchmarks/policy_table.py                         # writes the tables from the figures that there are
@@ -26,7 +26,7 @@ from gensim2.rollout.tally import interval
 
 FIGURES = Path(__file__).with_name("policies.json")
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "docs" / "policy_keypose.md", ROOT / "docs" / "policy.md", ROOT / "README.md")
+PAGES = (ROOT / "docs/guides/keypose_policies.md", ROOT / "docs/guides/chunk_policies.md", ROOT / "README.md")
 MARKED = re.compile(r"(<!-- policies: (\w+) -->\n).*?(<!-- /policies -->)", re.DOTALL)
 CONTROLS = ("blind", "shuffled", "no_op", "expert")
 NAMES = {"blind": "blind", "shuffled": "clouds of others", "no_op": "no-op", "expert": "expert"}

@@ -1,4 +1,4 @@
-"""The claims at the head of docs/results.md, counted from the package's figures."""
+"""The claims at the head of docs/results/tasks.md, counted from the package's figures."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Success rates as Markdown: every table of the documents, made of the package's figures.
 
     python benchmarks/figures.py results/*.json                             # what benchmarks found, into the figures
-    python benchmarks/results_table.py --into docs/results.md README.md
+    python benchmarks/results_table.py --into docs/results/tasks.md README.md
     python benchmarks/results_table.py results/*.json > tables.md        # of these files of `gensim2 benchmark` alone
-    python benchmarks/results_table.py --switches results/*.json --into docs/results.md     # of the physics' switches
+    python benchmarks/results_table.py --switches results/*.json --into docs/results/physics.md   # physics switches
 
 Rows of switches are on scenes of their own and stand in `switches.json` beside this file, where new ones take the place
 of those of the same scenes and physics.

@@ -4,8 +4,8 @@
                                 [--workers 2] [--json OUT]
 
 Tasks of the library run with their own strategies, whoever executes them, closed loop, on generated objects; the three
-verdicts are those of docs/episodes.md. Objects are lifted as in grasps.py: by the best-ranked grasp for which a motion
-exists, held 10 cm higher for 2 s.
+verdicts are those of docs/reference/episodes.md. Objects are lifted as in grasps.py: by the best-ranked grasp for
+which a motion exists, held 10 cm higher for 2 s.
 """
 
 from __future__ import annotations

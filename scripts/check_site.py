@@ -27,10 +27,10 @@ import browser as opened
 
 PAGES = (
     "index.html",
-    "tasks.html",
-    "solver.html",
-    "results.html",
-    "viewing.html",
+    "reference/tasks.html",
+    "reference/solver.html",
+    "results/tasks.html",
+    "guides/viewing.html",
     "cli/collect.html",
     "api/gensim2.sim.html",
 )

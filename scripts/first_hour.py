@@ -2,7 +2,7 @@
 
     python scripts/first_hour.py                 # every command, made small; what takes over a minute is begun
     python scripts/first_hour.py --list          # what would be run, and what cannot be and why
-    python scripts/first_hour.py --page docs/data.md --full     # as written, as long as it takes
+    python scripts/first_hour.py --page docs/guides/data.md --full     # as written, as long as it takes
     python scripts/first_hour.py --state DIR     # keeps in DIR what was run; a second call goes on
 
 Commands are taken from the blocks of the pages themselves. Those of a page run in one folder, so that one may use what

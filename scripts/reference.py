@@ -87,9 +87,9 @@ def solver_options() -> str:
 
 #: Marked blocks, by page and name.
 BLOCKS: dict[tuple[str, str], Callable[[], str]] = {
-    ("docs/tasks.md", "fields"): fields_of_tasks,
-    ("docs/tasks.md", "criteria"): criteria,
-    ("docs/solver.md", "options"): solver_options,
+    ("docs/reference/tasks.md", "fields"): fields_of_tasks,
+    ("docs/reference/tasks.md", "criteria"): criteria,
+    ("docs/reference/solver.md", "options"): solver_options,
 }
 
 

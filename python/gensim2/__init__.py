@@ -11,7 +11,7 @@ What most programs need is here, and imported when asked for: ``import gensim2``
     gensim2.collect(["OpenDrawer"], episodes=100, out="night")     # data sets: gensim2.data
     gensim2.render("night")                                        # what cameras would have seen
     frames = gensim2.DataSet.open("night").frames()                # by number; frames.torch() for PyTorch
-    result = gensim2.evaluate("mine.py:Policy", ["OpenDrawer"])    # a controller of one's own: docs/controllers.md
+    result = gensim2.evaluate("mine.py:Policy", ["OpenDrawer"])    # your controller: docs/guides/controllers.md
     result = gensim2.benchmark(["OpenDrawer"])                     # the planner, on the same scenes
     panda = gensim2.robot("panda")                # robots: gensim2.robots
 """

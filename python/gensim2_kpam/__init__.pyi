@@ -160,7 +160,7 @@ class SolverConfig:
         """Validate a config.
 
         Args:
-            config: fields as docs/solver.md lists them.
+            config: fields as docs/reference/solver.md lists them.
 
         Raises:
             ConfigError: a field is unknown, or its value is not finite or of another type.

@@ -1,4 +1,4 @@
-"""Real devices by the words of the command line. None of them was ever tried on hardware (docs/robot.md)."""
+"""Real devices by the words of the command line. None of them was ever tried on hardware (docs/guides/robot.md)."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def run(
         line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`.
 
     Returns:
-        Plain data: docs/robot.md.
+        Plain data: docs/guides/robot.md.
 
     Raises:
         InputError: an argument cannot be used.

@@ -1,6 +1,6 @@
 """Supervision of the arm, as a state machine: idle, armed, running, holding, stopped.
 
-A software stop, not safety-rated: docs/robot.md.
+A software stop, not safety-rated: docs/guides/robot.md.
 """
 
 from __future__ import annotations

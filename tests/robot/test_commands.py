@@ -9,7 +9,7 @@ import pytest
 
 from gensim2.cli import main as cli
 
-DOC = Path(__file__).parents[2] / "docs" / "robot.md"
+DOC = Path(__file__).parents[2] / "docs/guides/robot.md"
 RUN = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin"]
 
 

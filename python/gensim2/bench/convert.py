@@ -77,5 +77,5 @@ def keypoint_problem(
         )
     except kpam.KpamError as error:
         raise InputError(
-            str(error), field=f"problem {problem.id}", remedy="see docs/solver.md for the config language"
+            str(error), field=f"problem {problem.id}", remedy="see docs/reference/solver.md for the config language"
         ) from error

@@ -82,7 +82,7 @@ def read_motion_problems(path: Path) -> list[MotionProblem]:
                 f"is no motion problem ({type(error).__name__}: {error})",
                 file=path,
                 field=f"line {number}",
-                remedy="give id, start, goals and obstacles; docs/benchmarks.md has the format",
+                remedy="give id, start, goals and obstacles; docs/reference/benchmarks.md has the format",
             ) from error
     return out
 

@@ -200,14 +200,14 @@ def parse_problem(line: str, *, file: Path | str, number: int) -> PlanProblem:
     try:
         problem = PlanProblem.model_validate(data)
     except ValidationError as error:
-        remedy = "see docs/benchmarks.md for the fields"
+        remedy = "see docs/reference/benchmarks.md for the fields"
         raise input_error(error, file=file, within=where, remedy=remedy) from error
     try:
         problem.check_times()
     except ValueError as error:
         field, _, message = str(error).partition(": ")
         raise InputError(
-            message, file=file, field=f"{where}: {field}", remedy="see docs/benchmarks.md for the fields"
+            message, file=file, field=f"{where}: {field}", remedy="see docs/reference/benchmarks.md for the fields"
         ) from error
     return problem
 

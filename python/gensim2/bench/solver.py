@@ -71,7 +71,7 @@ def record_of(
     warnings: tuple[str, ...],
     sample_dt: float | None,
 ) -> dict[str, Any]:
-    """Return one output line; docs/benchmarks.md says what the fields mean."""
+    """Return one output line; docs/reference/benchmarks.md says what the fields mean."""
     trajectory = plan.trajectory
     record: dict[str, Any] = {
         "id": problem.id,

@@ -86,7 +86,7 @@ def evaluate(
 ) -> None:
     """Run a controller on TASKS, on the random scenes of the benchmark, and judge it as the benchmark does.
 
-    What a controller sees has the names that it has in exports; see docs/controllers.md.
+    What a controller sees has the names that it has in exports; see docs/guides/controllers.md.
     """
     if (checkpoint is None) == (controller is None):
         raise click.UsageError("Give either --controller or --checkpoint.")

@@ -70,7 +70,7 @@ def run_pipeline(
     Leaves the tasks, their strategies, how they fared, the demonstrations, a video each and report.html in the
     run folder. A task is kept if enough of its fresh episodes hold that do not in the no-op baseline, on objects that
     the search never saw; it goes into your own library. With a language model the folder also holds every question, its
-    answer and what it cost (docs/pipeline.md).
+    answer and what it cost (docs/guides/pipeline.md).
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.core.errors import InputError

@@ -29,7 +29,7 @@ class Diagnosis:
 
     Attributes:
         step: name of the step that was to blame; None where it was none of them.
-        cause: the fixed phrase for it (docs/episodes.md), or the planner's status.
+        cause: the fixed phrase for it (docs/reference/episodes.md), or the planner's status.
         words: one sentence with the numbers of one such trial.
         count: trials that failed like this.
         numbers: what ``words`` tells of, as :func:`diagnoses` was given it.

@@ -105,7 +105,7 @@ def evaluate(
 
     Args:
         controller: ``module:Class``, ``FILE.py:Class``, or a class that another process can import
-            (docs/controllers.md).
+            (docs/guides/controllers.md).
         tasks: names of library tasks, or folders that hold task.yaml and strategies/.
         arguments: keyword arguments of the controller, plain data.
         data: rendered data set that the controller was trained on: its observations must be of the same spec.

@@ -32,7 +32,7 @@ def with_joint(scene: Scene, name: str, value: float) -> Scene:
             for body in thing.bodies
         ),
         T_base_object=motion @ thing.T_base_object,
-        # By the rule of docs/assets.md: a keypoint whose name contains "base" belongs to the body.
+        # By the rule of docs/guides/objects.md: a keypoint whose name contains "base" belongs to the body.
         keypoints={key: at if "base" in key else _point(motion, at) for key, at in thing.keypoints.items()},
         joint=replace(joint, value=value),
     )

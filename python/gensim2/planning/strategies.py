@@ -23,7 +23,7 @@ MAKES_ROOM = "makes_room"
 
 @dataclass(frozen=True)
 class KeypointStrategy:
-    """A solver config (docs/solver.md, docs/architecture.md).
+    """A solver config (docs/reference/solver.md, docs/architecture.md).
 
     Its names without a prefix are keypoints of the step's object and of its tool; ``"<object>/<keypoint>"`` is one of
     any other object.

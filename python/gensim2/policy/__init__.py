@@ -1,4 +1,4 @@
-"""Policies: from a sentence, a point cloud and the robot's own state to motion, taught by the planner (docs/policy.md).
+"""Policies that map a sentence, a point cloud and the robot's state to motion (docs/guides/chunk_policies.md).
 
 A :class:`PolicyConfig` says which encoders, trunk and head; :func:`train` learns from data sets; a
 :class:`PolicyCheckpoint` is a folder; a :class:`PolicyController` acts in the loop that runs every controller.

@@ -89,7 +89,7 @@ class Event:
 
 
 class Controller(Protocol):
-    """Decides every action of one episode (docs/controllers.md).
+    """Decides every action of one episode (docs/guides/controllers.md).
 
     A class may say more by attributes, all of them optional:
 

@@ -70,7 +70,9 @@ class ControllerSpec:
             raise ControllerError(f"has no class {name!r}", file=where, remedy=_REMEDY)
         for method in ("reset", "act"):
             if not callable(getattr(found, method, None)):
-                raise ControllerError(f"has no method {method!r}", file=self.target, remedy="see docs/controllers.md")
+                raise ControllerError(
+                    f"has no method {method!r}", file=self.target, remedy="see docs/guides/controllers.md"
+                )
         return found
 
     def make(self, task: TaskSpec | None = None, profile: RobotProfile | None = None) -> Controller:

@@ -183,7 +183,7 @@ class Episode:
         control_steps: executed, settling included.
         paper: each step's criterion was true at some control step of its turn.
         held: the goal is true at the end with the scene at rest, and not in the no-op baseline.
-        strict: see docs/episodes.md; ``strict_misses`` says what it lacks.
+        strict: see docs/reference/episodes.md; ``strict_misses`` says what it lacks.
         still: whether the goal holds in the no-op baseline; None where that did not need to be run.
         settled: the scene was at rest when it was judged; it is not held where it was not.
         truncated: the episode was longer than the task allows.

@@ -16,7 +16,7 @@ class Tally:
 
     Attributes:
         episodes: how many there are.
-        paper, held, strict: how many fulfil each verdict (docs/episodes.md).
+        paper, held, strict: how many fulfil each verdict (docs/reference/episodes.md).
         partial: in how many a step executed a part of a motion because the whole could not be had.
         replanned: in how many a step was planned more than once.
         still: in how many the goal holds in the no-op baseline.

@@ -46,10 +46,10 @@ class SceneArguments(TypedDict, total=False):
         instances: what is drawn from, where the task does not say itself: ``all``, ``train``, ``test``, ``new``
             (generated ones beyond the listed ones), an id, or ``random``: one, drawn by the seed of a run. An
             environment takes several of them, too, also by object.
-        physics: ``"default"``, ``"original"``, a mixture of both, or a file of switches (docs/simulation.md).
+        physics: ``"default"``, ``"original"``, a mixture of both, or a file of switches (docs/guides/simulation.md).
         robot: name of a known robot (:func:`gensim2.load_robot` makes one's own known).
-        randomization: ``"paper"`` for the task's own ranges, ``"paper-half"`` or ``"wide"`` (docs/simulation.md).
-        engine: ``"sapien"`` or ``"mujoco"`` (docs/simulation.md).
+        randomization: ``"paper"`` for the task's ranges, ``"paper-half"`` or ``"wide"`` (docs/guides/simulation.md).
+        engine: ``"sapien"`` or ``"mujoco"`` (docs/guides/simulation.md).
     """
 
     assets: str | Path | ObjectSource | None

@@ -129,7 +129,7 @@ def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str)
                     raise GoalError(
                         f"nothing can reach it: {criterion.type} is about {name!r}, which is {other}",
                         field=field,
-                        remedy="name another object, or another type of criterion (docs/tasks.md lists them)",
+                        remedy="name another object, or another type of criterion (docs/reference/tasks.md lists them)",
                     )
 
 

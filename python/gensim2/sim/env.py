@@ -50,7 +50,7 @@ class GenSim2Env(RaycastObservations):
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
         obs_mode: ManiSkill's, or ``"raycast"``: an :class:`~gensim2.perception.Observation` without a renderer, its
-            arrays by name (docs/observations.md).
+            arrays by name (docs/guides/observations.md).
         observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
         reward_mode: ``"sparse"`` (default; 1 where the goal holds, else 0), ``"normalized_dense"`` (0 to 1, rising as
             steps are done; it keeps which of them have been, so it is read once a step) or ``"none"``.

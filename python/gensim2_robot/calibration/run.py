@@ -59,7 +59,7 @@ def calibrate_simulated(
         scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 
     Returns:
-        Plain data: docs/robot.md.
+        Plain data: docs/guides/robot.md.
 
     Raises:
         InputError: an argument cannot be used.

@@ -23,7 +23,7 @@ from gensim2_robot.faults import FAULTS
 
 @click.group("robot")
 def robot() -> None:
-    """Drive an arm through limits, a watch and a log. Read the first page of docs/robot.md before any real one."""
+    """Drive an arm through limits, a watch and a log. Read docs/guides/robot.md before you drive a real arm."""
 
 
 robot.add_command(calibrate)

@@ -1,1 +1,1 @@
-"""Arms and cameras of makers, each behind an extra of its own; none was ever tried on hardware (docs/robot.md)."""
+"""Drivers of arms and cameras, one extra each; none has been tried on hardware (docs/guides/robot.md)."""

@@ -36,7 +36,7 @@ from gensim2.tasks.strategies import Strategies, with_strategies
 SMALL = Budget(screen_scenes=1, rounds=((4, 1),), refined=(4, 1), comparison=(1, 2), enough=0.1, enough_episodes=2)
 
 
-PAGE = Path(__file__).parents[3] / "docs" / "pipeline.md"
+PAGE = Path(__file__).parents[3] / "docs/guides/pipeline.md"
 
 CLASSES = ("box_rotate", "drawer", "golf_ball")
 

@@ -48,7 +48,7 @@ def test_a_class_becomes_a_task() -> None:
 
 
 def test_the_example_in_the_documentation_is_a_task() -> None:
-    text = (Path(__file__).parents[3] / "docs/sandbox.md").read_text()
+    text = (Path(__file__).parents[3] / "docs/reference/sandbox.md").read_text()
     example = text.partition("## The language")[2].partition("```python\n")[2].partition("```")[0]
     assert run_task_code(example).name == "PutBallIntoDrawer"
 

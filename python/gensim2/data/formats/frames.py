@@ -58,7 +58,7 @@ def frames_of(
     """Return the frames of a recorded episode.
 
     Args:
-        observation: (T + 1, ...) arrays of its file of observations (docs/data.md); the last belongs to no action.
+        observation: (T + 1, ...) arrays of its file of observations; the last belongs to no action.
         known: its cloud is made of keypoints, and is told as the state of the environment.
 
     Raises:

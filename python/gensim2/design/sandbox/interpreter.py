@@ -37,7 +37,7 @@ def run_task_code(source: str) -> TaskSpec:
     """Return the task that a program describes; its fields are checked like those of a file.
 
     Args:
-        source: the program: one class derived from ``Task`` (docs/sandbox.md).
+        source: the program: one class derived from ``Task`` (docs/reference/sandbox.md).
 
     Raises:
         TaskCodeError: the program cannot be used; names the lines.
