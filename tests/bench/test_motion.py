@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gensim2.bench import motion_summary, read_motion_problems, solve_motions
+from gensim2.bench import motion_summary, read_motion_problems, read_problems, solve_motions
 from gensim2.core.errors import InputError
 
 START = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
@@ -53,3 +55,24 @@ def test_an_unknown_obstacle_is_refused(tmp_path: Path) -> None:
     problems = read_motion_problems(written(tmp_path / "p.jsonl", problem(obstacles=[cone])))
     with pytest.raises(InputError, match="box, cylinder or sphere"):
         solve_motions(problems)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"[" * 50_000, b'{"id": NaN}', b"\xff", b"[]", b'{"id": "a", "start": ["1"], "goals": [], "obstacles": []}'],
+)
+def test_a_hostile_line_is_refused_in_one_line(tmp_path: Path, line: bytes) -> None:
+    (tmp_path / "p.jsonl").write_bytes(json.dumps(problem()).encode() + b"\n" + line)
+    with pytest.raises(InputError, match="line 2") as refused:
+        read_motion_problems(tmp_path / "p.jsonl")
+    assert len(str(refused.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("read", [read_problems, read_motion_problems])
+def test_problems_are_read_from_regular_files_of_bounded_size(read: Callable[[Path], object], tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "large").touch()
+    os.truncate(tmp_path / "large", 2**40)
+    for name, said in (("pipe", "is a pipe"), ("large", "is larger than 512 MiB"), ("gone", "No such file")):
+        with pytest.raises(InputError, match=said):
+            read(tmp_path / name)

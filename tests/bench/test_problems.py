@@ -99,7 +99,7 @@ def test_what_is_no_object_is_refused(line: str) -> None:
 
 def test_files_are_whole(tmp_path: Path, problem: dict[str, Any]) -> None:
     path = tmp_path / "p.jsonl"
-    with pytest.raises(InputError, match="cannot read"):
+    with pytest.raises(InputError, match="cannot be read"):
         read_problems(path)
     path.write_text("\n\n")
     with pytest.raises(InputError, match="no problems"):

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from gensim2.rollout.chain import ChainController
 from gensim2.rollout.run import run
 from gensim2.scenes.config import SceneOptions
 from gensim2.sim import make_env
-from gensim2.sim.headless import HeadlessEnv, Snapshot
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.mujoco.description import links_of, never_touching
 from gensim2.tasks.library import load_strategies, load_task
 
@@ -124,7 +125,19 @@ def test_an_episode_goes_on_from_a_stored_state_bit_for_bit() -> None:
     assert again.elapsed_steps == 10
     assert all(_same(*pair) for pair in zip(expected, _shaken(again, 20, seed=1), strict=True))
     with pytest.raises(InputError, match=r"snapshot.physics"):
-        again.restore(Snapshot(stored.physics[:-1], 0, 1.0))
+        again.restore(replace(stored, physics=stored.physics[:-1]))
+
+
+@pytest.mark.parametrize(("task", "seed"), [("PlaceGolfBallIntoDrawer", 4), ("PlaceLemonIntoDrawer", 3)])
+def test_a_stored_state_of_another_scene_is_refused(task: str, seed: int) -> None:
+    env, other = (HeadlessEnv(name, assets="builtin", engine="mujoco") for name in ("PlaceGolfBallIntoDrawer", task))
+    env.reset(3)
+    other.reset(seed)
+    stored = env.snapshot()
+    assert stored.physics.shape == other.snapshot().physics.shape
+    with pytest.raises(InputError, match=r"snapshot\.scene: belongs to another scene"):
+        other.restore(stored)
+    env.restore(stored)
 
 
 def test_sapien_refuses_to_go_on_from_a_stored_state() -> None:

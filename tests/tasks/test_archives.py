@@ -11,6 +11,8 @@ import pytest
 
 from gensim2.cli.main import run
 from gensim2.core.errors import InputError
+from gensim2.core.foreign.archive import MAX_ENTRIES
+from gensim2.policy.array_file import read_arrays
 from gensim2.tasks.library import load_task, packaged_names, task_folder, task_names
 
 
@@ -76,6 +78,28 @@ def test_a_method_that_unpacks_more_than_is_asked_for_is_refused(archive: Path, 
     try:
         with pytest.raises(InputError, match="not supported"):
             load_task("Mine")
+        assert tracemalloc.get_traced_memory()[1] < 2**24
+    finally:
+        tracemalloc.stop()
+
+
+def test_members_are_counted_before_the_directory_is_read(archive: Path) -> None:
+    """The directory of 256 MiB would take 5.8 million objects of Python."""
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("a", b"")
+    data = archive.read_bytes()
+    begin, end = data.index(b"PK\x01\x02"), data.index(b"PK\x05\x06")
+    count = MAX_ENTRIES + 1
+    size = count * (end - begin)
+    tail = data[end : end + 12] + size.to_bytes(4, "little") + data[end + 16 :]
+    archive.write_bytes(data[:begin] + data[begin:end] * count + tail)
+    with zipfile.ZipFile(archive) as file:
+        assert len(file.infolist()) == count
+    tracemalloc.start()
+    try:
+        for read in (lambda: load_task("Mine"), lambda: read_arrays(archive)):
+            with pytest.raises(InputError, match="has over 100"):
+                read()
         assert tracemalloc.get_traced_memory()[1] < 2**24
     finally:
         tracemalloc.stop()

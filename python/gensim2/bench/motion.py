@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,11 +9,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import TypeAdapter
 
 import gensim2_kpam as kpam
 from gensim2 import robots
 from gensim2.core.errors import InputError
+from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.record_files import parse_record
 
 Array = npt.NDArray[np.float64]
 
@@ -35,6 +37,9 @@ class MotionProblem:
     start: tuple[float, ...]
     goals: tuple[tuple[float, ...], ...]
     obstacles: tuple[Mapping[str, Any], ...]
+
+
+_PROBLEM = TypeAdapter(MotionProblem)
 
 
 @dataclass(frozen=True)
@@ -59,32 +64,13 @@ def read_motion_problems(path: Path) -> list[MotionProblem]:
     Raises:
         InputError: an unreadable file or a bad line; names line and field.
     """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read ({error})", file=path, field="--problems", remedy="name a file") from error
-    out = []
-    for number, line in enumerate(lines, 1):
-        if not line.strip():
-            continue
-        try:
-            raw = json.loads(line)
-            out.append(
-                MotionProblem(
-                    id=str(raw["id"]),
-                    start=tuple(float(v) for v in raw["start"]),
-                    goals=tuple(tuple(float(v) for v in goal) for goal in raw["goals"]),
-                    obstacles=tuple(raw["obstacles"]),
-                )
-            )
-        except (ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                f"is no motion problem ({type(error).__name__}: {error})",
-                file=path,
-                field=f"line {number}",
-                remedy="give id, start, goals and obstacles; docs/reference/benchmarks.md has the format",
-            ) from error
-    return out
+    remedy = "give id, start, goals and obstacles; docs/reference/benchmarks.md has the format"
+    lines = read_input(path, MAX_RECORD, "name a JSON Lines file").split(b"\n")
+    return [
+        parse_record(line, _PROBLEM, path, remedy, f"line {number}")
+        for number, line in enumerate(lines, 1)
+        if line.strip()
+    ]
 
 
 def _rotation(quaternion_wxyz: Sequence[float]) -> Array:

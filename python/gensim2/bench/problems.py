@@ -16,6 +16,7 @@ import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from gensim2.core.errors import InputError
+from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.validation import input_error
 
 Array = npt.NDArray[np.float64]
@@ -218,14 +219,14 @@ def read_problems(path: Path) -> list[PlanProblem]:
     Raises:
         InputError: the file is missing, unreadable, empty, holds a bad line, or names a problem twice.
     """
+    remedy = "give a JSON Lines file"
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise InputError(f"cannot read: {reason}", file=path, remedy="give a JSON Lines file") from error
+        text = read_input(path, MAX_RECORD, remedy).decode()
+    except UnicodeDecodeError as error:
+        raise InputError("is not UTF-8 text", file=path, remedy=remedy) from error
     problems: list[PlanProblem] = []
     lines: dict[str, int] = {}
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(text.split("\n"), start=1):
         if not line.strip():
             continue
         problem = parse_problem(line, file=path, number=number)

@@ -9,7 +9,7 @@ from typing import TypeVar
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from gensim2.core.errors import InputError
-from gensim2.core.foreign.tree import MAX_RECORD, read_regular, why
+from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.validation import input_error
 
 SCHEMA_VERSION = 1
@@ -26,10 +26,7 @@ def read_record(path: Path, model: type[Model], remedy: str) -> Model:
         InputError: it cannot be read, is not JSON, is of another schema version, or a field is missing, unknown or
             wrong; with the ``remedy``.
     """
-    try:
-        content = read_regular(path, MAX_RECORD)
-    except OSError as error:
-        raise InputError(why(error), file=path, remedy=remedy) from error
+    content = read_input(path, MAX_RECORD, remedy)
     return parse_record(content, TypeAdapter(model), path, remedy)
 
 

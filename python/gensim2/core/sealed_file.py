@@ -15,7 +15,7 @@ from pathlib import Path
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
-from gensim2.core.foreign.tree import read_regular, why
+from gensim2.core.foreign.tree import read_input
 
 HEADER_SIZE = 512
 
@@ -57,10 +57,7 @@ class Seal:
         Raises:
             InputError: it cannot be read, or another version of gensim2 wrote it; ``damaged``: it is not whole.
         """
-        try:
-            content = read_regular(path, MAX_BYTES)
-        except OSError as error:
-            raise InputError(why(error), file=path, remedy=self.remedy) from error
+        content = read_input(path, MAX_BYTES, self.remedy)
         words = content[:HEADER_SIZE].split(b"\n")[0].split(b" ")
         if len(words) != 3 or words[0] != self.magic.encode() or not words[1].isdigit() or len(words[1]) > 9:
             raise self.broken(path)

@@ -16,7 +16,7 @@ from pydantic import Field, TypeAdapter
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
-from gensim2.core.foreign.tree import MAX_RECORD, read_regular, why
+from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.record_files import parse_record
 from gensim2.rollout.record import Episode
 
@@ -142,10 +142,7 @@ def read_log(path: Path) -> list[LoggedEpisode]:
 
 def _read(path: Path) -> tuple[list[LoggedEpisode], bool]:
     """The entries in the order of the lines, and whether a last line was cut off."""
-    try:
-        content = read_regular(path, MAX_RECORD) if path.exists() else b""
-    except OSError as error:
-        raise InputError(why(error), file=path, remedy=_REMEDY) from error
+    content = read_input(path, MAX_RECORD, _REMEDY) if path.exists() else b""
     *lines, torn = content.split(b"\n")
     entries = [parse_line(line, path, number) for number, line in enumerate(lines, 1)]
     return entries, bool(torn)

@@ -17,7 +17,7 @@ from numpy.lib.format import read_array_header_1_0, read_magic
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
-from gensim2.core.foreign.archive import check_members
+from gensim2.core.foreign.archive import open_zip
 from gensim2.core.foreign.hdf5 import fits, shown_shape
 from gensim2.core.foreign.library import read_by_library
 from gensim2.core.foreign.tree import TooLargeError, megabytes, open_regular, why
@@ -62,7 +62,7 @@ def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
         with open_regular(path) as stream:
             if os.fstat(stream.fileno()).st_size > max_bytes + _OVERHEAD:
                 raise TooLargeError(f"is larger than {megabytes(max_bytes)}")
-            with read_by_library(path, _REMEDY, "is damaged"), zipfile.ZipFile(stream) as archive:
+            with read_by_library(path, _REMEDY, "is damaged"), open_zip(stream, MAX_MEMBERS) as archive:
                 return _arrays_in(archive, max_bytes)
     except OSError as error:
         raise InputError(why(error), file=path) from error
@@ -71,7 +71,6 @@ def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
 def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
     arrays: Arrays = {}
     left, members = max_bytes, archive.infolist()
-    check_members(members, MAX_MEMBERS)
     if sum(member.file_size for member in members) > max_bytes + _OVERHEAD:
         raise ValueError(f"holds over {megabytes(max_bytes)}")
     for member in members:

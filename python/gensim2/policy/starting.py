@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gensim2.core.errors import InputError
+from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.progress import Progress
 from gensim2.objects import open_library
 from gensim2.perception import DepthNoise, ObservationSpec
@@ -57,7 +58,7 @@ def with_noise(spec: ObservationSpec, noise: DepthNoise | None) -> ObservationSp
 
 def digest_of_start(start: Path) -> tuple[str, str]:
     """Return folder and digest of a policy's configuration, as the record of a run that goes on from it holds them."""
-    return str(start.resolve()), hashlib.sha256((start / CONFIG_JSON).read_bytes()).hexdigest()
+    return str(start.resolve()), hashlib.sha256(read_input(start / CONFIG_JSON, MAX_RECORD)).hexdigest()
 
 
 def known_tasks(begun: PolicyCheckpoint, assets: Path | str | None, progress: Progress) -> list[str]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-import xml.etree.ElementTree as ET
 from math import isclose
 from typing import Protocol
 
 import numpy as np
 
+import gensim2_kpam
 from gensim2.core.errors import InputError
+from gensim2.core.foreign.geometry import MAX_URDF
+from gensim2.core.foreign.tree import read_input
 from gensim2.robots.profile import RobotProfile
 
 KEYPOINTS = ("tool_head", "tool_tail", "tool_side")
@@ -125,19 +127,13 @@ def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
 
 def _check_mimics(profile: RobotProfile, refuse: Refuse) -> None:
     """Check that joints which follow others mimic them in the URDF, too: planning knows of the URDF only."""
-    root = ET.parse(profile.urdf).getroot()
-    elements = {str(joint.get("name")): joint.find("mimic") for joint in root.findall("joint")}
+    written = gensim2_kpam.read_urdf(read_input(profile.urdf, MAX_URDF), str(profile.urdf))
+    followed = {joint["name"]: joint["mimic"] for joint in written["joints"]}
     remedy = "give the joint a <mimic> element with these numbers"
     for name, mimic in profile.gripper.mimics.items():
-        said = elements[name]
-        if said is None or (said.get("joint"), float(said.get("multiplier", 1)), float(said.get("offset", 0))) != (
-            mimic.joint,
-            mimic.multiplier,
-            mimic.offset,
-        ):
+        if followed[name] != {"joint": mimic.joint, "multiplier": mimic.multiplier, "offset": mimic.offset}:
             raise refuse("gripper.mimics", f"the URDF says otherwise of {name!r} than {mimic}", remedy)
     for name in profile.gripper.passive:
-        said = elements[name]
-        if said is None or float(said.get("multiplier", 1)) != 0.0:
+        if followed[name] is None or followed[name]["multiplier"] != 0.0:
             remedy = f'give it <mimic joint="{profile.gripper.driven[0]}" multiplier="0"/>'
             raise refuse("gripper.passive", f"the URDF lets {name!r} move by itself", remedy)

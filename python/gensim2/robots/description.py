@@ -8,8 +8,11 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 
+import gensim2_kpam
 from gensim2.core.errors import InputError
 from gensim2.core.files import cache_dir, write_atomic
+from gensim2.core.foreign.geometry import MAX_URDF, read_xml
+from gensim2.core.foreign.tree import read_input
 from gensim2.robots.profile import RobotFiles
 
 
@@ -18,11 +21,10 @@ def read_description(urdf: Path) -> ET.Element:
 
     Raises:
         InputError: it cannot be read.
+        gensim2_kpam.UrdfError: it is not a URDF that the planner reads.
     """
-    try:
-        root = ET.parse(urdf).getroot()
-    except (OSError, ET.ParseError) as error:
-        raise InputError(f"cannot be read: {error}", file=urdf) from error
+    gensim2_kpam.read_urdf(read_input(urdf, MAX_URDF), str(urdf))
+    root = read_xml(urdf)
     for mesh in root.iter("mesh"):
         mesh.set("filename", str(urdf.parent.absolute() / str(mesh.get("filename"))))
     return root

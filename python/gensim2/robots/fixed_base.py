@@ -11,6 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gensim2.core.foreign.geometry import read_xml
+from gensim2.robots.description import read_description
+
 Array = npt.NDArray[np.float64]
 
 
@@ -42,7 +45,7 @@ def fixed_base(
         tool: name of a new link without shapes on the hand's z axis.
         tool_at: where it is along that axis, m.
     """
-    root = ET.parse(urdf).getroot()
+    root = read_description(urdf)
     _drop_above(root, base)
     for joint in root.findall("joint"):
         value = standing.get(str(joint.get("name")))
@@ -54,8 +57,6 @@ def fixed_base(
             limit = joint.find("limit")
             assert limit is not None, "a continuous joint of a robot that we know"
             limit.attrib.update(lower=repr(-turns), upper=repr(turns))
-    for mesh in root.iter("mesh"):
-        mesh.set("filename", str(urdf.parent / str(mesh.get("filename"))))
     over = next(joint for joint in root.findall("joint") if _link(joint, "child") == palm)
     turn = RigidTransform.from_rotation(Rotation.from_euler("y", pitch))
     _join(root, _link(over, "parent"), hand, _origin(over) * turn, over)
@@ -66,7 +67,7 @@ def fixed_base(
 
 def never_touching(srdf: Path, *pairs: tuple[str, str]) -> str:
     """SRDF text with more pairs of links that never touch: a frame between two links makes them no neighbours."""
-    root = ET.parse(srdf).getroot()
+    root = read_xml(srdf)
     for one, other in pairs:
         ET.SubElement(root, "disable_collisions", link1=one, link2=other, reason="Default")
     return ET.tostring(root, encoding="unicode")

@@ -59,18 +59,18 @@ class EngineScene(Protocol):
     def robot_state(self) -> Row:
         """(13 + 2 n,) ManiSkill's: root pose, root velocities, qpos, qvel of the robot."""
 
-    def snapshot(self) -> Array:
-        """Return the full state of the physics.
+    def snapshot(self) -> tuple[Array, str]:
+        """Return the full state of the physics, and a digest of the scene to which it belongs.
 
         Raises:
             InputError: the engine cannot go on from a stored state bit for bit.
         """
 
-    def restore(self, state: Array) -> None:
-        """Go on from a state of the same scene.
+    def restore(self, state: Array, scene: str) -> None:
+        """Go on from a state of the scene with this digest.
 
         Raises:
-            InputError: the engine cannot, or the state is that of another scene.
+            InputError: the engine cannot, or the digest is that of another scene.
         """
 
 

@@ -48,11 +48,13 @@ class Snapshot:
 
     Attributes:
         physics: (D,) of the engine.
+        scene: digest of the scene to which the state belongs.
         elapsed_steps: control steps since the reset.
         command: last command of the gripper.
     """
 
     physics: Array
+    scene: str
     elapsed_steps: int
     command: float
 
@@ -188,7 +190,7 @@ class HeadlessEnv(SceneAccessMixin):
             InputError: the engine is ``sapien``, which cannot.
         """
         assert self.initial_state
-        return Snapshot(self._scene.snapshot(), self.elapsed_steps, self._command)
+        return Snapshot(*self._scene.snapshot(), self.elapsed_steps, self._command)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go on from a state of the scene that the last reset built, in this process or another.
@@ -197,7 +199,7 @@ class HeadlessEnv(SceneAccessMixin):
             InputError: the engine cannot, or the state is that of another scene.
         """
         assert self.initial_state
-        self._scene.restore(snapshot.physics)
+        self._scene.restore(snapshot.physics, snapshot.scene)
         self.elapsed_steps, self._command = snapshot.elapsed_steps, snapshot.command
 
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:

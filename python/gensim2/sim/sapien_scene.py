@@ -100,11 +100,11 @@ class SapienScene:
         """(13 + 2 n,) ManiSkill's: root pose, root velocities, qpos, qvel of the robot."""
         return articulation_state(self._arm.articulation)
 
-    def snapshot(self) -> Array:
+    def snapshot(self) -> tuple[Array, str]:
         """Refuse: PhysX keeps contacts and impulses from step to step that SAPIEN does not give out."""
         raise InputError("sapien cannot go on from a stored state bit for bit", field="engine", remedy="use mujoco")
 
-    def restore(self, state: Array) -> None:
+    def restore(self, state: Array, scene: str) -> None:
         """Refuse, as :meth:`snapshot` does."""
         self.snapshot()
 

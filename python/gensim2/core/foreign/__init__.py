@@ -9,6 +9,7 @@ still end a process is read in a process of its own (docs/reliability.md lists w
 | ``tree`` | folders: links, special files, sizes, counts, depth |
 | ``names`` | names of tasks, strategies, objects, cameras, columns |
 | ``hdf5`` | groups and arrays of an HDF5 file |
+| ``geometry`` | XML and meshes of robots and objects |
 | ``archive`` | a zip archive of tasks |
 | ``library`` | what libraries raise |
 | ``process`` | memory, CPU time and death of a reader |

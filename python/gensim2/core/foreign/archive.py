@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import lzma
+import os
 import struct
 import zipfile
 import zlib
-from collections.abc import Sequence
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import BinaryIO
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.tree import NotRegularError, open_regular
 
 MAX_ARCHIVE = 256 * 2**20  # bytes of the file
 MAX_ENTRIES = 100_000
+_ENTRY = b"PK\x01\x02"  # each entry of the directory begins so
 
 #: What ``zipfile`` raises of a damaged archive: an unknown method is not implemented, a password is a runtime error.
 DAMAGED = (
@@ -38,30 +40,36 @@ def open_archive(path: Path) -> zipfile.Path:
         InputError: it is none, is too large, or holds too many entries.
     """
     try:
-        with open_regular(path) as stream:
-            stream.seek(0, 2)
-            if stream.tell() > MAX_ARCHIVE:
-                raise NotRegularError(f"it is larger than {MAX_ARCHIVE // 2**20} MiB")
-        archive = zipfile.Path(path)
-        check_members(archive.root.infolist(), MAX_ENTRIES)
+        stream = open_regular(path)
+        if os.fstat(stream.fileno()).st_size > MAX_ARCHIVE:
+            raise NotRegularError(f"it is larger than {MAX_ARCHIVE // 2**20} MiB")
+        archive = open_zip(stream, MAX_ENTRIES)
+        archive.filename = str(path)  # the stream's name is a number
+        return zipfile.Path(archive)
     except DAMAGED as error:
         raise InputError(f"cannot be read as an archive of tasks: {error}", file=path) from error
-    return archive
 
 
-def check_members(members: Sequence[zipfile.ZipInfo], max_members: int) -> None:
-    """Refuse too many members, and compression whose readers may unpack more than a caller asks for.
+def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
+    """Open a zip file of few members, each stored or deflated.
 
-    ``zipfile`` limits the output of deflate only: of bzip2 and LZMA it unpacks a whole block of input.
+    ``zipfile`` makes an object of every entry of the directory, whatever the number of entries, so entries are counted
+    before. It limits the output of deflate only: of bzip2 and LZMA it unpacks a whole block of input.
 
     Raises:
         BadZipFile: says which limit was passed.
     """
-    if len(members) > max_members:
+    count, tail = 0, b""
+    while block := stream.read(2**20):
+        count += (tail + block).count(_ENTRY)
+        tail = block[1 - len(_ENTRY) :]
+    if count > max_members:
         raise zipfile.BadZipFile(f"it has over {max_members} members")
-    for member in members:
+    archive = zipfile.ZipFile(stream)
+    for member in archive.infolist():
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise zipfile.BadZipFile(f"compression {member.compress_type} of {member.filename} is not supported")
+    return archive
 
 
 def read_member(file: Traversable, max_bytes: int) -> bytes:

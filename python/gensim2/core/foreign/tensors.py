@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.library import read_by_library
-from gensim2.core.foreign.tree import TooLargeError, megabytes, open_regular, read_regular, why
+from gensim2.core.foreign.tree import TooLargeError, megabytes, open_regular, read_input, why
 
 if TYPE_CHECKING:
     import torch
@@ -126,10 +126,7 @@ def read_tensors(path: Path, max_bytes: int, sha256: str, remedy: str) -> dict[s
     """
     from safetensors.torch import load
 
-    try:
-        content = read_regular(path, max_bytes)
-    except OSError as error:
-        raise InputError(why(error), file=path, remedy=remedy) from error
+    content = read_input(path, max_bytes, remedy)
     if hashlib.sha256(content).hexdigest() != sha256:
         raise InputError("is damaged: its digest is another", file=path, remedy=remedy)
     with read_by_library(path, remedy, "is damaged"):

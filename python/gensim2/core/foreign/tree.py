@@ -72,6 +72,18 @@ def read_regular(path: Path, max_bytes: int) -> bytes:
     return content
 
 
+def read_input(path: Path, max_bytes: int, remedy: str | None = None) -> bytes:
+    """Read a regular file no larger than ``max_bytes``.
+
+    Raises:
+        InputError: the file cannot be read; with the ``remedy``.
+    """
+    try:
+        return read_regular(path, max_bytes)
+    except OSError as error:
+        raise InputError(why(error), file=path, remedy=remedy) from error
+
+
 def why(error: OSError) -> str:
     """Return the message of an error of :func:`read_regular`, for a sentence that begins with its name."""
     if isinstance(error, NotRegularError | TooLargeError):

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 from gensim2.core.errors import InputError
+from gensim2.core.foreign.geometry import opened_mesh, read_xml
 from gensim2.objects.library.objfile import write_obj
 from gensim2.objects.library.prepare import numbers, rpy_from_matrix
 from gensim2.objects.shapes import Look, Mesh, hull_mesh, transform
@@ -77,8 +77,8 @@ def write_folder(target: Path, write: Callable[[Path], object], replace: bool) -
 
 def _write(instance: ArticulatedObject, folder: Path) -> None:
     (folder / MESHES).mkdir()
-    tree = ET.parse(instance.urdf)
-    for link in tree.getroot().findall("link"):
+    root = read_xml(instance.urdf)
+    for link in root.findall("link"):
         name = str(link.get("name"))
         frame = instance.T_link_object if name == instance.joint.child_link else np.eye(4)
         for element in (*link.findall("visual"), *link.findall("collision")):
@@ -93,8 +93,8 @@ def _write(instance: ArticulatedObject, folder: Path) -> None:
             corners, index = np.unique(solid.vertices, axis=0, return_inverse=True)
             write_obj(folder / MESHES / f"{file}.obj", [Mesh(corners, index[solid.faces], Look())])
             link.append(_element("collision", file, frame))
-    ET.indent(tree)
-    tree.write(folder / "mobility.urdf", encoding="utf-8", xml_declaration=True)
+    ET.indent(root)
+    ET.ElementTree(root).write(folder / "mobility.urdf", encoding="utf-8", xml_declaration=True)
     (folder / "info.json").write_text(json.dumps(info(instance), indent=2, allow_nan=False) + "\n")
 
 
@@ -129,13 +129,14 @@ def read_glb(path: Path) -> list[Mesh]:
     if not path.is_file():
         return []
     found = []
-    for shape in trimesh.load(path, file_type="glb", process=False).dump():
-        material = shape.visual.material
-        colour = (np.asarray(material.baseColorFactor, float) / 255).round(4).tolist()
-        look = Look(
-            (colour[0], colour[1], colour[2], colour[3]),
-            float(material.metallicFactor),
-            float(material.roughnessFactor),
-        )
-        found.append(Mesh(np.asarray(shape.vertices, float), np.asarray(shape.faces, np.int64), look))
+    with opened_mesh(path) as scene:
+        for shape in scene.dump():
+            material = shape.visual.material
+            colour = (np.asarray(material.baseColorFactor, float) / 255).round(4).tolist()
+            look = Look(
+                (colour[0], colour[1], colour[2], colour[3]),
+                float(material.metallicFactor),
+                float(material.roughnessFactor),
+            )
+            found.append(Mesh(np.asarray(shape.vertices, float), np.asarray(shape.faces, np.int64), look))
     return found

@@ -34,6 +34,7 @@ import numpy.typing as npt
 from trimesh.triangles import closest_point
 
 from gensim2.core.errors import InputError
+from gensim2.core.foreign.geometry import MAX_URDF
 from gensim2.core.foreign.names import RULE, is_name
 from gensim2.objects.errors import AssetError, MissingFileError
 from gensim2.objects.generators.classes import object_classes
@@ -46,7 +47,6 @@ from gensim2.objects.library.keypoints import closest_axis, derived_head
 from gensim2.objects.library.meshes import MeshReader
 from gensim2.objects.library.prepare import EFFORT_LIMIT, VELOCITY_LIMIT, numbers, rpy_from_matrix
 from gensim2.objects.library.urdf import (
-    MAX_URDF,
     MOVABLE,
     URDF,
     UrdfJoint,

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam
+from gensim2.core.foreign.geometry import MAX_URDF
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.physics import Inertial
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 URDF = "mobility.urdf"
-MAX_URDF = 16 * 2**20  # bytes
 DEEPEST = 64  # joints that mimic each other in a row
 LARGEST = 1e6  # units or radians: what is beyond is a mistake, and squares of it would lose all digits
 LONGEST_NAME = 100

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import trimesh
 from scipy.spatial import cKDTree
 
+from gensim2.core.foreign.geometry import opened_mesh
 from gensim2.objects.meshwork.convexes import HINGE, Block, depth_inside, surface_samples
 from gensim2.objects.meshwork.voidspace import Faces, VoidSpace
 from gensim2.objects.shapes import transform
@@ -111,12 +112,12 @@ def _meshes(instance: ArticulatedObject, link: str) -> list[tuple[Array, Faces]]
     file = instance.urdf.parent / "visual" / f"{link}.glb"
     if not file.is_file():
         return []
-    scene = trimesh.load_scene(file)
-    return [
-        (np.asarray(part.vertices, float), np.asarray(part.faces, np.int64))
-        for part in scene.dump()
-        if isinstance(part, trimesh.Trimesh)
-    ]
+    with opened_mesh(file) as scene:
+        return [
+            (np.asarray(part.vertices, float), np.asarray(part.faces, np.int64))
+            for part in scene.dump()
+            if isinstance(part, trimesh.Trimesh)
+        ]
 
 
 class _Enclosed:

@@ -13,9 +13,10 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from gensim2.core.errors import InputError
-from gensim2.core.foreign.tree import read_regular, why
+from gensim2.core.foreign.geometry import MAX_URDF
+from gensim2.core.foreign.tree import read_input
 from gensim2.objects.kinematics import joint_motion
-from gensim2.objects.library.urdf import MAX_URDF, Urdf, UrdfJoint, parse_urdf, unit_axis
+from gensim2.objects.library.urdf import Urdf, UrdfJoint, parse_urdf, unit_axis
 
 Array = npt.NDArray[np.float64]
 
@@ -27,10 +28,7 @@ def read_urdf(file: Path) -> Urdf:
     Raises:
         InputError: it cannot be read, or its links form no tree.
     """
-    try:
-        return parse_urdf(read_regular(file, MAX_URDF), file)
-    except OSError as error:
-        raise InputError(why(error), file=file) from error
+    return parse_urdf(read_input(file, MAX_URDF), file)
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -14,10 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from gensim2.core.errors import InputError, MissingExtraError
-from gensim2.core.foreign.library import read_by_library
-from gensim2.core.foreign.tree import ForeignTree, read_regular, why
-from gensim2.objects.library.folder import MAX_BYTES
+from gensim2.core.errors import MissingExtraError
+from gensim2.core.foreign.geometry import opened_mesh
 from gensim2.objects.library.urdf import Urdf, shape_elements
 from gensim2.perception.raycast.kinematics import read_urdf
 
@@ -155,38 +151,6 @@ def read_mesh(file: Path) -> Surface | None:
                 dressed = _dressed(mesh)
                 surfaces.append(dressed if np.abs(T - np.eye(4)).max() <= NEARLY else dressed.moved(np.asarray(T)))
         return Surface.joined(surfaces)
-
-
-@contextlib.contextmanager
-def opened_mesh(file: Path) -> Iterator[trimesh.Scene]:
-    """Read a mesh file; errors of the block, which should do nothing but use the scene, are the file's.
-
-    Raises:
-        InputError: it is no regular file, is too large, or is damaged.
-    """
-    try:
-        content = read_regular(file, MAX_BYTES)
-    except OSError as error:
-        raise InputError(why(error), file=file) from error
-    with read_by_library(file, "replace it by an intact mesh file", "no mesh that can be read"):
-        beside: Any = _Beside(file)
-        yield trimesh.load_scene(io.BytesIO(content), file.suffix.lstrip("."), resolver=beside, process=False)
-
-
-class _Beside:
-    """Resolver, for trimesh, of the materials and pictures that a mesh file names: regular files beside it."""
-
-    def __init__(self, file: Path) -> None:
-        self.file_name = file.name
-        self._folder = ForeignTree(file.parent)
-
-    def get(self, name: str) -> bytes:
-        wanted = name.strip()
-        candidates = (wanted, wanted.lstrip("/"), Path(wanted).name)  # as trimesh's own resolver looks for them
-        found = next((each for each in candidates if self._folder.has(each)), wanted)
-        return read_regular(self._folder.inside(found), MAX_BYTES)
-
-    __getitem__ = get
 
 
 @lru_cache(maxsize=128)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -10,17 +9,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.core.errors import InputError
-from gensim2.core.foreign.library import read_by_library
-from gensim2.core.foreign.tree import read_regular, why
+from gensim2.core.foreign.geometry import opened_mesh, read_xml
 from gensim2.objects import RigidObject
 from gensim2.objects.library.prepare import box_of
-from gensim2.objects.library.urdf import MAX_URDF, ShapeElement, UrdfJoint, link_inertial, shape_elements, unit_axis
+from gensim2.objects.library.urdf import ShapeElement, UrdfJoint, link_inertial, shape_elements, unit_axis
 from gensim2.objects.physics import Inertial
 from gensim2.objects.rigid import BODY
 from gensim2.objects.shapes import convex_hull
 from gensim2.perception.raycast.kinematics import read_urdf
-from gensim2.perception.raycast.shapes import opened_mesh
 
 Array = npt.NDArray[np.float64]
 
@@ -113,12 +109,7 @@ def never_touching(srdf: Path) -> frozenset[frozenset[str]]:
     Raises:
         InputError: it cannot be read.
     """
-    try:
-        content = read_regular(srdf, MAX_URDF)
-    except OSError as error:
-        raise InputError(why(error), file=srdf) from error
-    with read_by_library(srdf, "correct its XML"):
-        pairs = list(ET.fromstring(content).iter("disable_collisions"))
+    pairs = read_xml(srdf).iter("disable_collisions")
     return frozenset(frozenset((str(pair.get("link1")), str(pair.get("link2")))) for pair in pairs)
 
 

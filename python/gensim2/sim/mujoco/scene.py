@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+from functools import cached_property
+
 import mujoco
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +43,7 @@ class MujocoScene:
             self.robot.put(setup.start)
             self._take_drives()
             self.drive(np.array([*setup.start[: profile.arm_size], OPEN]))
+        self._first = self._state()
 
     @staticmethod
     def prepare(profile: RobotProfile, physics: str) -> None:
@@ -128,21 +132,36 @@ class MujocoScene:
         root = [*profile.base_position, *profile.base_quaternion, *[0.0] * 6]
         return np.concatenate([root, self.robot.q, self.robot.qvel]).astype(np.float32)
 
-    def snapshot(self) -> Array:
+    def _state(self) -> Array:
         """Return the state from which MuJoCo goes on bit for bit."""
         model = self.simulation.model
         state = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, self.simulation.raw, state, _STATE)
         return state
 
-    def restore(self, state: Array) -> None:
+    @cached_property
+    def _digest(self) -> str:
+        """Digest of the model and of the state that the scene started from."""
+        model = self.simulation.model
+        content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, content)
+        return hashlib.sha256(content.tobytes() + self._first.tobytes()).hexdigest()
+
+    def snapshot(self) -> tuple[Array, str]:
+        """Return the state from which MuJoCo goes on bit for bit, and the digest of the scene."""
+        return self._state(), self._digest
+
+    def restore(self, state: Array, scene: str) -> None:
         """Go on from a state of the same scene.
 
         Raises:
-            InputError: it is that of another scene.
+            InputError: the state has another shape, or belongs to another scene.
         """
         size = mujoco.mj_stateSize(self.simulation.model, _STATE)
         if np.shape(state) != (size,):
             raise InputError(f"has the shape {np.shape(state)}, not ({size},)", field="snapshot.physics")
+        if scene != self._digest:
+            remedy = "reset the environment with the task, objects, options and seed of the snapshot"
+            raise InputError("belongs to another scene", field="snapshot.scene", remedy=remedy)
         mujoco.mj_setState(self.simulation.model, self.simulation.raw, np.asarray(state, dtype=np.float64), _STATE)
         self.simulation.changed()

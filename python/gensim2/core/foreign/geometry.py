@@ -1,0 +1,61 @@
+"""XML and meshes of robots and objects: regular files of bounded size."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.tree import ForeignTree, read_input, read_regular
+
+if TYPE_CHECKING:
+    import trimesh
+
+MAX_URDF = 16 * 2**20  # bytes of a URDF or SRDF
+MAX_MESH = 512 * 2**20  # bytes of a mesh, and of each file that it names
+
+
+def read_xml(file: Path) -> ET.Element:
+    """Read the XML of a URDF or SRDF as it stands.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    content = read_input(file, MAX_URDF)
+    with read_by_library(file, "correct its XML"):
+        return ET.fromstring(content)
+
+
+@contextlib.contextmanager
+def opened_mesh(file: Path) -> Iterator[trimesh.Scene]:
+    """Read a mesh file; errors of the block, which should do nothing but use the scene, are the file's.
+
+    Raises:
+        InputError: it is no regular file, is too large, or is damaged.
+    """
+    import trimesh
+
+    content = read_input(file, MAX_MESH)
+    with read_by_library(file, "replace it by an intact mesh file", "no mesh that can be read"):
+        beside: Any = _Beside(file)
+        yield trimesh.load_scene(io.BytesIO(content), file.suffix.lstrip("."), resolver=beside, process=False)
+
+
+class _Beside:
+    """Resolver, for trimesh, of the materials and pictures that a mesh file names: regular files beside it."""
+
+    def __init__(self, file: Path) -> None:
+        self.file_name = file.name
+        self._folder = ForeignTree(file.parent)
+
+    def get(self, name: str) -> bytes:
+        wanted = name.strip()
+        candidates = (wanted, wanted.lstrip("/"), Path(wanted).name)  # as trimesh's own resolver looks for them
+        found = next((each for each in candidates if self._folder.has(each)), wanted)
+        return read_regular(self._folder.inside(found), MAX_MESH)
+
+    __getitem__ = get
