@@ -120,6 +120,27 @@ def test_a_hostile_state_is_refused_in_one_line(name: str, tmp_path: Path) -> No
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.parametrize("name", ["config.json", "training", "gone"])
+def test_a_folder_with_a_link_out_of_it_is_not_written_to(name: str, tmp_path: Path) -> None:
+    config, training = made_up.policy(), made_up.training(steps=4)
+    source, out, outside = made_up.MadeUpSource(config), tmp_path / "out", tmp_path / "outside"
+    train_policy(source, config, training, out)
+    if (out / name).exists():
+        (out / name).rename(outside)
+    (out / name).symlink_to(outside)
+    before = [(path, path.read_bytes()) for path in sorted(tmp_path.glob("outside*/**/*")) if path.is_file()]
+    experiment = config_of("generalization", small=True)
+    resumes: list[Callable[[], object]] = [lambda: train_policy(source, config, training, out, resume=True)]
+    if name == "gone":
+        resumes.append(lambda: learn(["CloseBox"], out=out, assets="builtin", resume=True))
+        resumes.append(lambda: run_experiment(experiment, out=out, assets="builtin", resume=True))
+    for resume in resumes:
+        with pytest.raises(InputError, match=f"{name}: is a link out of the folder"):
+            resume()
+    assert [(path, path.read_bytes()) for path in sorted(tmp_path.glob("outside*/**/*")) if path.is_file()] == before
+    assert outside.exists() is (name != "gone")
+
+
 def test_a_second_learning_and_a_second_experiment_in_a_folder_are_refused(tmp_path: Path) -> None:
     for name, again in (
         (LOCK, lambda: learn(["CloseBox"], out=tmp_path, assets="builtin", resume=True)),

@@ -9,10 +9,13 @@ from typing import Self
 from filelock import FileLock, Timeout
 
 from gensim2.core.errors import InputError, WriteError
+from gensim2.core.foreign.tree import ForeignTree
 
 
 class FolderLock:
     """The lock of a folder, which is made if need be. Held from here to ``release`` or to the end of the process.
+
+    Files of the folder are replaced and links are followed, so no link may lead out of it.
 
     The file stays: removing it would let two processes hold locks on two files of one name. It says who holds it.
     A context manager: leaving it releases the lock.
@@ -22,7 +25,7 @@ class FolderLock:
         name: of the lock's file; a run that calls another one on the same folder has a lock of its own.
 
     Raises:
-        InputError: another process holds it, or the folder cannot be written to.
+        InputError: another process holds it, a link leads out of the folder, or it cannot be written to.
     """
 
     NAME = ".lock"
@@ -32,6 +35,7 @@ class FolderLock:
         self._lock = FileLock(path, blocking=False, thread_local=False, fallback_to_soft=False)
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            ForeignTree(folder).refuse_links_out()
             self._lock.acquire()
         except Timeout as error:
             owner = path.read_text(encoding="ascii", errors="replace").strip()[:32]

@@ -238,6 +238,16 @@ class ForeignTree:
                 raise self.ERROR(f"cannot be read: {error.strerror or error}", file=folder) from error
         return found
 
+    def refuse_links_out(self) -> None:
+        """Refuse links that lead out of the folder: what is written to such a name changes another file.
+
+        Raises:
+            InputError: names the first link.
+        """
+        for path in self._walk(self.path):
+            if path.is_symlink() and not _inside(path, self.path):
+                raise self.ERROR("is a link out of the folder", file=path, remedy="remove the link")
+
     def _walk(self, top: Path) -> Iterator[Path]:
         def refuse(error: OSError) -> None:
             if not isinstance(error, FileNotFoundError | NotADirectoryError):
