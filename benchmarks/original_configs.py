@@ -26,7 +26,7 @@ from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.core.seeding import check_seed
 from gensim2.evaluation.benchmark_table import by_instance
-from gensim2.evaluation.running import finish_table, run_episodes
+from gensim2.evaluation.running import TableExtent, finish_table, run_episodes
 from gensim2.objects import ArticulatedObject, Library, open_library
 from gensim2.robots import robot
 from gensim2.rollout.config import EpisodeConfig
@@ -279,10 +279,8 @@ def benchmark_configs(
                 evaluator,
                 episode,
                 partial(_arguments, config, jobs),
-                runs=1,
-                episodes=len(jobs),
-                seed=seed,
-                progress=progress,
+                TableExtent(1, len(jobs), seed),
+                progress,
             )
             folder.add_episodes(library, found, folder.path / "run.json")
             folder.save()

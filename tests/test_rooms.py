@@ -229,3 +229,14 @@ def test_how_jobs_run_is_one_value() -> None:
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 names = {argument.arg for argument in (*node.args.args, *node.args.kwonlyargs)}
                 assert not names & {"ray", "time_limit", "jobs_per_worker"}, f"{path}: {node.name}"
+
+
+def test_episodes_are_run_and_logged_in_one_place() -> None:
+    """One runner gives jobs to workers, and one log reads and writes lines of episodes."""
+    for path in sources("gensim2"):
+        where, text = path.relative_to(PYTHON / "gensim2").as_posix(), path.read_text()
+        if where not in ("rollout/runner.py", "data/task_queue.py"):
+            assert "evaluator.run(" not in text, path
+            assert "runner.run(" not in text, path
+        if where != "rollout/episode_log.py":
+            assert '"episode_digest":' not in text or where == "data/rendering.py", path

@@ -12,9 +12,9 @@ import pytest
 import run_folders
 
 from gensim2.core.errors import InputError
-from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.runfolder import TaskFolder
 from gensim2.design.report import write_report
+from gensim2.rollout.episode_log import EpisodeLog
 from gensim2.rollout.tally import interval
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
@@ -100,9 +100,9 @@ def test_a_run_of_demonstrations_alone_shows_its_episodes_and_steps(run_dir: Pat
     )
     TaskFolder(folder).write_task(task)
     seeds = (2, 3, 4)
-    log = AttemptLog(folder / "attempts.jsonl", seeds)
+    log = EpisodeLog(folder / "attempts.jsonl", seeds)
     for index, seed in enumerate(seeds):
-        log.add(LoggedEpisode.of(run_folders.fake_world.episode_of(task, seed, held=seed != 3), index))
+        log.add(index, run_folders.fake_world.episode_of(task, seed, held=seed != 3))
     text = write_report(run_dir).read_text()
     assert "2 of 3 episodes hold" in text
     assert "openness of the box below 0.2" in text

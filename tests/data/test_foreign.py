@@ -345,7 +345,7 @@ def test_a_sealed_episode_without_numbers_is_refused_wherever_it_is_read(dataset
     recording = store.read(row).recording
     assert recording is not None
     broken = replace(recording, actions=np.full_like(recording.actions, np.nan))
-    digest = write_episode(store.path(row.index), row.episode, broken)
+    digest = write_episode(store.path(row.index), row, broken)
     with pytest.raises(InputError, match="actions: is no finite number at step 0"):
         store.read(replace(row, episode_digest=digest))
 

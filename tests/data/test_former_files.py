@@ -15,7 +15,6 @@ pytest.importorskip("mani_skill")
 from figures import rows_of
 
 from gensim2.core.record_files import read_record
-from gensim2.data.attempt_log import read_log
 from gensim2.data.dataset import DataSet
 from gensim2.data.episode_file import read_episode
 from gensim2.data.formats.export import export
@@ -24,6 +23,7 @@ from gensim2.data.observing import observe
 from gensim2.data.records import RunRecord
 from gensim2.data.runfolder import RUN_JSON
 from gensim2.design.report import write_report
+from gensim2.rollout.episode_log import read_log
 from gensim2.rollout.inputs import read_task_input
 from gensim2.tasks.library import load_strategies, load_task
 

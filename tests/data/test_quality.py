@@ -12,7 +12,6 @@ import imageio.v2 as imageio
 import numpy as np
 import pytest
 
-from gensim2.data.attempt_log import log_line
 from gensim2.data.card import Described, card, write_card
 from gensim2.data.collection import CollectionResult
 from gensim2.data.dataset import DataSet
@@ -25,6 +24,7 @@ from gensim2.data.selection import Selection
 from gensim2.perception.cameras import observation_cameras
 from gensim2.perception.cloud import to_steps
 from gensim2.robots import robot
+from gensim2.rollout.episode_log import log_line
 from gensim2.sim import rendering
 
 Gather = Callable[..., CollectionResult]
@@ -50,7 +50,7 @@ def test_what_is_there_twice_is_counted(gather: Gather) -> None:
     row = next(row for row in rows if row.held)
     stored = store.read(row)
     index = len(rows)
-    write_episode(store.path(index), row.episode, stored.recording)
+    write_episode(store.path(index), row, stored.recording)
     with (store.folder / "episodes.jsonl").open("ab") as stream:
         stream.write(log_line(replace(row, index=index, episode_digest=row.episode_digest)))
     after = next(qualities(dataset))

@@ -28,13 +28,13 @@ from mutate import LIMIT, LONGEST_MESSAGE, Kind, Verdict, damaged, judged
 
 from gensim2.bench import read_problems
 from gensim2.core.record_files import read_record
-from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.records import Verification, VerificationRecord
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.data.store import TaskStore
 from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
 from gensim2.design.designs import CandidateRecord, Design, DesignRecord, StageRecord
 from gensim2.design.report import write_report
+from gensim2.rollout.episode_log import EpisodeLog
 from gensim2.rollout.inputs import task_and_strategies
 from gensim2.tasks.library import load_strategies, load_task, task_names
 
@@ -105,11 +105,11 @@ def good_folder(folder: Path, problems: str) -> None:
         chosen = {task.steps[0].name: strategies}
         design = {**Design((), chosen, ("a note",)).to_dict(), "candidates": [candidate.model_dump()]}
         (files.path / "design.json").write_text(json.dumps(design))
-        log = AttemptLog(files.path / "attempts.jsonl", SEEDS)
+        log = EpisodeLog(files.path / "attempts.jsonl", SEEDS)
         store, random = TaskStore(files.path), np.random.default_rng(0)
         for index, episode in enumerate(episodes):
             digest = store.add(index, episode, fake_world.recording(episode.seed, {"drawer": "3"}, random))
-            log.add(LoggedEpisode.of(episode, index, digest))
+            log.add(index, episode.at(index, digest))
         _merge(folder)
         run.finish({"name": TASK, "demos": 2, "rejected": [], "notes": [], "tasks": []})
 
@@ -203,7 +203,7 @@ def _resume(folder: Path) -> None:
 
 
 def _attempts(folder: Path) -> None:
-    AttemptLog(folder / "run" / "tasks" / TASK / "attempts.jsonl", SEEDS)
+    EpisodeLog(folder / "run" / "tasks" / TASK / "attempts.jsonl", SEEDS)
 
 
 def _verification(folder: Path) -> None:
@@ -215,7 +215,7 @@ def _verification(folder: Path) -> None:
 def _merge(folder: Path) -> None:
     """As a run does at its end: what was recorded is in its log."""
     task = folder / "run" / "tasks" / TASK
-    logged = AttemptLog(task / "attempts.jsonl", SEEDS).done
+    logged = EpisodeLog(task / "attempts.jsonl", SEEDS).done
     kept = [(TaskStore(task).path(each.index), each.episode_digest) for each in logged.values() if each.held]
     write_trajectory(task, _provenance(), kept)
 

@@ -19,7 +19,6 @@ from run_folders import fake_world
 
 from gensim2.data import DataSet, collect, video
 from gensim2.data import report as quality_report
-from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.observation_file import write_observation
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.video import Film
@@ -49,6 +48,7 @@ from gensim2.policy.page import write_page as write_learned
 from gensim2.policy.train import TRAINING, TrainResult
 from gensim2.robots import robot
 from gensim2.rollout import worker
+from gensim2.rollout.episode_log import EpisodeLog
 from gensim2.scenes.config import SceneOptions
 from gensim2.sim import rendering
 from gensim2.tasks.library import load_strategies, load_task
@@ -75,9 +75,9 @@ def report_page(tmp_path: Path) -> Path:
     files, task = TaskFolder(folder / "tasks" / LONG), load_task(LONG)
     files.write_task(task)
     files.write_strategies(load_strategies(LONG))
-    log = AttemptLog(files.path / "attempts.jsonl", range(12))
+    log = EpisodeLog(files.path / "attempts.jsonl", range(12))
     for seed in range(12):
-        log.add(LoggedEpisode.of(fake_world.episode_of(task, seed, held=seed % 4 > 0), seed))
+        log.add(seed, fake_world.episode_of(task, seed, held=seed % 4 > 0))
     return write_report(folder)
 
 

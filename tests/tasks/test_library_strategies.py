@@ -29,8 +29,7 @@ def evaluator() -> Iterator[EpisodeRunner]:
 def test_the_stored_strategies_do_their_task(name: str, evaluator: EpisodeRunner) -> None:
     strategies = load_strategies(name)
     setting = evaluator.config(load_task(name), "all")
-    ways = {step.name: {each: strategies[each] for each in step.strategies} for step in setting.task.steps}
-    episodes = evaluator.episodes(setting, [(ways, seed) for seed in SEEDS])
+    episodes = evaluator.episodes("episodes", [(setting, strategies, seed) for seed in SEEDS])
     assert [episode.seed for episode in episodes] == list(SEEDS)
     failures = [(episode.seed, episode.cause) for episode in episodes if not episode.held]
     assert len(failures) <= len(SEEDS) - NEEDED, failures

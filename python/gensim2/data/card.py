@@ -9,12 +9,12 @@ from pathlib import Path
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
-from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.columns import lerobot_name
 from gensim2.data.store import TaskStore
 from gensim2.perception.columns import CLOUD, ENVIRONMENT_STATE, IMAGE
 from gensim2.robots import RobotProfile, robot
+from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import interval
 
 CARD = "README.md"
@@ -82,7 +82,7 @@ class Described:
     objects: frozenset[tuple[str, str]]
 
     @staticmethod
-    def of(store: TaskStore, rows: Iterable[LoggedEpisode]) -> Described:
+    def of(store: TaskStore, rows: Iterable[Episode]) -> Described:
         """Count episodes, one of which is in memory at a time."""
         episodes = steps = 0
         objects: set[tuple[str, str]] = set()

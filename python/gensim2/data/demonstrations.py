@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gensim2.core.errors import GenSim2Error
-from gensim2.core.processes import Job
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.runfolder import RunFolder, TaskFolder
@@ -101,7 +100,7 @@ def collect(
     run.add_episodes(library, entries, store.rows_path)
     run.save()
     kept = [entry for entry in entries if entry.held]
-    collected = Collected(tuple(entry.episode for entry in entries))
+    collected = Collected(tuple(entries))
     if not kept:
         return collected
     names = sorted({f"{thing.asset_class}/{thing.id}" for entry in kept for thing in entry.objects.values()})
@@ -131,10 +130,10 @@ def _film(folder: Path, task: TaskSpec, evaluator: EpisodeRunner, progress: Prog
         progress.message(f"{task.name}: no video: {rendering.NO_DRIVER}")
         return
     progress.start(f"{task.name}: film", 1)
-    job = Job(0, (folder / "trajectory.h5", folder / "video.mp4", folder / "still.png"))
+    jobs = {0: (folder / "trajectory.h5", folder / "video.mp4", folder / "still.png")}
     try:
-        for _ in evaluator.run(film_job, [job], f"{task.name}: film"):
-            progress.advance()
+        for _ in evaluator.each(film_job, jobs, f"{task.name}: film"):
+            pass
     except GenSim2Error as error:
         progress.message(f"{task.name}: no video: {error}")
 

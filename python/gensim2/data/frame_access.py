@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.core.errors import InputError
-from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.observation_file import CLOUDS, checked_description, columns_of_file, spec_of_file
 from gensim2.data.store import TaskStore
 from gensim2.perception import ObservationSpec
@@ -24,6 +23,7 @@ from gensim2.perception.cloud import from_steps
 from gensim2.perception.columns import CLOUD, CLOUD_SEGMENTATION, cloud_column
 from gensim2.perception.proprioception import Proprioception
 from gensim2.robots import OPEN, robot
+from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ _ROOT = 13
 @dataclass(frozen=True)
 class _Episode:
     store: TaskStore
-    row: LoggedEpisode
+    row: Episode
     language: str
     task: int
 

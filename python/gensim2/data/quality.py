@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from gensim2.core.progress import NULL_PROGRESS, Progress
-from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.clearance import ClearanceMeter
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.frames import FIRST_JOINT
 from gensim2.data.store import TaskStore
 from gensim2.data.used_objects import ObjectCheck
 from gensim2.robots import RobotProfile, robot
+from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.scenes.physics import physics_switches
 from gensim2.tasks.spec import TaskSpec
@@ -139,7 +139,7 @@ def jerk(recording: Recording, profile: RobotProfile) -> float:
     return float(np.sqrt(np.mean(np.square(third)))) if len(third) else 0.0
 
 
-def _scene(row: LoggedEpisode) -> tuple[object, ...]:
+def _scene(row: Episode) -> tuple[object, ...]:
     """Return a hashable key of the initial scene, as coarse as a policy tells scenes apart."""
     return tuple(
         (

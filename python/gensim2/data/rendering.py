@@ -13,7 +13,6 @@ from gensim2.core.errors import InputError
 from gensim2.core.files import append, remove_temporaries
 from gensim2.core.processes import Execution, ExecutionArguments, Failure, Job, results
 from gensim2.core.progress import NULL_PROGRESS, Progress
-from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DataSet
 from gensim2.data.lock import FolderLock
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
@@ -22,6 +21,7 @@ from gensim2.data.used_objects import ObjectCheck
 from gensim2.perception import ObservationSpec
 from gensim2.perception.cameras import require_cameras
 from gensim2.robots import robot
+from gensim2.rollout.record import Episode
 from gensim2.scenes.config import SceneConfig
 
 SCHEMA_VERSION = 1
@@ -160,7 +160,7 @@ class _Rendering:
                 self._progress.advance()
         return RenderingResult(self._dataset.path, self._there + rendered, rendered, frames, self._size, round(cpu, 3))
 
-    def _missing(self, store: TaskStore) -> Iterator[LoggedEpisode]:
+    def _missing(self, store: TaskStore) -> Iterator[Episode]:
         """Episodes that held and have no observations yet; damaged ones are removed."""
         held = (row for row in store.rows() if row.held)
         for row in itertools.islice(held, self._episodes):
@@ -195,7 +195,7 @@ class _Rendering:
         append(log, f"{now} job {failure.index}, try {failure.number}: {failure.reason}\n{failure.traceback or ''}")
 
 
-def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, spec: ObservationSpec) -> Rendered:
+def render_episode(folder: Path, row: Episode, scene: SceneConfig, spec: ObservationSpec) -> Rendered:
     """Observe one episode and write its file; called in a worker.
 
     Raises:
@@ -227,5 +227,5 @@ def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, spec: O
     return Rendered(recording.steps + 1, path.stat().st_size, cpu)
 
 
-def _description(store: TaskStore, row: LoggedEpisode, spec: ObservationSpec) -> dict[str, Any]:
+def _description(store: TaskStore, row: Episode, spec: ObservationSpec) -> dict[str, Any]:
     return {"task": store.name, "index": row.index, "episode_digest": row.episode_digest, **spec.to_dict()}

@@ -9,13 +9,13 @@ from typing import Any
 from gensim2.core.files import write_atomic, write_json
 from gensim2.core.pages import template
 from gensim2.core.progress import NULL_PROGRESS, Progress
-from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.charts import charts
 from gensim2.data.dataset import DataSet
 from gensim2.data.quality import TaskQuality, qualities
 from gensim2.data.sheet import Shot, contact_sheet, film_seen
 from gensim2.data.store import TaskStore
 from gensim2.data.video import Replay, film
+from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import interval
 
 HTML, JSON, MEDIA = "quality.html", "quality.json", "quality"
@@ -77,7 +77,7 @@ def _section(dataset: DataSet, quality: TaskQuality, video: bool, progress: Prog
     return _Section(quality, interval(quality.held, quality.tried), charts(quality), *filmed, shots)
 
 
-def _film(dataset: DataSet, store: TaskStore, row: LoggedEpisode, progress: Progress) -> tuple[str | None, str | None]:
+def _film(dataset: DataSet, store: TaskStore, row: Episode, progress: Progress) -> tuple[str | None, str | None]:
     """A demonstration in a film: replayed before a large camera, or as observed where this machine draws nothing."""
     from gensim2.sim import rendering
 

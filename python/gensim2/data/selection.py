@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from gensim2.core.errors import InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
-from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DataSet
 from gensim2.data.store import TaskStore
 from gensim2.data.used_objects import ObjectCheck
 from gensim2.robots import robot
+from gensim2.rollout.record import Episode
 from gensim2.scenes.physics import physics_switches
 
 
@@ -43,7 +43,7 @@ class Selection:
             if not self.clearance <= FARTHEST:
                 raise InputError(f"is measured up to {FARTHEST} m, not {self.clearance}", field="min_clearance")
 
-    def takes(self, row: LoggedEpisode) -> bool:
+    def takes(self, row: Episode) -> bool:
         """Whether an episode's record lets it be among them."""
         return (
             row.held
@@ -54,9 +54,7 @@ class Selection:
             and (self.longest is None or row.control_steps <= self.longest)
         )
 
-    def of(
-        self, dataset: DataSet, progress: Progress = NULL_PROGRESS
-    ) -> Iterator[tuple[TaskStore, list[LoggedEpisode]]]:
+    def of(self, dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[tuple[TaskStore, list[Episode]]]:
         """Yield each task with those of its episodes that are taken, by index; a task with none is left out.
 
         Raises:
@@ -73,8 +71,8 @@ class Selection:
 
     @staticmethod
     def _clear(
-        dataset: DataSet, store: TaskStore, rows: list[LoggedEpisode], least: float, progress: Progress
-    ) -> list[LoggedEpisode]:
+        dataset: DataSet, store: TaskStore, rows: list[Episode], least: float, progress: Progress
+    ) -> list[Episode]:
         """Those whose clearance is at least ``least``; it does not stand in the record."""
         from gensim2.data.clearance import ClearanceMeter  # here: it brings SciPy
 
@@ -95,7 +93,7 @@ class Selection:
 
 def some(
     selection: Selection, dataset: DataSet, progress: Progress = NULL_PROGRESS
-) -> list[tuple[TaskStore, list[LoggedEpisode]]]:
+) -> list[tuple[TaskStore, list[Episode]]]:
     """As :meth:`Selection.of`, at least one episode.
 
     Raises:

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.core.files import replacing
-from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.observation_file import CLOUD, ObservedEpisode, read_observation
 from gensim2.data.store import TaskStore
 from gensim2.data.video import write_video
 from gensim2.robots import robot
+from gensim2.rollout.record import Episode
 
 Frame = npt.NDArray[np.uint8]
 
@@ -70,7 +70,7 @@ def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]
     return tuple(shots)
 
 
-def film_seen(store: TaskStore, row: LoggedEpisode, video: Path, still: Path) -> bool:
+def film_seen(store: TaskStore, row: Episode, video: Path, still: Path) -> bool:
     """Write a demonstration's observations as a film, three times their size, and a picture of its middle; whether
     there were any to be shown.
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from gensim2.core.errors import InputError, brief
 from gensim2.core.files import replacing
 from gensim2.core.foreign.tree import ForeignTree, open_regular, why
-from gensim2.data.attempt_log import LoggedEpisode, log_line, parse_line
 from gensim2.data.episode_file import (
     DamagedEpisodeError,
     EpisodeRow,
@@ -21,6 +20,7 @@ from gensim2.data.episode_file import (
     write_episode,
 )
 from gensim2.data.recorded import check_recording
+from gensim2.rollout.episode_log import log_line, parse_line
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import load_task_file
@@ -104,7 +104,7 @@ class TaskStore:
         """
         return write_episode(self.path(index, episode.held), episode, recording)
 
-    def rows(self) -> Iterator[LoggedEpisode]:
+    def rows(self) -> Iterator[Episode]:
         """Every episode that was tried, by index, from ``episodes.jsonl``; one is in memory at a time.
 
         Raises:
@@ -129,7 +129,7 @@ class TaskStore:
         except OSError as error:
             raise InputError(why(error), file=path, remedy="finish the collection with --resume") from error
 
-    def logged(self) -> list[LoggedEpisode]:
+    def logged(self) -> list[Episode]:
         """Return the episodes that are finished, by index, while others may be under way; damaged ones are left out.
 
         Raises:
@@ -137,10 +137,10 @@ class TaskStore:
         """
         if self.rows_path.exists():
             return list(self.rows())
-        rows = [LoggedEpisode.of(each.row.episode, each.index, each.row.digest) for each in self.found() if each.row]
+        rows = [each.row.episode.at(each.index, each.row.digest) for each in self.found() if each.row]
         return sorted(rows, key=lambda row: row.index)
 
-    def read(self, row: LoggedEpisode) -> StoredEpisode:
+    def read(self, row: Episode) -> StoredEpisode:
         """Return the whole of an episode.
 
         Raises:
@@ -149,7 +149,7 @@ class TaskStore:
         """
         path = self._inside(self.path(row.index, row.held))
         stored = read_episode(path)
-        if stored.row.digest != row.episode_digest or stored.row.episode != row.episode:
+        if stored.row.digest != row.episode_digest or stored.row.episode != row.at(-1):
             raise DamagedEpisodeError("is not the episode that its row is of", file=path, remedy="delete it and resume")
         if stored.recording is not None:
             check_recording(stored.recording, row, path)
@@ -182,7 +182,7 @@ class TaskStore:
                     lies_right = row is not None and row.episode.held == held
                     yield Found(int(match[1]), path, row if lies_right else None)
 
-    def is_complete(self, row: LoggedEpisode) -> bool:
+    def is_complete(self, row: Episode) -> bool:
         """Whether the file of a row is there and whole."""
         try:
             return episode_digest(self.path(row.index, row.held)) == row.episode_digest
@@ -193,7 +193,7 @@ class TaskStore:
                 raise
             return False
 
-    def write_rows(self, count: int) -> Iterator[LoggedEpisode]:
+    def write_rows(self, count: int) -> Iterator[Episode]:
         """Write ``episodes.jsonl`` from the files of the first ``count`` episodes, and yield each row; it stands when
         the iterator ends.
 
@@ -204,6 +204,6 @@ class TaskStore:
             for index in range(count):
                 held = self.path(index, True)
                 row = read_row(held if held.exists() else self.path(index, False))
-                logged = LoggedEpisode.of(row.episode, index, row.digest)
+                logged = row.episode.at(index, row.digest)
                 stream.write(log_line(logged))
                 yield logged

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from gensim2.core.errors import InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
-from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.objects import open_library
 from gensim2.rollout.identity import versions
+from gensim2.rollout.record import Episode
 
 _REMEDY = "restore the object, or say with --assets where it is"
 
@@ -38,7 +38,7 @@ class ObjectCheck:
         self._contents: dict[tuple[str, str], str] = {}
         self._said: set[tuple[str, str]] = set()
 
-    def episode(self, row: LoggedEpisode, file: Path) -> None:
+    def episode(self, row: Episode, file: Path) -> None:
         """Check the objects of an episode, whose file is ``file``.
 
         Raises:

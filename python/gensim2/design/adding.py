@@ -6,16 +6,14 @@ from pathlib import Path
 from typing import Unpack
 
 from gensim2.core.errors import InputError
-from gensim2.core.processes import Execution, Job
+from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.records import Verification
 from gensim2.design.remembering import Remembered, verified
 from gensim2.design.unseen import kept_apart
-from gensim2.rollout import worker
 from gensim2.rollout.config import RunArguments
 from gensim2.rollout.inputs import check_counts, read_task_input
-from gensim2.rollout.record import Episode
 from gensim2.rollout.runner import EpisodeRunner
 from gensim2.tasks.library import origin_of
 from gensim2.tasks.memory import LEAST_EPISODES, LEAST_SHARE, Memory, UnverifiedTaskError
@@ -66,14 +64,11 @@ def add_task(
     apart = kept_apart(read.library, task)
     drawn = apart.verification(episodes, seed) if read.instances == "all" else [read.instances] * episodes
     kind = apart.kind if read.instances == "all" else "all"
-    found: dict[int, Episode] = {}
     progress.start(f"{task.name}: verify", episodes)
     with EpisodeRunner(read.scene.options, execution, progress, rollout=read.rollout) as evaluator:
-        jobs = [Job(i, (evaluator.config(task, drawn[i]), read.strategies, seeds[i])) for i in range(episodes)]
-        for index, episode in evaluator.run(worker.episode, jobs, f"{task.name}: verification"):
-            found[index] = episode
-            progress.advance()
-    verification = Verification(tuple(found[i] for i in range(episodes)), LEAST_SHARE, kind)
+        jobs = [(evaluator.config(task, drawn[i]), read.strategies, seeds[i]) for i in range(episodes)]
+        found = evaluator.episodes(f"{task.name}: verification", jobs)
+    verification = Verification(tuple(found), LEAST_SHARE, kind)
     if not verification.kept:
         causes = ", ".join(f"{count} {cause}" for cause, count in verification.tally.causes.items())
         raise UnverifiedTaskError(

@@ -71,7 +71,6 @@ def tasks_gallery(
     execution = Execution.of(scene)
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     # Only now what takes long to import.
-    from gensim2.core.processes import Job
     from gensim2.data.runfolder import RunFolder
     from gensim2.design.shelf import SPEED, GalleryEntry, film_one_that_holds
     from gensim2.rollout.identity import identity
@@ -111,16 +110,15 @@ def tasks_gallery(
         progress.start("tasks", len(shelves))
         progress.advance(sum(shelf.is_finished for shelf in shelves))
         write_page()
-        jobs = [
-            Job(index, (evaluator.config(shelf.spec, "all"), shelf.strategies, shelf.seeds, shelf.folder))
+        jobs = {
+            index: (evaluator.config(shelf.spec, "all"), shelf.strategies, shelf.seeds, shelf.folder)
             for index, shelf in enumerate(shelves)
             if not shelf.is_finished
-        ]
-        for index, episodes in evaluator.run(film_one_that_holds, jobs, "films"):
+        }
+        for index, episodes in evaluator.each(film_one_that_holds, jobs, "films"):
             shelves[index].finish(episodes)
             folder.add_episodes(library, episodes, shelves[index].log.path)
             write_page()
-            progress.advance()
         result = TasksGallery(
             folder.path / INDEX,
             {shelf.name: shelf.shown.seed for shelf in shelves if shelf.shown is not None},

@@ -12,13 +12,13 @@ from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
 from gensim2.core.pages import template
 from gensim2.core.record_files import read_record
-from gensim2.data.attempt_log import ATTEMPTS, read_log
 from gensim2.data.records import RecordingSummary, ResultSummary, RunRecord, RunSummary, Verification
 from gensim2.data.runfolder import RUN_JSON, TaskFolder
 from gensim2.data.store import TaskStore
 from gensim2.data.trajectory import JSON_NAME
 from gensim2.design.designs import DesignRecord, StageRecord, read_design
 from gensim2.design.model_report import ModelReport
+from gensim2.rollout.episode_log import ATTEMPTS, read_log
 from gensim2.rollout.record import Episode, StrictMiss
 from gensim2.rollout.tally import Tally, interval
 from gensim2.tasks.library import load_task_file

@@ -45,7 +45,7 @@ class Evaluator(Protocol):
         """Plan each candidate on each seed's scene: for each candidate, one result a seed."""
         ...
 
-    def episodes(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
+    def trials(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
         """Run (strategies of each step, seed) episodes in physics, in order."""
         ...
 
@@ -205,7 +205,7 @@ class Search:
                 owners.append(index)
             self._episodes_run[self._key(result)] += episodes
         self.progress.start(f"{self.task.name}: {what}", len(jobs))
-        episodes_run = self.evaluator.episodes(self.config, jobs)
+        episodes_run = self.evaluator.trials(self.config, jobs)
         grouped: dict[int, list[Episode]] = defaultdict(list)
         for owner, episode in zip(owners, episodes_run, strict=True):
             grouped[owner].append(episode)

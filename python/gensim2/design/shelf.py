@@ -7,13 +7,13 @@ from pathlib import Path
 
 from gensim2.core.errors import GenSim2Error
 from gensim2.core.seeding import scene_seeds
-from gensim2.data.attempt_log import ATTEMPTS, AttemptLog, LoggedEpisode
 from gensim2.data.demonstrations import TRIES_PER_DEMO
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.video import Replay, film
 from gensim2.design.description import description_of
 from gensim2.rollout import worker
 from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.episode_log import ATTEMPTS, EpisodeLog
 from gensim2.rollout.inputs import TaskInput
 from gensim2.rollout.record import Episode
 from gensim2.tasks.strategies import Strategies
@@ -49,7 +49,7 @@ class GalleryEntry:
         files.write_strategies(given.strategies)
         self.description = description_of(given.spec, given.strategies, given.library)
         self.seeds = scene_seeds(seed, given.spec.name, "demos", TRIES_PER_DEMO)
-        self.log = AttemptLog(files.path / ATTEMPTS, self.seeds)
+        self.log = EpisodeLog(files.path / ATTEMPTS, self.seeds)
 
     @property
     def name(self) -> str:
@@ -59,7 +59,7 @@ class GalleryEntry:
     @property
     def episodes(self) -> list[Episode]:
         """Those that were tried, in order."""
-        return [self.log.done[index].episode for index in sorted(self.log.done)]
+        return [self.log.done[index] for index in sorted(self.log.done)]
 
     @property
     def shown(self) -> Episode | None:
@@ -88,7 +88,7 @@ class GalleryEntry:
         for index in list(self.log.done):
             self.log.forget(index)
         for index, episode in enumerate(episodes):
-            self.log.add(LoggedEpisode.of(episode, index))
+            self.log.add(index, episode)
         self.log.finish(len(episodes))
 
     def _place(self, name: str) -> str | None:

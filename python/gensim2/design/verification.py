@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from gensim2.core.errors import InputError
-from gensim2.core.processes import Job
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
-from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.records import Verification
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.design.unseen import Apart
 from gensim2.objects import Library
-from gensim2.rollout import worker
+from gensim2.rollout.episode_log import EpisodeLog
 from gensim2.rollout.runner import EpisodeRunner
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
@@ -58,27 +56,25 @@ def verify(
     log_path = files.path / UNDER_WAY
     verification = files.verification()
     if verification is not None:
-        found = [episode.seed for episode in verification.episodes]
-        if found != seeds[: len(found)] or (verification.kept and len(found) != len(seeds)):
+        had = [episode.seed for episode in verification.episodes]
+        if had != seeds[: len(had)] or (verification.kept and len(had) != len(seeds)):
             raise InputError(
                 "is not of this run", file=files.verification_path, field="episodes", remedy="delete it and resume"
             )
     else:
-        log = AttemptLog(log_path, seeds)
+        log = EpisodeLog(log_path, seeds)
         threshold = KEEP_THRESHOLD if task.is_single_step else KEEP_LONG
         progress.start(f"{task.name}: verify", len(seeds))
         progress.advance(len(log.done))
         configs = [evaluator.config(task, drawn) for drawn in apart.verification(len(seeds), seed)]
         for first in range(0, len(seeds), STRIDE):
             upto = min(first + STRIDE, len(seeds))
-            jobs = [Job(i, (configs[i], strategies, seeds[i])) for i in range(first, upto) if i not in log.done]
-            for index, episode in evaluator.run(worker.episode, jobs, f"{task.name}: verification"):
-                log.add(LoggedEpisode.of(episode, index))
-                progress.advance()
-            failed = sum(not log.done[index].held for index in range(upto))
+            jobs = [(configs[i], strategies, seeds[i]) for i in range(upto)]
+            found = evaluator.episodes(f"{task.name}: verification", jobs, log=log)
+            failed = sum(not episode.held for episode in found)
             if len(seeds) - failed < threshold * len(seeds):
                 break
-        verification = Verification(tuple(log.done[i].episode for i in range(upto)), threshold, apart.kind)
+        verification = Verification(tuple(found), threshold, apart.kind)
         files.write_verification(verification)
     log_path.unlink(missing_ok=True)
     run.add_episodes(library, verification.episodes, files.verification_path)

@@ -4,62 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
 from gensim2.core.errors import InputError
 from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
-from gensim2.core.record_files import SCHEMA_VERSION
-from gensim2.evaluation.benchmark_table import TaskRow, groups
-from gensim2.evaluation.running import finish_table, run_episodes
+from gensim2.evaluation.running import Arguments, Table, TableExtent, tabulate
 from gensim2.rollout.config import DISTURBANCES, Disturbance, EpisodeConfig, RunArguments
 from gensim2.rollout.inputs import TaskInput, check_counts, read_task_inputs
 from gensim2.tasks.spec import Step
-from gensim2.tasks.strategies import Strategies
 
 NOTHING_TO_DISTURB = "takes no rigid object, so that there is nothing to push or to drop"
 
 
-@dataclass(frozen=True)
-class BenchmarkResult:
-    """The table.
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkResult(Table):
+    """The table of a benchmark.
 
     Attributes:
-        run_dir: the run folder.
-        arguments: what was asked for: everything that the episodes follow from, beside the tasks.
-        versions: of the packages that decide the outcome.
-        rows: one a task.
-        skipped: tasks that could not be run on these objects, with the reason.
-        speeds: episodes a second of wall time in this call, by task; None where all were there.
-        cpu_s: CPU of all processes in this call, their start apart.
         provenance: commit, date and command.
     """
 
-    run_dir: str
-    arguments: dict[str, Any]
-    versions: dict[str, str]
-    rows: tuple[TaskRow, ...]
-    skipped: dict[str, str]
-    speeds: dict[str, float | None]
-    cpu_s: float
     provenance: dict[str, str]
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
-        return {
-            "schema_version": SCHEMA_VERSION,
-            "run_dir": self.run_dir,
-            "arguments": self.arguments,
-            "versions": self.versions,
-            "provenance": self.provenance,
-            "tasks": [row.to_dict() for row in self.rows],
-            "groups": groups(self.rows),
-            "skipped": self.skipped,
-            "episodes_per_second": self.speeds,
-            "cpu_s": round(self.cpu_s, 3),
-        }
+        return {**super().to_dict(), "provenance": self.provenance}
 
 
 def benchmark(
@@ -119,78 +90,38 @@ def benchmark(
         raise InputError("plans all steps at the start", field="open_loop", remedy="leave it or one_plan out")
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     # Only now what takes long to import.
-    from gensim2.data.runfolder import RUN_JSON, RunFolder, default_run_dir
+    from gensim2.data.runfolder import RUN_JSON
     from gensim2.rollout import worker
-    from gensim2.rollout.identity import identity, provenance, versions
-    from gensim2.rollout.runner import EpisodeRunner
+    from gensim2.rollout.identity import identity, provenance
 
     if disturbance is not None:
         given, without = _disturbable(given, resume and out is not None and (Path(out) / RUN_JSON).exists())
         skipped |= dict.fromkeys(without, NOTHING_TO_DISTURB)
-    names = [one.spec.name for one in given]
-    library = given[0].library
-    options, rollout = (
-        given[0].scene.options,
-        replace(given[0].rollout, one_plan=one_plan, disturbance=disturbance, attempts=attempts),
+    rollout = replace(given[0].rollout, one_plan=one_plan, disturbance=disturbance, attempts=attempts)
+
+    def arguments(one: TaskInput, config: EpisodeConfig, _: Path) -> Arguments:
+        return lambda _, seed: (config, one.strategies, seed)
+
+    return tabulate(
+        given,
+        {
+            **given[0].scene.options.to_record(),
+            **rollout.to_record(),
+            "instances": scene.get("instances", "all"),
+        },
+        identity(given),
+        worker.episode,
+        arguments,
+        lambda table: BenchmarkResult(**vars(table), provenance=provenance()),
+        command="benchmark",
+        extent=TableExtent(runs, episodes, seed),
+        rollout=rollout,
+        skipped=skipped,
+        execution=execution,
+        out=out,
+        resume=resume,
+        progress=progress,
     )
-    arguments = {
-        "seed": seed,
-        "runs": runs,
-        "episodes": episodes,
-        **options.to_record(),
-        **rollout.to_record(),
-        "instances": scene.get("instances", "all"),
-    }
-    with (
-        RunFolder(
-            Path(out) if out is not None else default_run_dir(),
-            {
-                "command": "benchmark",
-                "stored_tasks": names,
-                **arguments,
-                **execution.to_record(),
-            },
-            identity(given),
-            resume,
-        ) as folder,
-        EpisodeRunner(
-            options,
-            execution,
-            progress,
-            rollout=rollout,
-            log=folder.errors_log,
-        ) as evaluator,
-    ):
-        rows, speeds = [], {}
-        for one in given:
-            name = one.spec.name
-            config = evaluator.config(one.spec, one.instances)
-            found, speeds[name] = run_episodes(
-                one.spec,
-                folder.task(name).path,
-                evaluator,
-                worker.episode,
-                partial(_arguments, config, one.strategies),
-                runs=runs,
-                episodes=episodes,
-                seed=seed,
-                progress=progress,
-            )
-            folder.add_episodes(library, found, folder.path / "run.json")
-            folder.save()
-            rows.append(TaskRow(one.spec, runs, tuple(found)))
-        result = BenchmarkResult(
-            str(folder.path),
-            arguments,
-            versions(evaluator.scene.engine),
-            tuple(rows),
-            skipped,
-            speeds,
-            evaluator.cpu_s,
-            provenance(),
-        )
-        finish_table(folder, result.to_dict())
-    return result
 
 
 def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskInput], list[str]]:
@@ -211,7 +142,3 @@ def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskI
 
 def _is_rigid(given: TaskInput, step: Step) -> bool:
     return given.library.kind(given.spec.objects[step.object].asset_class) == "rigid"
-
-
-def _arguments(config: EpisodeConfig, strategies: Strategies, _: int, seed: int) -> tuple[Any, ...]:
-    return config, strategies, seed

@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
-from gensim2.core.record_files import SCHEMA_VERSION
-from gensim2.evaluation.benchmark_table import TaskRow, groups
-from gensim2.evaluation.running import finish_table, run_episodes
+from gensim2.evaluation.running import Arguments, Table, TableExtent, tabulate
 from gensim2.perception import ObservationSpec
-from gensim2.rollout.config import EpisodeConfig, EvaluationArguments
+from gensim2.rollout.config import DEFAULT_ROLLOUT, EpisodeConfig, EvaluationArguments
 from gensim2.rollout.controller import is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerSpec, close
 from gensim2.rollout.inputs import TaskInput, check_counts, read_task_inputs
@@ -27,34 +25,18 @@ if TYPE_CHECKING:
     from gensim2.data.runfolder import RunFolder
     from gensim2.rollout.runner import EpisodeRunner
 
-Keep = partial[Episode] | None
 
-
-@dataclass(frozen=True)
-class EvaluationResult:
-    """The table.
+@dataclass(frozen=True, kw_only=True)
+class EvaluationResult(Table):
+    """The table of an evaluation.
 
     Attributes:
-        run_dir: the run folder.
         controller: ``target`` and ``arguments`` that it was made with, ``privileged``, and its ``observation`` spec.
-        arguments: what was asked for beside it.
-        versions: of the packages that decide the outcome.
-        rows: one a task.
-        skipped: tasks that could not be run on these objects, with the reason.
-        speeds: episodes a second of wall time in this call, by task; None where all were there.
         videos: films, by task.
-        cpu_s: CPU of all processes in this call, their start apart.
     """
 
-    run_dir: str
     controller: dict[str, Any]
-    arguments: dict[str, Any]
-    versions: dict[str, str]
-    rows: tuple[TaskRow, ...]
-    skipped: dict[str, str]
-    speeds: dict[str, float | None]
     videos: dict[str, list[str]]
-    cpu_s: float
 
     @property
     def held_mean(self) -> float:
@@ -64,19 +46,7 @@ class EvaluationResult:
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
-        return {
-            "schema_version": SCHEMA_VERSION,
-            "run_dir": self.run_dir,
-            "controller": self.controller,
-            "arguments": self.arguments,
-            "versions": self.versions,
-            "tasks": [row.to_dict() for row in self.rows],
-            "groups": groups(self.rows),
-            "skipped": self.skipped,
-            "episodes_per_second": self.speeds,
-            "videos": self.videos,
-            "cpu_s": round(self.cpu_s, 3),
-        }
+        return {**super().to_dict(), "controller": self.controller, "videos": self.videos}
 
 
 def evaluate(
@@ -131,71 +101,35 @@ def evaluate(
     spec = ControllerSpec.of(controller, arguments)
     about = _about(spec, given[0], data)
     # Only now what takes long to import.
-    from gensim2.data.runfolder import RunFolder, default_run_dir
-    from gensim2.rollout.identity import identity, versions
-    from gensim2.rollout.runner import EpisodeRunner
+    from gensim2.rollout.identity import identity
 
-    options = given[0].scene.options
-    asked = {
-        "seed": seed,
-        "runs": runs,
-        "episodes": episodes,
-        "stop": stop,
-        **options.to_record(),
-        "instances": scene.get("instances", "all"),
-    }
-    with (
-        RunFolder(
-            Path(out) if out is not None else default_run_dir(),
-            {
-                "command": "evaluate",
-                "stored_tasks": [one.spec.name for one in given],
-                **asked,
-                **execution.to_record(),
-            },
-            {**identity(given), "controller": spec.digest, "stop": stop},
-            resume,
-        ) as folder,
-        EpisodeRunner(
-            options,
-            execution,
-            progress,
-            log=folder.errors_log,
-        ) as evaluator,
-    ):
-        rows, speeds, films = [], {}, {}
-        for one in given:
-            files = folder.task(one.spec.name).path
-            found, speeds[one.spec.name] = run_episodes(
-                one.spec,
-                files,
-                evaluator,
-                _episode,
-                partial(_arguments, evaluator.config(one.spec, one.instances), spec, stop, files, videos),
-                runs=runs,
-                episodes=episodes,
-                seed=seed,
-                progress=progress,
-            )
-            folder.add_episodes(given[0].library, found, folder.path / "run.json")
-            folder.save()
-            rows.append(TaskRow(one.spec, runs, tuple(found)))
-            if videos:
-                _keep_missing(one, folder, evaluator, spec, stop, min(videos, runs * episodes), found, progress)
-                films[one.spec.name] = _film(one, spec, about, folder, evaluator, seed, progress)
-        result = EvaluationResult(
-            str(folder.path),
-            about,
-            asked,
-            versions(evaluator.scene.engine),
-            tuple(rows),
-            skipped,
-            speeds,
-            films,
-            evaluator.cpu_s,
-        )
-        finish_table(folder, result.to_dict())
-    return result
+    films: dict[str, list[str]] = {}
+
+    def of_task(_: TaskInput, config: EpisodeConfig, files: Path) -> Arguments:
+        return partial(_arguments, config, spec, stop, files, videos)
+
+    def film(one: TaskInput, folder: RunFolder, runner: EpisodeRunner, found: Sequence[Episode]) -> None:
+        if videos:
+            _keep_missing(one, folder, runner, spec, stop, min(videos, runs * episodes), found, progress)
+            films[one.spec.name] = _film(one, spec, about, folder, runner, seed, progress)
+
+    return tabulate(
+        given,
+        {"stop": stop, **given[0].scene.options.to_record(), "instances": scene.get("instances", "all")},
+        {**identity(given), "controller": spec.digest, "stop": stop},
+        _episode,
+        of_task,
+        lambda table: EvaluationResult(**vars(table), controller=about, videos=films),
+        command="evaluate",
+        extent=TableExtent(runs, episodes, seed),
+        rollout=DEFAULT_ROLLOUT,
+        skipped=skipped,
+        execution=execution,
+        out=out,
+        resume=resume,
+        progress=progress,
+        after=film,
+    )
 
 
 def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[str, Any]:
@@ -245,7 +179,7 @@ def _keep(folder: Path, index: int, episode: Episode, recording: Recording | Non
 def _keep_missing(
     given: TaskInput,
     folder: RunFolder,
-    evaluator: EpisodeRunner,
+    runner: EpisodeRunner,
     spec: ControllerSpec,
     stop: Stop,
     videos: int,
@@ -253,22 +187,20 @@ def _keep_missing(
     progress: Progress,
 ) -> None:
     """Run those of the first episodes once more whose states were not kept, for no film was asked for then."""
-    from gensim2.core.processes import Job
-
     files = folder.task(given.spec.name).path
     kept = _recorded(files)
-    config = evaluator.config(given.spec, given.instances)
-    missing = [
-        Job(index, _arguments(config, spec, stop, files, videos, index, episodes[index].seed))
+    config = runner.config(given.spec, given.instances)
+    missing = {
+        index: _arguments(config, spec, stop, files, videos, index, episodes[index].seed)
         for index in range(videos)
         if index not in kept and episodes[index].control_steps  # of one without a step there is nothing to film
-    ]
+    }
     if not missing:
         return
     progress.start(f"{given.spec.name}: episodes to film", len(missing))
     try:
-        for _ in evaluator.run(_episode, missing, f"{given.spec.name}: episodes to film"):
-            progress.advance()
+        for _ in runner.each(_episode, missing, f"{given.spec.name}: episodes to film"):
+            pass
     except GenSim2Error as error:  # the table is whole without films
         progress.message(f"{given.spec.name}: not all episodes can be filmed: {error}")
 
@@ -286,12 +218,11 @@ def _film(
     spec: ControllerSpec,
     about: Mapping[str, Any],
     folder: RunFolder,
-    evaluator: EpisodeRunner,
+    runner: EpisodeRunner,
     seed: int,
     progress: Progress,
 ) -> list[str]:
     """Film the episodes of a task whose states were kept, with the cloud that the controller is given."""
-    from gensim2.core.processes import Job
     from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
     from gensim2.evaluation.films import film_episode, film_path
     from gensim2.rollout.identity import versions
@@ -304,25 +235,25 @@ def _film(
     provenance = TrajectoryMetadata(
         task=task,
         strategies={},
-        assets=evaluator.scene.assets,
+        assets=runner.scene.assets,
         licenses=folder.record.licenses,
         seed=seed,
-        environment=evaluator.scene.environment,
-        details={"versions": versions(evaluator.scene.engine)},
+        environment=runner.scene.environment,
+        details={"versions": versions(runner.scene.engine)},
         controller=spec.target,
     )
     write_trajectory(files, provenance, episodes)
     films = [film_path(files, index) for index in sorted(kept)]
-    scene, seen = evaluator.config(task, given.instances).scene, ObservationSpec.of(about["observation"])
-    missing = [
-        Job(n, (path, scene, seen, film))
+    scene, seen = runner.config(task, given.instances).scene, ObservationSpec.of(about["observation"])
+    missing = {
+        n: (path, scene, seen, film)
         for n, ((path, _), film) in enumerate(zip(episodes, films, strict=True))
         if not film.exists()
-    ]
+    }
     progress.start(f"{task.name}: films", len(missing))
     try:
-        for _ in evaluator.run(film_episode, missing, f"{task.name}: films"):
-            progress.advance()
+        for _ in runner.each(film_episode, missing, f"{task.name}: films"):
+            pass
     except GenSim2Error as error:
         progress.message(f"{task.name}: no video: {error}")
     return [str(film) for film in films if film.exists()]

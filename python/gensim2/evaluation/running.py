@@ -1,13 +1,19 @@
-"""The episodes of one task in a table: the same scenes whoever acts, each logged as soon as it is finished."""
+"""Tables of episodes: the same scenes whoever acts, each episode logged as soon as it is finished."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from gensim2.core.processes import Execution
 from gensim2.core.progress import Progress
+from gensim2.core.record_files import SCHEMA_VERSION
+from gensim2.evaluation.benchmark_table import TaskRow, groups
+from gensim2.rollout.config import EpisodeConfig, RolloutOptions
+from gensim2.rollout.inputs import TaskInput
 from gensim2.rollout.record import Episode
 from gensim2.tasks.spec import TaskSpec
 
@@ -15,43 +21,167 @@ if TYPE_CHECKING:
     from gensim2.data.runfolder import RunFolder
     from gensim2.rollout.runner import EpisodeRunner
 
+Made = TypeVar("Made", bound="Told")
+
+
+class Told(Protocol):
+    """A result that can be written down."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table of tasks.
+
+    Attributes:
+        run_dir: the run folder.
+        arguments: what was asked for: everything that the episodes follow from, beside the tasks.
+        versions: of the packages that decide the outcome.
+        rows: one a task.
+        skipped: tasks that could not be run on these objects, with the reason.
+        speeds: episodes a second of wall time in this call, by task; None where all were there.
+        cpu_s: CPU of all processes in this call, their start apart.
+    """
+
+    run_dir: str
+    arguments: dict[str, Any]
+    versions: dict[str, str]
+    rows: tuple[TaskRow, ...]
+    skipped: dict[str, str]
+    speeds: dict[str, float | None]
+    cpu_s: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "run_dir": self.run_dir,
+            "arguments": self.arguments,
+            "versions": self.versions,
+            "tasks": [row.to_dict() for row in self.rows],
+            "groups": groups(self.rows),
+            "skipped": self.skipped,
+            "episodes_per_second": self.speeds,
+            "cpu_s": round(self.cpu_s, 3),
+        }
+
+
+@dataclass(frozen=True)
+class TableExtent:
+    """Scenes of each task of a table: those of ``runs`` times ``episodes`` seeds that follow from ``seed``."""
+
+    runs: int
+    episodes: int
+    seed: int
+
+
+Arguments = Callable[[int, int], tuple[Any, ...]]
+"""Arguments of the function that runs an episode, for the episode's index and seed."""
+
+
+def tabulate(
+    given: Sequence[TaskInput],
+    told: Mapping[str, Any],
+    identity: Mapping[str, str],
+    function: Callable[..., Episode],
+    arguments: Callable[[TaskInput, EpisodeConfig, Path], Arguments],
+    make: Callable[[Table], Made],
+    *,
+    command: str,
+    extent: TableExtent,
+    rollout: RolloutOptions,
+    skipped: dict[str, str],
+    execution: Execution,
+    out: Path | None,
+    resume: bool,
+    progress: Progress,
+    after: Callable[[TaskInput, RunFolder, EpisodeRunner, Sequence[Episode]], None] | None = None,
+) -> Made:
+    """Run all episodes of tasks, and leave a run folder with their table.
+
+    Args:
+        given: the tasks, of one library and the same options.
+        told: arguments of the episodes beside ``extent``, the scenes and the rollout.
+        identity: digests of what the run's results follow from.
+        function: of :mod:`gensim2.rollout.worker`.
+        arguments: gives those of the function, for a task, its configuration and its folder.
+        make: makes the command's result of the table.
+        after: is called with each task's episodes when they are all there.
+    """
+    from gensim2.data.runfolder import RunFolder, default_run_dir
+    from gensim2.rollout.identity import versions
+    from gensim2.rollout.runner import EpisodeRunner
+
+    options = given[0].scene.options
+    asked = {"seed": extent.seed, "runs": extent.runs, "episodes": extent.episodes, **told}
+    names = [one.spec.name for one in given]
+    with (
+        RunFolder(
+            Path(out) if out is not None else default_run_dir(),
+            {"command": command, "stored_tasks": names, **asked, **execution.to_record()},
+            identity,
+            resume,
+        ) as folder,
+        EpisodeRunner(options, execution, progress, rollout=rollout, log=folder.errors_log) as runner,
+    ):
+        rows, speeds = [], {}
+        for one in given:
+            name, files = one.spec.name, folder.task(one.spec.name).path
+            of_task = arguments(one, runner.config(one.spec, one.instances), files)
+            found, speeds[name] = run_episodes(one.spec, files, runner, function, of_task, extent, progress)
+            folder.add_episodes(one.library, found, folder.path / "run.json")
+            folder.save()
+            rows.append(TaskRow(one.spec, extent.runs, tuple(found)))
+            if after is not None:
+                after(one, folder, runner, found)
+        result = make(
+            Table(
+                run_dir=str(folder.path),
+                arguments=asked,
+                versions=versions(options.engine),
+                rows=tuple(rows),
+                skipped=skipped,
+                speeds=speeds,
+                cpu_s=runner.cpu_s,
+            )
+        )
+        finish_table(folder, result.to_dict())
+    return result
+
 
 def run_episodes(
     task: TaskSpec,
     folder: Path,
-    evaluator: EpisodeRunner,
+    runner: EpisodeRunner,
     function: Callable[..., Episode],
-    arguments: Callable[[int, int], tuple[Any, ...]],
-    *,
-    runs: int,
-    episodes: int,
-    seed: int,
+    arguments: Arguments,
+    extent: TableExtent,
     progress: Progress,
 ) -> tuple[list[Episode], float | None]:
-    """All episodes of a task, run after run, and how many a second were run; those that its log holds are not.
+    """Run all episodes of a task, run after run, and say how many a second; those in its log are not run again.
+
+    A benchmark and an evaluation with one seed have the same scenes.
 
     Args:
         folder: of the task, in which the log lies.
         function: of :mod:`gensim2.rollout.worker`.
-        arguments: gives those of the function for an episode's index and seed.
-        runs, episodes: how many runs of how many episodes.
-        seed: of the scenes; a benchmark and an evaluation with one seed have the same ones.
     """
-    from gensim2.core.processes import Job
     from gensim2.core.seeding import scene_seeds
-    from gensim2.data.attempt_log import ATTEMPTS, AttemptLog, LoggedEpisode
+    from gensim2.rollout.episode_log import ATTEMPTS, EpisodeLog
 
-    seeds = [each for run in range(runs) for each in scene_seeds(seed, task.name, f"benchmark/{run}", episodes)]
-    log = AttemptLog(folder / ATTEMPTS, seeds)
+    purposes = [f"benchmark/{run}" for run in range(extent.runs)]
+    seeds = [each for one in purposes for each in scene_seeds(extent.seed, task.name, one, extent.episodes)]
+    log = EpisodeLog(folder / ATTEMPTS, seeds)
     progress.start(task.name, len(seeds))
     progress.advance(len(log.done))
-    jobs = [Job(i, arguments(i, seeds[i])) for i in range(len(seeds)) if i not in log.done]
-    begin = time.perf_counter()
-    for index, episode in evaluator.run(function, jobs, f"{task.name}: episodes"):
-        log.add(LoggedEpisode.of(episode, index))
-        progress.advance()
-    speed = round(len(jobs) / (time.perf_counter() - begin), 4) if jobs else None
-    return [entry.episode for entry in log.finish(len(seeds))], speed
+    begin, missing = time.perf_counter(), len(seeds) - len(log.done)
+    jobs = [arguments(index, each) for index, each in enumerate(seeds)]
+    runner.episodes(f"{task.name}: episodes", jobs, function, log)
+    speed = round(missing / (time.perf_counter() - begin), 4) if missing else None
+    return log.finish(len(seeds)), speed
 
 
 def finish_table(folder: RunFolder, told: dict[str, Any]) -> None:

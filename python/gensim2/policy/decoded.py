@@ -16,7 +16,6 @@ from gensim2.core.errors import InputError
 from gensim2.core.files import cache_dir, new_folder, write_json
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data import DataSet
-from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.observation_file import CLOUD as STORED_CLOUD
 from gensim2.data.observation_file import ObservedEpisode, read_observation, spec_of_file
 from gensim2.data.store import TaskStore
@@ -24,6 +23,7 @@ from gensim2.perception import ObservationSpec
 from gensim2.perception.cloud import to_steps
 from gensim2.perception.columns import GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.policy.checkpoint import DataRecord
+from gensim2.rollout.record import Episode
 
 Array = npt.NDArray[Any]
 
@@ -79,7 +79,7 @@ class DecodedData:
 @dataclass(frozen=True)
 class _Row:
     store: TaskStore
-    row: LoggedEpisode
+    row: Episode
     language: str
     noisy: bool
 

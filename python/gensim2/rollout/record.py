@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -194,6 +194,8 @@ class Episode:
         attempts: where several were allowed, all that were made from this start, in order; everything else is of one of
             them (:mod:`gensim2.rollout.attempts`).
         disturbed_at: control step at which it was disturbed; None where it was not.
+        index: place of the episode in its log or data set; -1 outside of one. A log keeps it beside the record.
+        episode_digest: digest of the episode's file; None where no file was kept.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -216,6 +218,12 @@ class Episode:
     start: list[FiniteFloat] = field(default_factory=list)
     attempts: list[AttemptRecord] = field(default_factory=list)
     disturbed_at: Annotated[int, Field(ge=0)] | None = None
+    index: Annotated[int, Field(ge=0)] = -1
+    episode_digest: str | None = None
+
+    def at(self, index: int, episode_digest: str | None = None) -> Episode:
+        """Return the same episode at a place of a log or data set."""
+        return replace(self, index=index, episode_digest=episode_digest)
 
     @property
     def partial(self) -> bool:
@@ -228,5 +236,7 @@ class Episode:
         return sum(step.replans for step in self.steps)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
-        return asdict(self)
+        """Return the record as plain data, without the episode's place."""
+        told = asdict(self)
+        del told["index"], told["episode_digest"]
+        return told

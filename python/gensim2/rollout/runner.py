@@ -1,18 +1,19 @@
-"""The simulator behind the search: an executor whose workers share nothing."""
+"""The one runner of episodes: worker processes that share nothing, each with a simulator of its own."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from gensim2.core.files import append
-from gensim2.core.processes import Execution, Executor, Failure, Job, Outcome, enumerated, results
+from gensim2.core.processes import Execution, Executor, Failure, Job, Outcome, results
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.rollout import worker
 from gensim2.rollout.config import DEFAULT_ROLLOUT, EpisodeConfig, RolloutOptions
+from gensim2.rollout.episode_log import EpisodeLog
 from gensim2.rollout.record import Episode
 from gensim2.scenes.config import Drawn, SceneOptions
 from gensim2.tasks.spec import TaskSpec
@@ -98,25 +99,58 @@ class EpisodeRunner:
             self._elsewhere += outcome.cpu_s
             yield outcome
 
+    def each(
+        self, function: Callable[..., Result], jobs: Mapping[int, tuple[Any, ...]], what: str
+    ) -> Iterator[tuple[int, Result]]:
+        """Yield (index, result) as :meth:`run` does, and advance the progress after each.
+
+        Args:
+            function: of :mod:`gensim2.rollout.worker`.
+            jobs: the function's arguments, by index.
+            what: the jobs are, for messages.
+        """
+        numbered = (Job(index, arguments) for index, arguments in jobs.items())
+        for index, found in self.run(function, numbered, what):
+            yield index, found
+            self._progress.advance()
+
     def screen(
         self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
     ) -> list[list[worker.Screened]]:
         """Plan each candidate on each seed's scene; one list a candidate, one result a seed."""
-        jobs = enumerated((config, seed, candidates) for seed in seeds)
-        by_seed: dict[int, list[worker.Screened]] = {}
-        for index, screened in self.run(worker.screen_scene, jobs, f"{config.task.name}: planning of candidates"):
-            by_seed[index] = screened
-            self._progress.advance()
+        jobs = {index: (config, seed, candidates) for index, seed in enumerate(seeds)}
+        by_seed = dict(self.each(worker.screen_scene, jobs, f"{config.task.name}: planning of candidates"))
         return [list(outcomes) for outcomes in zip(*(by_seed[index] for index in range(len(seeds))), strict=True)]
 
-    def episodes(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
-        """Run (strategies of each step, seed) episodes in physics; their records in the order of the jobs."""
-        numbered = enumerated((config, ways, seed) for ways, seed in jobs)
-        found: dict[int, Episode] = {}
-        for index, episode in self.run(worker.trial, numbered, f"{config.task.name}: episodes"):
-            found[index] = episode
-            self._progress.advance()
-        return [found[index] for index in range(len(jobs))]
+    def trials(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
+        """Run an episode for each (strategies of each step, seed), as :meth:`episodes` does."""
+        return self.episodes(
+            f"{config.task.name}: episodes", [(config, ways, seed) for ways, seed in jobs], worker.trial
+        )
+
+    def episodes(
+        self,
+        what: str,
+        jobs: Sequence[tuple[Any, ...]],
+        function: Callable[..., Episode] | None = None,
+        log: EpisodeLog | None = None,
+    ) -> list[Episode]:
+        """Run one episode a job, and return the records in the order of the jobs.
+
+        Args:
+            what: the episodes are, for messages.
+            jobs: arguments of ``function``.
+            function: of :mod:`gensim2.rollout.worker`; None: ``episode``.
+            log: keeps each episode as soon as it is finished; episodes that it holds are not run again.
+        """
+        done = {} if log is None else log.done
+        missing = {index: arguments for index, arguments in enumerate(jobs) if index not in done}
+        for index, found in self.each(function or worker.episode, missing, what):
+            if log is None:
+                done[index] = found
+            else:
+                log.add(index, found)
+        return [done[index] for index in range(len(jobs))]
 
     def _failed(self, failure: Failure) -> None:
         self.failed_tries += 1

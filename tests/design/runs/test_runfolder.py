@@ -17,7 +17,7 @@ import fake_world
 import pytest
 
 from gensim2.data import runfolder
-from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
+from gensim2.rollout.episode_log import EpisodeLog
 from gensim2.data.lock import FolderLock
 from gensim2.data.records import RunRecord, Verification
 from gensim2.data.runfolder import RunFolder, TaskFolder, default_run_dir
@@ -138,7 +138,7 @@ def test_an_episode_with_another_object_is_refused(tmp_path: Path, record: Recor
     row = next(row for row in store.rows() if row.held)
     stored = store.read(row)
     other = {name: dataclasses.replace(each, content_hash="0" * 64) for name, each in row.objects.items()}
-    store.add(row.index, dataclasses.replace(row.episode, objects=other), stored.recording)
+    store.add(row.index, dataclasses.replace(row, objects=other), stored.recording)
     with pytest.raises(InputError, match="was run with another drawer/"):
         record(resume=True)
 
@@ -176,7 +176,7 @@ def test_damage_is_one_clear_error(tmp_path: Path, record: Record, name: str, da
         _log(path)
     path.write_bytes(DAMAGE[damage](path.read_bytes()))
     with pytest.raises(InputError) as raised:
-        record(resume=True) if name == "run.json" else AttemptLog(path, SEEDS)
+        record(resume=True) if name == "run.json" else EpisodeLog(path, SEEDS)
     assert str(raised.value.file).endswith(name)
     assert raised.value.remedy
     assert "\n" not in str(raised.value)
@@ -220,7 +220,7 @@ def test_wrong_fields_of_an_attempt_are_named(tmp_path: Path, fields: dict[str, 
     _log(path)
     path.write_bytes(_set(**fields)(path.read_bytes()))
     with pytest.raises(InputError) as raised:
-        AttemptLog(path, SEEDS)
+        EpisodeLog(path, SEEDS)
     assert raised.value.field == field
 
 
@@ -230,9 +230,9 @@ def _episode(seed: int, held: bool) -> Episode:
 
 def _log(path: Path) -> None:
     """The log of a benchmark."""
-    log = AttemptLog(path, SEEDS)
+    log = EpisodeLog(path, SEEDS)
     for index, seed in enumerate(SEEDS):
-        log.add(LoggedEpisode.of(_episode(seed, seed != 8), index))
+        log.add(index, _episode(seed, seed != 8))
 
 
 def test_design_and_verification_come_back_or_are_refused(tmp_path: Path) -> None:
@@ -292,7 +292,7 @@ def test_mutated_files_are_read_or_refused(tmp_path: Path, record: Record) -> No
     row = next(row for row in store.rows() if row.held)
     readers: dict[Path, Callable[[], object]] = {
         run / "run.json": lambda: read_record(run / "run.json", RunRecord, "choose another --out"),
-        attempts: lambda: AttemptLog(attempts, SEEDS),
+        attempts: lambda: EpisodeLog(attempts, SEEDS),
         task.verification_path: task.verification,
         task.path / "design.json": lambda: read_design(task.path),
         store.path(row.index): lambda: store.read(row),

@@ -82,7 +82,7 @@ class FakeWorld:
         blocked = (0.0, "unreachable", {"step": "open", "plan": {"unreached": "pre_0"}})
         return [[(1.0, None, {}) if number(c) % 2 > 0 else blocked] * len(seeds) for c in candidates]
 
-    def episodes(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
+    def trials(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
         assert config == CONFIG
         self.seeds.update(seed for _, seed in jobs)
         return [self._one(number(strategies), seed) for strategies, seed in jobs]

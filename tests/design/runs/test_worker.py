@@ -150,7 +150,7 @@ def test_an_evaluator_gives_episodes_and_scores_in_the_order_of_its_jobs(monkeyp
             [(3, None, {}), (4, None, {}), (5, None, {})],
             [(6, None, {}), (8, None, {}), (10, None, {})],
         ]
-        assert [e.seed for e in evaluator.episodes(config, [({}, 9), ({}, 2), ({}, 5)])] == [9, 2, 5]
+        assert [e.seed for e in evaluator.trials(config, [({}, 9), ({}, 2), ({}, 5)])] == [9, 2, 5]
 
 
 def test_an_evaluator_names_what_could_not_be_run() -> None:

@@ -14,7 +14,6 @@ from pathlib import Path
 from gensim2.core.errors import InputError
 from gensim2.core.files import new_folder, replacing
 from gensim2.core.progress import NULL_PROGRESS, Progress
-from gensim2.data.attempt_log import LoggedEpisode, log_line
 from gensim2.data.card import Described, write_card
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.frames import Frames, frames_of
@@ -28,12 +27,14 @@ from gensim2.data.selection import Selection, some
 from gensim2.data.store import ROWS, TaskStore
 from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
 from gensim2.robots import robot
+from gensim2.rollout.episode_log import log_line
+from gensim2.rollout.record import Episode
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
 
 NATIVE = "gensim2"
 """Folder of the episodes themselves in an export."""
 
-Chosen = Sequence[tuple[TaskStore, list[LoggedEpisode]]]
+Chosen = Sequence[tuple[TaskStore, list[Episode]]]
 
 
 def export(
@@ -145,7 +146,7 @@ def _frames(
             progress.advance()
 
 
-def _observed(store: TaskStore, row: LoggedEpisode) -> ObservedEpisode | None:
+def _observed(store: TaskStore, row: Episode) -> ObservedEpisode | None:
     path = store.observation_path(row.index)
     return read_observation(path, row.episode_digest) if path.exists() else None
 

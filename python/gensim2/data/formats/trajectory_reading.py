@@ -17,7 +17,6 @@ from gensim2.core.foreign.library import read_by_library
 from gensim2.core.foreign.tree import ForeignTree
 from gensim2.core.progress import Progress
 from gensim2.core.record_files import parse_record, read_record
-from gensim2.data.attempt_log import LoggedEpisode, log_line
 from gensim2.data.dataset import DataSet
 from gensim2.data.episode_file import read_recording
 from gensim2.data.record import DatasetRecord
@@ -25,6 +24,7 @@ from gensim2.data.recorded import MAX_STEPS, check_recording
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.store import LAST_INDEX, ROWS, TaskStore
 from gensim2.data.trajectory import H5_NAME, JSON_NAME
+from gensim2.rollout.episode_log import log_line
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import strategies_of
@@ -120,7 +120,7 @@ def _write_task(document: _Trajectory, store: TaskStore, tree: ForeignTree, prog
     progress.start(f"import {store.name}", len(document.episodes))
     rows = []
     for index, episode, recording in _episodes(tree, store.name, document):
-        rows.append(LoggedEpisode.of(episode, index, store.add(index, episode, recording)))
+        rows.append(episode.at(index, store.add(index, episode, recording)))
         progress.advance()
     with replacing(store.folder / ROWS) as file, file.open("wb") as stream:
         stream.writelines(log_line(row) for row in rows)

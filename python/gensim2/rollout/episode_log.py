@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
 
-from pydantic import Field, TypeAdapter
+from pydantic import TypeAdapter
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
@@ -24,39 +23,10 @@ ATTEMPTS = "attempts.jsonl"
 """Name of the log of a collection."""
 
 _REMEDY = "delete the file and resume; its episodes are made again"
+_ADAPTER = TypeAdapter(Episode)
 
 
-@dataclass(frozen=True, kw_only=True)
-class LoggedEpisode(Episode):
-    """An episode as a log keeps it.
-
-    Attributes:
-        index: in the order of the seeds.
-        episode_digest: of the episode's file; None where none was kept.
-    """
-
-    index: Annotated[int, Field(ge=0)]
-    episode_digest: str | None = None
-
-    @staticmethod
-    def of(episode: Episode, index: int, episode_digest: str | None = None) -> LoggedEpisode:
-        """Return ``episode`` with its place."""
-        return LoggedEpisode(**_values(episode), index=index, episode_digest=episode_digest)
-
-    @property
-    def episode(self) -> Episode:
-        """The record alone."""
-        return Episode(**_values(self))
-
-
-def _values(episode: Episode) -> dict[str, Any]:
-    return {field.name: getattr(episode, field.name) for field in fields(Episode)}
-
-
-_ADAPTER = TypeAdapter(LoggedEpisode)
-
-
-class AttemptLog:
+class EpisodeLog:
     """The log in one file.
 
     Args:
@@ -72,7 +42,7 @@ class AttemptLog:
 
     def __init__(self, path: Path, seeds: Sequence[int]) -> None:
         self.path = path
-        self.done: dict[int, LoggedEpisode] = {}
+        self.done: dict[int, Episode] = {}
         entries, torn = _read(path)
         for number, entry in enumerate(entries, 1):
             if entry.index >= len(seeds) or entry.seed != seeds[entry.index]:
@@ -81,12 +51,13 @@ class AttemptLog:
         if torn:
             self._rewrite(self.done.values())
 
-    def add(self, entry: LoggedEpisode) -> None:
+    def add(self, index: int, episode: Episode) -> None:
         """Append one finished episode.
 
         Raises:
             InputError: the file cannot be written to.
         """
+        entry = replace(episode, index=index)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with self.path.open("ab") as stream:
@@ -95,29 +66,29 @@ class AttemptLog:
             raise InputError(
                 f"cannot write: {error.strerror}", file=self.path, remedy="make room, or choose another --out"
             ) from error
-        self.done[entry.index] = entry
+        self.done[index] = entry
 
     def forget(self, index: int) -> None:
         """Take an episode for not done; once it is made again its new line counts."""
         del self.done[index]
 
-    def finish(self, count: int) -> list[LoggedEpisode]:
+    def finish(self, count: int) -> list[Episode]:
         """Leave the first ``count`` episodes in the file, by index, and return them."""
         self.done = {index: self.done[index] for index in range(count)}
         self._rewrite(self.done.values())
         return list(self.done.values())
 
-    def _rewrite(self, entries: Iterable[LoggedEpisode]) -> None:
+    def _rewrite(self, entries: Iterable[Episode]) -> None:
         write_atomic(self.path, b"".join(map(log_line, entries)))
 
 
-def log_line(entry: LoggedEpisode) -> bytes:
+def log_line(entry: Episode) -> bytes:
     """The line of an episode in a log."""
     place = {"index": entry.index, "episode_digest": entry.episode_digest}
-    return json.dumps({**place, **entry.episode.to_dict()}, allow_nan=False).encode() + b"\n"
+    return json.dumps({**place, **entry.to_dict()}, allow_nan=False).encode() + b"\n"
 
 
-def parse_line(line: bytes, path: Path, number: int, remedy: str = _REMEDY) -> LoggedEpisode:
+def parse_line(line: bytes, path: Path, number: int, remedy: str = _REMEDY) -> Episode:
     """Return what a line of a log holds, without its line feed.
 
     Args:
@@ -127,10 +98,13 @@ def parse_line(line: bytes, path: Path, number: int, remedy: str = _REMEDY) -> L
     Raises:
         InputError: it cannot be read.
     """
-    return parse_record(line, _ADAPTER, path, remedy, f"line {number}")
+    episode = parse_record(line, _ADAPTER, path, remedy, f"line {number}")
+    if episode.index < 0:
+        raise InputError("is missing", file=path, field=f"line {number}: index", remedy=remedy)
+    return episode
 
 
-def read_log(path: Path) -> list[LoggedEpisode]:
+def read_log(path: Path) -> list[Episode]:
     """Return what a log holds, by index; a line that was cut off is left out.
 
     Raises:
@@ -140,7 +114,7 @@ def read_log(path: Path) -> list[LoggedEpisode]:
     return [found[index] for index in sorted(found)]
 
 
-def _read(path: Path) -> tuple[list[LoggedEpisode], bool]:
+def _read(path: Path) -> tuple[list[Episode], bool]:
     """The entries in the order of the lines, and whether a last line was cut off."""
     content = read_input(path, MAX_RECORD, _REMEDY) if path.exists() else b""
     *lines, torn = content.split(b"\n")
