@@ -27,13 +27,15 @@ ROOT = Path(__file__).parents[1]
 SHELF = ROOT / "python" / "gensim2" / "tasks" / "designed"
 PAGE = ROOT / "docs/results/designed.md"
 
-HEAD = """# Tasks that the offline designer made
+HEAD = """# Results: tasks of the offline designer
 
-From an empty library, on generated objects, without a key: proposed from what objects afford and composed by pre- and
-post-conditions ([architecture.md](../architecture.md)), verified on objects that the search never saw. Strategies come
-from the shared rules (`gensim2/tasks/library/strategies`), from rules over sizes (`design/skills.py`), and from the
-search over alignments. Tasks that the paper's suite has are left out. `gensim2 benchmark --origin offline` runs them.
-This page is written by `python benchmarks/designed.py`.
+The offline designer started from an empty library, on generated objects, without a language model. It proposed tasks
+from the joints and sizes of objects, combined tasks into longer ones by their pre- and post-conditions, searched for
+strategies, and verified each task ([architecture](../architecture.md)). Tasks of the paper's suite are left out.
+
+    gensim2 benchmark --origin offline      # run these tasks
+
+`python benchmarks/designed.py` writes this page.
 """
 
 
@@ -63,8 +65,8 @@ def _made(made: dict[str, Any]) -> list[str]:
         "python benchmarks/designed.py runs/designed",
         "```",
         "",
-        f"{made['tried']} proposals were designed and verified, in {cpu / 60:.0f} minutes of CPU "
-        f"({cpu / made['tried']:.0f} s each), {wall / 60:.0f} minutes by the clock on a shared machine of two cores.",
+        f"The run designed and verified {made['tried']} proposals in {cpu / 60:.0f} minutes of CPU "
+        f"({cpu / made['tried']:.0f} s each), {wall / 60:.0f} minutes of wall time on two shared cores.",
         "",
     ]
 
@@ -87,16 +89,12 @@ def _summary(tasks: list[TaskSpec]) -> list[str]:
     return [
         *_table(("", "count"), rows),
         "",
-        f"{rigid} tasks are about rigid objects alone. Of each such class there is one object: these were verified on "
-        "poses that the search had not seen, all others on objects that it had not seen, another one each episode.",
+        f"{rigid} tasks have rigid objects alone. A rigid class has one object, so these tasks were verified on new "
+        "poses. All other tasks were verified on objects that the search never saw, a different one each episode.",
         "",
-        "## Types and classes",
+        "## Objects per task",
         "",
         *_table(("objects", "one step", "several steps"), _types(tasks, kinds)),
-        "",
-        *_table(("class", "one step", "several steps"), _by_class(tasks)),
-        "",
-        "Chains: " + ", ".join(f"{chain} ({n})" for chain, n in chains.most_common()) + ".",
         "",
     ]
 
@@ -108,19 +106,6 @@ def _types(tasks: list[TaskSpec], kinds: dict[str, Counter[Kind]]) -> list[tuple
     single = Counter(told(kinds[task.name]) for task in tasks if task.is_single_step)
     long = Counter(told(kinds[task.name]) for task in tasks if not task.is_single_step)
     return [(kind, single[kind] or "", long[kind] or "") for kind in sorted(single | long)]
-
-
-def _by_class(tasks: list[TaskSpec]) -> list[tuple[object, ...]]:
-    single, long = (
-        Counter(
-            name
-            for task in tasks
-            if task.is_single_step == one
-            for name in {t.asset_class for t in task.objects.values()}
-        )
-        for one in (True, False)
-    )
-    return [(name, single[name] or "", long[name] or "") for name in sorted(single | long)]
 
 
 def _classes(task: TaskSpec) -> set[str]:
@@ -140,8 +125,8 @@ def _tables(tasks: list[TaskSpec]) -> list[str]:
             figure = (
                 "" if told is None else f"{told.held}/{told.episodes} ({told.interval[0]:.2f}–{told.interval[1]:.2f})"
             )
-            rows.append((task.name, task.description, classes, len(task.steps), figure))
-        found += [f"## {title}", "", *_table(("task", "in words", "classes", "steps", "held, fresh objects"), rows), ""]
+            rows.append((task.name, task.description, classes, figure))
+        found += [f"## {title}", "", *_table(("task", "sentence", "classes", "held (95 %)"), rows), ""]
     return found
 
 

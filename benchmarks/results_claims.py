@@ -1,4 +1,4 @@
-"""The claims at the head of docs/results/tasks.md, counted from the package's figures."""
+"""The main findings of docs/results/tasks.md, counted from the package's figures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TYPES = ("single-step", "long-horizon")
 
 
 def claims(rows: Sequence[Figure]) -> str:
-    """Markdown list of the claims; of what was not measured there is none."""
+    """Return the findings as a Markdown list; conditions without rows are left out."""
     found = [_beside_the_paper(rows), _by_its_method(rows), _wide(rows)]
     return "\n".join(f"{number}. {text}" for number, text in enumerate(filter(None, found), start=1)) + "\n"
 
@@ -29,12 +29,14 @@ def _beside_the_paper(rows: Iterable[Figure]) -> str:
         if row.task in PAPER:
             low, _ = interval(row.paper, row.episodes)
             (above if low > PAPER[row.task][0] else not_above).append(row)
-    named = ", ".join(f"{row.task} {row.paper / row.episodes:.2f} beside {PAPER[row.task][0]:.2f}" for row in not_above)
+    named = ", ".join(
+        f"{row.task} {row.paper / row.episodes:.2f} against {PAPER[row.task][0]:.2f}" for row in not_above
+    )
     return (
-        "**Beside the paper.** Real objects, the original's physics, the first draw of each scene, one attempt, "
-        f"counted as the paper counts: {_means(own, 'paper')}; the paper {_published()}, its release {_released()}. "
-        f"The whole 95 % interval lies above the paper's figure in {len(above)} of {len(above) + len(not_above)} rows"
-        + (f" (not in: {named})." if named else ".")
+        "**Compared with the paper** (real objects, the original's physics, scenes not redrawn, one attempt, verdict "
+        f"`paper`): {_means(own, 'paper')}. The paper reports {_published()}; its release reaches {_released()}. "
+        f"The 95 % interval lies above the paper's figure in {len(above)} of {len(above) + len(not_above)} rows"
+        + (f" (exception: {named})." if named else ".")
     )
 
 
@@ -42,12 +44,12 @@ def _by_its_method(rows: Iterable[Figure]) -> str:
     found = {
         name: [row for row in rows if _is_plain_original(row, **{field: True})]
         for name, field in (
-            ("one plan a step, by its first strategy, never looked at again", "one_plan"),
-            ("everything planned at the start", "open_loop"),
+            ("one plan per step by the first strategy, no replanning", "one_plan"),
+            ("open loop, all steps planned at the start", "open_loop"),
         )
     }
     said = [f"{name}: {_means(own, 'paper')}" for name, own in found.items() if own]
-    return f"**With less than our method**, the same scenes' ranges and verdict: {'; '.join(said)}." if said else ""
+    return f"**Without parts of the method** (same conditions): {'; '.join(said)}." if said else ""
 
 
 def _wide(rows: Iterable[Figure]) -> str:
@@ -62,8 +64,8 @@ def _wide(rows: Iterable[Figure]) -> str:
     if not own:
         return ""
     return (
-        "**Beyond the paper's ranges.** Real objects, default physics, `wide` ranges with masses, frictions and the "
-        f"robot's start drawn, the `strict` verdict: {_means(own, 'strict')}."
+        "**Beyond the paper's ranges** (real objects, default physics, randomization `wide`, verdict `strict`): "
+        f"{_means(own, 'strict')}."
     )
 
 

@@ -1,15 +1,16 @@
 """Success rates as Markdown: every table of the documents, made of the package's figures.
 
     python benchmarks/figures.py results/*.json                             # what benchmarks found, into the figures
-    python benchmarks/results_table.py --into docs/results/tasks.md README.md
+    python benchmarks/results_table.py --into README.md docs/results/physics.md docs/results/tasks*.md
     python benchmarks/results_table.py results/*.json > tables.md        # of these files of `gensim2 benchmark` alone
     python benchmarks/results_table.py --switches results/*.json --into docs/results/physics.md   # physics switches
 
 Rows of switches are on scenes of their own and stand in `switches.json` beside this file, where new ones take the place
 of those of the same scenes and physics.
-`--into` rewrites the text between `<!-- figures: all -->` (or `claims`, `short`, `means`, `switches`) and
-`<!-- /figures -->` in a file. A cell holds the success rates paper / held (with its 95 % interval) / strict. The tables
-`short` and `means` hold one rate: held, or paper under the original's physics.
+`--into` rewrites the text between `<!-- figures: NAME -->` and `<!-- /figures -->` in a file. NAME is `all`, `claims`,
+`short`, `means`, `switches`, `overview`, `objects`, or `section` with the title of a section. A cell holds the success
+rates paper / held (with its 95 % interval) / strict. The tables `short` and `means` hold one rate: held, or paper under
+the original's physics.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ import argparse
 import json
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from statistics import mean, stdev
 
@@ -41,20 +43,24 @@ MEASURED_TASKS = {"single-step": 24, "long-horizon": 15}
 MIN_EPISODES = 5
 """Of an object for its share to be named."""
 SWITCHES = Path(__file__).with_name("switches.json")
-MARKED = re.compile(r"(<!-- figures: (all|claims|short|means|switches) -->\n).*?(<!-- /figures -->)", re.DOTALL)
+MARKED = re.compile(r"(<!-- figures: ([\w ']+) -->\n).*?(<!-- /figures -->)", re.DOTALL)
 
 Cell = Callable[[Figure], str]
 
 
 def everything(rows: Sequence[Figure]) -> str:
     """Means of all conditions, then a section each, the paper's protocol first, in it a table a type of tasks."""
-    sections: dict[str, list[Figure]] = {}
+    return "\n".join([overview(rows), *(section(title, rows) for title in sections(rows)), objects(rows)])
+
+
+def sections(rows: Sequence[Figure]) -> dict[str, list[Figure]]:
+    """Return the rows of each condition by its title, the paper's protocol first."""
+    found: dict[str, list[Figure]] = {}
     rows = [row for row in rows if row.condition.physics in PHYSICS_NAMES]  # mixtures have a table of their own
     for row in sorted(rows, key=lambda row: not row.condition.is_plain):
         title = what_differs(row.condition)
-        sections.setdefault(title[0].upper() + title[1:], []).append(row)
-    parts = [_overview(sections), *(_section(title, members) for title, members in sections.items())]
-    return "\n".join([*parts, *_worst_instances(rows)])
+        found.setdefault(title[0].upper() + title[1:], []).append(row)
+    return found
 
 
 def short(rows: Sequence[Figure]) -> str:
@@ -146,19 +152,22 @@ def what_differs(condition: Condition) -> str:
     return ", ".join(words for holds, words in named if holds) or "The paper's protocol"
 
 
-def _overview(sections: Mapping[str, Sequence[Figure]]) -> str:
+def overview(rows: Sequence[Figure]) -> str:
+    """Return the means over tasks of every condition."""
     head = ["", "tasks", *(f"{physics}, {objects}" for physics, objects in WHERE)]
     lines = [line(head), line(["---"] * len(head))]
-    for title, rows in sections.items():
+    for title, members in sections(rows).items():
         for kind in TYPES:
-            places = [[row for row in rows if _type(row.task) == kind and _where(row) == where] for where in WHERE]
+            places = [[row for row in members if _type(row.task) == kind and _where(row) == where] for where in WHERE]
             if any(places):
-                cells = (_average_of_three(members) if members else "" for members in places)
+                cells = (_average_of_three(place) if place else "" for place in places)
                 lines.append(line([title, kind, *cells]))
     return "\n".join(["## Means over tasks\n", *lines]) + "\n"
 
 
-def _section(title: str, rows: Sequence[Figure]) -> str:
+def section(title: str, rows: Sequence[Figure]) -> str:
+    """Return the tables of one condition below its heading."""
+    rows = sections(rows)[title]
     sizes = sorted({(row.runs, row.episodes // row.runs) for row in rows})
     shown = " or ".join(f"{runs} x {episodes}" for runs, episodes in sizes)
     seeds = ", ".join(map(str, sorted({row.seed for row in rows})))
@@ -176,19 +185,20 @@ def _made(rows: Sequence[Figure]) -> str:
     return "; ".join(made)
 
 
-def _worst_instances(rows: Sequence[Figure]) -> list[str]:
-    """Section with the object of each row on which it holds least; older rows do not know their objects."""
+def objects(rows: Sequence[Figure]) -> str:
+    """Return a section with each row's object of the lowest success rate; older rows do not know their objects."""
+    rows = [row for members in sections(rows).values() for row in members]
     known = [row for row in rows if row.instances and row.condition.objects == "real"]
     conditions = sorted({row.condition.in_words for row in known})
     if not known:
-        return []
+        return ""
     lines = [line(["task", *conditions]), line(["---"] * (len(conditions) + 1))]
     by_place = {(row.task, row.condition.in_words): row for row in known}
     for task in sorted({row.task for row in known}, key=_rank):
         cells = (by_place.get((task, condition)) for condition in conditions)
         lines.append(line([task, *("" if row is None else _worst(row) for row in cells)]))
-    head = f"## The worst object of each row\n\nHeld, of those with {MIN_EPISODES} episodes or more; real objects.\n"
-    return ["\n".join([head, *lines]) + "\n"]
+    head = f"## The worst object of each row\n\nReal objects with at least {MIN_EPISODES} episodes: held / episodes.\n"
+    return "\n".join([head, *lines]) + "\n"
 
 
 def _worst(row: Figure) -> str:
@@ -304,7 +314,13 @@ def renewed(text: str, rows: Sequence[Figure]) -> str:
         "short": short,
         "means": means,
         "switches": lambda _: switches(measured_switches()),
+        "overview": overview,
+        "objects": objects,
     }
+    makers |= {f"section {title}": partial(section, title) for title in sections(rows)}
+    for _, name, _ in MARKED.findall(text):
+        if name not in makers:
+            raise InputError(f"has no figures {name!r}", remedy=f"name one of {', '.join(makers)}")
     found, count = MARKED.subn(lambda match: f"{match[1]}\n{makers[match[2]](rows)}\n{match[3]}", text)
     if not count:
         raise InputError("has no <!-- figures: all --> ... <!-- /figures -->", remedy="write the marks into it")

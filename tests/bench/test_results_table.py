@@ -142,6 +142,14 @@ def test_tables_are_made_of_the_json_of_benchmarks(
     assert capsys.readouterr().out == made.everything(ROWS[:2]) + "\n"
 
 
+def test_a_section_is_written_by_its_title(made: Any) -> None:
+    text = "<!-- figures: section The paper's protocol -->\n<!-- /figures -->"
+    assert made.section("The paper's protocol", ROWS) in made.renewed(text, ROWS)
+    assert made.overview(ROWS) in made.renewed("<!-- figures: overview -->\n<!-- /figures -->", ROWS)
+    with pytest.raises(InputError, match="no figures 'section Nowhere'"):
+        made.renewed("<!-- figures: section Nowhere -->\n<!-- /figures -->", ROWS)
+
+
 def test_switches_are_compared_on_the_same_scenes(made: Any) -> None:
     """One gains 10 of 250 and the other loses 60; another seed and a row without its default say nothing."""
     word = "default+hulls=original"
@@ -185,9 +193,9 @@ def test_claims_are_counted_of_rows_that_know_their_commit(made: Any) -> None:
     ]
     first, second = results_claims.claims(own).splitlines()
     assert "single-step 0.994 (2 tasks, 500 episodes)" in first
-    assert "in 1 of 2 rows (not in: PushToasterForward 0.99 beside 0.99)" in first
-    assert "the paper 0.81 and 0.47, its release 0.77 (556 of 720) and 0.16 (8 of 50)" in first
+    assert "in 1 of 2 rows (exception: PushToasterForward 0.99 against 0.99)" in first
+    assert "The paper reports 0.81 and 0.47; its release reaches 0.77 (556 of 720) and 0.16 (8 of 50)" in first
     assert second == (
-        "2. **With less than our method**, the same scenes' ranges and verdict: one plan a step, by its first "
-        "strategy, never looked at again: single-step 0.900 (1 tasks, 250 episodes)."
+        "2. **Without parts of the method** (same conditions): one plan per step by the first strategy, no "
+        "replanning: single-step 0.900 (1 tasks, 250 episodes)."
     )
