@@ -1,4 +1,4 @@
-"""Which bodies may touch during which part of a motion, by their roles: docs/reference/solver.md, "What may touch"."""
+"""Which bodies may touch during which part of a motion, by their roles: docs/reference/solver.md, "Contacts"."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import pytest
 
 from gensim2.cli import main as cli
 
-DOC = Path(__file__).parents[2] / "docs/guides/robot.md"
+DOCS = Path(__file__).parents[2] / "docs"
 RUN = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin"]
 
 
@@ -79,10 +79,10 @@ def test_the_check_names_what_it_looked_at(tmp_path: Path) -> None:
 def test_the_page_begins_with_safety_and_names_every_fault_and_figure() -> None:
     from gensim2_robot.faults import FAULTS
 
-    text = DOC.read_text()
-    first = text.split("\n## ")[1]
+    first = (DOCS / "guides/robot.md").read_text().split("\n## ")[1]
     assert first.startswith("First: safety")
     for word in ("not safety-rated", "ISO 12100", "ISO 10218", "emergency stop"):
         assert word in first
+    text = (DOCS / "reference/robot.md").read_text()
     for word in (*FAULTS, "periods_ms", "cloud_ms", "detected_to_stopped_ms", "limits_passed", "success"):
         assert f"`{word}`" in text, word
