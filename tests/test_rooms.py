@@ -240,3 +240,16 @@ def test_episodes_are_run_and_logged_in_one_place() -> None:
             assert "runner.run(" not in text, path
         if where != "rollout/episode_log.py":
             assert '"episode_digest":' not in text or where == "data/rendering.py", path
+
+
+def test_options_come_from_typed_functions() -> None:
+    """The signature and the docstring declare options; click's own decorators would repeat both."""
+    for path in (path for package in ("gensim2", "gensim2_robot") for path in sources(package)):
+        used = {
+            f"{node.value.id}.{node.attr}"
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+        }
+        assert not used & {"click.option", "click.argument", "click.command"}, path
+        made = used & {"click.Argument", "click.Option"}
+        assert not made or path.parent.name == "cli", path

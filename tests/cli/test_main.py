@@ -131,7 +131,7 @@ def test_json_to_a_file_leaves_the_table_on_standard_output(tmp_path: Path, capf
     ("arguments", "task", "json_file"),
     [
         (["OpenBox", "--json"], "OpenBox", "-"),
-        (["--json", "OpenBox"], "OpenBox", "-"),
+        (["--json", "-", "OpenBox"], "OpenBox", "-"),
         (["--json", "box.json", "OpenBox"], "OpenBox", "box.json"),
         (["OpenBox", "--json", "box.json"], "OpenBox", "box.json"),
         (["OpenBox", "--json=box"], "OpenBox", "box"),

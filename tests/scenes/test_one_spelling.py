@@ -9,7 +9,6 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_type_hints
 
-import click
 import pytest
 
 import gensim2
@@ -26,8 +25,8 @@ PYTHON = Path(__file__).parents[2] / "python" / "gensim2"
 
 #: Together these words spell a configuration; each alone is a name like any other.
 SPELLING = {"physics", "randomization", "open_loop", "instances", "robot", "assets"}
-#: Where it is defined and drawn from, and the rows of figures, whose fields are compared below.
-DEFINED = {"scenes/config.py", "scenes/initial_state.py", "rollout/config.py", "tasks/figures.py"}
+#: Where it is defined and drawn from; options, and the rows of figures, are compared below.
+DEFINED = {"scenes/config.py", "scenes/initial_state.py", "rollout/config.py", "tasks/figures.py", "cli/options.py"}
 #: Few words are enough to be another spelling.
 MAX_SPELLED = 2
 
@@ -75,9 +74,9 @@ def test_keywords_options_and_fields_are_the_same_words() -> None:
     assert {each.name for each in fields(SceneOptions)} | {"instances"} == set(SCENE_FIELDS)
     assert {each.name for each in fields(SceneConfig)} == {*SCENE_FIELDS, "task"}
     assert set(get_type_hints(RolloutArguments)) == {*SCENE_FIELDS, "open_loop"}
-    command = options.scenes(click.Command("x"))
     # `--redraw` is a switch of the physics.
-    assert {each.name for each in command.params} == {*get_type_hints(RolloutArguments), "seed", "redraw"}
+    assert set(options.EPISODES) == {*get_type_hints(RolloutArguments), "seed", "redraw"}
+    assert set(options.EPISODES) <= set(get_type_hints(options.Shared))
     run = {each.name for each in fields(RolloutOptions)}
     assert set(FIXED_ARGUMENTS) >= {*SCENE_FIELDS, *run}
     # Noise is for collections alone: no figure has any.

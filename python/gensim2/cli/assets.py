@@ -2,61 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import click
 
-from gensim2.cli import options
 from gensim2.cli.assets_files import export, import_
 from gensim2.cli.assets_pictures import gallery, render
 from gensim2.cli.assets_validate import prepare, validate
-from gensim2.cli.output import line, report, table
-
-
-@click.group("assets")
-def assets() -> None:
-    """The object library."""
-
-
-assets.add_command(validate)
-assets.add_command(prepare)
-assets.add_command(export)
-assets.add_command(import_)
-assets.add_command(render)
-assets.add_command(gallery)
-
-
-@assets.command("list", cls=options.Command)
-@options.assets
-@click.option("--kind", type=click.Choice(["articulated", "rigid"]), default=None, help="Only these.  [default: both]")
-@options.json_file
-def list_assets(assets: str | None, kind: str | None, json_file: str | None) -> None:
-    """List the classes of the library with their instances; a rigid object is the only one of its class."""
-    with report(json_file, _show) as (_, give):
-        from gensim2.objects import listing, open_library
-
-        library = open_library(assets)
-        classes = [
-            {
-                "class": row.asset_class,
-                "kind": row.kind,
-                "instances": list(row.ids),
-                "joint": row.joint_type,
-                "source": row.source,
-                "license": row.license,
-                "description": row.description,
-            }
-            for row in listing(library)
-            if kind in (None, row.kind)
-        ]
-        give(
-            {
-                "schema_version": 1,
-                "library": library.name,
-                "license": library.license,
-                "classes": classes,
-            }
-        )
+from gensim2.cli.options import command
+from gensim2.cli.output import line, table
+from gensim2.cli.typed import Option
+from gensim2.core.progress import Progress
 
 
 def _show(result: dict[str, Any]) -> None:
@@ -66,30 +22,6 @@ def _show(result: dict[str, Any]) -> None:
     ]
     table(("class", "instances", "joint", "source", "what"), rows)
     line(f"library: {result['library']} ({result['license']})")
-
-
-@assets.command("show", cls=options.Command)
-@click.argument("object_", metavar="CLASS[/WHICH]")
-@options.assets
-@options.seed
-@options.json_file
-def show(object_: str, assets: str | None, seed: int, json_file: str | None) -> None:
-    """Say what is known of one object: joint or grip, keypoints, mass, where it stands, where its files are.
-
-    WHICH is an id, train, test, new, all or random, of which the first counts; without it the first of the class.
-    """
-    with report(json_file, _show_object) as (progress, give):
-        from gensim2.objects import open_library
-        from gensim2.objects.library.selection import select_one
-
-        library = open_library(assets)
-        item = select_one(library, object_, seed=seed)
-        # Brings SciPy: after what can be refused, here as elsewhere.
-        from gensim2.objects.library.describe import describe
-
-        progress.start(f"preparing {'/'.join(item)}", 1)
-        give({"schema_version": 1, **describe(library, library.load(*item))})
-        progress.advance()
 
 
 def _show_object(result: dict[str, Any]) -> None:
@@ -138,3 +70,60 @@ def _grip_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _numbers(values: list[float]) -> str:
     return ", ".join(f"{value:.4g}" for value in values)
+
+
+@command(name="list", show=_show)
+def list_assets(*, assets: str | None, kind: Literal["articulated", "rigid"] | None = None) -> dict[str, Any]:
+    """List the classes of the library with their instances.
+
+    A rigid object is the only instance of its class.
+
+    Args:
+        kind: Only objects of this kind.  [default: both]
+    """
+    from gensim2.objects import listing, open_library
+
+    library = open_library(assets)
+    classes = [
+        {
+            "class": row.asset_class,
+            "kind": row.kind,
+            "instances": list(row.ids),
+            "joint": row.joint_type,
+            "source": row.source,
+            "license": row.license,
+            "description": row.description,
+        }
+        for row in listing(library)
+        if kind in (None, row.kind)
+    ]
+    return {"schema_version": 1, "library": library.name, "license": library.license, "classes": classes}
+
+
+@command(show=_show_object)
+def show(
+    object_: Annotated[str, Option(metavar="CLASS[/WHICH]")], *, assets: str | None, seed: int, progress: Progress
+) -> dict[str, Any]:
+    """Describe an object.
+
+    Prints its joint or grip, keypoints, mass, placement and files. WHICH is an id, train, test, new, all or random; of
+    several objects the first is described. Without WHICH it is the first of the class.
+    """
+    from gensim2.objects import open_library
+    from gensim2.objects.library.selection import select_one
+
+    library = open_library(assets)
+    item = select_one(library, object_, seed=seed)
+    from gensim2.objects.library.describe import describe  # imports SciPy, so bad input is refused first
+
+    progress.start(f"preparing {'/'.join(item)}", 1)
+    found = {"schema_version": 1, **describe(library, library.load(*item))}
+    progress.advance()
+    return found
+
+
+assets = click.Group(
+    "assets",
+    commands=[list_assets, show, validate, prepare, export, import_, render, gallery],
+    help="Inspect, check and extend the object library.",
+)

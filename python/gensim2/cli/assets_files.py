@@ -4,71 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
-from gensim2.cli import options
-from gensim2.cli.assets_validate import object_line
-from gensim2.cli.main import FOUND_WRONG
-from gensim2.cli.output import line, report
+from gensim2.cli.assets_validate import Every, Objects, object_line
+from gensim2.cli.options import Ending, command
+from gensim2.cli.output import line
+from gensim2.cli.typed import Option
+from gensim2.core.progress import Progress
 
-_out = click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    required=True,
-    metavar="LIBRARY",
-    help="Folder of objects, which --assets takes; made where it is not there.",
-)
-_force = click.option("--force", is_flag=True, help="Replace objects that are there already.")
-
-
-@click.command("export", cls=options.Command, short_help="Write objects as URDF, meshes and info.json.")
-@click.argument("objects", nargs=-1, metavar="[CLASS[/WHICH]]...")
-@options.assets
-@click.option("--all", "every", is_flag=True, help="All articulated objects of the library.")
-@_out
-@_force
-@options.seed
-@options.json_file
-def export(
-    objects: tuple[str, ...],
-    assets: str | None,
-    every: bool,
-    out: Path,
-    force: bool,
-    seed: int,
-    json_file: str | None,
-) -> None:
-    """Write articulated objects in the layout of the GenSim2 release, which other tools load.
-
-    WHICH is an id, train, test, new, all or random. Each object becomes articulated_objs/CLASS/ID in LIBRARY with
-    mobility.urdf, textured_objs/ and info.json, in metres.
-    """
-    if not objects and not every:
-        raise click.UsageError("name a CLASS or CLASS/ID, or say --all")
-    with report(json_file, _show_exported) as (progress, give):
-        from gensim2.objects import open_library
-        from gensim2.objects.library.selection import select
-
-        library = open_library(assets)
-        items = select(library, objects, every=every, seed=seed, kind="articulated")
-        from gensim2.objects.library.export import export as function
-
-        progress.start(f"exporting objects of {library.name}", len(items))
-        written = []
-        for asset_class, instance_id in items:
-            instance = library.load_articulated(asset_class, instance_id)
-            written.append(
-                {
-                    "class": asset_class,
-                    "id": instance_id,
-                    "folder": str(function(instance, out, force)),
-                    "license": instance.license,
-                }
-            )
-            progress.advance()
-        give({"schema_version": 1, "library": str(out), "objects": written})
+Library = Annotated[Path, click.Path(path_type=Path, file_okay=False), Option(metavar="LIBRARY")]
 
 
 class _Scale(click.ParamType[float | str]):
@@ -77,7 +23,7 @@ class _Scale(click.ParamType[float | str]):
     name = "scale"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
-        """Read it."""
+        """Return the number or ``auto``."""
         if value == "auto":
             return "auto"
         try:
@@ -87,56 +33,6 @@ class _Scale(click.ParamType[float | str]):
         if not (math.isfinite(number) and number > 0):
             self.fail(f"{value!r} is neither 'auto' nor a positive number", param, ctx)
         return number
-
-
-@click.command("import", cls=options.Command, short_help="Make an object of a PartNet-Mobility folder.")
-@click.argument("source", metavar="DIR")
-@click.option("--class", "asset_class", required=True, metavar="CLASS", help="Class of the new object.")
-@click.option("--name", required=True, metavar="ID", help="Its id.")
-@click.option("--joint", metavar="JOINT", help="The joint that stays.  [default: the only one of the class's type]")
-@click.option(
-    "--scale", type=_Scale(), default="auto", show_default=True, metavar="S|auto", help="Metres a unit of the model."
-)
-@click.option("--license", metavar="TEXT", default="unstated", show_default=True, help="Terms of the model.")
-@_out
-@_force
-@options.json_file
-@click.pass_context
-def import_(
-    ctx: click.Context,
-    source: str,
-    asset_class: str,
-    name: str,
-    joint: str | None,
-    scale: Any,
-    license: str,
-    out: Path,
-    force: bool,
-    json_file: str | None,
-) -> None:
-    """Make an object of a PartNet-Mobility folder, or of the number of one that ManiSkill has downloaded.
-
-    Fixes all joints but one, scales, proposes keypoints from the moving link's geometry, and checks the result.
-    Edit info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY` where the proposal
-    does not suit. Ends with 1 where the object is not sound.
-    """
-    with report(json_file, _show_imported) as (progress, give):
-        from gensim2.objects import open_library
-        from gensim2.objects.library.sources import find_source
-
-        folder = find_source(source)
-        from gensim2.inspection.validate import check_object
-        from gensim2.objects.library.importer import import_object  # brings SciPy: after what can be refused
-
-        imported = import_object(
-            folder, out, asset_class, name, joint=joint, scale=scale, license=license, replace=force
-        )
-        progress.start(f"taking {asset_class}/{name} apart and checking it", 1)
-        checked = check_object(open_library(out), asset_class, name)
-        progress.advance()
-        give({"schema_version": 1, **imported.to_dict(), "object": checked.to_dict()})
-    if not checked.sound:
-        ctx.exit(FOUND_WRONG)
 
 
 def _show_imported(result: dict[str, Any]) -> None:
@@ -153,3 +49,88 @@ def _show_exported(result: dict[str, Any]) -> None:
         line(entry["folder"])
     for terms in sorted({entry["license"] for entry in result["objects"]}):
         line(f"license: {terms}")
+
+
+@command(show=_show_exported)
+def export(
+    objects: Objects = (),
+    *,
+    assets: str | None,
+    every: Every = False,
+    out: Library,
+    force: bool = False,
+    seed: int,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Write objects as URDF, meshes and info.json.
+
+    Writes articulated objects in the layout of the GenSim2 release, which other tools load. WHICH is an id, train,
+    test, new, all or random. Each object becomes articulated_objs/CLASS/ID in LIBRARY with mobility.urdf,
+    textured_objs/ and info.json, in metres.
+
+    Args:
+        every: Export all articulated objects of the library.
+        out: Folder of objects, usable as --assets; created if missing.
+        force: Replace existing objects.
+    """
+    if not objects and not every:
+        raise click.UsageError("name a CLASS or CLASS/ID, or say --all")
+    from gensim2.objects import open_library
+    from gensim2.objects.library.selection import select
+
+    library = open_library(assets)
+    items = select(library, objects, every=every, seed=seed, kind="articulated")
+    from gensim2.objects.library.export import export as function
+
+    progress.start(f"exporting objects of {library.name}", len(items))
+    written = []
+    for asset_class, instance_id in items:
+        instance = library.load_articulated(asset_class, instance_id)
+        folder = str(function(instance, out, force))
+        written.append({"class": asset_class, "id": instance_id, "folder": folder, "license": instance.license})
+        progress.advance()
+    return {"schema_version": 1, "library": str(out), "objects": written}
+
+
+@command(name="import", show=_show_imported)
+def import_(
+    source: Annotated[str, Option(metavar="DIR")],
+    *,
+    asset_class: Annotated[str, Option("--class", "CLASS")],
+    name: Annotated[str, Option(metavar="ID")],
+    joint: Annotated[str | None, Option(metavar="JOINT")] = None,
+    scale: Annotated[Any, _Scale(), Option(metavar="S|auto")] = "auto",
+    license: Annotated[str, Option(metavar="TEXT")] = "unstated",
+    out: Library,
+    force: bool = False,
+    progress: Progress,
+) -> dict[str, Any] | Ending:
+    """Make an object of a PartNet-Mobility folder.
+
+    DIR is the folder, or the number of a model that ManiSkill has downloaded. Fixes all joints but one, scales the
+    model, proposes keypoints from the geometry of the moving link, and checks the result. To change the proposal, edit
+    info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY`. Ends with exit code 1 if
+    the object is not sound.
+
+    Args:
+        asset_class: Class of the new object.
+        name: Id of the new object.
+        joint: Joint that stays movable.  [default: the only one of the class's type]
+        scale: Metres for each unit of the model.
+        license: Licence of the model.
+        out: Folder of objects, usable as --assets; created if missing.
+        force: Replace existing objects.
+    """
+    from gensim2.objects import open_library
+    from gensim2.objects.library.sources import find_source
+
+    folder = find_source(source)
+    from gensim2.inspection.validate import check_object  # imports SciPy, so bad input is refused first
+    from gensim2.objects.library.importer import import_object
+
+    imported = import_object(folder, out, asset_class, name, joint=joint, scale=scale, license=license, replace=force)
+    progress.start(f"taking {asset_class}/{name} apart and checking it", 1)
+    checked = check_object(open_library(out), asset_class, name)
+    progress.advance()
+    result = {"schema_version": 1, **imported.to_dict(), "object": checked.to_dict()}
+    return result if checked.sound else Ending(result)

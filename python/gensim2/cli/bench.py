@@ -3,61 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import click
-from click.core import ParameterSource
 
-from gensim2.cli import options
-from gensim2.cli.output import report, table
+from gensim2.cli.options import Checkpoint, Robot, command, is_given
+from gensim2.cli.output import table
+from gensim2.cli.typed import Count, File, Folder, Name, Option, count
+from gensim2.core.progress import Progress
 
-
-@click.group("bench")
-def bench() -> None:
-    """Measure the solver and policies."""
-
-
-@bench.command("solver", cls=options.Command, short_help="Solve a file of planning problems.")
-@click.option(
-    "--problems", type=click.Path(path_type=Path), required=True, metavar="FILE", help="Problems, one a line."
-)
-@click.option(
-    "--assets",
-    type=click.Path(path_type=Path),
-    default=None,
-    metavar="DIR",
-    help="Folder of real objects, which are then obstacles.  [default: the table is the only one]",
-)
-@click.option(
-    "--frames",
-    type=click.Choice(["original", "object"]),
-    default="original",
-    show_default=True,
-    help="Reading of motion frames: the original's, or the object's own.",
-)
-@click.option("--threads", type=options.count(1024), default=1, show_default=True, help="Solver threads.")
-@click.option("--sample-dt", type=float, default=None, metavar="S", help="Also write the joints every S seconds.")
-@options.json_file
-def solver(
-    problems: Path,
-    assets: Path | None,
-    frames: Literal["original", "object"],
-    threads: int,
-    sample_dt: float | None,
-    json_file: str | None,
-) -> None:
-    """Solve a file of planning problems and say what was found; --json writes one JSON object a problem, each a line.
-
-    Times are CPU time of the solver calls alone; reading and mesh loading come before.
-    """
-    with report(json_file, _show, _json_lines) as (progress, give):
-        from gensim2.bench import solve_problems, summary_of
-
-        records = solve_problems(
-            problems, assets=assets, frames=frames, threads=threads, sample_dt=sample_dt, progress=progress
-        )
-        give({"records": records, "summary": summary_of(records).to_dict()})
+Threads = Annotated[int, count(1024)]
 
 
 def _json_lines(result: dict[str, Any]) -> str:
@@ -85,37 +40,6 @@ def _show(result: dict[str, Any]) -> None:
     )
 
 
-@bench.command("motion", cls=options.Command, short_help="Plan a file of joint-to-joint problems.")
-@click.option(
-    "--problems", type=click.Path(path_type=Path), required=True, metavar="FILE", help="Problems, one a line."
-)
-@click.option(
-    "--robot",
-    type=options.ROBOT,
-    default="panda",
-    show_default=True,
-    metavar="NAME|FILE.py",
-    help="Robot that the problems are for.",
-)
-@click.option(
-    "--margin", type=float, default=0.005, show_default=True, metavar="M", help="Distance kept from everything, m."
-)
-@click.option("--deadline-ms", type=float, default=None, metavar="MS", help="Time for each problem.  [default: none]")
-@options.json_file
-def motion(problems: Path, robot: str, margin: float, deadline_ms: float | None, json_file: str | None) -> None:
-    """Plan joint-to-joint problems and say what was found; --json writes one JSON object a problem, each a line.
-
-    Times are CPU time from the problem to the timed motion, the building of each scene included.
-    """
-    with report(json_file, _show_motion, _json_lines) as (progress, give):
-        from gensim2.bench import motion_summary, read_motion_problems, solve_motions
-
-        records = solve_motions(
-            read_motion_problems(problems), robot=robot, margin=margin, deadline_ms=deadline_ms, progress=progress
-        )
-        give({"records": records, "summary": motion_summary(records).to_dict()})
-
-
 def _show_motion(result: dict[str, Any]) -> None:
     summary = result["summary"]
     statuses = ", ".join(f"{status} {count}" for status, count in summary["statuses"].items())
@@ -132,60 +56,10 @@ def _show_motion(result: dict[str, Any]) -> None:
     )
 
 
-@bench.command("policy", cls=options.Command, short_help="Time policies from observation to action.")
-@click.option(
-    "--checkpoint",
-    default=None,
-    metavar="DIR|builtin",
-    help="A keypose policy, whose looks are timed in episodes of its tasks, the planner included.",
-)
-@click.option("--head", "heads", multiple=True, metavar="NAME", help="Only this one; may be given again.")
-@click.option("--encoder", "encoders", multiple=True, metavar="NAME", help="May be given again.  [default: mlp]")
-@click.option(
-    "--points", type=options.count(49152), default=512, show_default=True, help="Number of points of a cloud."
-)
-@click.option(
-    "--decisions", type=options.count(), default=100, show_default=True, help="Number of decisions of each policy."
-)
-@click.option("--threads", type=options.count(1024), default=1, show_default=True, help="Number of PyTorch's threads.")
-@click.option("--device", default="cpu", show_default=True, help="Device by PyTorch's name.")
-@options.library
-@options.assets
-@options.json_file
-def policy(
-    checkpoint: str | None, heads: tuple[str, ...], encoders: tuple[str, ...], json_file: str | None, **given: Any
-) -> None:
-    """Time decisions of every head on a live scene, rays included, with fresh weights, batch 1.
-
-    The planner that executes keyposes is not part of it; --checkpoint times a trained policy with it.
-    """
-    if checkpoint is not None:
-        _refuse_beside_a_checkpoint(click.get_current_context())
-    with report(json_file, _show_policy if checkpoint is None else _show_looks) as (progress, give):
-        if checkpoint is not None:
-            from gensim2.policy.keypose.latency import measure_looks
-
-            looks = {name: given[name] for name in ("threads", "assets")}
-            return give(measure_looks(checkpoint, looks=given["decisions"], progress=progress, **looks))
-        from gensim2.policy.config import HEADS
-        from gensim2.policy.latency import measure_latencies
-
-        give(measure_latencies(heads or HEADS, encoders or ("mlp",), progress=progress, **given))
-
-
-def _refuse_beside_a_checkpoint(context: click.Context) -> None:
-    """Refuse what a trained policy says itself: its network, and that it runs on the processor."""
-    for param in context.command.params:
-        told = context.get_parameter_source(param.name or "") is ParameterSource.COMMANDLINE
-        if told and param.name not in ("checkpoint", "decisions", "threads", "assets", "library", "json_file"):
-            raise click.UsageError(f"Give {param.opts[0]} without --checkpoint: a trained policy says it itself.")
-
-
-def _show_looks(result: dict[str, Any]) -> None:
-    _show_times(result, ("tasks",), lambda row: (", ".join(row["tasks"]),), f"{result['looks']} looks, ")
-
-
 def _show_policy(result: dict[str, Any]) -> None:
+    if "looks" in result:
+        _show_times(result, ("tasks",), lambda row: (", ".join(row["tasks"]),), f"{result['looks']} looks, ")
+        return
     _show_times(result, ("encoder", "head", "weights"), lambda row: (row["encoder"], row["head"], row["parameters"]))
 
 
@@ -200,3 +74,110 @@ def _show_times(
     ]
     title = f"{what}{result['threads']} threads, load of the machine {result['load']:.1f}"
     table((*heads, *(f"{stage}, ms: p50 p95 (CPU)" for stage in stages)), rows, title=title)
+
+
+@command(show=_show, text=_json_lines)
+def solver(
+    *,
+    problems: File,
+    assets: Folder | None = None,
+    frames: Literal["original", "object"] = "original",
+    threads: Threads = 1,
+    sample_dt: Annotated[float | None, Option(metavar="S")] = None,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Solve a file of planning problems.
+
+    --json writes one JSON object for each problem, each on its own line. Times are CPU times of the solver calls alone;
+    reading and mesh loading come before.
+
+    Args:
+        problems: Planning problems, one on each line.
+        assets: Folder of real objects, which are then obstacles.  [default: the table is the only obstacle]
+        frames: Interpretation of motion frames: the original's, or the object's own.
+        threads: Number of solver threads.
+        sample_dt: Also write the joints at this interval in seconds.
+    """
+    from gensim2.bench import solve_problems, summary_of
+
+    records = solve_problems(
+        problems, assets=assets, frames=frames, threads=threads, sample_dt=sample_dt, progress=progress
+    )
+    return {"records": records, "summary": summary_of(records).to_dict()}
+
+
+@command(show=_show_motion, text=_json_lines)
+def motion(
+    *,
+    problems: File,
+    robot: Robot = "panda",
+    margin: Annotated[float, Option(metavar="M")] = 0.005,
+    deadline_ms: Annotated[float | None, Option(metavar="MS")] = None,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Plan a file of joint-to-joint problems.
+
+    --json writes one JSON object for each problem, each on its own line. Times are CPU times from the problem to the
+    timed motion, including the construction of the scene.
+
+    Args:
+        problems: Motion problems, one on each line.
+        robot: Robot of the problems.
+        margin: Smallest distance to all obstacles, in metres.
+        deadline_ms: Time limit of each problem in milliseconds.  [default: none]
+    """
+    from gensim2.bench import motion_summary, read_motion_problems, solve_motions
+
+    read = read_motion_problems(problems)
+    records = solve_motions(read, robot=robot, margin=margin, deadline_ms=deadline_ms, progress=progress)
+    return {"records": records, "summary": motion_summary(records).to_dict()}
+
+
+@command("library", "assets", show=_show_policy)
+def policy(
+    *,
+    checkpoint: Checkpoint | None = None,
+    heads: Annotated[tuple[Name, ...], Option("--head", "NAME")] = (),
+    encoders: Annotated[tuple[Name, ...], Option("--encoder", "NAME")] = (),
+    points: Annotated[int, count(49152)] = 512,
+    decisions: Count = 100,
+    threads: Threads = 1,
+    device: str = "cpu",
+    progress: Progress,
+    **given: Any,
+) -> dict[str, Any]:
+    """Time policies from observation to action.
+
+    Times decisions of every head on a live scene, including ray casting, with fresh weights and batch size 1. The
+    planner that executes keyposes is not included; --checkpoint times a trained policy with it.
+
+    Args:
+        checkpoint: Keypose policy whose decisions are timed in episodes of its tasks, including the planner.
+        heads: Only this head; may be given again.
+        encoders: Encoder to time; may be given again.  [default: mlp]
+        points: Number of points of a cloud.
+        decisions: Number of decisions of each policy.
+        threads: Number of PyTorch's threads.
+        device: Device by PyTorch's name.
+    """
+    from gensim2.policy.config import HEADS
+    from gensim2.policy.keypose.latency import measure_looks
+    from gensim2.policy.latency import measure_latencies
+
+    timed: dict[str, Any] = {"threads": threads, "progress": progress, **given}
+    if checkpoint is not None:
+        _refuse_beside_a_checkpoint(click.get_current_context())
+        return measure_looks(checkpoint, looks=decisions, **timed)
+    own: dict[str, Any] = {"points": points, "decisions": decisions, "device": device}
+    return measure_latencies(heads or HEADS, encoders or ("mlp",), **own, **timed)
+
+
+def _refuse_beside_a_checkpoint(context: click.Context) -> None:
+    """Refuse the options that a trained policy determines: its network and its device."""
+    for param in context.command.params:
+        fits = param.name in ("checkpoint", "decisions", "threads", "assets", "library", "json_file")
+        if not fits and is_given(context, param.name or ""):
+            raise click.UsageError(f"Give {param.opts[0]} without --checkpoint: a trained policy says it itself.")
+
+
+bench = click.Group("bench", commands=[solver, motion, policy], help="Measure the solver and policies.")

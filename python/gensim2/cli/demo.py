@@ -5,38 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import click
-
-from gensim2.cli import options
-from gensim2.cli.main import FOUND_WRONG
-from gensim2.cli.output import line, report
-
-
-@click.command("demo", cls=options.Command, short_help="Record demonstrations of a task.")
-@click.argument("task")
-@click.option("--episodes", type=options.count(), default=5, show_default=True, help="Demonstrations to record.")
-@options.library
-@options.scenes
-@options.out("Folder to write to.  [default: runs/<date>-<time>]")
-@options.processes
-@options.resume
-@options.video
-@options.json_file
-@click.pass_context
-def demo(ctx: click.Context, /, task: str, episodes: int, json_file: str | None, **given: Any) -> None:
-    """Record demonstrations of TASK, a task of the library or a folder that holds task.yaml and strategies/.
-
-    What counts is what holds at the end; --json tells of every verdict how many of the episodes that were run fulfil
-    it, and the CPU seconds of all processes without their start. Ends with 1 where fewer demonstrations succeeded than
-    were asked for.
-    """
-    with report(json_file, _show) as (progress, give):
-        from gensim2.design import demo as function
-
-        result = function(task, episodes=episodes, progress=progress, **given).to_dict()
-        give(result)
-    if result["demos"] < episodes:
-        ctx.exit(FOUND_WRONG)
+from gensim2.cli.options import EPISODES, PROCESSES, Ending, command
+from gensim2.cli.output import line
+from gensim2.cli.typed import Count
+from gensim2.core.progress import Progress
 
 
 def _show(result: dict[str, Any]) -> None:
@@ -48,3 +20,20 @@ def _show(result: dict[str, Any]) -> None:
     for note in result["notes"]:
         line(f"note: {note}")
     line(f"report: {Path(result['run_dir']) / 'report.html'}")
+
+
+@command("library", *EPISODES, "out", *PROCESSES, "resume", "video", show=_show)
+def demo(task: str, *, episodes: Count = 5, progress: Progress, **given: Any) -> dict[str, Any] | Ending:
+    """Record demonstrations of a task.
+
+    TASK is a task of the library or a folder that holds task.yaml and strategies/. A demonstration counts if the goal
+    holds at the end; --json also holds, for every verdict, the number of episodes that meet it, and the CPU seconds of
+    all processes without their start. Ends with exit code 1 if fewer demonstrations succeeded than requested.
+
+    Args:
+        episodes: Number of demonstrations to record.
+    """
+    from gensim2.design import demo as function
+
+    result = function(task, episodes=episodes, progress=progress, **given).to_dict()
+    return result if result["demos"] >= episodes else Ending(result)

@@ -1,14 +1,14 @@
-"""Options that say who designs, and the designer that they stand for."""
+"""Options of who designs, and the designer that they name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import sys
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
-from gensim2.cli import options
+from gensim2.cli.typed import File, Folder, Option, count
+from gensim2.core.errors import InputError, near
 
 if TYPE_CHECKING:
     from gensim2.design import Designer
@@ -17,57 +17,53 @@ if TYPE_CHECKING:
 
 OFFLINE = "offline"
 
-_FILE = click.Path(path_type=Path)
-_OPTIONS = (
-    click.option(
-        "--mode",
-        type=click.Choice(("explore", "topdown", "bottomup")),
-        help="Tasks of one motion; long ones taken apart; long ones put together from verified ones.  "
-        "[default: explore; the offline designer: all that it knows]",
-    ),
-    click.option("--trials", type=options.count(50), help="Configs of a step written at once.  [default: 3]"),
-    click.option(
-        "--max-rounds",
-        type=options.count(20),
-        help="Answers to a question before it is dropped, and rounds of better configs after physics.  [default: 3]",
-    ),
-    click.option("--visual", is_flag=True, help="Show the model pictures of object and actuation pose."),
-    click.option("--code", is_flag=True, help="Ask for each task as code, too, which is interpreted."),
-    click.option("--review", is_flag=True, help="Ask on the terminal of each proposal whether it is wanted."),
-    click.option("--prompts", type=_FILE, metavar="DIR", help="Prompts of your own, by the names of ours."),
-    click.option("--replay", type=_FILE, metavar="RUN", help="Use the answers of this run folder, and ask no model."),
-    click.option("--model-config", "config", type=_FILE, metavar="FILE", help="How the model is asked (YAML)."),
-    click.option(
-        "--base-url", metavar="URL", help="OpenAI-compatible endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]"
-    ),
-    click.option("--temperature", type=click.FloatRange(0, 2), help="Temperature of the model's answers."),
-    click.option(
-        "--budget",
-        type=click.FloatRange(0, min_open=True),
-        metavar="USD",
-        help="Largest cost of the model's answers; needs both prices.",
-    ),
-    click.option("--price-in", type=click.FloatRange(0), metavar="USD", help="Price of a million tokens of questions."),
-    click.option("--price-out", type=click.FloatRange(0), metavar="USD", help="Price of a million tokens of answers."),
-    click.option("--concurrency", type=options.count(64), help="Questions under way at once.  [default: 4]"),
-)
+Price = Annotated[float | None, click.FloatRange(0), Option(metavar="USD")]
 
-#: Of these, those that mean something to the offline designer.
+
+class Designing:
+    """Options of who designs.
+
+    Attributes:
+        mode: explore designs tasks of one motion; topdown takes long tasks apart; bottomup composes long tasks of
+            verified ones.  [default: explore; offline designer: all that it knows]
+        trials: Number of configs of a step to request at once.  [default: 3]
+        max_rounds: Number of answers to a question before it is dropped, and of rounds that improve configs after
+            physics.  [default: 3]
+        visual: Show the model pictures of the object and the actuation pose.
+        code: Also request each task as code, which is interpreted.
+        review: Ask on the terminal whether to accept each proposal.
+        prompts: Your own prompts, with the names of ours.
+        replay: Use the answers of this run folder, and ask no model.
+        config: Settings of the model (YAML).
+        base_url: OpenAI-compatible endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]
+        temperature: Temperature of the model's answers.
+        budget: Largest cost of the model's answers; needs both prices.
+        price_in: Price of a million tokens of questions.
+        price_out: Price of a million tokens of answers.
+        concurrency: Number of simultaneous questions.  [default: 4]
+    """
+
+    mode: Literal["explore", "topdown", "bottomup"] | None = None
+    trials: Annotated[int | None, count(50)] = None
+    max_rounds: Annotated[int | None, count(20)] = None
+    visual: bool = False
+    code: bool = False
+    review: bool = False
+    prompts: Folder | None = None
+    replay: Annotated[Folder | None, Option(metavar="RUN")] = None
+    config: Annotated[File | None, Option("--model-config", "FILE")] = None
+    base_url: Annotated[str | None, Option(metavar="URL")] = None
+    temperature: Annotated[float | None, click.FloatRange(0, 2)] = None
+    budget: Annotated[float | None, click.FloatRange(0, min_open=True), Option(metavar="USD")] = None
+    price_in: Price = None
+    price_out: Price = None
+    concurrency: Annotated[int | None, count(64)] = None
+
+
+NAMES = tuple(Designing.__annotations__)
+#: Options that apply to the offline designer, too.
 _FOR_ALL = ("mode", "review")
 _ASKING = ("mode", "trials", "max_rounds", "visual", "code")
-
-NAMES = (
-    *_ASKING, "review", "prompts", "replay", "config", "base_url", "temperature", "budget", "price_in",
-    "price_out", "concurrency",
-)  # fmt: skip
-"""Parameters of the options."""
-
-
-def designer_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of who designs; it takes them by the names in ``NAMES``."""
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
 
 
 def designer_of_command(
@@ -83,7 +79,6 @@ def designer_of_command(
         InputError: an option cannot be used, or means nothing to this designer.
         MissingExtraError: the extra ``llm`` is not installed.
     """
-    from gensim2.core.errors import InputError
     from gensim2.design.designing import model_designer, offline_designer
     from gensim2.tasks.library import task_names
 
@@ -121,7 +116,6 @@ def _check_object(target_object: str, target_task: str | None, scene: SceneOptio
     Raises:
         InputError: there is no such class, or the task is given, too.
     """
-    from gensim2.core.errors import InputError, near
     from gensim2.objects import open_library
     from gensim2.tasks.library import task_names
 
@@ -139,9 +133,6 @@ def _check_terminal() -> None:
     Raises:
         InputError: standard input is no terminal.
     """
-    import sys
-
-    from gensim2.core.errors import InputError
 
     if not sys.stdin.isatty():
         raise InputError("standard input is no terminal, so no one can be asked", field="--review")

@@ -7,70 +7,49 @@ from typing import Any
 
 import click
 
-from gensim2.cli import options
-from gensim2.cli.output import line, report, table
+from gensim2.cli.options import command
+from gensim2.cli.output import line, table
+from gensim2.cli.typed import File
+from gensim2.core.progress import Progress
+
+#: Experiments with what each measures.
+EXPERIMENTS = {
+    "generalization": "Train one policy for 5 tasks and one for 15, and test on training objects and on others; arms "
+    "with real objects need a folder of them, --assets.",
+    "breadth": "Train one policy for the 24 single-step tasks and one for all 39, and test on unseen objects, on real "
+    "ones, with opposite and with reworded instructions; real objects need a folder of them, --assets.",
+    "scaling": "Measure success on unseen objects by the number of training objects.",
+    "combinations": "Test one policy, by its instructions, on objects in containers that were not trained together.",
+    "designed": "Train one policy for each designed single-step task of the package, and one for all of them.",
+}
 
 
-@click.group("experiment", short_help="Teach and measure several policies, and draw the figure.")
+@click.group("experiment", short_help="Train and measure several policies, and draw the figure.")
 def experiment() -> None:
-    """Experiments of several trainings, each one command that --resume goes on with, and one page."""
+    """Run experiments of several trainings; each is one command, which --resume continues, and one page."""
 
 
-def _command(name: str, short: str) -> click.Command:
-    @click.command(name, cls=options.Command, short_help=short, help=short)
-    @click.option("--small", is_flag=True, help="The same at the size of a check: some minutes on two cores.")
-    @click.option(
-        "--config",
-        type=click.Path(path_type=Path),
-        default=None,
-        metavar="FILE",
-        help="Arms as YAML, in place of the package's own.",
-    )
-    @options.seed
-    @options.assets
-    @options.out("Folder to write to.  [default: runs/<date>-<time>]")
-    @options.workers
-    @options.device
-    @options.resume
-    @options.json_file
-    def run(small: bool, config: Path | None, out: Path | None, json_file: str | None, **given: Any) -> None:
+def _add(name: str, help_text: str) -> None:
+    def run(
+        *, small: bool = False, config: File | None = None, out: Path | None, progress: Progress, **given: Any
+    ) -> dict[str, Any]:
+        """Run an experiment.
+
+        Args:
+            small: Run a small version as a check; it takes some minutes on two cores.
+            config: Arms as YAML, in place of the package's own.
+        """
         if small and config is not None:
             raise click.UsageError("Give either --small or --config.")
-        with report(json_file, _show) as (progress, give):
-            from gensim2.data.runfolder import default_run_dir
-            from gensim2.policy.experiments import config_of, read_experiment, run_experiment
+        from gensim2.data.runfolder import default_run_dir
+        from gensim2.policy.experiments import config_of, read_experiment, run_experiment
 
-            chosen = config_of(name, small=small) if config is None else read_experiment(config)  # type: ignore[arg-type]
-            give(run_experiment(chosen, out=out or default_run_dir(), progress=progress, **given).to_dict())
+        chosen = config_of(name, small=small) if config is None else read_experiment(config)  # type: ignore[arg-type]
+        return run_experiment(chosen, out=out or default_run_dir(), progress=progress, **given).to_dict()
 
-    return run
-
-
-experiment.add_command(
-    _command(
-        "generalization",
-        "One policy for 5 tasks and one for 15, on objects that it was taught on and on others; arms of real objects "
-        "take a folder of them, --assets.",
-    )
-)
-experiment.add_command(
-    _command(
-        "breadth",
-        "One policy for the 24 single-step tasks and one for all 39, on unseen objects, on real ones, told the "
-        "opposite, and told the same in other words; real objects take a folder of them, --assets.",
-    )
-)
-experiment.add_command(
-    _command("scaling", "Success on unseen objects by the number of objects that a policy was taught on.")
-)
-experiment.add_command(
-    _command("combinations", "One policy on things in containers that it was not taught together, by their sentences.")
-)
-experiment.add_command(
-    _command(
-        "designed", "One policy for the designed tasks of one step that come with the package, and one for all of them."
-    )
-)
+    made = command("seed", "assets", "workers", "device", "resume", name=name, show=_show)(run)
+    made.help = made.short_help = help_text
+    experiment.add_command(made)
 
 
 def _show(result: dict[str, Any]) -> None:
@@ -92,3 +71,7 @@ def _show(result: dict[str, Any]) -> None:
 def _rate(row: dict[str, Any], kind: str) -> str:
     mean, interval = row[f"{kind}_mean"], row[f"{kind}_interval"]
     return "" if mean is None else f"{mean:.2f} ({interval[0]:.2f} to {interval[1]:.2f})"
+
+
+for _name, _text in EXPERIMENTS.items():
+    _add(_name, _text)

@@ -3,165 +3,62 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import click
 
-from gensim2.cli import options
-from gensim2.cli.output import line, report, table
+from gensim2.cli.options import SCENE, Checkpoint, command
+from gensim2.cli.output import line, table
+from gensim2.cli.typed import Count, File, Folder, Option, count
+from gensim2.core.progress import Progress
 
 
-@click.command("learn", cls=options.Command, short_help="Teach tasks to a policy, and measure it.")
-@click.argument("tasks", nargs=-1, required=True)
-@click.option(
-    "--policy",
-    type=click.Choice(("keypose", "chunk", "transformer", "diffusion", "flow")),
-    default="keypose",
-    show_default=True,
-    help="keypose: the network says where the hand goes, the planner how; taught by plans. The others give chunks of "
-    "actions and are taught by episodes.",
-)
-@click.option(
-    "--minutes",
-    type=click.FloatRange(0, 1e5, min_open=True),
-    default=15.0,
-    show_default=True,
-    help="CPU minutes for the data and the training of each policy; where a GPU trains, what the data leave of them is "
-    "time by the clock. Evaluation is not bounded.",
-)
-@click.option("--multi-task", is_flag=True, help="One policy for all TASKS; their sentences tell them apart.")
-@click.option(
-    "--scenes",
-    type=options.count(),
-    default=2000,
-    show_default=True,
-    help="Most of each task to plan; of episodes at most 600.",
-)
-@click.option(
-    "--episodes",
-    type=options.count(),
-    default=50,
-    show_default=True,
-    help="Number of episodes of each task to evaluate.",
-)
-@options.controls("all")
-@click.option(
-    "--videos",
-    type=click.IntRange(0, 1000),
-    default=3,
-    show_default=True,
-    help="Number of episodes of each task to film for the page.",
-)
-@click.option(
-    "--objects",
-    type=options.count(100_000),
-    default=None,
-    help="Generated ones of each class to learn from, beyond those that are listed.  [default: those of --instances, "
-    "and where that is not given 200, of real objects those of train]",
-)
-@click.option(
-    "--generated",
-    type=options.count(100_000),
-    default=None,
-    help="Generated ones of each class to learn from beside those of --assets; the time for plans is divided by "
-    "the numbers of both, and up to --scenes go into each.",
-)
-@click.option(
-    "--verify",
-    is_flag=True,
-    help="Execute the plans that a keypose policy is taught by in physics, and leave out those that it refutes; a "
-    "scene then takes ten times as long.",
-)
-@click.option(
-    "--from",
-    "start",
-    default=None,
-    metavar="DIR|builtin",
-    help="A keypose policy of several tasks, as learn left it, or the package's: TASKS are added to its own, and all "
-    "are measured.",
-)
-@click.option(
-    "--demonstrations",
-    type=click.Path(path_type=Path),
-    default=None,
-    metavar="DIR",
-    help="What learn has made for another policy of the same TASKS, objects and seed: its demonstrations are taken "
-    "along, and more are made where their share of --minutes is not spent.",
-)
-@click.option(
-    "--text",
-    type=click.Choice(("small", "clip", "sentence")),
-    default=None,
-    help="Text encoder of a policy of several tasks: one that is trained with it, CLIP's, or that of a model of "
-    "sentences.  [default: that of --from, else small]",
-)
-@click.option(
-    "--text-model",
-    default=None,
-    metavar="FOLDER|NAME",
-    help="Folder or hub name of the weights of --text clip or sentence.  [default: CLIP's on the hub]",
-)
-@click.option(
-    "--config",
-    "settings",
-    type=click.Path(path_type=Path),
-    default=None,
-    metavar="FILE",
-    help="Settings of network and training that are to be otherwise, as YAML: encoder: pointnext.",
-)
-@options.noise(None, "Of the cameras, in training and in evaluation  [default: none]")
-@click.option(
-    "--test-instances",
-    default=None,
-    metavar="all|train[-K]|test[-K]|new|ID",
-    help="Objects to evaluate on.  [default: new where --objects are learned from; else, and with --from a policy that "
-    "was taught on listed objects, test where each class has ten or more objects, else new]",
-)
-@options.library
-@options.seed
-@options.assets
-@click.option(
-    "--instances",
-    default=None,
-    metavar="all|train[-K]|test[-K]|new|ID",
-    help="Objects to learn from, in place of --objects.",
-)
-@options.engine
-@options.physics
-@options.randomization
-@options.robot
-@options.out("Folder to write to: a --checkpoint, or one for each task.  [default: runs/<date>-<time>]")
-@options.workers
-@options.device
-@options.resume
-@options.json_file
-def learn(
-    tasks: tuple[str, ...],
-    out: Path | None,
-    controls: str,
-    instances: str | None,
-    json_file: str | None,
-    noise: str | None,
-    **given: Any,
-) -> None:
-    """Teach TASKS to a policy that sees point clouds, the robot and a sentence.
+class Learning:
+    """Options of training.
 
-    Draws scenes and plans them (for action chunks: simulates and renders them), trains, and evaluates on objects and
-    seeds that no training saw, beside its controls.
+    Attributes:
+        policy: Network. keypose predicts poses of the hand, the planner moves between them, and plans teach it. The
+            others predict chunks of actions, and episodes teach them.
+        minutes: CPU minutes for the data and the training of each policy. If a GPU trains, the rest after the data is
+            wall-clock time. Evaluation is not limited.
+        multi_task: Train one policy for all TASKS; their sentences tell the tasks apart.
+        scenes: Largest number of scenes of each task to plan; of episodes at most 600.
+        episodes: Number of episodes of each task to evaluate.
+        videos: Number of episodes of each task to film for the page.
+        objects: Number of generated objects of each class to learn from, beyond the listed ones.  [default: the objects
+            of --instances; without --instances 200, or the training split of real objects]
+        generated: Number of generated objects of each class to learn from beside the objects of --assets. Both share
+            the time for plans in proportion to their numbers, and each gets up to --scenes.
+        verify: Execute the plans that teach a keypose policy in physics, and leave out failed ones; a scene then takes
+            ten times as long.
+        start: Keypose policy of several tasks that learn made, or the package's. TASKS are added to its tasks, and all
+            are measured.
+        demonstrations: Run of learn for another policy with the same TASKS, objects and seed. Its demonstrations are
+            used, and more are made if their share of --minutes is not spent.
+        text: Text encoder of a policy of several tasks: a small one trained with it, CLIP's, or a sentence model's.
+            [default: that of --from, else small]
+        text_model: Folder or hub name of the weights of --text clip or sentence.  [default: CLIP's on the hub]
+        settings: Settings of network and training that differ from the defaults, as YAML; for example encoder:
+            pointnext.
+        test_instances: Objects to evaluate on.  [default: new if the policy learns from --objects; otherwise, and with
+            --from a policy that was trained on listed objects, test if each class has ten or more objects, else new]
     """
-    with report(json_file, _show) as (progress, give):
-        from gensim2.data.runfolder import default_run_dir
-        from gensim2.perception.noise_file import read_noise
-        from gensim2.policy.evaluating import read_controls
-        from gensim2.policy.learning import learn as function
 
-        if instances is not None:
-            given["instances"] = instances
-        if noise is not None:
-            given["noise"] = read_noise(noise)
-        where = out or default_run_dir()
-        result = function(tasks, out=where, controls=read_controls(controls), progress=progress, **given)
-        give(result.to_dict())
+    policy: Literal["keypose", "chunk", "transformer", "diffusion", "flow"] = "keypose"
+    minutes: Annotated[float, click.FloatRange(0, 1e5, min_open=True)] = 15.0
+    multi_task: bool = False
+    scenes: Count = 2000
+    episodes: Count = 50
+    videos: Annotated[int, click.IntRange(0, 1000)] = 3
+    objects: Annotated[int | None, count(100_000)] = None
+    generated: Annotated[int | None, count(100_000)] = None
+    verify: bool = False
+    start: Annotated[Checkpoint | None, Option("--from", "DIR|builtin")] = None
+    demonstrations: Folder | None = None
+    text: Literal["small", "clip", "sentence"] | None = None
+    text_model: Annotated[str | None, Option(metavar="FOLDER|NAME")] = None
+    settings: Annotated[File | None, Option("--config", "FILE")] = None
+    test_instances: Annotated[str | None, Option(metavar="all|train[-K]|test[-K]|new|ID")] = None
 
 
 def _show(result: dict[str, Any]) -> None:
@@ -184,3 +81,39 @@ def _show(result: dict[str, Any]) -> None:
 
 def _rate(value: float | None) -> str:
     return "" if value is None else f"{value:.2f}"
+
+
+@command(
+    Learning, "control_episodes", "library", "seed", *(each for each in SCENE if each not in ("instances", "redraw")),
+    "workers", "device", "resume", show=_show,
+)  # fmt: skip
+def learn(
+    tasks: tuple[str, ...],
+    *,
+    instances: Annotated[str | None, Option(metavar="all|train[-K]|test[-K]|new|ID")] = None,
+    controls: str,
+    noise: str | None,
+    out: Path | None,
+    progress: Progress,
+    **given: Any,
+) -> dict[str, Any]:
+    """Train a policy on tasks, and measure it.
+
+    The policy sees point clouds, the robot's state and a sentence. learn draws scenes of TASKS and plans them (for
+    action chunks: simulates and renders them), trains, and evaluates on objects and seeds outside the training, beside
+    baselines. --out is a checkpoint, or holds one for each task.
+
+    Args:
+        instances: Objects to learn from, in place of --objects.
+    """
+    from gensim2.data.runfolder import default_run_dir
+    from gensim2.perception.noise_file import read_noise
+    from gensim2.policy.evaluating import read_controls
+    from gensim2.policy.learning import learn as function
+
+    if instances is not None:
+        given["instances"] = instances
+    if noise is not None:
+        given["noise"] = read_noise(noise)
+    where = out or default_run_dir()
+    return function(tasks, out=where, controls=read_controls(controls), progress=progress, **given).to_dict()

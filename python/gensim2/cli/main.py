@@ -10,15 +10,14 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib.metadata import entry_points
-from typing import NoReturn
+from typing import Annotated, NoReturn
 
 import click
 
+from gensim2.cli.options import BAD_INPUT, FOUND_WRONG, NOT_RUN
 from gensim2.cli.signals import exit_code, stopping_signals
+from gensim2.cli.typed import Option, parameters, summary
 from gensim2.core.errors import GenSim2Error, InputError, MissingExtraError, ModelError, NotRunError, Stopped, one_line
-
-#: Exit codes; 0 is "ran to the end", 128 + n "stopped by signal n".
-FOUND_WRONG, BAD_INPUT, NOT_RUN = 1, 2, 3
 
 #: Modules that come with an extra; a light installation has none of them.
 EXTRAS = {
@@ -89,21 +88,15 @@ class LazyGroup(click.Group):
         return command
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(package_name="gensim2", prog_name="gensim2")
-@click.option(
-    "--load-robot",
-    "robots",
-    multiple=True,
-    metavar="FILE.py",
-    help="Load a robot of your own that a checkpoint, a log or a data set names; data alone never load one. May be "
-    "given again.",
-)
-def cli(robots: tuple[str, ...]) -> None:
+def _start(*, robots: Annotated[tuple[str, ...], Option("--load-robot", "FILE.py")] = ()) -> None:
     """Articulated objects in, verified manipulation tasks and demonstrations out.
 
     Exit codes: 0 ran to the end, 1 a check found something wrong, 2 bad input, 3 jobs could not be run (--resume
     tries them again), 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
+
+    Args:
+        robots: Load your own robot that a checkpoint, a log or a data set names; data alone never load one. May be
+            given again.
     """
     for place in robots:
         from gensim2.robots import load_robot
@@ -111,13 +104,20 @@ def cli(robots: tuple[str, ...]) -> None:
         load_robot(place)
 
 
+cli = LazyGroup(
+    "gensim2",
+    params=parameters(_start, {}),
+    callback=_start,
+    help=summary(_start),
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+click.version_option(package_name="gensim2", prog_name="gensim2")(cli)
+
+
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and leave the process with its exit code."""
-    if _fill_closed_descriptors():
+    if sys.stdout is None:
         sys.exit(_fail("gensim2: standard output is closed (let it go to a file, or to /dev/null)", BAD_INPUT))
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a file's name need not be text
     _leave(run(arguments))
 
 
@@ -188,26 +188,6 @@ def _fail(text: str, code: int) -> int:
     with contextlib.suppress(OSError):  # standard error is closed, too; the exit code still says it
         click.echo(one_line(text), err=True)
     return code
-
-
-def _fill_closed_descriptors() -> bool:
-    """Put /dev/null where a standard descriptor is closed, and say whether standard output was.
-
-    The next file that is opened would take its number, and whatever a library prints would end up in that file.
-    """
-    closed = []
-    for number in (0, 1, 2):
-        try:
-            os.fstat(number)
-        except OSError:
-            closed.append(number)
-            null = os.open(os.devnull, os.O_RDWR)
-            if null != number:
-                os.dup2(null, number)
-                os.close(null)
-    if 2 in closed:
-        sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115 - as long as the process
-    return 1 in closed
 
 
 def _drop_unwritten_output() -> bool:

@@ -4,110 +4,29 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
-from gensim2.cli import options
-from gensim2.cli.designers import NAMES, designer_of_command, designer_options
-from gensim2.cli.output import line, report, table
-from gensim2.cli.tasks_memory import show_remembered
+from gensim2.cli.designers import NAMES, OFFLINE, Designing, designer_of_command
+from gensim2.cli.options import EPISODES, PROCESSES, Ending, command
+from gensim2.cli.output import line, table
+from gensim2.cli.tasks import show_remembered
+from gensim2.cli.typed import Count, Option, count
 from gensim2.core.errors import InputError
+from gensim2.core.progress import Progress
+
+Several = Annotated[int | None, click.IntRange(0, 1000)]
 
 
-@click.command("run-pipeline", cls=options.Command, short_help="Design, verify and demonstrate new tasks.")
-@click.option("--num-tasks", type=options.count(1000), default=2, show_default=True, help="Tasks to design.")
-@click.option("--single", type=click.IntRange(0, 1000), help="Tasks of one step, in place of --num-tasks.")
-@click.option("--long", type=click.IntRange(0, 1000), help="Tasks of several steps, in place of --num-tasks.")
-@click.option(
-    "--verify", type=options.count(), default=20, show_default=True, help="Fresh episodes that decide of each task."
-)
-@click.option("--from-empty", is_flag=True, help="The designer knows of no task that is stored.")
-@click.option(
-    "--episodes",
-    type=click.IntRange(0, 1_000_000),
-    default=5,
-    show_default=True,
-    help="Demonstrations to keep of each task; 0: none.",
-)
-@click.option(
-    "--target-task",
-    metavar="NAME",
-    help="Design this task of the library anew, hidden from the designer. A model also takes a name of yours, and says "
-    "what such a task is.",
-)
-@click.option("--target-object", metavar="CLASS", help="Tasks are to be about this class of objects.")
-@click.option(
-    "--stored-task",
-    "stored_tasks",
-    multiple=True,
-    metavar="NAME",
-    help="Also verify and demonstrate this task of the library as it is stored; may be given several times.",
-)
-@click.option(
-    "--designer",
-    metavar="offline|MODEL",
-    help="Designer of tasks and configs: the search, or a language model by its name.  [default: offline]",
-)
-@designer_options
-@options.scenes
-@options.library
-@options.out("Run folder.  [default: runs/<date>-<time>]")
-@options.processes
-@options.ray
-@options.resume
-@options.video
-@options.json_file
-def run_pipeline(
-    target_task: str | None,
-    target_object: str | None,
-    designer: str | None,
-    json_file: str | None,
-    **given: Any,
-) -> None:
-    """Propose new tasks, find strategies that solve them, verify them in physics and record demonstrations.
-
-    Leaves the tasks, their strategies, how they fared, the demonstrations, a video each and report.html in the
-    run folder. A task is kept if enough of its fresh episodes hold that do not in the no-op baseline, on objects that
-    the search never saw; it goes into your own library. With a language model the folder also holds every question, its
-    answer and what it cost (docs/guides/pipeline.md).
-    """
-    with report(json_file, _show) as (progress, give):
-        from gensim2.core.errors import InputError
-        from gensim2.design import run_pipeline as function
-        from gensim2.design.remembering import Remembered, remember
-        from gensim2.scenes.config import SceneOptions, split_arguments
-        from gensim2.tasks.memory import Memory
-
-        memory = Memory()
-        if memory.is_there:
-            _ = memory.folder  # an archive is only read, which is said before anything starts
-        asked = {name: given.pop(name) for name in NAMES}
-        _check_kinds(designer, asked, given)
-        scene = SceneOptions.of(**split_arguments(given)[0])
-        by, target = designer_of_command(designer, target_task, target_object, scene, asked)
-        result = function(
-            designer=by,
-            target_task=target,
-            progress=progress,
-            **given,
-        ).to_dict()
-        try:
-            remembered = remember(Path(result["run_dir"]))
-        except InputError as error:  # of the library: what the run made is told all the same
-            give({**result, "remembered": asdict(Remembered(None, (), {"the kept tasks": error.message}))})
-            raise
-        give({**result, "remembered": asdict(remembered)})
-
-
-def _check_kinds(designer: str | None, asked: dict[str, Any], given: dict[str, Any]) -> None:
-    """Refuse to ask a model for tasks of a kind that it does not propose in this mode: each proposal would cost."""
-    if designer in (None, "offline") and asked["config"] is None and asked["replay"] is None:
+def _check_kinds(designer: str | None, asked: dict[str, Any], single: int | None, long: int | None) -> None:
+    """Refuse kinds of tasks that a model does not propose in this mode, because each proposal would cost."""
+    if designer in (None, OFFLINE) and asked["config"] is None and asked["replay"] is None:
         return
     mode = asked["mode"]
     explores = mode in (None, "explore")
     kind, other = ("long", "topdown or bottomup") if explores else ("single", "explore")
-    if given[kind]:
+    if {"single": single, "long": long}[kind]:
         steps = "one step" if explores else "several steps"
         message = f"a model proposes tasks of {steps} in --mode {mode or 'explore'}"
         raise InputError(message, field=f"--{kind}", remedy=f"give --mode {other}, in a run of its own")
@@ -133,3 +52,69 @@ def _show(result: dict[str, Any]) -> None:
         line(f"note: {note}")
     show_remembered(result["remembered"])
     line(f"report: {Path(result['run_dir']) / 'report.html'}")
+
+
+@command(Designing, *EPISODES, "library", "out", *PROCESSES, "ray", "resume", "video", show=_show)
+def run_pipeline(
+    *,
+    num_tasks: Annotated[int, count(1000)] = 2,
+    single: Several = None,
+    long: Several = None,
+    verify: Count = 20,
+    from_empty: bool = False,
+    episodes: Annotated[int, click.IntRange(0, 1_000_000)] = 5,
+    target_task: Annotated[str | None, Option(metavar="NAME")] = None,
+    target_object: Annotated[str | None, Option(metavar="CLASS")] = None,
+    stored_tasks: Annotated[tuple[str, ...], Option("--stored-task", "NAME")] = (),
+    designer: Annotated[str | None, Option(metavar="offline|MODEL")] = None,
+    progress: Progress,
+    **given: Any,
+) -> dict[str, Any] | Ending:
+    """Design, verify and demonstrate new tasks.
+
+    Proposes tasks, finds strategies that solve them, verifies them in physics and records demonstrations. The run
+    folder then holds the tasks, their strategies and verification, the demonstrations, a video of each task and
+    report.html. A task is kept if enough of its new episodes hold that do not hold in the no-op baseline, on objects
+    that the search never saw; kept tasks go into your own library. With a language model the folder also holds every
+    question, its answer and its cost (docs/guides/pipeline.md).
+
+    Args:
+        num_tasks: Number of tasks to design.
+        single: Number of tasks of one step, in place of --num-tasks.
+        long: Number of tasks of several steps, in place of --num-tasks.
+        verify: Number of new episodes that verify each task.
+        from_empty: Hide all stored tasks from the designer.
+        episodes: Number of demonstrations to keep of each task; 0 records none.
+        target_task: Redesign this task of the library without using its stored solution. A model also accepts a new
+            name, and describes the task itself.
+        target_object: Class of objects that the tasks are about.
+        stored_tasks: Also verify and demonstrate this task of the library as it is stored; may be given again.
+        designer: Designer of tasks and configs: offline is the search, MODEL a language model.  [default: offline]
+    """
+    from gensim2.design import run_pipeline as function
+    from gensim2.design.remembering import Remembered, remember
+    from gensim2.scenes.config import SceneOptions, split_arguments
+    from gensim2.tasks.memory import Memory
+
+    memory = Memory()
+    if memory.is_there:
+        _ = memory.folder  # refuses an archive, which is read-only, before the work
+    asked = {name: given.pop(name) for name in NAMES}
+    _check_kinds(designer, asked, single, long)
+    scene = SceneOptions.of(**split_arguments(given)[0])
+    by, target = designer_of_command(designer, target_task, target_object, scene, asked)
+    counts: dict[str, Any] = {
+        "num_tasks": num_tasks,
+        "single": single,
+        "long": long,
+        "verify": verify,
+        "episodes": episodes,
+    }
+    wanted: dict[str, Any] = {"from_empty": from_empty, "target_task": target, "stored_tasks": stored_tasks}
+    result = function(designer=by, progress=progress, **counts, **wanted, **given).to_dict()
+    try:
+        remembered = remember(Path(result["run_dir"]))
+    except InputError as error:  # of the library; the result of the run is shown all the same
+        left_out = Remembered(None, (), {"the kept tasks": error.message})
+        return Ending({**result, "remembered": asdict(left_out)}, error)
+    return {**result, "remembered": asdict(remembered)}

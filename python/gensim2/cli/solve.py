@@ -2,42 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from gensim2.cli import options
-from gensim2.cli.main import FOUND_WRONG
-from gensim2.cli.output import line, report, table
+from gensim2.cli.options import EPISODES, Ending, command
+from gensim2.cli.output import line, table
+from gensim2.cli.typed import Folder, Option
 
 if TYPE_CHECKING:
     from gensim2.planning.scene import Scene
     from gensim2.robots import RobotProfile
     from gensim2_kpam import Plan
-
-
-@click.command("solve", cls=options.Command, short_help="Plan the motions of a task.")
-@click.argument("task")
-@options.library
-@options.scenes
-@options.out("Folder to write the plan to.  [default: written nowhere]")
-@click.option("--show", "browser", is_flag=True, help="Show the plan in the browser until Ctrl-C (extra viz).")
-@options.json_file
-@click.pass_context
-def solve(ctx: click.Context, /, task: str, browser: bool, json_file: str | None, **given: Any) -> None:
-    """Plan the motions of TASK in the scene of one seed as an episode would, without executing them.
-
-    Each step is planned on the scene that the steps before it should leave. Where the whole motion cannot be had, its
-    longest part is taken, as episodes do, and the plan is called partial. Ends with 1 where a step has none; the status
-    and the reason say why.
-    """
-    with report(json_file, _show) as (_, give):
-        from gensim2.rollout import solve as function
-
-        result = function(task, view=_browse if browser else None, **given)
-        give(result.to_dict())
-    if not result.is_whole:
-        ctx.exit(FOUND_WRONG)
 
 
 def _browse(scene: Scene, plan: Plan, profile: RobotProfile) -> None:
@@ -83,3 +59,23 @@ def _show_plan(plan: dict[str, Any]) -> None:
             for entry in plan["keyframes"]
         ],
     )
+
+
+@command("library", *EPISODES, show=_show)
+def solve(
+    task: str, *, out: Folder | None = None, browser: Annotated[bool, Option("--show")] = False, **given: Any
+) -> dict[str, Any] | Ending:
+    """Plan the motions of a task.
+
+    Plans TASK in the scene of one seed as an episode would, without executing the plan. Each step starts from the state
+    that the steps before it should reach. If no complete motion is found, the longest part is used, as in episodes, and
+    the plan is called partial. Ends with exit code 1 if a step has no plan; the status and the reason say why.
+
+    Args:
+        out: Folder to write the plan to.  [default: the plan is not written]
+        browser: Show the plan in the browser until Ctrl-C (extra viz).
+    """
+    from gensim2.rollout import solve as function
+
+    result = function(task, out=out, view=_browse if browser else None, **given)
+    return result.to_dict() if result.is_whole else Ending(result.to_dict())

@@ -2,68 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+import shlex
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
 
 import click
 
-from gensim2.cli import options
-from gensim2.cli.output import line, report, table
-from gensim2.cli.tasks_gallery import gallery
-from gensim2.cli.tasks_memory import add, export, remove
+from gensim2.cli.options import EPISODES, command, is_given
+from gensim2.cli.output import line, table
+from gensim2.cli.typed import Count, Name, Option
+from gensim2.core.errors import InputError
+from gensim2.core.progress import Progress
 
-
-@click.group("tasks")
-def tasks() -> None:
-    """The task library."""
-
-
-for command in (gallery, add, remove, export):
-    tasks.add_command(command)
-
-
-@tasks.command("list", cls=options.Command)
-@click.option("--origin", metavar="NAME", default=None, help="Only those that NAME proposed: paper, or a designer.")
-@options.library
-@options.json_file
-def list_tasks(origin: str | None, json_file: str | None) -> None:
-    """List the tasks of the library: the paper's suite, those that were designed, and your own."""
-    with report(json_file, _show_list) as (_, give):
-        from gensim2.tasks.library import load_task, origin_of, packaged_names, task_names
-
-        specs = [load_task(name) for name in task_names(origin)]
-        give(
-            {
-                "schema_version": 1,
-                "tasks": [
-                    {
-                        **spec.model_dump(mode="json"),
-                        "origin": origin_of(spec),
-                        "packaged": spec.name in packaged_names(),
-                        "env_id": spec.env_id if spec.name in packaged_names() else None,
-                    }
-                    for spec in specs
-                ],
-            }
-        )
-
-
-@tasks.command("show", cls=options.Command)
-@click.argument("task")
-@options.library
-@options.json_file
-def show(task: str, json_file: str | None) -> None:
-    """Tell everything of TASK, a task of the library or a folder that holds task.yaml and strategies/.
-
-    Its sentence, objects, steps, strategies and where they come from, its goal, and how often it succeeds: in the
-    paper, with the original's release, and here.
-    """
-    with report(json_file, _show_task) as (_, give):
-        from gensim2.design.description import description_of
-        from gensim2.objects import open_library
-        from gensim2.rollout.inputs import task_and_strategies
-
-        spec, strategies = task_and_strategies(task)
-        give({"schema_version": 1, **description_of(spec, strategies, open_library("builtin"))})
+Page = Annotated[Path, click.Path(path_type=Path, file_okay=False), Option(metavar="DIR")]
 
 
 def _show_list(result: dict[str, Any]) -> None:
@@ -140,3 +92,164 @@ def _show_figures(figures: dict[str, Any]) -> None:
         table(("figures", "episodes", "paper", "held (95 %)", "strict"), [tuple(map(str, row)) for row in rows])
     else:
         line("no figures: it has not been measured")
+
+
+def show_remembered(result: dict[str, Any]) -> None:
+    """Say what was added and what was not."""
+    for name, why in result["left_out"].items():
+        line(f"left out {name}: {why}")
+    if not result["added"] and not result["left_out"]:
+        line(
+            "nothing to add: no task was designed and kept" if result["library"] else "there is no library of your own"
+        )
+    if result["added"]:
+        line(f"in your library {result['library']}: {', '.join(result['added'])}")
+
+
+def _show_removed(result: dict[str, Any]) -> None:
+    line(f"removed {', '.join(result['removed'])} from {result['library']}")
+
+
+def _show_exported(result: dict[str, Any]) -> None:
+    count = len(result["exported"])
+    line(f"{count} task{'' if count == 1 else 's'} in {result['out']}")
+
+
+def _show_gallery(result: dict[str, Any]) -> None:
+    for name, reason in result["skipped"].items():
+        line(f"skipped {name}: {reason}")
+    for name, cause in result["without"].items():
+        line(f"{name}: no episode held, the last because of: {cause}")
+    line(f"{len(result['shown'])} tasks shown: {result['index']}")
+
+
+@command("library", name="list", show=_show_list)
+def list_tasks(*, origin: Name | None = None) -> dict[str, Any]:
+    """List the tasks of the library.
+
+    Lists the paper's suite, the designed tasks, and your own.
+
+    Args:
+        origin: Only tasks that NAME proposed: paper, or a designer.
+    """
+    from gensim2.tasks.library import load_task, origin_of, packaged_names, task_names
+
+    specs = [load_task(name) for name in task_names(origin)]
+    return {
+        "schema_version": 1,
+        "tasks": [
+            {
+                **spec.model_dump(mode="json"),
+                "origin": origin_of(spec),
+                "packaged": spec.name in packaged_names(),
+                "env_id": spec.env_id if spec.name in packaged_names() else None,
+            }
+            for spec in specs
+        ],
+    }
+
+
+@command("library", show=_show_task)
+def show(task: str) -> dict[str, Any]:
+    """Describe a task.
+
+    Prints the sentence of TASK, its objects, steps, strategies and their origin, its goal, and its success rate in the
+    paper, with the original's release, and here. TASK is a task of the library or a folder that holds task.yaml and
+    strategies/.
+    """
+    from gensim2.design.description import description_of
+    from gensim2.objects import open_library
+    from gensim2.rollout.inputs import task_and_strategies
+
+    spec, strategies = task_and_strategies(task)
+    return {"schema_version": 1, **description_of(spec, strategies, open_library("builtin"))}
+
+
+@command(
+    "origin", "library", "seed", "assets", "engine", "physics", "workers", "time_limit", "resume", show=_show_gallery
+)
+def gallery(tasks: tuple[str, ...] = (), *, out: Page, progress: Progress, **given: Any) -> dict[str, Any]:
+    """Make a page with a film of every task.
+
+    Shows TASKS; without TASKS the paper's suite, or all tasks of --origin. Each task has a picture, a short film of the
+    first of five random episodes that holds, its sentence, its steps and its figures. After Ctrl-C, --resume continues.
+
+    Args:
+        out: Folder of the page.
+    """
+    from gensim2.design import tasks_gallery as function
+
+    return function(tasks, out=out, progress=progress, **given).to_dict()
+
+
+@command("library", *EPISODES, "workers", show=show_remembered)
+def add(folder: Path, *, episodes: Count = 20, progress: Progress, **given: Any) -> dict[str, Any]:
+    """Add the kept tasks of a run, or your own task, to your library.
+
+    FOLDER is the folder of a run-pipeline, whose designed and kept tasks are added; or a folder with task.yaml and
+    strategies/, a task made by hand. Such a task is first verified: 60 % of --episodes new episodes must hold. The
+    command names the tasks that are not added, with the reason.
+
+    Args:
+        episodes: Number of episodes that verify your own task.
+    """
+    if (folder / "task.yaml").is_file():
+        from gensim2.design.adding import add_task
+
+        return {"schema_version": 1, **asdict(add_task(folder, episodes=episodes, progress=progress, **given))}
+    context = click.get_current_context()
+    for name in ("episodes", *given):
+        if is_given(context, name):
+            anew = shlex.join(["gensim2", "tasks", "add", str(folder / "tasks" / "NAME")])
+            remedy = f"{anew} verifies one of its tasks anew"
+            option = f"--{name.replace('_', '-')}"
+            raise InputError("is of no use with the folder of a run", field=option, remedy=remedy)
+    from gensim2.design.remembering import remember
+    from gensim2.tasks.memory import Memory
+
+    _ = Memory().folder  # refuses to run without a library
+    return {"schema_version": 1, **asdict(remember(folder))}
+
+
+@command("library", show=_show_removed)
+def remove(names: tuple[str, ...]) -> dict[str, Any]:
+    """Remove tasks from your own library.
+
+    Removes the tasks NAMES; tasks of the package cannot be removed.
+    """
+    from gensim2.tasks.memory import Memory
+
+    memory = Memory()
+    memory.remove(*names)
+    return {"schema_version": 1, "library": str(memory.folder), "removed": list(dict.fromkeys(names))}
+
+
+@command("library", show=_show_exported)
+def export(
+    names: tuple[str, ...] = (),
+    *,
+    origin: Name | None = None,
+    out: Annotated[Path, Option(metavar="DIR|FILE.zip")],
+) -> dict[str, Any]:
+    """Write tasks with their strategies to a folder or a .zip.
+
+    Writes the tasks NAMES, or all of --origin, with all strategies that they use. Every command accepts the result as
+    --library, and OUT/<Task> of a folder also as a task.
+
+    Args:
+        origin: All tasks that NAME proposed, if no task is named.
+        out: Folder or archive to write.
+    """
+    from gensim2.tasks.exporting import export as function
+    from gensim2.tasks.library import task_names
+
+    if bool(names) == (origin is not None):
+        raise InputError("name tasks, or an --origin whose tasks are meant", field="names")
+    wanted = list(dict.fromkeys(names)) or list(task_names(origin))
+    function(wanted, out)
+    return {"schema_version": 1, "out": str(out), "exported": wanted}
+
+
+tasks = click.Group(
+    "tasks", commands=[list_tasks, show, gallery, add, remove, export], help="Inspect and extend the task library."
+)

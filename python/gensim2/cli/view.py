@@ -2,36 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
-from gensim2.cli import options
+from gensim2.cli.options import EPISODES, command
+from gensim2.cli.typed import Name, Option
+
+Port = Annotated[int, click.IntRange(1, 65535)]
 
 
-@click.command("view", cls=options.Command, short_help="Watch an episode in the browser.")
-@click.argument("what", metavar="TASK|EPISODE|DATA")
-@click.option("--task", metavar="NAME", default=None, help="Task of a data set.  [default: its first]")
-@click.option(
-    "--episode",
-    type=click.IntRange(0),
-    metavar="N",
-    default=None,
-    help="Episode of a data set.  [default: the first that held]",
-)
-@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port of the page.")
-@options.library
-@options.scenes
-def view(what: str, **given: Any) -> None:
-    """Show an episode in the browser until Ctrl-C: a TASK, which is planned and run, the file of an EPISODE, or one of
-    the data set in the folder DATA.
+@command("library", *EPISODES)
+def view(
+    what: Annotated[str, Option(metavar="TASK|EPISODE|DATA")],
+    *,
+    task: Name | None = None,
+    episode: Annotated[int | None, click.IntRange(0), Option(metavar="N")] = None,
+    port: Port = 8080,
+    **given: Any,
+) -> None:
+    """Watch an episode in the browser.
 
-    The page holds the scene's meshes, the keyframes of the plan (of a TASK), the point cloud as a policy sees it, and a
-    slider over time. Needs the extra `viz`.
+    Shows a TASK, which is planned and executed, the file of an EPISODE, or an episode of the data set in the folder
+    DATA, until Ctrl-C. The page holds the scene's meshes, the keyframes of the plan (of a TASK), the policy's point
+    cloud, and a slider over time. Needs the extra `viz`.
+
+    Args:
+        task: Task of a data set.  [default: its first]
+        episode: Episode of a data set.  [default: the first that held]
+        port: Port of the page.
     """
     from gensim2.planning.show import wait
     from gensim2.viewing import view as function
 
-    server = function(what, **given)
+    server = function(what, task=task, episode=episode, port=port, **given)
     click.echo(f"http://{server.get_host()}:{server.get_port()} shows the episode; Ctrl-C ends it", err=True)
     wait(server)

@@ -1,6 +1,6 @@
 """Special files, such as devices and pipes: they are written through, never replaced.
 
-A file that a user names may be a device (``/dev/full``), a pipe, a socket or an open descriptor (``/dev/stdout``, a
+A file that a user names may be a device (``/dev/full``), a pipe or an open descriptor (``/dev/stdout``, a
 shell's ``>(...)``). To put a new file in its place, as an atomic write does, would destroy it.
 """
 
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import errno
 import os
-import socket
 import stat
 from pathlib import Path
 
@@ -56,10 +55,6 @@ def write_through(path: Path, payload: bytes) -> None:
     if number is not None:
         with os.fdopen(os.dup(number), "wb") as stream:
             stream.write(payload)
-    elif path.is_socket():
-        with socket.socket(socket.AF_UNIX) as connection:
-            connection.connect(str(path))
-            connection.sendall(payload)
     else:
         with path.open("wb") as stream:
             stream.write(payload)

@@ -1,22 +1,118 @@
-"""Options of the commands that drive an arm, and what they say together."""
+"""Options of the commands that drive an arm, and their combinations."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any
 
 import click
 
-from gensim2.cli import options
+from gensim2.cli.options import SCENE
+from gensim2.cli.typed import File, Folder, Option
 from gensim2.core.errors import InputError
 
-_F = TypeVar("_F", bound=Callable[..., object])
+Pixels = Annotated[str, Option(metavar="WIDTHxHEIGHT")]
+Share = Annotated[float, click.FloatRange(0.01, 1.0)]
+
+#: Shared options of a line, beside :class:`Line`: the scenes follow from them.
+SCENES = ("library", "seed", *(each for each in SCENE if each != "redraw"))
+
+
+class Line:
+    """Options of an arm, its cameras and its controller.
+
+    Attributes:
+        arm: Arm; a real one is moved only with --move.
+        cameras: Cameras. Real ones have the names of the policy's cameras. software is simulated cameras through the
+            RealSense library. Recordings, with dry-run, are a run's folder or .mcap, or a RealSense's .db3.
+        policy: Checkpoint that gensim2 learn or train made, the package's own, or the address of gensim2 policy serve.
+        plan: Use the planner, which sees the true scene, in place of a policy.
+        deadline: Time limit of a server's answer in seconds.
+        speed: Fraction of the arm's speed; control steps take longer in proportion.
+        margin: Distance, in rad, of joints from their limits.
+        force: Largest contact force on the arm in newtons.
+        pixels: Size of a picture.
+        rate: Pictures of each camera in a second.
+        noise: Noise of the simulated cameras, as --noise of gensim2 render.
+        calibration: Camera poses that gensim2 robot calibrate wrote.
+        calibration_days: Largest age of the calibration in days.
+        real_time: Run each device in its own process by the machine's clock, or all in one process by a clock that
+            waits for each device, so that every run is the same.  [default: --simulated-clock if arm and cameras are
+            simulated]
+    """
+
+    arm: Annotated[str, Option(metavar="simulated|franka:HOST|panda:HOST|ur:HOST|xarm:HOST")] = "simulated"
+    cameras: Annotated[
+        str, Option(metavar="simulated|software|recording:NAME=DIR|FILE,...|realsense:NAME=SERIAL,...")
+    ] = "simulated"
+    policy: Annotated[str | None, Option(metavar="DIR|builtin|ws://HOST:PORT")] = None
+    plan: bool = False
+    deadline: Annotated[float, click.FloatRange(0.0, 60.0, min_open=True)] = 0.15
+    speed: Share = 0.1
+    margin: Annotated[float, click.FloatRange(0.0, 1.0)] = 0.1
+    force: Annotated[float, click.FloatRange(1.0, 1000.0)] = 140.0
+    pixels: Pixels = "320x240"
+    rate: Annotated[float, click.FloatRange(1.0, 60.0)] = 10.0
+    noise: Annotated[str, Option(metavar="d435|deployed|white|FILE")] = "d435"
+    calibration: File | None = None
+    calibration_days: Annotated[float, click.FloatRange(0.0, 1e4, min_open=True)] = 7.0
+    real_time: Annotated[bool | None, Option("--real-time/--simulated-clock")] = None
+
+
+class Move:
+    """Option of commands that move real arms.
+
+    Attributes:
+        move: Move a real arm, after a person at the terminal has confirmed it.
+    """
+
+    move: bool = False
+
+
+class Port:
+    """Option of a page that is always shown.
+
+    Attributes:
+        port: Port of the page.
+    """
+
+    port: Annotated[int, click.IntRange(1, 65535)] = 8080
+
+
+class View:
+    """Option of a page in the browser.
+
+    Attributes:
+        view: Show clouds, robot, next actions and clocks in the browser.
+    """
+
+    view: bool = False
+
+
+class Minutes:
+    """Option of commands that repeat episodes.
+
+    Attributes:
+        minutes: Time for which episodes are repeated.
+    """
+
+    minutes: Annotated[float, click.FloatRange(0.0, 1e4, min_open=True)] = 1.0
+
+
+class Log:
+    """Options of the log of a run.
+
+    Attributes:
+        logged: Record everything as MCAP.
+        out: Folder of the log.  [default: runs/robot-<date>-<time>]
+    """
+
+    logged: Annotated[bool, Option("--log/--no-log")] = True
+    out: Folder | None = None
 
 
 def pixels_of(text: str) -> tuple[int, int]:
-    """Width and height of a picture, from ``WIDTHxHEIGHT``.
+    """Return width and height of a picture, from ``WIDTHxHEIGHT``.
 
     Raises:
         InputError: it is no size, or none that a camera has.
@@ -25,97 +121,6 @@ def pixels_of(text: str) -> tuple[int, int]:
     if not (width.isdecimal() and height.isdecimal() and 16 <= int(width) <= 1920 and 16 <= int(height) <= 1200):
         raise InputError(f"{text!r} is no size of a picture", field="--pixels", remedy="as 320x240")
     return int(width), int(height)
-
-
-def number(name: str, default: float, low: float, high: float, text: str, *, above: bool = False) -> Callable[[_F], _F]:
-    """An option that is a number within bounds; ``above``: the lower one is too low itself."""
-    kind = click.FloatRange(low, high, min_open=above)
-    return click.option(name, type=kind, default=default, show_default=True, help=text)
-
-
-speed = number("--speed", 0.1, 0.01, 1.0, "Share of the arm's speed; control steps are stretched by as much.")
-pixels = click.option("--pixels", default="320x240", show_default=True, metavar="WIDTHxHEIGHT", help="Of a picture.")
-
-#: Of a line: what :class:`gensim2_robot.config.LineConfig` and the scenes follow from.
-LINE = (
-    click.option(
-        "--arm",
-        default="simulated",
-        show_default=True,
-        metavar="simulated|franka:HOST|panda:HOST|ur:HOST|xarm:HOST",
-        help="A real one is moved with --move only.",
-    ),
-    click.option(
-        "--cameras",
-        default="simulated",
-        show_default=True,
-        metavar="simulated|software|recording:NAME=DIR|FILE,...|realsense:NAME=SERIAL,...",
-        help="Real ones have the names that the policy looks through; software: simulated ones through the RealSense "
-        "library; recordings, with dry-run: a run's folder or .mcap, or a RealSense's .db3.",
-    ),
-    click.option(
-        "--policy",
-        default=None,
-        metavar="DIR|builtin|ws://HOST:PORT",
-        help="Checkpoint that gensim2 learn or train left, the one that comes with gensim2, or where gensim2 policy "
-        "serve listens.",
-    ),
-    click.option("--plan", is_flag=True, help="The planner's chain in its place, which sees the true scene."),
-    number("--deadline", 0.15, 0.0, 60.0, "Seconds within which an action must come from a server.", above=True),
-    speed,
-    number("--margin", 0.1, 0.0, 1.0, "Rad that joints keep from the ends of their range."),
-    number("--force", 140.0, 1.0, 1000.0, "Newtons that may press on the arm."),
-    pixels,
-    number("--rate", 10.0, 1.0, 60.0, "Pictures a second of each camera."),
-    options.noise("d435", "Of the simulated cameras"),
-    click.option(
-        "--calibration",
-        type=click.Path(path_type=Path),
-        default=None,
-        metavar="FILE",
-        help="Where the cameras are, as gensim2 robot calibrate wrote it.",
-    ),
-    number("--calibration-days", 7.0, 0.0, 1e4, "Age from which on it is refused.", above=True),
-    click.option(
-        "--real-time/--simulated-clock",
-        default=None,
-        help="Run the devices in processes of their own by the machine's clock, or all of them in one process by a "
-        "clock that waits for each, so that every run is the same.  [default: --simulated-clock where arm and cameras "
-        "are simulated]",
-    ),
-    options.library,
-    options.seed,
-    options.assets,
-    options.instances,
-    options.engine,
-    options.physics,
-    options.randomization,
-    options.robot,
-)
-#: Of a command that moves real arms.
-MOVE = (click.option("--move", is_flag=True, help="Move a real arm, once a person at the terminal has said so."),)
-#: Of a page in the browser.
-PAGE = (
-    click.option("--view", is_flag=True, help="Show clouds, robot, next actions and clocks in the browser."),
-    click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Of --view's page."),
-)
-#: Of a run.
-RUN = (
-    number("--minutes", 1.0, 0.0, 1e4, "Episodes are repeated until this time is over.", above=True),
-    click.option("--log/--no-log", "logged", default=True, show_default=True, help="Write everything down, as MCAP."),
-    options.out("Folder of the log.  [default: runs/robot-<date>-<time>]"),
-)
-
-
-def all_of(*groups: tuple[Callable[[Any], Any], ...]) -> Callable[[_F], _F]:
-    """Options of several groups, shown in this order."""
-
-    def decorate(command: _F) -> _F:
-        for option in reversed([option for group in groups for option in group]):
-            command = option(command)
-        return command
-
-    return decorate
 
 
 def line_of(given: dict[str, Any]) -> dict[str, Any]:
