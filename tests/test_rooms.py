@@ -253,3 +253,22 @@ def test_options_come_from_typed_functions() -> None:
         assert not used & {"click.option", "click.argument", "click.command"}, path
         made = used & {"click.Argument", "click.Option"}
         assert not made or path.parent.name == "cli", path
+
+
+#: Modules that take long to import, or that an extra brings, and modules that import them.
+HEAVY = (
+    "json_repair",
+    "PIL",
+    "gensim2.inspection",
+    "gensim2.sim",
+    "gensim2.scenes.goal",
+    "gensim2.scenes.initial_state",
+)
+
+
+def test_imports_of_designers_stand_at_the_top() -> None:
+    """Only slow and optional modules are imported inside functions; commands import what they run."""
+    for path in sources("gensim2.design"):
+        functions = [each for each in ast.walk(ast.parse(path.read_text())) if isinstance(each, ast.FunctionDef)]
+        for name in {name for each in functions for name in imports(ast.unparse(each))}:
+            assert any(lies_in(name, module) for module in HEAVY), f"{path}: {name}"

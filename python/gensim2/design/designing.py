@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import cache_dir
 from gensim2.design import Designer, OfflineDesigner
 from gensim2.design.chosen import Chosen
+from gensim2.design.llm import AnswerStore, Asking, LanguageModel, LLMDesigner, Mode, Prompts, model_options
+from gensim2.design.llm.store import recorded_answers
+from gensim2.design.views import SceneViews
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.spec import TaskSpec
-
-if TYPE_CHECKING:
-    from gensim2.design.llm import Asking, Mode
 
 
 def offline_designer(
@@ -69,9 +69,6 @@ def model_designer(
         InputError: an argument cannot be used.
         MissingExtraError: the extra ``llm`` is not installed.
     """
-    from gensim2.design.llm import AnswerStore, Asking, LanguageModel, LLMDesigner, Prompts, model_options
-    from gensim2.design.llm.store import recorded_answers
-
     texts = Prompts(prompts)
     if replay is None:
         given = model_options(config, model=model, **options)
@@ -85,8 +82,6 @@ def model_designer(
     asked = LanguageModel(given, texts.digest, asdict(asking), cache=cache_dir() / "answers", replay=replay)
     views = None
     if asking.visual:
-        from gensim2.design.views import SceneViews
-
         views = SceneViews(scene)
     return _reviewed(LLMDesigner(asked, texts, asking, scene.robot, views), review)
 

@@ -161,7 +161,6 @@ class PipelineRun:
 
     def _designed(self, task: TaskSpec) -> str | None:
         """Take one proposal as far as it goes; why it was not designed, or None."""
-        # Here: it brings SciPy, which refusing arguments needs not.
         from gensim2.scenes.goal import GoalError
         from gensim2.scenes.initial_state import PlacementError
 

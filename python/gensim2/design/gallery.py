@@ -13,8 +13,12 @@ from gensim2.core.pages import template
 from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import SCHEMA_VERSION
+from gensim2.data.runfolder import RunFolder
+from gensim2.design.shelf import SPEED, GalleryEntry, film_one_that_holds
 from gensim2.rollout.config import EvaluationArguments
+from gensim2.rollout.identity import identity
 from gensim2.rollout.inputs import read_task_inputs
+from gensim2.rollout.runner import EpisodeRunner
 
 INDEX = "index.html"
 
@@ -70,11 +74,6 @@ def tasks_gallery(
     """
     execution = Execution.of(scene)
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
-    # Only now what takes long to import.
-    from gensim2.data.runfolder import RunFolder
-    from gensim2.design.shelf import SPEED, GalleryEntry, film_one_that_holds
-    from gensim2.rollout.identity import identity
-    from gensim2.rollout.runner import EpisodeRunner
     from gensim2.sim import rendering
 
     if not rendering.can_render():

@@ -10,8 +10,13 @@ from gensim2.core.files import check_writable
 from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import SCHEMA_VERSION
+from gensim2.data.demonstrations import collect
+from gensim2.data.runfolder import RunFolder, default_run_dir
+from gensim2.design.report import reported
 from gensim2.rollout.config import RunArguments
+from gensim2.rollout.identity import digest, listing
 from gensim2.rollout.inputs import check_counts, read_task_input
+from gensim2.rollout.runner import EpisodeRunner
 from gensim2.rollout.tally import Tally
 
 
@@ -93,13 +98,6 @@ def demo(
     if run_dir is not None:
         check_writable(run_dir / "run.json")
     given = read_task_input(task, seed=seed, **scene)
-    # Only now what takes long to import.
-    from gensim2.data.demonstrations import collect
-    from gensim2.data.runfolder import RunFolder, default_run_dir
-    from gensim2.design.report import reported
-    from gensim2.rollout.identity import digest, listing
-    from gensim2.rollout.runner import EpisodeRunner
-
     spec, strategies, library = given.spec, given.strategies, given.library
     with (
         RunFolder(

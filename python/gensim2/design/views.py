@@ -22,8 +22,10 @@ from gensim2.core.errors import GenSim2Error
 from gensim2.core.processes.fork_server import forget_piped_script
 from gensim2.design.pictures import LazyPicture
 from gensim2.objects import open_library
+from gensim2.planning.steps import StepPlanner
 from gensim2.planning.strategies import KeypointStrategy
 from gensim2.robots import robot
+from gensim2.rollout.worker import SCREEN_OPTIONS, parsed
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
@@ -135,9 +137,6 @@ def _actuation(
     options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strategies], name: str, scene: Any
 ) -> tuple[Any, Any]:
     """Joints (n,) and hand pose (4, 4) in the base frame at the actuation pose; None each where there is none."""
-    from gensim2.planning.steps import StepPlanner
-    from gensim2.rollout.worker import SCREEN_OPTIONS, parsed
-
     planner = StepPlanner(robot(options.robot), options=SCREEN_OPTIONS)
     step = next(each for each in task.steps if each.name == name)
     for before in task.steps:  # what is to be in the hand is taken up first

@@ -305,8 +305,6 @@ def test_a_key_shows_itself_nowhere() -> None:
         "not-needed",
         "lm-studio",
         "ollama",
-        "xxxxxxxxxxxxxxxxxxxx",
-        "assistant",
     ],
 )
 def test_a_dummy_is_no_secret(serve: Serve, monkeypatch: pytest.MonkeyPatch, dummy: str) -> None:

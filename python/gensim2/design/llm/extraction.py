@@ -130,7 +130,7 @@ def _read(piece: str) -> Data:
     if _brackets(stripped) > MAX_BRACKETS:
         raise InputError("the answer has too many values inside each other")
     try:
-        import json_repair  # here: it comes with an extra
+        import json_repair
     except ImportError as error:
         raise MissingExtraError("json_repair", "llm") from error
     try:

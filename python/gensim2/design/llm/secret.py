@@ -18,12 +18,6 @@ DUMMIES = frozenset(_WORDS.split())
 SHORTEST = 8
 """Characters of the shortest secret."""
 
-SHORTEST_WORD = 20
-"""Letters of the shortest secret made of letters alone: a shorter one may be a word of a language."""
-
-FEWEST_CHARACTERS = 5
-"""Different characters of a secret: ``xxxxxxxxxxxx`` has one."""
-
 HIDDEN = "***"
 
 
@@ -54,13 +48,10 @@ class Secret:
         """Whether the key fits into a header."""
         return self._value.isascii() and self._value.isprintable() and " " not in self._value
 
-    @cached_property
+    @property
     def is_secret(self) -> bool:
-        """Whether the key is worth hiding: a dummy (``x``, ``EMPTY``) may stand in any text."""
-        value = self._value
-        if value.lower() in DUMMIES or len(set(value)) < FEWEST_CHARACTERS:
-            return False
-        return len(value) >= (SHORTEST_WORD if value.isalpha() else SHORTEST)
+        """Whether the key must be hidden; a placeholder may stand in any text."""
+        return len(self._value) >= SHORTEST and self._value.lower() not in DUMMIES
 
     def hidden_in(self, text: str) -> str:
         """Return ``text`` with ``***`` for the whole key, in any case, percent-encoded or with JSON escapes."""

@@ -12,7 +12,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import jinja2
+import jinja2.sandbox
 import yaml
+from jinja2 import Template
 
 from gensim2.core.errors import InputError, near
 from gensim2.core.special_files import is_special
@@ -21,8 +24,6 @@ from gensim2.design.llm import wording
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
-
-    from jinja2 import Template
 
 SUFFIX = ".md.j2"
 BANK = "tasks.yaml"
@@ -45,8 +46,6 @@ class Prompts:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        import jinja2.sandbox
-
         self._texts = _texts(files("gensim2.design.llm") / "prompts")
         if folder is not None:
             self._texts.update(_own(folder, set(self._texts)))
@@ -78,8 +77,6 @@ class Prompts:
         Raises:
             InputError: the template cannot be filled in; possible only with one of the user's own.
         """
-        import jinja2
-
         try:
             template: Template = self._environment.get_template(prompt + SUFFIX)
             return template.render(**values).strip() + "\n"
