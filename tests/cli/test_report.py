@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -164,3 +165,23 @@ def test_page_loads_nothing_from_elsewhere(run_dir: Path) -> None:
     assert not re.search(r"""(src|href)=["'](https?:)?//""", text)
     assert "@import" not in text
     assert "<script" not in text
+
+
+@pytest.mark.parametrize("name", ["report.html", "strategies/extra.yaml"])
+def test_a_link_out_of_the_folder_is_neither_read_nor_written_to(run_dir: Path, tmp_path: Path, name: str) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("of somebody else")
+    place = run_dir if name == "report.html" else next((run_dir / "tasks").iterdir())
+    (place / name).parent.mkdir(exist_ok=True)
+    (place / name).symlink_to(secret)
+    with pytest.raises(InputError, match="is a link out of the folder"):
+        write_report(run_dir)
+    assert secret.read_text() == "of somebody else"
+
+
+def test_a_pipe_among_the_strategies_is_not_waited_for(run_dir: Path) -> None:
+    strategies = next((run_dir / "tasks").iterdir()) / "strategies"
+    strategies.mkdir(exist_ok=True)
+    os.mkfifo(strategies / "pipe.yaml")
+    with pytest.raises(InputError, match="is a pipe"):
+        write_report(run_dir)

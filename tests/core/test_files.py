@@ -67,6 +67,18 @@ def test_nan_and_places_that_cannot_be_written_are_refused(tmp_path: Path) -> No
         write_atomic(tmp_path / "file" / "data", "x")
 
 
+def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path: Path) -> None:
+    """As root, a link to a device would have put a file in the device's place."""
+    (tmp_path / "target").write_text("of somebody else")
+    for name, target in (("a", "target"), ("b", "gone"), ("c", "c")):
+        (tmp_path / name).symlink_to(target)
+        write_atomic(tmp_path / name, "x")
+        assert (tmp_path / name).read_text() == "x"
+        assert not (tmp_path / name).is_symlink()
+    assert (tmp_path / "target").read_text() == "of somebody else"
+    assert not (tmp_path / "gone").exists()
+
+
 def test_a_long_name_that_fits_can_be_written(tmp_path: Path) -> None:
     write_atomic(tmp_path / ("n" * 250), "x")
 

@@ -95,6 +95,7 @@ def _moments(folder: Path) -> None:
 HOSTILE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "a path": (lambda f: _edit(f / "state.json", file="../../x.safetensors"), "file"),
     "a step before the first": (lambda f: _edit(f / "state.json", step=-5), "step"),
+    "a step after the last": (lambda f: _edit(f / "state.json", step=10**30), "step"),
     "a pipe": (lambda f: _pipe(f / "state.json"), "is a pipe"),
     "a pipe of tensors": (lambda f: _pipe(next(f.glob("state-*"))), "is a pipe"),
     "curves that are a pipe": (lambda f: _pipe(f / "curves.jsonl"), "is a pipe"),

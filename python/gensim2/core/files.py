@@ -57,12 +57,11 @@ def replacing(path: Path) -> Iterator[Path]:
     cut sees the old file or the new one. Where the block fails, ``path`` is left as it was. The name keeps the
     suffix of ``path`` for writers that go by it.
 
-    A symbolic link stays, its target is replaced.
+    A symbolic link is replaced as any other file is: a folder may be a stranger's, and the target somebody else's.
 
     Raises:
         WriteError: the folder cannot be written to, or is full.
     """
-    path = Path(os.path.realpath(path))
     temporary = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.tmp{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -195,7 +194,8 @@ def write_atomic(path: Path, data: str | bytes) -> None:
 
 
 def write_output(path: Path, data: str | bytes) -> None:
-    """Write to a name that the user gave: as :func:`write_atomic`, but what is no regular file is written through.
+    """Write to a name that the user gave: as :func:`write_atomic`, but links are followed and special files are written
+    through.
 
     Names of our own are replaced whatever stands there: a pipe would wait for a reader that may never come.
 
@@ -208,7 +208,7 @@ def write_output(path: Path, data: str | bytes) -> None:
             return
     except OSError as error:
         raise InputError(f"cannot write: {error.strerror}", file=path, remedy="choose another") from error
-    write_atomic(path, data)
+    write_atomic(Path(os.path.realpath(path)), data)
 
 
 def _encoded(data: str | bytes) -> bytes:

@@ -10,6 +10,7 @@ from typing import Any
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
+from gensim2.core.foreign.tree import MAX_RECORD, ForeignTree, read_input
 from gensim2.core.pages import template
 from gensim2.core.record_files import read_record
 from gensim2.data.records import RecordingSummary, ResultSummary, RunRecord, RunSummary, Verification
@@ -33,8 +34,9 @@ def write_report(run_dir: Path) -> Path:
     """Write ``report.html`` from the files of a run folder, finished or not, and return its path.
 
     Raises:
-        InputError: ``run_dir`` holds no run, or one of its files cannot be read.
+        InputError: ``run_dir`` holds no run, a link leads out of it, or one of its files cannot be read.
     """
+    ForeignTree(run_dir).refuse_links_out()
     run = read_record(run_dir / RUN_JSON, RunRecord, "restore the file")
     summary = read_record(run_dir / RUN_JSON, RunSummary, "restore the file")
     model = ModelReport(run_dir)
@@ -244,4 +246,4 @@ def _beside(folder: Path, pattern: str) -> str | None:
 
 
 def _text(path: Path) -> str | None:
-    return path.read_text(encoding="utf-8", errors="replace") if path.exists() else None
+    return read_input(path, MAX_RECORD).decode(errors="replace") if path.exists() else None

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import new_folder, write_json
@@ -63,9 +63,9 @@ class LearnRecord(BaseModel):
     settings: dict[str, Any] = {}
     start: tuple[str, str] | None = None
     demonstrations_of: str | None = None
-    steps: dict[str, int] = {}
-    data_cpu_s: dict[str, float] = {}
-    episodes: dict[str, int] = {}
+    steps: dict[str, Annotated[int, Field(ge=1)]] = {}
+    data_cpu_s: dict[str, Annotated[float, Field(ge=0)]] = {}
+    episodes: dict[str, Annotated[int, Field(ge=0)]] = {}
 
     @property
     def is_of_plans(self) -> bool:

@@ -159,6 +159,9 @@ class TrainState:
             raise InputError(
                 message, file=folder / STATE_JSON, remedy="choose another --out, or give the same settings"
             )
+        if record.step > (steps := identity.parts["training"]["steps"]):
+            message = f"is {record.step} of a training of {steps} steps"
+            raise InputError(message, file=folder / STATE_JSON, field="step", remedy=_REMEDY)
         path = folder / record.file
         try:
             require_shapes(path, found := read_shapes(path, MAX_BYTES, _REMEDY), self._shapes(found), _REMEDY)

@@ -14,7 +14,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from gensim2.core.errors import InputError
+from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.renamed import current
 from gensim2.core.validation import input_error
 
@@ -197,10 +197,7 @@ def read_figures(path: Path) -> Figures:
     Raises:
         InputError: it cannot be read, or holds none; names the field.
     """
-    try:
-        return _parsed(path.read_bytes(), path)
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path) from error
+    return _parsed(read_input(path, MAX_RECORD), path)
 
 
 def figures_of(task: str) -> tuple[Figure, ...]:
