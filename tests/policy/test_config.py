@@ -32,6 +32,7 @@ def test_yaml_and_flags_are_one(tmp_path: Path) -> None:
         ({"execute": 99}, "execute"),
         ({"points": 0}, "points"),
         ({"ema": float("nan")}, "ema"),
+        ({"learning_rate": 10**400}, "learning_rate"),
         ({"steps": True}, "steps"),
         ({"layer": 3}, "layer"),
         ({"blocks": 1}, "blocks"),
