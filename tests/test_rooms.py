@@ -272,3 +272,30 @@ def test_imports_of_designers_stand_at_the_top() -> None:
         functions = [each for each in ast.walk(ast.parse(path.read_text())) if isinstance(each, ast.FunctionDef)]
         for name in {name for each in functions for name in imports(ast.unparse(each))}:
             assert any(lies_in(name, module) for module in HEAVY), f"{path}: {name}"
+
+
+def test_whether_a_run_is_the_same_is_decided_in_one_place() -> None:
+    """Every folder that a run resumes is a ``ResumableFolder``, or its record compares itself as ``RunSettings`` does."""
+    every = [*sources("gensim2"), *sources("gensim2_robot")]
+    names = {path.relative_to(PYTHON).as_posix(): path.read_text() for path in every}
+    assert {name for name, text in names.items() if "import FileLock" in text} == {
+        "gensim2/core/resumable.py",
+        "gensim2/objects/library/cache.py",  # which waits for its turn
+        "gensim2/tasks/memory.py",
+    }
+    assert {name for name, text in names.items() if "was begun with" in text} <= {
+        "gensim2/core/resumable.py",
+        "gensim2/data/record.py",  # a collection may grow, which is a comparison of its own
+        "gensim2/design/llm/store.py",
+    }
+    for name in (
+        "gensim2/data/folder.py",
+        "gensim2/data/runfolder.py",
+        "gensim2/policy/dagger.py",
+        "gensim2/policy/experiments/running.py",
+        "gensim2/policy/keypose/data.py",
+        "gensim2/policy/learn_record.py",
+        "gensim2/policy/train_state.py",
+        "gensim2_robot/trial/record.py",
+    ):
+        assert any(each.startswith("gensim2.core.resumable.") for each in imports(names[name])), name

@@ -108,13 +108,20 @@ def good_folder(folder: Path) -> None:
     protocol = read_protocol("CloseBox").model_dump(mode="json")
     (folder / "protocol.yaml").write_text(dump_yaml(protocol))
     asked = Asked(task="CloseBox", policy="p", seed=0, protocol=protocol, line={"arm": "simulated"}, scene={"n": 1})
-    trials = TrialFolder(folder / "trials", asked, resume=False)
-    for number in range(4):
-        placed = {name: vars(each) for name, each in read_protocol("CloseBox").place(0, number).items()}
-        words: dict[str, Any] = {"by": "person", "goal": None, "state": "idle", "reason": "over", "at": "2027-01-01"}
-        success = number % 2 == 0
-        cause = None if success else "it slipped"
-        trials.add(Trial(number=number, placements=placed, success=success, cause=cause, seconds=1.5, **words))
+    words: dict[str, Any] = {"by": "person", "goal": None, "state": "idle", "reason": "over", "at": "2027-01-01"}
+    with TrialFolder(folder / "trials", asked, resume=False) as trials:
+        for number in range(4):
+            placed = {name: vars(each) for name, each in read_protocol("CloseBox").place(0, number).items()}
+            words: dict[str, Any] = {
+                "by": "person",
+                "goal": None,
+                "state": "idle",
+                "reason": "over",
+                "at": "2027-01-01",
+            }
+            success = number % 2 == 0
+            cause = None if success else "it slipped"
+            trials.add(Trial(number=number, placements=placed, success=success, cause=cause, seconds=1.5, **words))
     for place in (folder, folder / "log", folder / "trials"):
         for name in CANARIES:
             (place / name).write_text(f"open({str(folder.parent / 'code-ran')!r}, 'w').close()\nrobot = None\n")

@@ -345,7 +345,7 @@ def test_rounds_of_relabels_are_counted_and_resumed(
     assert json.loads(capfd.readouterr().out)["data"] == told["data"]
     words[words.index("--dagger") + 1] = "2"
     assert run([*words, "--resume"]) == 2
-    assert "dagger: its policy was trained in 1 rounds, not 2" in capfd.readouterr().err
+    assert "dagger: was begun with 1, not 2" in capfd.readouterr().err
     assert not (tmp_path / "out" / "rounds" / "1").exists()
 
 

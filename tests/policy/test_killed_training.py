@@ -18,10 +18,11 @@ import pytest
 import torch
 
 from gensim2.core.errors import InputError
-from gensim2.data.lock import FolderLock
+from gensim2.core.resumable import FolderLock
 from gensim2.policy.experiments.config import config_of
 from gensim2.policy.experiments.running import run_experiment
-from gensim2.policy.learning import LOCK, learn
+from gensim2.policy.learn_record import LOCK
+from gensim2.policy.learning import learn
 from gensim2.policy.train import train_policy
 
 HERE = Path(__file__).parent

@@ -105,9 +105,9 @@ def record(number: int, success: bool, cause: str | None = None) -> Trial:
 
 
 def test_the_table_has_wilsons_interval_and_the_causes(tmp_path: Path) -> None:
-    folder = TrialFolder(tmp_path / "CloseBox", asked(), resume=False)
-    for number in range(10):
-        folder.add(record(number, number < 7, None if number < 7 else "it slipped | and fell"))
+    with TrialFolder(tmp_path / "CloseBox", asked(), resume=False) as folder:
+        for number in range(10):
+            folder.add(record(number, number < 7, None if number < 7 else "it slipped | and fell"))
     found = write_table(tmp_path)
     (row,) = found["rows"]
     share, z, n = 0.7, 1.959963984540054, 10
@@ -123,16 +123,19 @@ def test_the_table_has_wilsons_interval_and_the_causes(tmp_path: Path) -> None:
 
 
 def test_what_is_gone_on_with_must_be_the_same_and_a_line_that_was_cut_off_is_none(tmp_path: Path) -> None:
-    TrialFolder(tmp_path, asked(), resume=False).add(record(0, True))
+    with TrialFolder(tmp_path, asked(), resume=False) as folder:
+        folder.add(record(0, True))
     with (tmp_path / "trials.jsonl").open("a") as stream:
         stream.write('{"number": 1, "succ')
     with pytest.raises(InputError, match="--resume"):
         TrialFolder(tmp_path, asked(), resume=False)
     with pytest.raises(InputError, match="policy"):
         TrialFolder(tmp_path, asked(policy="another"), resume=True)
-    folder = TrialFolder(tmp_path, asked(), resume=True)
-    assert set(folder.trials) == {0}
-    folder.add(record(1, False, "why"))
+    with TrialFolder(tmp_path, asked(), resume=True) as folder:
+        assert set(folder.trials) == {0}
+        with pytest.raises(InputError, match="another run is at work in it"):
+            TrialFolder(tmp_path, asked(), resume=True)
+        folder.add(record(1, False, "why"))
     assert [each.number for each in read_trials(tmp_path)] == [0, 1]
     whole = (tmp_path / "trials.jsonl").read_text()
     for change, said in (

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import fields
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
 from gensim2.core.errors import InputError
+from gensim2.core.resumable import RunSettings, differing
 from gensim2.core.seeding import scene_seeds
 from gensim2.rollout.config import RolloutOptions
 from gensim2.scenes.config import SceneOptions, SceneRecord
@@ -59,7 +61,7 @@ class TaskRecord(_Record):
     causes: dict[str, int] = {}
 
 
-class DatasetRecord(_Record):
+class DatasetRecord(RunSettings):
     """``dataset.json``.
 
     Attributes:
@@ -75,6 +77,8 @@ class DatasetRecord(_Record):
         complete: all episodes of all tasks are there.
     """
 
+    model_config = _Record.model_config
+
     schema_version: Literal[1] = DATASET_SCHEMA
     arguments: SceneRecord
     seed: Count
@@ -83,7 +87,7 @@ class DatasetRecord(_Record):
     tasks: dict[TaskName, TaskRecord]
     listings: dict[str, str]
     versions: dict[str, str]
-    objects: dict[str, ObjectUsed] = {}
+    objects: dict[str, ObjectUsed] = Field(default_factory=dict)
     complete: bool = False
 
     @model_validator(mode="after")
@@ -96,6 +100,30 @@ class DatasetRecord(_Record):
             except InputError as error:
                 raise ValueError(str(error)) from error
         return self
+
+    def differences(self, now: Self) -> Iterator[tuple[str, str]]:
+        """Yield the differences; a collection may get more episodes and more tasks."""
+        for name in ("arguments", "versions", "seed", "keep_failures"):
+            yield from differing(name, getattr(self, name), getattr(now, name))
+        if now.episodes < self.episodes:
+            yield "episodes", f"was begun with {self.episodes}; it may get more, not fewer than that"
+        if list(now.tasks)[: len(self.tasks)] != list(self.tasks):
+            text = "was begun with these tasks in this order; further ones may follow"
+            yield "tasks", f"{text}: {', '.join(self.tasks)}"
+        for name, listing in sorted(self.listings.items()):
+            if now.listings.get(name) != listing:
+                yield f"listings.{name}", f"the objects of class {name} have changed since the collection was begun"
+        fixed = {"digest", "instances", "objects"}
+        for name, task in self.tasks.items():
+            was, given = (each.model_dump(include=fixed) for each in (task, now.tasks[name]))
+            yield from differing(f"tasks.{name}", was, given)
+
+    def resumed_by(self, now: Self) -> Self:
+        """Return the record of ``now`` with what is known of the episodes; without new ones the outcome stays."""
+        update: dict[str, Any] = {"objects": dict(self.objects)}
+        if (now.episodes, list(now.tasks)) == (self.episodes, list(self.tasks)):
+            update |= {"tasks": dict(self.tasks), "complete": self.complete}
+        return now.model_copy(update=update)
 
     @property
     def scene(self) -> SceneOptions:

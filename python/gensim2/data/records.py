@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from gensim2.core.record_files import SCHEMA_VERSION
+from gensim2.core.resumable import RunSettings, differing
 from gensim2.rollout.config import RolloutOptions, nested_options
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import Tally
-from gensim2.scenes.config import SceneOptions, SceneRecord
+from gensim2.scenes.config import SCENE_FIELDS, SceneOptions, SceneRecord
 
 RUN_SCHEMA_VERSION: Literal[4] = 4
 """Of ``run.json``, and with it of what a run can go on with."""
@@ -28,6 +29,24 @@ class Record(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
+FIXED_ARGUMENTS = (
+    "command",
+    "seed",
+    *SCENE_FIELDS,
+    *(field.name for field in fields(RolloutOptions)),
+    "designer",
+    "target_task",
+    "stored_tasks",
+    "wish",
+    "scenes",
+    "runs",
+    "episodes",
+    "verify",
+    "from_empty",
+)
+"""Arguments that a resumed run must share with the run it resumes; the others change its length or its speed."""
+
+
 class Effort(Record):
     """Cost of the design and verification of a task, in the call in which that was finished: CPU of all processes,
     time."""
@@ -36,8 +55,10 @@ class Effort(Record):
     wall_s: Annotated[float, Field(ge=0)]
 
 
-class RunRecord(Record):
+class RunRecord(RunSettings):
     """``run.json``."""
+
+    model_config = Record.model_config
 
     schema_version: Literal[4]
     arguments: SceneRecord
@@ -51,7 +72,19 @@ class RunRecord(Record):
     licenses: dict[str, str]
     result: dict[str, Any] | None
     resumed: Annotated[int, Field(ge=0)]
-    effort: dict[str, Effort] = {}
+    effort: dict[str, Effort] = Field(default_factory=dict)
+
+    def differences(self, now: Self) -> Iterator[tuple[str, str]]:
+        """Yield the differences in what the results follow from; a run may get longer."""
+        was, given = ({name: each.arguments.get(name) for name in FIXED_ARGUMENTS} for each in (self, now))
+        yield from differing("arguments", was, given)
+        yield from differing("identity", self.identity, now.identity)
+        yield from differing("versions", self.versions, now.versions)
+
+    def resumed_by(self, now: Self) -> Self:
+        """Return this record with the present arguments, without an outcome."""
+        update = {"arguments": now.arguments, "finished": None, "result": None, "resumed": self.resumed + 1}
+        return self.model_copy(update=update)
 
 
 class VerificationRecord(Record):

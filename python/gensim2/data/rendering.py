@@ -13,8 +13,8 @@ from gensim2.core.errors import InputError
 from gensim2.core.files import append, remove_temporaries
 from gensim2.core.processes import Execution, ExecutionArguments, Failure, Job, results
 from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.resumable import FolderLock
 from gensim2.data.dataset import DataSet
-from gensim2.data.lock import FolderLock
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
 from gensim2.data.store import OBSERVATIONS, TaskStore
 from gensim2.data.used_objects import ObjectCheck
@@ -117,14 +117,11 @@ def render(
     dataset = DataSet.open(folder, assets)
     require_cameras(spec.cameras, robot(dataset.record.scene.robot))
     wanted = {name: dataset.task(name) for name in tasks or dataset.tasks}
-    lock = FolderLock(folder)
-    try:
+    with FolderLock(folder):
         for store in wanted.values():
             if (store.folder / OBSERVATIONS).is_dir():
                 remove_temporaries(store.folder / OBSERVATIONS)
         return _Rendering(dataset, spec, episodes, resume, progress).run(wanted, how)
-    finally:
-        lock.release()
 
 
 class _Rendering:

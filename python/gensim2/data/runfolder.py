@@ -14,41 +14,21 @@ import platform
 import sys
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic, write_json
 from gensim2.core.record_files import read_record
+from gensim2.core.resumable import ResumableFolder
 from gensim2.core.yaml_files import dump_yaml
-from gensim2.data.owned_folder import OwnedFolder
 from gensim2.data.records import RUN_SCHEMA_VERSION, Effort, RunRecord, Verification, VerificationRecord
 from gensim2.objects import Library, ObjectModel
-from gensim2.rollout.config import RolloutOptions
 from gensim2.rollout.identity import versions
 from gensim2.rollout.record import Episode
-from gensim2.scenes.config import SCENE_FIELDS
 from gensim2.scenes.physics import DEFAULT_ENGINE
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
-
-#: Arguments that a resumed run must share with the run it resumes; the others change its length or its speed.
-FIXED_ARGUMENTS = (
-    "command",
-    "seed",
-    *SCENE_FIELDS,
-    *(field.name for field in fields(RolloutOptions)),
-    "designer",
-    "target_task",
-    "stored_tasks",
-    "wish",
-    "scenes",
-    "runs",
-    "episodes",
-    "verify",
-    "from_empty",
-)
 
 RUN_JSON = "run.json"
 
@@ -60,12 +40,12 @@ def default_run_dir() -> Path:
     return next(path for path in itertools.chain([first], others) if not path.exists())
 
 
-class RunFolder(OwnedFolder):
+class RunFolder(ResumableFolder[RunRecord]):
     """A run folder, new or resumed, with one owner at a time. A context manager: leaving it gives the folder up.
 
     Args:
         path: the folder.
-        arguments: what the run was asked to do; those in ``FIXED_ARGUMENTS`` must agree when resuming.
+        arguments: what the run was asked to do; those in ``records.FIXED_ARGUMENTS`` must agree when resuming.
         identity: digests of everything else that the run's results follow from; all must agree when resuming.
         resume: go on with a folder that a run began.
 
@@ -75,14 +55,7 @@ class RunFolder(OwnedFolder):
     """
 
     def __init__(self, path: Path, arguments: dict[str, Any], identity: Mapping[str, str], resume: bool) -> None:
-        super().__init__(path, RUN_JSON, "a run", resume)
-        self.path = path
-        with self.released_on_error():
-            if (path / RUN_JSON).exists():
-                self.record = self._resumed(arguments, identity)
-            else:
-                self.record = self._new(arguments, identity)
-            self.save()
+        super().__init__(path, RUN_JSON, self._new(arguments, identity), holds="a run", resume=resume)
 
     @property
     def errors_log(self) -> Path:
@@ -93,7 +66,7 @@ class RunFolder(OwnedFolder):
         """Write ``run.json``."""
         self.record.assets = dict(sorted(self.record.assets.items()))
         self.record.licenses = dict(sorted(self.record.licenses.items()))
-        write_json(self.path / RUN_JSON, self.record.model_dump())
+        super().save()
 
     def add_object(self, model: ObjectModel) -> None:
         """Note an object that the run uses.
@@ -155,28 +128,6 @@ class RunFolder(OwnedFolder):
         if source.exists():
             target.parent.mkdir(parents=True, exist_ok=True)
             source.rename(target)
-
-    def _resumed(self, arguments: dict[str, Any], identity: Mapping[str, str]) -> RunRecord:
-        path = self.path / RUN_JSON
-        record = read_record(path, RunRecord, "restore the file, or choose another --out")
-        remedy = "resume with the same, or choose another --out"
-        for name in FIXED_ARGUMENTS:
-            before, now = record.arguments.get(name), arguments.get(name)
-            if before != now:
-                text = f"the run was started with {before!r}, not {now!r}"
-                raise InputError(text, file=path, field=f"arguments.{name}", remedy=remedy)
-        for name in sorted(record.identity.keys() | identity.keys()):
-            if record.identity.get(name) != identity.get(name):
-                text = f"the run was started with another {name}"
-                raise InputError(text, file=path, field=f"identity.{name}", remedy=remedy)
-        now_installed = versions(arguments.get("engine", DEFAULT_ENGINE))
-        for name in sorted(record.versions.keys() | now_installed.keys()):
-            before, now = record.versions.get(name), now_installed.get(name)
-            if before != now:
-                text = f"the run was started with {before}, installed is {now}"
-                raise InputError(text, file=path, field=f"versions.{name}", remedy=remedy)
-        update = {"arguments": arguments, "finished": None, "result": None, "resumed": record.resumed + 1}
-        return record.model_copy(update=update)
 
     @staticmethod
     def _new(arguments: dict[str, Any], identity: Mapping[str, str]) -> RunRecord:

@@ -9,6 +9,7 @@ from typing import Any
 
 from gensim2.core.errors import InputError
 from gensim2.core.progress import NULL_PROGRESS, NamedProgress, Progress
+from gensim2.core.resumable import RunSettings, held_already
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.dataset import DataSet
 from gensim2.data.used_objects import ObjectCheck
@@ -27,6 +28,10 @@ ROUNDS = "rounds"
 """Folder of the policies before the last one, and of the labels."""
 EPISODES = 20
 """Of each task and round."""
+
+
+class _Rounds(RunSettings):
+    dagger: int
 
 
 def train_rounds(
@@ -100,14 +105,13 @@ def train_rounds(
 
 def _check_free(out: Path, resume: bool, rounds: int) -> None:
     """Refuse a folder whose policy the last round could not replace, before the first one."""
+    if not holds_training(out):
+        return
     begun = (out / ROUNDS / "0" / TRAINING / STATE_JSON).exists()
-    if holds_training(out) and not (resume and begun):
-        remedy = "choose another --out, or go on with --resume" if begun else "choose another --out"
-        raise InputError("holds a policy already", file=out, remedy=remedy)
-    had = sum(path.is_dir() for path in (out / ROUNDS).glob("*")) if holds_training(out) else rounds
-    if had != rounds:
-        message = f"its policy was trained in {had} rounds, not {rounds}"
-        raise InputError(message, file=out, field="dagger", remedy="give the same, or choose another --out")
+    if not (resume and begun):
+        raise held_already(out, "a policy", *([] if begun else ["choose another --out"]))
+    had = sum(path.is_dir() for path in (out / ROUNDS).glob("*"))
+    _Rounds(dagger=had).require_same(_Rounds(dagger=rounds), out)
 
 
 def _relabel(

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import new_folder, write_json
 from gensim2.core.foreign.tree import ForeignTree
 from gensim2.core.record_files import read_record
+from gensim2.core.resumable import ResumableFolder, RunSettings, differing
 from gensim2.data.store import OBSERVATIONS
 from gensim2.perception import DepthNoise, ObservationSpec
 from gensim2.policy.keypose.adding import BESIDE, DATA
@@ -19,14 +21,13 @@ from gensim2.policy.train import holds_training
 from gensim2.scenes.config import SceneRecord
 
 LEARN_JSON = "learn.json"
-DECIDED = ("steps", "data_cpu_s", "episodes", "demonstrations_of")
-"""Fields that a run decides or takes along; a resumed run need not repeat them."""
+LOCK = ".learn.lock"
 DATA_FIELDS = ("tasks", "multi_task", "seed", "objects", "generated", "scene", "noise", "verify")
 """Fields that determine the demonstrations of a policy, what is seen in them apart."""
 REFUSED = "give a folder that gensim2 learn has made"
 
 
-class LearnRecord(BaseModel):
+class LearnRecord(RunSettings):
     """``learn.json``: the arguments of a run, which a resumed run must repeat.
 
     Attributes:
@@ -44,7 +45,7 @@ class LearnRecord(BaseModel):
         episodes: demonstrations of each task by policy folder, of policies of action chunks.
     """
 
-    model_config = ConfigDict(extra="forbid")
+    FREE = frozenset({"steps", "data_cpu_s", "episodes", "demonstrations_of", "start"})
 
     schema_version: Literal[1] = 1
     tasks: tuple[str, ...]
@@ -60,12 +61,24 @@ class LearnRecord(BaseModel):
     noise: dict[str, float | bool] | None = None
     text: str | None = None
     text_model: str | None = None
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = Field(default_factory=dict)
     start: tuple[str, str] | None = None
     demonstrations_of: str | None = None
-    steps: dict[str, Annotated[int, Field(ge=1)]] = {}
-    data_cpu_s: dict[str, Annotated[float, Field(ge=0)]] = {}
-    episodes: dict[str, Annotated[int, Field(ge=0)]] = {}
+    steps: dict[str, Annotated[int, Field(ge=1)]] = Field(default_factory=dict)
+    data_cpu_s: dict[str, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
+    episodes: dict[str, Annotated[int, Field(ge=0)]] = Field(default_factory=dict)
+
+    def differences(self, now: Self) -> Iterator[tuple[str, str]]:
+        """Yield the differences, where a policy to start from may lie in a folder that was moved."""
+        yield from super().differences(now)
+        was, given = ((each.start or (None, None))[1] for each in (self, now))
+        yield from differing("start", was, given)
+        if now.demonstrations_of is not None:
+            yield from differing("demonstrations", self.demonstrations_of, now.demonstrations_of)
+
+    def resumed_by(self, now: Self) -> Self:
+        """Return this record with the present folder of the policy to start from."""
+        return self.model_copy(update={"start": now.start})
 
     @property
     def is_of_plans(self) -> bool:
@@ -83,33 +96,17 @@ class LearnRecord(BaseModel):
         return observation_of(learn_configs(self.policy, self.settings)[0], noise)
 
 
-def begin_record(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
-    """Write the record of a run, or read that of the resumed run.
+class LearnFolder(ResumableFolder[LearnRecord]):
+    """Folder of a run, under a lock of its own: the trainings in it lock their folders, too.
 
     Raises:
-        InputError: the folder holds a run and ``resume`` is false, or it holds one with other arguments.
+        InputError: the folder holds a run and ``resume`` is false, or one with other arguments, or another policy.
     """
-    path = out / LEARN_JSON
-    if not path.exists():
-        if any(map(holds_training, (out, *(out / name for name in record.tasks)))):
+
+    def __init__(self, out: Path, record: LearnRecord, resume: bool) -> None:
+        if not (out / LEARN_JSON).exists() and any(map(holds_training, (out, *(out / name for name in record.tasks)))):
             raise InputError("holds a policy of another training", file=out, remedy="choose another --out")
-        write_json(path, record.model_dump(mode="json"))
-        return record
-    if not resume:
-        raise InputError("holds a run already", file=out, remedy="choose another --out, or go on with --resume")
-    there = read_record(path, LearnRecord, "choose another --out")
-    for name in LearnRecord.model_fields:
-        was, now = getattr(there, name), getattr(record, name)
-        if name == "start" and was is not None and now is not None:
-            was, now = was[1], now[1]  # the same policy in a folder that was moved
-        if name not in DECIDED and was != now:
-            message = f"the run has {was!r}, not {now!r}"
-            raise InputError(message, file=path, field=name, remedy="give the same, or another --out")
-    was, now = there.demonstrations_of, record.demonstrations_of
-    if now not in (None, was):
-        message = f"the run has demonstrations of {was!r}, not of {now!r}"
-        raise InputError(message, file=path, field="demonstrations", remedy="leave them out, or give another --out")
-    return there.model_copy(update={"start": record.start})
+        super().__init__(out, LEARN_JSON, record, holds="a run", resume=resume, lock=LOCK, alone=False)
 
 
 def check_demonstrations(other: Path, record: LearnRecord) -> None:

@@ -12,7 +12,6 @@ from gensim2.core.files import check_writable, write_json
 from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import SCHEMA_VERSION
-from gensim2.data.lock import FolderLock
 from gensim2.perception import DepthNoise
 from gensim2.policy.checkpoint import checkpoint_folder
 from gensim2.policy.config import HEADS
@@ -27,7 +26,7 @@ from gensim2.policy.evaluating import (
 )
 from gensim2.policy.frames import check_turns
 from gensim2.policy.keypose.adding import inputs_beside, tasks_to_plan_again, taught_before
-from gensim2.policy.learn_record import LEARN_JSON, LearnRecord, begin_record, check_demonstrations, take_demonstrations
+from gensim2.policy.learn_record import LEARN_JSON, LearnFolder, LearnRecord, check_demonstrations, take_demonstrations
 from gensim2.policy.learn_settings import learn_configs, observation_of
 from gensim2.policy.objects import check_test_instances, shared_objects, unseen_instances, words
 from gensim2.policy.starting import check_sentences, check_text, digest_of_start, known_tasks, read_start
@@ -44,8 +43,6 @@ SCENES = 2000
 OBJECTS = 200
 """Generated ones of each class that a keypose policy learns from, where there are as many as are wanted."""
 RESULT_JSON = "result.json"
-LOCK = ".learn.lock"
-"""The training in the same folder has its own."""
 VIDEOS = 3
 """Episodes of each task that are filmed."""
 
@@ -255,8 +252,8 @@ def learn(
         check_demonstrations(demonstrations, record)
     out.mkdir(parents=True, exist_ok=True)
     check_writable(out / LEARN_JSON)
-    with FolderLock(out, LOCK):
-        record = begin_record(out, record, resume)
+    with LearnFolder(out, record, resume) as opened:
+        record = opened.record
         groups = [tuple(given)] if together or len(given) == 1 else [(one,) for one in given]
         learned = []
         for group in groups:

@@ -15,8 +15,8 @@ import torch
 
 from gensim2.core.errors import InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.resumable import FolderLock, held_already
 from gensim2.core.seeding import rng
-from gensim2.data.lock import FolderLock
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.control import MAX_CLOUDS
@@ -111,11 +111,8 @@ def train_policy(
         InputError: settings and data do not go together, ``out`` holds another training, or another process has it.
         KeyboardInterrupt: after a signal, once the state is written.
     """
-    lock = FolderLock(out)
-    try:
+    with FolderLock(out):
         return _train(source, config, training, out, start, resume, device, progress)
-    finally:
-        lock.release()
 
 
 def _train(
@@ -171,7 +168,7 @@ def _train(
             "is not there: there is nothing to go on from", file=folder / STATE_JSON, remedy="choose another --out"
         )
     elif holds_training(out):
-        raise InputError("holds a policy already", file=out, remedy="choose another --out, or go on with --resume")
+        raise held_already(out, "a policy")
     out.mkdir(parents=True, exist_ok=True)
     source.some_clouds(MAX_CLOUDS).save(out)
     loss = _run(state, source, table, config, training, folder, identity, devices, progress)

@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import torch
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 from torch import nn
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic, write_json
 from gensim2.core.foreign.tensors import Shape, read_shapes, read_tensors, require_shapes
 from gensim2.core.record_files import read_record
+from gensim2.core.resumable import RunSettings, differing
 
 STATE_JSON = "state.json"
 MAX_BYTES = 32 * 2**30
 _REMEDY = "delete the folder and train again"
 
 
-class _Record(BaseModel):
+class _Record(RunSettings):
     model_config = ConfigDict(extra="forbid", strict=True)
 
     schema_version: Literal[1]
@@ -33,9 +34,19 @@ class _Record(BaseModel):
     cpu_s: float = Field(ge=0)
     file: str = Field(pattern=r"^state-[0-9a-f]{16}\.safetensors$")
     sha256: str
-    losses: list[float] = []
+    losses: list[float] = Field(default_factory=list)
     loss: float | None = None
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = Field(default_factory=dict)
+
+    def differences(self, now: Self) -> Iterator[tuple[str, str]]:
+        """Yield the settings that differ where the digest of all of them does; earlier versions wrote fewer."""
+        if self.identity == now.identity:
+            return
+        theirs = json.loads(json.dumps(now.settings))
+        if "action" not in self.settings:
+            theirs = {name: theirs.get(name) for name in self.settings}
+        yield from differing("settings", self.settings, theirs)
+        yield from differing("identity", self.identity, now.identity)
 
 
 @dataclass(frozen=True)
@@ -67,17 +78,6 @@ class Identity:
             "folders": _digest(data),
             **others,
         }
-
-    def differs_in(self, settings: Mapping[str, Any]) -> list[str]:
-        """Names of the settings that are others here; none where ``settings`` is empty.
-
-        Args:
-            settings: of another training; those of earlier versions lack what is no setting: it is not compared then.
-        """
-        mine = json.loads(json.dumps(self.settings))
-        names = {*mine, *settings} if "action" in settings else set(settings)
-        nowhere = object()
-        return sorted(name for name in names if mine.get(name, nowhere) != settings.get(name, nowhere))
 
 
 def _digest(value: Any) -> str:
@@ -129,18 +129,7 @@ class TrainState:
         digest = hashlib.sha256(content).hexdigest()
         file = f"state-{digest[:16]}.safetensors"
         write_atomic(folder / file, content)
-        record = _Record(
-            schema_version=1,
-            identity=identity.digest,
-            step=self.step,
-            cpu_s=self.cpu_s,
-            file=file,
-            sha256=digest,
-            losses=self.losses,
-            loss=self.loss,
-            settings=identity.settings,
-        )
-        write_json(folder / STATE_JSON, record.model_dump())
+        write_json(folder / STATE_JSON, self._record(identity, file, digest).model_dump())
         for old in folder.glob("state-*.safetensors"):
             if old.name != file:
                 old.unlink()
@@ -152,13 +141,7 @@ class TrainState:
             InputError: it is damaged, or of another training or version of gensim2.
         """
         record = read_record(folder / STATE_JSON, _Record, _REMEDY)
-        if record.identity != identity.digest:
-            others = identity.differs_in(record.settings)
-            message = "is of a training with other settings or data"
-            message += f": {', '.join(others)}" if others else ""
-            raise InputError(
-                message, file=folder / STATE_JSON, remedy="choose another --out, or give the same settings"
-            )
+        record.require_same(self._record(identity, record.file, record.sha256), folder / STATE_JSON)
         if record.step > (steps := identity.parts["training"]["steps"]):
             message = f"is {record.step} of a training of {steps} steps"
             raise InputError(message, file=folder / STATE_JSON, field="step", remedy=_REMEDY)
@@ -185,6 +168,19 @@ class TrainState:
                 self.optimizer.state[parameter] = {key: value.to(parameter.device) for key, value in moments.items()}
         self.step, self.cpu_s = record.step, record.cpu_s
         self.losses, self.loss = record.losses, record.loss
+
+    def _record(self, identity: Identity, file: str, digest: str) -> _Record:
+        return _Record(
+            schema_version=1,
+            identity=identity.digest,
+            step=self.step,
+            cpu_s=self.cpu_s,
+            file=file,
+            sha256=digest,
+            losses=self.losses,
+            loss=self.loss,
+            settings=identity.settings,
+        )
 
     def _shapes(self, found: Mapping[str, Shape]) -> dict[str, Shape]:
         """Return the shapes of a state's tensors; a parameter that no step has changed has no moments."""

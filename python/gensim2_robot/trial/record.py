@@ -14,6 +14,7 @@ from gensim2.core.errors import InputError, WriteError
 from gensim2.core.files import write_atomic, write_json
 from gensim2.core.foreign.tree import MAX_RECORD, read_regular, why
 from gensim2.core.record_files import parse_record, read_record
+from gensim2.core.resumable import ResumableFolder, RunSettings
 from gensim2.rollout.tally import interval
 from gensim2.scenes.config import SceneRecord
 
@@ -21,7 +22,7 @@ ASKED, LINES, TABLE, RESULT = "asked.json", "trials.jsonl", "table.md", "table.j
 REMEDY = "choose another --out"
 
 
-class Asked(BaseModel):
+class Asked(RunSettings):
     """``asked.json``: what the trials of one folder have in common.
 
     Attributes:
@@ -32,8 +33,6 @@ class Asked(BaseModel):
         line: what the line follows from.
         scene: what the scenes follow from.
     """
-
-    model_config = ConfigDict(extra="forbid")
 
     schema_version: Literal[1] = 1
     task: str
@@ -81,7 +80,7 @@ class Trial(BaseModel):
 _TRIAL = TypeAdapter(Trial)
 
 
-class TrialFolder:
+class TrialFolder(ResumableFolder[Asked]):
     """Trials of one task with one policy.
 
     Args:
@@ -97,17 +96,12 @@ class TrialFolder:
     """
 
     def __init__(self, folder: Path, asked: Asked, resume: bool) -> None:
-        self._folder, path = folder, folder / ASKED
-        if path.exists():
-            there = read_record(path, Asked, REMEDY)
-            if not resume:
-                raise InputError("holds trials already", file=folder, remedy=f"{REMEDY}, or go on with --resume")
-            for name in Asked.model_fields:
-                if getattr(there, name) != getattr(asked, name):
-                    raise InputError("the trials there were asked otherwise", file=path, field=name, remedy=REMEDY)
-        else:
-            write_json(path, asked.model_dump(mode="json"))
-        self.trials = {each.number: each for each in read_trials(folder)}
+        super().__init__(folder, ASKED, asked, holds="trials", resume=resume, alone=False)
+        try:
+            self.trials = {each.number: each for each in read_trials(folder)}
+        except BaseException:
+            self.release()
+            raise
 
     def add(self, trial: Trial) -> None:
         """Keep a trial, whatever comes after; a last line that was cut off is overwritten.
@@ -115,7 +109,7 @@ class TrialFolder:
         Raises:
             WriteError: it cannot be written.
         """
-        path = self._folder / LINES
+        path = self.path / LINES
         try:
             with path.open("ab+") as stream:
                 stream.truncate(len(_whole_lines(read_regular(path, MAX_RECORD))))

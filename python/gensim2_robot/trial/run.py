@@ -128,6 +128,7 @@ def trial(
             if not config.is_simulated:
                 raise TrialsEndedError(f"the watch has {watch.state} the arm: see to it, then go on with --resume")
     finally:
+        kept.release()
         if course.unwritten is None:
             table = write_table(out)
     return table

@@ -18,7 +18,7 @@ import pytest
 
 from gensim2.data import runfolder
 from gensim2.rollout.episode_log import EpisodeLog
-from gensim2.data.lock import FolderLock
+from gensim2.core.resumable import FolderLock
 from gensim2.data.records import RunRecord, Verification
 from gensim2.data.runfolder import RunFolder, TaskFolder, default_run_dir
 from gensim2.data.store import TaskStore
@@ -48,7 +48,7 @@ def test_a_second_run_in_the_same_folder_is_refused(tmp_path: Path, record: Reco
 
 def test_a_dead_process_holds_no_lock(tmp_path: Path) -> None:
     script = (
-        "import os, signal, sys; from pathlib import Path; from gensim2.data.lock import FolderLock\n"
+        "import os, signal, sys; from pathlib import Path; from gensim2.core.resumable import FolderLock\n"
         "lock = FolderLock(Path(sys.argv[1])); print('held', flush=True); os.kill(os.getpid(), signal.SIGKILL)"
     )
     done = subprocess.run([sys.executable, "-c", script, tmp_path], capture_output=True, text=True, check=False)
@@ -107,7 +107,7 @@ def test_other_strategies_or_another_task_are_refused(
     record(task=_task_folder(tmp_path / "task"))
     before = {path: path.read_bytes() for path in (tmp_path / "run").rglob("*") if path.is_file()}
     _task_folder(tmp_path / "task", **change)
-    with pytest.raises(InputError, match=f"run.json: {field}: the run was started with another"):
+    with pytest.raises(InputError, match=f"run.json: {field}: was begun with"):
         record(task=str(tmp_path / "task"), resume=True)
     assert {p: p.read_bytes() for p in before if p.name != ".lock"} == {
         p: content for p, content in before.items() if p.name != ".lock"
@@ -117,7 +117,7 @@ def test_other_strategies_or_another_task_are_refused(
 def test_other_versions_are_refused(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
     record()
     monkeypatch.setattr(runfolder, "versions", lambda *_: {"python": "2.7"})
-    with pytest.raises(InputError, match=r"versions\.\w+: the run was started with"):
+    with pytest.raises(InputError, match=r"versions\.\w+: was begun with"):
         record(resume=True)
 
 
@@ -337,7 +337,7 @@ def test_what_the_episodes_follow_from_is_the_same_on_resume(tmp_path: Path, nam
     with RunFolder(tmp_path / "run", {"command": "benchmark", name: was}, {}, False):
         pass
     record = (tmp_path / "run" / "run.json").read_bytes()
-    with pytest.raises(InputError, match=rf"arguments\.{name}: the run was started with"):
+    with pytest.raises(InputError, match=rf"arguments\.{name}: was begun with"):
         RunFolder(tmp_path / "run", {"command": "benchmark", name: now}, {}, True)
     assert (tmp_path / "run" / "run.json").read_bytes() == record
 

@@ -25,7 +25,7 @@ from gensim2.policy.keypose.adding import BESIDE, taught_before
 from gensim2.policy.keypose.data import read_planned
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import read_ways
-from gensim2.policy.learn_record import LearnRecord, begin_record
+from gensim2.policy.learn_record import LearnFolder, LearnRecord
 from gensim2.policy.objects import shared_objects, unseen_instances
 from gensim2.policy.starting import SPEC
 from gensim2.rollout.counted_objects import with_objects
@@ -349,11 +349,13 @@ def test_a_run_keeps_its_demonstrations(tmp_path: Path) -> None:
         tasks=("CloseBox",), policy="keypose", minutes=1.0, multi_task=False, seed=0, scenes=1, scene={}
     )
     first = record.model_copy(update={"demonstrations_of": "/one"})
-    begin_record(tmp_path, first, resume=False)
+    with LearnFolder(tmp_path, first, resume=False):
+        pass
     for again in (first, record):
-        assert begin_record(tmp_path, again, resume=True).demonstrations_of == "/one"
-    with pytest.raises(InputError, match="demonstrations: the run has demonstrations of '/one', not of '/other'"):
-        begin_record(tmp_path, record.model_copy(update={"demonstrations_of": "/other"}), resume=True)
+        with LearnFolder(tmp_path, again, resume=True) as opened:
+            assert opened.record.demonstrations_of == "/one"
+    with pytest.raises(InputError, match="demonstrations: was begun with '/one', not '/other'"):
+        LearnFolder(tmp_path, record.model_copy(update={"demonstrations_of": "/other"}), resume=True)
 
 
 def test_the_page_of_added_tasks_is_of_one_policy() -> None:

@@ -11,10 +11,10 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict
 
 from gensim2.core.errors import InputError
-from gensim2.core.files import check_writable, write_json
+from gensim2.core.files import write_json
 from gensim2.core.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.core.record_files import SCHEMA_VERSION, read_record
-from gensim2.data.lock import FolderLock
+from gensim2.core.resumable import ResumableFolder, RunSettings
 from gensim2.evaluation.evaluating import EvaluationResult
 from gensim2.objects import open_library
 from gensim2.objects.library.catalogue import BUILTIN
@@ -32,7 +32,7 @@ from gensim2.tasks.library import load_task
 EXPERIMENT_JSON, RESULT_JSON = "experiment.json", "result.json"
 
 
-class ExperimentRecord(BaseModel):
+class ExperimentRecord(RunSettings):
     """``experiment.json``: what a run that is gone on with must keep to.
 
     Attributes:
@@ -41,7 +41,7 @@ class ExperimentRecord(BaseModel):
         assets: folder of the real objects, or ``"builtin"``: there are none.
     """
 
-    model_config = ConfigDict(extra="forbid")
+    FREE = frozenset({"config.title", "config.about"})
 
     schema_version: Literal[1] = 1
     config: ExperimentConfig
@@ -158,10 +158,7 @@ def run_experiment(
     if not arms:
         name, reason = next(iter(skipped.items()))
         raise InputError(f"no arm can be run on these objects: {name} {reason}", field="assets")
-    out.mkdir(parents=True, exist_ok=True)
-    check_writable(out / EXPERIMENT_JSON)
-    with FolderLock(out):
-        _begin(out, record, resume)
+    with ResumableFolder(out, EXPERIMENT_JSON, record, holds="an experiment", resume=resume, alone=False):
         from gensim2.policy.experiments.page import write_page
 
         trained: dict[str, list[_Training]] = defaultdict(list)
@@ -184,26 +181,6 @@ def run_experiment(
                 write_json(out / RESULT_JSON, told)
                 write_page(told)
         return result
-
-
-def _begin(out: Path, record: ExperimentRecord, resume: bool) -> None:
-    path = out / EXPERIMENT_JSON
-    if not path.exists():
-        write_json(path, record.model_dump(mode="json"))
-        return
-    if not resume:
-        raise InputError("holds an experiment already", file=out, remedy="choose another --out, or add --resume")
-    there = read_record(path, ExperimentRecord, "choose another --out")
-    for name in ExperimentRecord.model_fields:
-        if _without_words(getattr(there, name)) != _without_words(getattr(record, name)):
-            raise InputError(
-                "the experiment was another", file=path, field=name, remedy="give the same, or another --out"
-            )
-
-
-def _without_words(value: Any) -> Any:
-    """A configuration without the words of its page, which may be mended; anything else as it is."""
-    return value.model_copy(update={"title": "", "about": ""}) if isinstance(value, ExperimentConfig) else value
 
 
 def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:

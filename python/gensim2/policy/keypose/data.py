@@ -15,9 +15,9 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from gensim2.core.errors import InputError
-from gensim2.core.files import write_json
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import parse_record, read_record
+from gensim2.core.resumable import ResumableFolder, RunSettings
 from gensim2.core.seeding import scene_seeds
 from gensim2.perception import ObservationSpec
 from gensim2.policy.array_file import Expected, read_arrays, require_shapes, write_arrays
@@ -40,7 +40,7 @@ PURPOSE = "keypose/train"
 """Of the scenes' seeds, which so are those of no benchmark and no evaluation."""
 
 
-class PlannedRecord(BaseModel):
+class PlannedRecord(RunSettings):
     """``data.json``.
 
     Attributes:
@@ -55,8 +55,6 @@ class PlannedRecord(BaseModel):
         verified: scenes whose plans physics refutes are left out.
         to_end: numbers of the steps that ask for a joint at an end of its range.
     """
-
-    model_config = ConfigDict(extra="forbid")
 
     schema_version: Literal[1] = 1
     task: str
@@ -158,8 +156,8 @@ def plan_scenes(
     """
     from gensim2.core.processes import Job, results
 
-    folder.mkdir(parents=True, exist_ok=True)
-    _begin(folder, record_of(given, spec, seed, verify))
+    record = record_of(given, spec, seed, verify)
+    ResumableFolder(folder, RECORD, record, holds="planned scenes", resume=True, lock=None, alone=False)
     shards = -(-scenes // SHARD)
     seeds = scene_seeds(seed, given.spec.name, PURPOSE, shards * SHARD)
     missing = [number for number in range(shards) if not _shard(folder, number).exists()]
@@ -283,17 +281,6 @@ def _check_classes(record: PlannedRecord, arrays: Mapping[str, npt.NDArray[Any]]
         if way != -1 and not (step in range(len(ways)) and way in range(ways[step])):
             message = f"has an example of strategy {way} of step {step}, and the record has none such"
             raise InputError(message, file=folder / RECORD, field="ways", remedy="make the data again")
-
-
-def _begin(folder: Path, record: PlannedRecord) -> None:
-    path = folder / RECORD
-    if not path.exists():
-        write_json(path, record.model_dump(mode="json"))
-        return
-    there = read_record(path, PlannedRecord, "give another folder")
-    for name in PlannedRecord.model_fields:
-        if getattr(there, name) != getattr(record, name):
-            raise InputError("the data are of something else", file=path, field=name, remedy="give another folder")
 
 
 def _shard(folder: Path, number: int) -> Path:

@@ -1,0 +1,227 @@
+"""A folder that one run at a time writes to, and that a later call of the same run goes on with."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Self, TypeVar
+
+from filelock import FileLock, Timeout
+from pydantic import BaseModel, ConfigDict
+
+from gensim2.core.errors import InputError, WriteError
+from gensim2.core.files import remove_temporaries, write_json
+from gensim2.core.foreign.tree import ForeignTree
+from gensim2.core.record_files import read_record
+
+REMEDY = "give the same, or choose another --out"
+
+
+class FolderLock:
+    """Lock of a folder, which ends with the process that holds it. A context manager: leaving it releases the lock.
+
+    No link may lead out of the folder, because files in it are replaced and links are followed.
+    The file stays, because removing it would let two processes lock two files of one name. It holds the process id.
+
+    Args:
+        folder: the folder; it is made where it does not exist.
+        name: of the lock's file; a run that calls another one on the same folder has a lock of its own.
+
+    Raises:
+        InputError: another process holds the lock, a link leads out of the folder, or it cannot be written to.
+    """
+
+    NAME = ".lock"
+
+    def __init__(self, folder: Path, name: str = NAME) -> None:
+        path = folder / name
+        self._lock = FileLock(path, blocking=False, thread_local=False, fallback_to_soft=False)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            ForeignTree(folder).refuse_links_out()
+            self._lock.acquire()
+        except Timeout as error:
+            owner = path.read_text(encoding="ascii", errors="replace").strip()[:32]
+            by = f" (process {owner})" if owner else ""
+            raise InputError(
+                f"another run is at work in it{by}", file=folder, remedy="wait for it, or choose another folder"
+            ) from error
+        except OSError as error:
+            self._lock.release()
+            remedy = "choose another folder with --out, on a local disk"
+            raise InputError(f"cannot write: {error.strerror}", file=folder, remedy=remedy) from error
+        try:
+            path.write_text(f"{os.getpid()}\n", encoding="ascii")
+        except OSError as error:
+            self._lock.release()
+            remedy = "make room, or choose another folder"
+            raise WriteError(f"cannot write: {error.strerror}", file=path, remedy=remedy) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Release the lock."""
+        self._lock.release()
+
+
+class RunSettings(BaseModel):
+    """Base of the records of resumable folders: the settings that the results follow from.
+
+    Attributes:
+        FREE: names of fields that a resumed run need not repeat, with dots into nested ones.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    FREE: ClassVar[frozenset[str]] = frozenset()
+
+    def differences(self, now: Self) -> Iterator[tuple[str, str]]:
+        """Yield field and message for every setting of this record in which ``now`` differs."""
+        for name in type(self).model_fields:
+            yield from differing(name, getattr(self, name), getattr(now, name), self.FREE)
+
+    def resumed_by(self, now: Self) -> Self:
+        """Return the record of the folder once a run with equal settings goes on with it."""
+        del now
+        return self
+
+    def require_same(self, now: Self, file: Path | None, remedy: str = REMEDY) -> None:
+        """Refuse to go on with other settings.
+
+        Args:
+            now: settings of the run that wants to go on.
+            file: that this record was read from.
+            remedy: what to do about a difference.
+
+        Raises:
+            InputError: names the first field that differs.
+        """
+        for field, message in self.differences(now):
+            raise InputError(message, file=file, field=field, remedy=remedy)
+
+
+def differing(field: str, was: Any, now: Any, free: frozenset[str] = frozenset()) -> Iterator[tuple[str, str]]:
+    """Yield field and message for every difference between two values; mappings and models are compared by key."""
+    if field in free:
+        return
+    was, now = (each.model_dump(mode="json") if isinstance(each, BaseModel) else each for each in (was, now))
+    if isinstance(was, Mapping) and isinstance(now, Mapping):
+        for key in sorted(was.keys() | now.keys()):
+            yield from differing(f"{field}.{key}", was.get(key), now.get(key), free)
+    elif was != now:
+        yield field, f"was begun with {_short(was)}, not {_short(now)}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 100 else f"{text[:97]}..."
+
+
+def held_already(folder: Path, holds: str, remedy: str = "add --resume, or choose another --out") -> InputError:
+    """Return the error of a new run in a folder that holds one."""
+    return InputError(f"holds {holds} already", file=folder, remedy=remedy)
+
+
+Settings = TypeVar("Settings", bound=RunSettings)
+
+
+class ResumableFolder(Generic[Settings]):
+    """A folder under a lock whose record says what it is of. A context manager: leaving it releases the lock.
+
+    Args:
+        path: the folder; it is made where it does not exist.
+        marker: name of the record's file.
+        settings: of this run.
+        holds: what such a folder holds, in words (``"a run"``).
+        resume: go on with a folder that holds the marker.
+        lock: name of the lock's file; None: the caller has locked a folder around this one.
+        alone: refuse a folder without the marker that holds anything else.
+
+    Attributes:
+        path: the folder.
+        record: its settings, those of the first run where this one resumes.
+
+    Raises:
+        InputError: the folder holds the marker and ``resume`` is off, or other settings, or something else, or another
+            process is at work in it, or it cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        marker: str,
+        settings: Settings,
+        *,
+        holds: str,
+        resume: bool,
+        lock: str | None = FolderLock.NAME,
+        alone: bool = True,
+    ) -> None:
+        self.path, self._marker, self._alone = path, marker, alone
+        self._check(holds, resume)
+        self._lock = None if lock is None else FolderLock(path, lock)
+        try:
+            self._check(holds, resume)  # another process may have begun until the lock was held
+            self._remove_temporaries()
+            self.record = self._opened(settings)
+        except BaseException:
+            self.release()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self._remove_temporaries()  # a worker that was killed while it wrote leaves one
+        finally:
+            self.release()
+
+    def release(self) -> None:
+        """Release the lock."""
+        if self._lock is not None:
+            self._lock.release()
+
+    def save(self) -> None:
+        """Write the record, whole or not at all.
+
+        Raises:
+            WriteError: the folder cannot be written to.
+        """
+        write_json(self.path / self._marker, self.record.model_dump(mode="json"))
+
+    def _opened(self, settings: Settings) -> Settings:
+        file = self.path / self._marker
+        there = None
+        if file.exists():
+            there = read_record(file, type(settings), "restore the file, or choose another --out")
+            there.require_same(settings, file)
+            settings = there.resumed_by(settings)
+        if settings != there:
+            self.record = settings
+            self.save()
+        return settings
+
+    def _remove_temporaries(self) -> None:
+        if self._lock is not None and self._alone:
+            remove_temporaries(self.path)
+
+    def _check(self, holds: str, resume: bool) -> None:
+        path = self.path
+        if not path.exists():
+            return
+        if not path.is_dir():
+            raise InputError("is not a folder", file=path, remedy="choose another --out")
+        if (path / self._marker).exists():
+            if not resume:
+                raise held_already(path, holds)
+        elif self._alone and any(
+            entry.name != FolderLock.NAME and not entry.name.startswith(f".{self._marker}.") for entry in path.iterdir()
+        ):
+            held = holds.removeprefix("a ")
+            raise InputError(f"is not empty and holds no {held}", file=path, remedy="choose another --out")

@@ -1,0 +1,63 @@
+"""Folders that a run resumes: one owner, the same settings, and an error that names the setting that differs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import Field
+
+from gensim2.core.errors import InputError
+from gensim2.core.resumable import ResumableFolder, RunSettings
+
+
+class Asked(RunSettings):
+    FREE = frozenset({"steps", "nested.title"})
+
+    seed: int = 0
+    steps: int = 1
+    nested: dict[str, Any] = Field(default={"title": "first", "depth": {"sigma": 0.1}})
+
+
+def opened(path: Path, resume: bool = False, **settings: Any) -> ResumableFolder[Asked]:
+    return ResumableFolder(path, "asked.json", Asked(**settings), holds="a run", resume=resume)
+
+
+@pytest.mark.parametrize(
+    ("change", "field", "message"),
+    [
+        ({"seed": 3}, "seed", "was begun with 0, not 3"),
+        ({"nested": {"depth": {"sigma": 0.2}}}, "nested.depth.sigma", "was begun with 0.1, not 0.2"),
+        ({"nested": {}}, "nested.depth", "was begun with {'sigma': 0.1}, not None"),
+    ],
+)
+def test_other_settings_are_refused_by_name(tmp_path: Path, change: dict[str, Any], field: str, message: str) -> None:
+    with opened(tmp_path / "out"):
+        pass
+    with pytest.raises(InputError) as caught:
+        opened(tmp_path / "out", resume=True, **change)
+    assert (caught.value.field, caught.value.message) == (field, message)
+    assert caught.value.file == str(tmp_path / "out" / "asked.json")
+    with opened(tmp_path / "out", resume=True):
+        pass  # an error releases the lock
+
+
+def test_free_settings_may_change_and_the_first_record_stays(tmp_path: Path) -> None:
+    with opened(tmp_path):
+        before = (tmp_path / "asked.json").stat().st_mtime_ns
+    nested = {"title": "other", "depth": {"sigma": 0.1}}
+    with opened(tmp_path, resume=True, steps=9, nested=nested) as folder:
+        assert folder.record == Asked()
+        assert (tmp_path / "asked.json").stat().st_mtime_ns == before
+
+
+def test_a_folder_has_one_owner_and_holds_nothing_else(tmp_path: Path) -> None:
+    with opened(tmp_path / "out"), pytest.raises(InputError, match="another run is at work in it"):
+        opened(tmp_path / "out", resume=True)
+    with pytest.raises(InputError, match=r"holds a run already \(add --resume"):
+        opened(tmp_path / "out")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "file").touch()
+    with pytest.raises(InputError, match="is not empty and holds no run"):
+        opened(tmp_path / "other")
