@@ -275,7 +275,7 @@ def test_imports_of_designers_stand_at_the_top() -> None:
 
 
 def test_whether_a_run_is_the_same_is_decided_in_one_place() -> None:
-    """Every folder that a run resumes is a ``ResumableFolder``, or its record compares itself as ``RunSettings`` does."""
+    """Every folder that a run resumes is a ``ResumableFolder`` or compares its record as ``RunSettings`` do."""
     every = [*sources("gensim2"), *sources("gensim2_robot")]
     names = {path.relative_to(PYTHON).as_posix(): path.read_text() for path in every}
     assert {name for name, text in names.items() if "import FileLock" in text} == {
@@ -283,7 +283,7 @@ def test_whether_a_run_is_the_same_is_decided_in_one_place() -> None:
         "gensim2/objects/library/cache.py",  # which waits for its turn
         "gensim2/tasks/memory.py",
     }
-    assert {name for name, text in names.items() if "was begun with" in text} <= {
+    assert {name for name, text in names.items() if '"was begun with' in text} <= {
         "gensim2/core/resumable.py",
         "gensim2/data/record.py",  # a collection may grow, which is a comparison of its own
         "gensim2/design/llm/store.py",

@@ -38,7 +38,7 @@ def test_other_settings_are_refused_by_name(tmp_path: Path, change: dict[str, An
     with pytest.raises(InputError) as caught:
         opened(tmp_path / "out", resume=True, **change)
     assert (caught.value.field, caught.value.message) == (field, message)
-    assert caught.value.file == str(tmp_path / "out" / "asked.json")
+    assert caught.value.file == tmp_path / "out" / "asked.json"
     with opened(tmp_path / "out", resume=True):
         pass  # an error releases the lock
 
