@@ -47,7 +47,7 @@ def test_every_episode_has_its_row_and_those_that_hold_their_states(tmp_path: Pa
         assert sum(told.causes.values()) == 8 - told.held
         for row in rows:
             stored = store.read(row)
-            assert stored.row.episode == row.at(-1)
+            assert stored.episode.at(-1) == row.at(-1)
             assert (stored.recording is not None) == row.held
         assert store.spec().name == told.name
     used = {f"{thing.asset_class}/{thing.id}" for row in rows for thing in row.objects.values()}

@@ -32,7 +32,7 @@ def dataset(gather: Callable[..., Any], tmp_path: Path) -> DataSet:
     store = TaskStore(tmp_path / "set" / "OpenDrawer")
     lane = HeadlessEnv("OpenDrawer", assets="builtin")
     for row in list(store.rows()):
-        episode = store.read(row).row.episode
+        episode = store.read(row).episode
         lane.reset(row.seed, {"instance": {name: thing.id for name, thing in episode.objects.items()}})
         recorder = Recorder(lane)
         for step in range(STEPS):

@@ -55,7 +55,7 @@ def store(gather: Callable[..., Any], tmp_path: Path) -> TaskStore:
         for _ in range(2):
             lane.step(lane.profile.rest_action)
             recorder.add(lane.profile.rest_action, lane.measure())
-        episode, recording = store.read(row).row.episode, recorder.finish()
+        episode, recording = store.read(row).episode, recorder.finish()
         seen = {name: used(thing, recording.instances[name]) for name, thing in episode.objects.items()}
         store.path(row.index, row.held).unlink()
         store.add(index, replace(episode, seed=index, objects=seen, control_steps=2), recording)
@@ -174,7 +174,7 @@ def test_other_objects_than_those_of_the_episodes_are_refused(store: TaskStore, 
         [(name, thing)] = row.objects.items()
         store.path(row.index, row.held).unlink()
         store.add(
-            row.index, replace(stored.row.episode, objects={name: replace(thing, content_hash="0")}), stored.recording
+            row.index, replace(stored.episode, objects={name: replace(thing, content_hash="0")}), stored.recording
         )
     list(store.write_rows(2))
     [thing] = next(row for row in store.rows() if row.held).objects.values()

@@ -28,8 +28,7 @@ def test_an_episode_comes_back_as_it_was(tmp_path: Path) -> None:
     episode, recording = made()
     digest = write_episode(tmp_path / "a.h5", episode, recording)
     stored = read_episode(tmp_path / "a.h5")
-    assert stored.row.episode == episode
-    assert stored.row.digest == digest
+    assert stored.episode == episode.at(-1, digest)
     again = stored.recording
     assert again is not None
     for name in ("obs", "actions", "rewards", "terminated", "truncated", "success"):
@@ -56,8 +55,8 @@ def test_the_record_may_stand_alone(tmp_path: Path) -> None:
     write_episode(tmp_path / "a.h5", episode, None)
     stored = read_episode(tmp_path / "a.h5")
     assert stored.recording is None
-    assert stored.row.recorded is None
-    assert stored.row.episode == episode
+    assert stored.recorded is None
+    assert stored.episode.at(-1) == episode
 
 
 def test_every_changed_byte_and_every_cut_is_seen(tmp_path: Path) -> None:
@@ -95,7 +94,7 @@ def test_a_row_and_another_episodes_file_do_not_go_together(tmp_path: Path) -> N
         store.add(index, *made(seed=index))
     first, second = store.write_rows(2)
     assert [row.index for row in store.rows()] == [0, 1]
-    assert store.read(second).row.episode.seed == 1
+    assert store.read(second).episode.seed == 1
     store.path(1).write_bytes(store.path(0).read_bytes())
     assert store.is_complete(first)
     assert not store.is_complete(second)

@@ -6,7 +6,7 @@ import contextlib
 import io
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -71,32 +71,18 @@ _RECORDED = TypeAdapter(Recorded)
 
 
 @dataclass(frozen=True)
-class EpisodeRow:
-    """Contents of an episode's file without its states.
-
-    Attributes:
-        digest: by which the file is known.
-        episode: the record.
-        recorded: ``seed``, ``control_mode``, ``steps``, ``reset_options``, ``instances`` and ``success`` (at the end)
-            of the recording; None where no states were kept.
-    """
-
-    digest: str
-    episode: Episode
-    recorded: dict[str, Any] | None
-
-
-@dataclass(frozen=True)
 class StoredEpisode:
-    """The whole of an episode's file.
+    """Contents of an episode's file.
 
     Attributes:
-        row: what it says without its states.
-        recording: the states and the actions; None where none were kept.
+        episode: the record, with the digest by which the file is known.
+        recorded: metadata of the recording; None where no states were kept.
+        recording: the states and the actions; None where none were kept or read.
     """
 
-    row: EpisodeRow
-    recording: Recording | None
+    episode: Episode
+    recorded: Recorded | None
+    recording: Recording | None = None
 
 
 def write_episode(path: Path, episode: Episode, recording: Recording | None) -> str:
@@ -130,8 +116,8 @@ def episode_digest(path: Path) -> str:
     return _SEAL.read(path)[0]
 
 
-def read_row(path: Path) -> EpisodeRow:
-    """Return what an episode's file says without its states.
+def read_row(path: Path) -> StoredEpisode:
+    """Return what an episode's file says, without its states.
 
     Raises:
         DamagedEpisodeError, InputError: as for :func:`episode_digest`.
@@ -147,11 +133,11 @@ def read_episode(path: Path) -> StoredEpisode:
         DamagedEpisodeError, InputError: as for :func:`episode_digest`.
     """
     with open_episode(path) as (row, group):
-        return StoredEpisode(row, read_recording(group, row.recorded) if row.recorded is not None else None)
+        return row if row.recorded is None else replace(row, recording=read_recording(group, row.recorded.model_dump()))
 
 
 @contextlib.contextmanager
-def open_episode(path: Path) -> Iterator[tuple[EpisodeRow, h5py.Group | None]]:
+def open_episode(path: Path) -> Iterator[tuple[StoredEpisode, h5py.Group | None]]:
     """Give the row and the group ``traj`` (None where no states were kept) of an episode's file.
 
     Raises:
@@ -164,8 +150,11 @@ def open_episode(path: Path) -> Iterator[tuple[EpisodeRow, h5py.Group | None]]:
             episode = _EPISODE.validate_json(json.dumps(plain["episode"], allow_nan=False), strict=True)
             recorded = plain["recording"]
             if recorded is not None:
-                recorded = _RECORDED.validate_json(json.dumps(recorded, allow_nan=False), strict=True).model_dump()
-            yield EpisodeRow(digest, episode, recorded), group_in(file, "traj") if recorded is not None else None
+                recorded = _RECORDED.validate_json(json.dumps(recorded, allow_nan=False), strict=True)
+            yield (
+                StoredEpisode(replace(episode, episode_digest=digest), recorded),
+                group_in(file, "traj") if recorded is not None else None,
+            )
     except ValidationError as error:
         raise _SEAL.broken(path, input_error(error).field) from error
     except (KeyError, ValueError, TypeError, RuntimeError, AttributeError, OSError) as error:
@@ -211,7 +200,7 @@ def read_recording(group: h5py.Group, recorded: Mapping[str, Any]) -> Recording:
     """Return the recording in a group ``traj``.
 
     Args:
-        recorded: what :class:`EpisodeRow` says of it.
+        recorded: its metadata, as plain data.
 
     Raises:
         KeyError: ``recorded`` lacks something.

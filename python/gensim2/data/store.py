@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from gensim2.core.errors import InputError, brief
@@ -12,7 +11,6 @@ from gensim2.core.files import replacing
 from gensim2.core.foreign.tree import ForeignTree, open_regular, why
 from gensim2.data.episode_file import (
     DamagedEpisodeError,
-    EpisodeRow,
     StoredEpisode,
     episode_digest,
     read_episode,
@@ -33,21 +31,6 @@ MAX_LINE = 64 * 2**20  # bytes of the record of one episode; ours have a few kB
 
 _EPISODE_FILE = re.compile(r"^(\d{6,9})\.h5$")
 _ROWS_REMEDY = "delete the file and collect with --resume: it is made again from the episodes"
-
-
-@dataclass(frozen=True)
-class Found:
-    """A file of an episode that a folder holds.
-
-    Attributes:
-        index: of the episode.
-        path: of the file.
-        row: what it says; None where it is damaged.
-    """
-
-    index: int
-    path: Path
-    row: EpisodeRow | None
 
 
 class TaskStore:
@@ -137,7 +120,7 @@ class TaskStore:
         """
         if self.rows_path.exists():
             return list(self.rows())
-        rows = [each.row.episode.at(each.index, each.row.digest) for each in self.found() if each.row]
+        rows = [each.episode.at(index, each.episode.episode_digest) for index, _, each in self.found() if each]
         return sorted(rows, key=lambda row: row.index)
 
     def read(self, row: Episode) -> StoredEpisode:
@@ -149,7 +132,7 @@ class TaskStore:
         """
         path = self._inside(self.path(row.index, row.held))
         stored = read_episode(path)
-        if stored.row.digest != row.episode_digest or stored.row.episode != row.at(-1):
+        if stored.episode.at(row.index, stored.episode.episode_digest) != row:
             raise DamagedEpisodeError("is not the episode that its row is of", file=path, remedy="delete it and resume")
         if stored.recording is not None:
             check_recording(stored.recording, row, path)
@@ -165,8 +148,8 @@ class TaskStore:
         """
         return ForeignTree(self.folder).inside(str(path.relative_to(self.folder)))
 
-    def found(self) -> Iterator[Found]:
-        """All files of episodes that there are, damaged ones too.
+    def found(self) -> Iterator[tuple[int, Path, StoredEpisode | None]]:
+        """Yield index, path and content without states of every file of an episode; None where it is damaged.
 
         Raises:
             InputError: one was written by another version of gensim2, or a link leads out of the folder.
@@ -176,11 +159,11 @@ class TaskStore:
             for path in sorted(folder.iterdir()) if folder.is_dir() else ():
                 if match := _EPISODE_FILE.match(path.name):
                     try:
-                        row: EpisodeRow | None = read_row(self._inside(path))
+                        found: StoredEpisode | None = read_row(self._inside(path))
                     except DamagedEpisodeError:
-                        row = None
-                    lies_right = row is not None and row.episode.held == held
-                    yield Found(int(match[1]), path, row if lies_right else None)
+                        found = None
+                    lies_right = found is not None and found.episode.held == held
+                    yield int(match[1]), path, found if lies_right else None
 
     def is_complete(self, row: Episode) -> bool:
         """Whether the file of a row is there and whole."""
@@ -203,7 +186,7 @@ class TaskStore:
         with replacing(self.rows_path) as path, path.open("wb") as stream:
             for index in range(count):
                 held = self.path(index, True)
-                row = read_row(held if held.exists() else self.path(index, False))
-                logged = row.episode.at(index, row.digest)
+                found = read_row(held if held.exists() else self.path(index, False)).episode
+                logged = found.at(index, found.episode_digest)
                 stream.write(log_line(logged))
                 yield logged

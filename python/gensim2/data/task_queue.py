@@ -40,36 +40,17 @@ class Quota:
     held: int | None = None
 
 
-@dataclass(frozen=True)
-class Kept:
-    """Report of a worker about an episode that it has written.
-
-    Attributes:
-        held, strict, cause: as of the episode.
-        size: bytes of its file.
-    """
-
-    held: bool
-    strict: bool
-    cause: str | None
-    size: int
-
-    @staticmethod
-    def of(episode: Episode, path: Path) -> Kept:
-        """Return what is said of an episode whose file lies at ``path``."""
-        cause = None if episode.cause is None else str(episode.cause)
-        return Kept(episode.held, episode.strict, cause, path.stat().st_size)
-
-
-def keep_episode(folder: Path, index: int, failures: bool, episode: Episode, recording: Recording | None) -> Kept:
-    """Write an episode into its task's folder; called in the worker that ran it.
+def keep_episode(
+    folder: Path, index: int, failures: bool, episode: Episode, recording: Recording | None
+) -> tuple[Episode, int]:
+    """Write an episode into its task's folder, and return it with the bytes of its file; called in the worker.
 
     Args:
         failures: keep the states of one that does not hold, too.
     """
     store = TaskStore(folder)
     store.add(index, episode, recording if episode.held or failures else None)
-    return Kept.of(episode, store.path(index, episode.held))
+    return episode, store.path(index, episode.held).stat().st_size
 
 
 class TaskQueue:
@@ -139,16 +120,16 @@ class TaskQueue:
         causes = dict(sorted(self.causes.items(), key=lambda item: (-item[1], item[0])))
         return TaskStatus(self.name, self.quota.limit, self.tried, self.held, self.strict, causes)
 
-    def count(self, index: int, kept: Kept) -> None:
-        """Take note of a finished episode."""
+    def count(self, index: int, episode: Episode, size: int) -> None:
+        """Take note of a finished episode whose file has ``size`` bytes."""
         self._under_way.discard(index)
-        self._done[index], self._holds[index] = 1, kept.held
+        self._done[index], self._holds[index] = 1, episode.held
         self.tried += 1
-        self.held += kept.held
-        self.strict += kept.strict
-        self.size += kept.size
-        if kept.cause is not None:
-            self.causes[kept.cause] += 1
+        self.held += episode.held
+        self.strict += episode.strict
+        self.size += size
+        if episode.cause is not None:
+            self.causes[str(episode.cause)] += 1
 
     def read(self) -> int:
         """Take note of what earlier runs left, remove what is damaged, and return how much that was.
@@ -157,17 +138,17 @@ class TaskQueue:
             InputError: an episode is not of this collection, or another version of gensim2 wrote it.
         """
         damaged = 0
-        for found in self.store.found():
-            if found.row is None:
-                found.path.unlink()
+        for index, path, found in self.store.found():
+            if found is None:
+                path.unlink()
                 damaged += 1
                 continue
-            episode = found.row.episode
-            foreign = found.index >= self.quota.limit or episode.seed != self.seed(found.index)
-            if foreign or self._done[found.index]:
+            episode = found.episode
+            foreign = index >= self.quota.limit or episode.seed != self.seed(index)
+            if foreign or self._done[index]:
                 reason = "is not of this collection" if foreign else "is there twice"
-                raise InputError(reason, file=found.path, remedy="delete it and resume")
-            self.count(found.index, Kept.of(episode, found.path))
+                raise InputError(reason, file=path, remedy="delete it and resume")
+            self.count(index, episode, path.stat().st_size)
         return damaged
 
     def is_complete(self) -> bool:
@@ -178,7 +159,7 @@ class TaskQueue:
                 seems_right = row.index == number < self.quota.limit and row.seed == self.seed(number)
                 if not seems_right or not self.store.is_complete(row):
                     break
-                self.count(number, Kept.of(row, self.store.path(number, row.held)))
+                self.count(number, row, self.store.path(number, row.held).stat().st_size)
             if self.needed == number + 1 and not self._lies_more_there(number + 1):
                 return True
         self._forget()
@@ -240,7 +221,7 @@ def run_queues(
     try:
         for number, kept in evaluator.run(worker.record, jobs, "collection"):
             owner, index = place(number)
-            queues[owner].count(index, kept)
+            queues[owner].count(index, *kept)
             finished(queues[owner])
     except NotRunError as error:
         first, _ = place(min(error.reasons))

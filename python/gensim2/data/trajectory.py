@@ -24,12 +24,7 @@ import h5py
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import replacing
-from gensim2.data.episode_file import (
-    LIBVER,
-    DamagedEpisodeError,
-    EpisodeRow,
-    open_episode,
-)
+from gensim2.data.episode_file import LIBVER, DamagedEpisodeError, StoredEpisode, open_episode
 from gensim2.rollout.controller_spec import CHAIN
 from gensim2.tasks.spec import TaskSpec
 
@@ -107,22 +102,22 @@ def _indented(entry: dict[str, Any]) -> str:
 def _recorded(file: Path, digest: str | None) -> Iterator[tuple[h5py.Group, dict[str, Any]]]:
     """The recording and the entry of an episode's file."""
     with open_episode(file) as (row, group):
-        if row.digest != digest or row.recorded is None:
+        if row.episode.episode_digest != digest or row.recorded is None:
             raise DamagedEpisodeError("is not a finished episode", file=file, remedy="delete it and resume")
         yield group, _entry(row)
 
 
-def _entry(row: EpisodeRow) -> dict[str, Any]:
+def _entry(row: StoredEpisode) -> dict[str, Any]:
     """Return an episode's entry in ManiSkill's JSON."""
     recorded = row.recorded
     assert recorded is not None
     return {
-        "episode_seed": recorded["seed"],
-        "control_mode": recorded["control_mode"],
-        "elapsed_steps": recorded["steps"],
-        "reset_kwargs": {"seed": recorded["seed"], "options": recorded["reset_options"]},
-        "success": recorded["success"],
-        "instances": recorded["instances"],
+        "episode_seed": recorded.seed,
+        "control_mode": recorded.control_mode,
+        "elapsed_steps": recorded.steps,
+        "reset_kwargs": {"seed": recorded.seed, "options": recorded.reset_options},
+        "success": recorded.success,
+        "instances": recorded.instances,
         "episode": row.episode.to_dict(),
     }
 

@@ -210,7 +210,7 @@ def _recorded(folder: Path) -> dict[int, tuple[Path, str]]:
     from gensim2.data.store import TaskStore
 
     found = TaskStore(folder).found()
-    return {each.index: (each.path, each.row.digest) for each in found if each.row is not None and each.row.recorded}
+    return {index: (path, str(row.episode.episode_digest)) for index, path, row in found if row and row.recorded}
 
 
 def _film(
