@@ -299,3 +299,15 @@ def test_whether_a_run_is_the_same_is_decided_in_one_place() -> None:
         "gensim2_robot/trial/record.py",
     ):
         assert any(each.startswith("gensim2.core.resumable.") for each in imports(names[name])), name
+
+
+def test_arrays_of_observation_files_are_named_in_one_place() -> None:
+    naming = {
+        path.relative_to(PYTHON).as_posix()
+        for path in (*sources("gensim2"), *sources("gensim2_robot"))
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and node.value.startswith(("pointcloud/", "proprioception/"))
+    }
+    assert naming == {"gensim2/data/formats/columns.py"}

@@ -26,7 +26,7 @@ from gensim2.policy import relabels
 from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig
 from gensim2.policy.controller import PolicyController
-from gensim2.policy.decoded import ACTIONS, decode
+from gensim2.policy.decoded import decode
 from gensim2.policy.demonstrations import Demonstrations
 from gensim2.policy.evaluating import evaluate_policy
 from gensim2.policy.frames import SEEN
@@ -426,9 +426,9 @@ def test_decoding_is_done_once_and_again_where_a_file_is_short(folder: Path, mon
         patch.setattr(decoded, "_fill", lambda *_: pytest.fail("was decoded"))
         decode([folder])
     place = next((gensim2.core.files.cache_dir() / "policy" / "frames").iterdir())
-    (place / f"{ACTIONS}.npy").unlink()
+    (place / "actions.npy").unlink()
     again = decode([folder])
-    assert np.array_equal(first.arrays[ACTIONS], again.arrays[ACTIONS])
+    assert np.array_equal(first.arrays[ACTION], again.arrays[ACTION])
 
 
 def test_another_training_may_decode_the_same_meanwhile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -446,7 +446,7 @@ def test_another_training_may_decode_the_same_meanwhile(folder: Path, monkeypatc
         shutil.rmtree(each)
     with monkeypatch.context() as patch:
         patch.setattr(decoded, "_fill", twice)
-        assert np.array_equal(decode([folder]).arrays[ACTIONS], whole.arrays[ACTIONS])
+        assert np.array_equal(decode([folder]).arrays[ACTION], whole.arrays[ACTION])
     for each in (gensim2.core.files.cache_dir() / "policy" / "frames").iterdir():
         shutil.rmtree(each)
     with monkeypatch.context() as patch:

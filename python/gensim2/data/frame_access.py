@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -16,11 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.core.errors import InputError
-from gensim2.data.observation_file import CLOUDS, checked_description, columns_of_file, spec_of_file
+from gensim2.data.formats.columns import XYZ, seen_columns
+from gensim2.data.observation_file import checked_description, frame_arrays, spec_of_file
 from gensim2.data.store import TaskStore
 from gensim2.perception import ObservationSpec
 from gensim2.perception.cloud import from_steps
-from gensim2.perception.columns import CLOUD, CLOUD_SEGMENTATION, cloud_column
 from gensim2.perception.proprioception import Proprioception
 from gensim2.robots import OPEN, robot
 from gensim2.rollout.record import Episode
@@ -54,10 +54,10 @@ class _Episode:
 
 @dataclass(frozen=True)
 class _Open:
-    """A file of observations and, of each column, what its rows are read from."""
+    """A file of observations and its arrays with a row a frame."""
 
     file: h5py.File
-    columns: dict[str, h5py.Dataset]
+    arrays: dict[str, h5py.Dataset]
 
 
 class FrameAccess:
@@ -110,7 +110,7 @@ class FrameAccess:
     def _forget(self) -> None:
         self._process = os.getpid()
         self._files: OrderedDict[int, _Open] = OrderedDict()
-        self._columns: dict[int, dict[str, str]] = {}
+        self._arrays: dict[int, list[str]] = {}
         self._recordings: OrderedDict[int, Recording] = OrderedDict()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -157,7 +157,10 @@ class FrameAccess:
             )
         )
         if self._observed:
-            found |= _seen(self._file(number).columns, frame)
+            seen = {name: rows[frame] for name, rows in self._file(number).arrays.items()}
+            if XYZ in seen:
+                seen[XYZ] = from_steps(seen[XYZ])
+            found |= seen_columns(seen)
         return {
             **found,
             **self._actions(recording, frame),
@@ -206,22 +209,14 @@ class FrameAccess:
             return self._files[number]
         episode = self._episodes[number]
         path = episode.observations
-        if number not in self._columns:
+        if number not in self._arrays:
             spec = spec_of_file(checked_description(path, episode.row.episode_digest), path)
             self._spec = self._spec or spec
             self._spec.require(spec, str(path), of="the rest of the data set")
-            found = columns_of_file(path, episode.row.control_steps)
-            self._columns[number] = next((known for known in self._columns.values() if known == found), found)
+            found = frame_arrays(path, episode.row.control_steps)
+            self._arrays[number] = next((known for known in self._arrays.values() if known == found), found)
         file = h5py.File(path, "r", rdcc_nbytes=0)  # a chunk is a frame: none is asked for again soon
-        self._files[number] = _Open(file, {column: file[name] for column, name in self._columns[number].items()})
+        self._files[number] = _Open(file, {name: file[name] for name in self._arrays[number]})
         if len(self._files) > OPEN_FILES:
             self._files.popitem(last=False)[1].file.close()
         return self._files[number]
-
-
-def _seen(columns: Mapping[str, h5py.Dataset], frame: int) -> dict[str, Array]:
-    found = {name: rows[frame] for name, rows in columns.items()}
-    if (xyz := found.pop(f"{CLOUDS}xyz", None)) is not None:
-        found[CLOUD] = cloud_column(from_steps(xyz), found.pop(f"{CLOUDS}rgb"))
-        found[CLOUD_SEGMENTATION] = found.pop(f"{CLOUDS}segmentation")
-    return found

@@ -17,13 +17,9 @@ from gensim2.core.errors import InputError
 from gensim2.core.foreign.hdf5 import ForeignHdf5Error, array_in, dataset_in, group_in, is_group, members
 from gensim2.core.sealed_file import HEADER_SIZE, Seal
 from gensim2.data.episode_file import LIBVER
-from gensim2.data.formats.columns import column_of
+from gensim2.data.formats.columns import IDS, RGB, XYZ, column_of
 from gensim2.perception import ObservationSpec
 from gensim2.perception.cloud import from_steps
-
-CLOUDS = "pointcloud/"
-CLOUD = f"{CLOUDS}xyz"
-"""Is kept in steps of 0.1 mm (:data:`gensim2.perception.cloud.RESOLUTION`), and read in m."""
 
 DESCRIPTION = "observation"
 """Name of what the file is of, as JSON."""
@@ -135,16 +131,15 @@ def read_observation(path: Path, episode_digest: str | None = None) -> ObservedE
             raise InputError("is of another episode", file=path, remedy="delete it and render with --resume")
         try:
             arrays = {name: dataset[()] for name, dataset in _datasets(file, "", DEPTH)}
-            if CLOUD in arrays:
-                arrays[CLOUD] = from_steps(arrays[CLOUD])
+            if XYZ in arrays:
+                arrays[XYZ] = from_steps(arrays[XYZ])
         except (ValueError, TypeError, OSError, RuntimeError) as error:
             raise _SEAL.broken(path, str(error) if isinstance(error, ForeignHdf5Error) else None) from error
     return ObservedEpisode(description, arrays)
 
 
-def columns_of_file(path: Path, frames: int) -> dict[str, str]:
-    """Names of the arrays of a file with a row a frame, by the columns that they become; those of the cloud by their
-    own. Once they are known, the file may be opened without a further look.
+def frame_arrays(path: Path, frames: int) -> list[str]:
+    """Return the names of the arrays of a file that have a row a frame and become columns; they need no more checks.
 
     Args:
         path: of a file that is known to be whole.
@@ -156,17 +151,17 @@ def columns_of_file(path: Path, frames: int) -> dict[str, str]:
     try:
         with h5py.File(path, "r") as file:
             found = dict(_datasets(file, "", DEPTH))
-            named = {name if name.startswith(CLOUDS) else column_of(name): name for name in found}
-            columns = {column: name for column, name in named.items() if column is not None}
-            if any(column.startswith(CLOUDS) for column in columns):
-                points = found[CLOUD].shape[1:2]
-                for name, rest in ((CLOUD, (3,)), (f"{CLOUDS}rgb", (3,)), (f"{CLOUDS}segmentation", ())):
+            clouds = {XYZ: (3,), RGB: (3,), IDS: ()}
+            names = [name for name in found if name in clouds or column_of(name) is not None]
+            if any(name in clouds for name in names):
+                points = found[XYZ].shape[1:2]
+                for name, rest in clouds.items():
                     if found[name].shape[1:] != (*points, *rest):
                         raise ForeignHdf5Error(name)
-            for name in columns.values():
+            for name in names:
                 if not found[name].shape or found[name].shape[0] < frames:
                     raise ForeignHdf5Error(name)
-            return columns
+            return names
     except (ValueError, TypeError, KeyError, OSError, RuntimeError, InputError) as error:
         raise _SEAL.broken(path, str(error) if isinstance(error, ForeignHdf5Error) else None) from error
 

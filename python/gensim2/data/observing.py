@@ -10,31 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.core.errors import GenSim2Error
-from gensim2.data.formats.columns import array_of, camera_array
+from gensim2.data.formats.columns import IDS, RGB, STORED, XYZ, array_of, camera_array
 from gensim2.objects import Library, ObjectModel, open_library
 from gensim2.perception import Observation, ObservationSpec
 from gensim2.perception.cloud import to_steps
-from gensim2.perception.columns import (
-    GRIPPER,
-    PROPRIOCEPTION,
-    STATE,
-    TOOL_POSE,
-    VELOCITY,
-)
 from gensim2.perception.raycast.observer import Observer, Photograph
 from gensim2.robots import robot as robot_profile
 from gensim2.rollout.recording import Recording
 from gensim2.scenes.config import SceneConfig
 
 Arrays = dict[str, npt.NDArray[Any]]
-
-_STORED = {
-    STATE: "proprioception/qpos",
-    VELOCITY: "proprioception/qvel",
-    TOOL_POSE: "proprioception/tool_pose",
-    GRIPPER: "proprioception/gripper",
-}
-"""Names in files of observations: of what the robot knows of itself."""
 
 
 def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> Arrays:
@@ -86,12 +71,12 @@ def _observer(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -
 
 def _stored(observation: Observation) -> Arrays:
     """One instant by the names of its file."""
-    found: Arrays = {_STORED[name]: observation[name] for name in PROPRIOCEPTION}
+    found: Arrays = {array: observation[column] for column, array in STORED.items()}
     if observation.cloud is not None:
         assert observation.cloud.segmentation is not None
-        found["pointcloud/xyz"] = to_steps(observation.cloud.xyz)
-        found["pointcloud/rgb"] = observation.cloud.rgb
-        found["pointcloud/segmentation"] = observation.cloud.segmentation
+        found[XYZ] = to_steps(observation.cloud.xyz)
+        found[RGB] = observation.cloud.rgb
+        found[IDS] = observation.cloud.segmentation
     for name, array in observation.arrays.items():
         if (stored := array_of(name)) is not None:
             found[stored] = array

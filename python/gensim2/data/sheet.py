@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.core.files import replacing
-from gensim2.data.observation_file import CLOUD, ObservedEpisode, read_observation
+from gensim2.data.formats.columns import RGB, XYZ
+from gensim2.data.observation_file import ObservedEpisode, read_observation
 from gensim2.data.store import TaskStore
 from gensim2.data.video import write_video
 from gensim2.robots import robot
@@ -106,12 +107,12 @@ def picture(observation: ObservedEpisode, step: int) -> Frame | None:
     for camera in names:
         if (taken := arrays.get(f"cameras/{camera}/rgb")) is not None:
             return np.asarray(taken[step], dtype=np.uint8)
-    if CLOUD not in arrays:
+    if XYZ not in arrays:
         return None
     intrinsic, T_base_camera = (arrays[f"cameras/{names[0]}/{what}"] for what in ("intrinsic", "T_base_camera"))
     if T_base_camera.ndim == 3:  # the robot carries it
         T_base_camera = T_base_camera[step]
-    return _splatted(arrays[CLOUD][step], arrays["pointcloud/rgb"][step], intrinsic, T_base_camera)
+    return _splatted(arrays[XYZ][step], arrays[RGB][step], intrinsic, T_base_camera)
 
 
 def _splatted(points: npt.NDArray[Any], colours: Frame, intrinsic: Any, T_base_camera: Any) -> Frame:

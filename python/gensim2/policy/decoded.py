@@ -16,24 +16,19 @@ from gensim2.core.errors import InputError
 from gensim2.core.files import cache_dir, new_folder, write_json
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data import DataSet
-from gensim2.data.observation_file import CLOUD as STORED_CLOUD
+from gensim2.data.formats.columns import RGB, STORED, XYZ
 from gensim2.data.observation_file import ObservedEpisode, read_observation, spec_of_file
 from gensim2.data.store import TaskStore
 from gensim2.perception import ObservationSpec
 from gensim2.perception.cloud import to_steps
-from gensim2.perception.columns import GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.policy.checkpoint import DataRecord
+from gensim2.policy.heads.actions import ACTION
 from gensim2.rollout.record import Episode
 
 Array = npt.NDArray[Any]
 
-STORED = {
-    STATE: "proprioception/qpos",
-    VELOCITY: "proprioception/qvel",
-    TOOL_POSE: "proprioception/tool_pose",
-    GRIPPER: "proprioception/gripper",
-}
-XYZ, RGB, ACTIONS = "xyz", "rgb", "actions"
+FILES = {XYZ: "xyz", RGB: "rgb", ACTION: "actions", **{column: column for column in STORED}}
+"""Names of the files in the cache, by array."""
 
 VERSION = 1
 """Of the folder's layout; part of its name."""
@@ -63,9 +58,9 @@ class DecodedData:
         robot: name of the profile.
         observation: what was rendered.
         episodes: in order.
-        arrays: by column, one row a frame: ``xyz`` (0.1 mm, int16) and ``rgb`` (uint8) of the clouds, proprioception
-            and ``actions`` (float32; those that were meant where noise was on what was sent; an episode's last one is
-            repeated). Mapped, not read.
+        arrays: one row a frame: ``pointcloud/xyz`` (0.1 mm, int16), ``pointcloud/rgb`` (uint8), the columns of
+            proprioception and ``action`` (float32; those that were meant where noise was on what was sent; an
+            episode's last one is repeated). Mapped, not read.
         record: for checkpoints.
     """
 
@@ -133,7 +128,7 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         except InputError:
             if not _whole(place, episodes):  # else another training decoded the same meanwhile
                 raise
-    arrays = {file.stem: np.load(file, mmap_mode="r") for file in sorted(place.glob("*.npy"))}
+    arrays = {name: np.load(place / f"{file}.npy", mmap_mode="r") for name, file in FILES.items()}
     last = episodes[-1]
     record = DataRecord(
         digest=digest,
@@ -189,7 +184,7 @@ def _whole(place: Path, episodes: Sequence[DecodedEpisode]) -> bool:
     """Whether the folder has all arrays at their full length: after a power cut files may be missing or short."""
     frames = episodes[-1].first + episodes[-1].steps + 1
     try:
-        found = [np.load(place / f"{name}.npy", mmap_mode="r") for name in (XYZ, RGB, ACTIONS, *STORED)]
+        found = [np.load(place / f"{file}.npy", mmap_mode="r") for file in FILES.values()]
     except (OSError, ValueError):
         return False
     return all(len(each) == frames for each in found)
@@ -208,7 +203,7 @@ def _fill(
             for name, values in _read(each, spec).items():
                 if name not in arrays:
                     shape = (frames, *values.shape[1:])
-                    arrays[name] = np.lib.format.open_memmap(folder / f"{name}.npy", "w+", values.dtype, shape)
+                    arrays[name] = np.lib.format.open_memmap(folder / f"{FILES[name]}.npy", "w+", values.dtype, shape)
                 arrays[name][episode.first : episode.first + episode.steps + 1] = values
             progress.advance()
         for array in arrays.values():
@@ -234,9 +229,9 @@ def _read(each: _Row, spec: ObservationSpec) -> dict[str, Array]:
     recording = each.store.read(each.row).recording
     assert recording is not None  # of one that held
     found = {name: _finite(seen, stored, path) for name, stored in STORED.items()}
-    found[XYZ] = to_steps(_finite(seen, STORED_CLOUD, path))
-    found[RGB] = seen.arrays["pointcloud/rgb"]
-    found[ACTIONS] = np.concatenate([recording.meant, recording.meant[-1:]])
+    found[XYZ] = to_steps(_finite(seen, XYZ, path))
+    found[RGB] = seen.arrays[RGB]
+    found[ACTION] = np.concatenate([recording.meant, recording.meant[-1:]])
     for name, values in found.items():
         if len(values) != recording.steps + 1:
             message = f"has {len(values)} frames, not {recording.steps + 1}"

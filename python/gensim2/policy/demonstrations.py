@@ -11,11 +11,12 @@ import numpy.typing as npt
 import torch
 
 from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.data.formats.columns import RGB, XYZ
 from gensim2.perception.cloud import from_steps
 from gensim2.perception.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY, cloud_column
 from gensim2.policy.checkpoint import ActionSpec
 from gensim2.policy.control import Shuffled
-from gensim2.policy.decoded import ACTIONS, RGB, XYZ, DecodedData, decode
+from gensim2.policy.decoded import DecodedData, decode
 from gensim2.policy.heads.actions import ACTION, EXTRA
 from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, next_keyframes, taught_frames
 from gensim2.policy.rotations import matrix_of_quaternion
@@ -109,14 +110,14 @@ class Demonstrations:
         """(T,) frames that an episode teaches."""
         own = slice(first, first + length)
         widths = self._arrays[GRIPPER][own, 0]
-        return taught_frames(self._arrays[ACTIONS][own, : self.action.arm], widths, self.action.control_hz)
+        return taught_frames(self._arrays[ACTION][own, : self.action.arm], widths, self.action.control_hz)
 
     def _find_keyframes(self, firsts: npt.NDArray[np.int64], lengths: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """(F, K) rows of the next keyframes behind each frame."""
         found = np.empty((len(self._first), self._config.keyframes), dtype=np.int64)
         for first, length in zip(firsts, lengths, strict=True):
             own = slice(first, first + length)
-            keys = keyframes(self._arrays[ACTIONS][own, : self.action.arm], self.action.control_hz)
+            keys = keyframes(self._arrays[ACTION][own, : self.action.arm], self.action.control_hz)
             found[own] = first + next_keyframes(keys, int(length), self._config.keyframes)
         return found
 
@@ -135,7 +136,7 @@ class Demonstrations:
         arm = self.action.arm
         ahead = rows[:, None] + np.arange(self._config.horizon)
         last = self._last[rows][:, None]
-        actions = self._arrays[ACTIONS][np.minimum(ahead, last)]
+        actions = self._arrays[ACTION][np.minimum(ahead, last)]
         chunk = np.empty((*ahead.shape, arm + EXTRA), np.float32)
         chunk[..., :arm] = actions[..., :arm] - self._arrays[STATE][rows][:, None, :arm]
         chunk[..., arm] = actions[..., arm]

@@ -104,9 +104,14 @@ class LearnFolder(ResumableFolder[LearnRecord]):
     """
 
     def __init__(self, out: Path, record: LearnRecord, resume: bool) -> None:
-        if not (out / LEARN_JSON).exists() and any(map(holds_training, (out, *(out / name for name in record.tasks)))):
-            raise InputError("holds a policy of another training", file=out, remedy="choose another --out")
         super().__init__(out, LEARN_JSON, record, holds="a run", resume=resume, lock=LOCK, alone=False)
+
+    def _opened(self, settings: LearnRecord) -> LearnRecord:
+        out = self.path
+        folders = (out, *(out / name for name in settings.tasks))
+        if not (out / LEARN_JSON).exists() and any(map(holds_training, folders)):
+            raise InputError("holds a policy of another training", file=out, remedy="choose another --out")
+        return super()._opened(settings)
 
 
 def check_demonstrations(other: Path, record: LearnRecord) -> None:

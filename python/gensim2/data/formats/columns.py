@@ -16,9 +16,15 @@ No name holds a slash: LeRobot's editing tools and Diffusion Policy's replay buf
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+import numpy.typing as npt
+
 from gensim2.core.foreign.names import checked_name
 from gensim2.perception.columns import (
     CLOUD,
+    CLOUD_SEGMENTATION,
     DEPTH,
     ENVIRONMENT_STATE,
     GRIPPER,
@@ -27,7 +33,18 @@ from gensim2.perception.columns import (
     STATE,
     TOOL_POSE,
     VELOCITY,
+    cloud_column,
 )
+
+XYZ, RGB, IDS = "pointcloud/xyz", "pointcloud/rgb", "pointcloud/segmentation"
+"""Arrays of clouds in files of observations: (N, 3) int16 in steps of 0.1 mm; (N, 3) uint8; (N,) int16."""
+STORED = {
+    STATE: "proprioception/qpos",
+    VELOCITY: "proprioception/qvel",
+    TOOL_POSE: "proprioception/tool_pose",
+    GRIPPER: "proprioception/gripper",
+}
+"""Arrays of what the robot knows of itself in files of observations, by column."""
 
 _CAMERAS = "cameras"
 _PREFIXES = {"rgb": IMAGE, "depth": DEPTH, "segmentation": SEGMENTATION}
@@ -62,6 +79,24 @@ def column_of(array: str) -> str | None:
     if folder != _CAMERAS or what not in _PREFIXES:
         return None
     return _PREFIXES[what] + checked_name(camera, field=array)
+
+
+def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False) -> dict[str, npt.NDArray[Any]]:
+    """Return the columns that the arrays of a file of observations become, those of proprioception apart.
+
+    Args:
+        arrays: by name; ``pointcloud/xyz`` in m.
+        known: the cloud is made of keypoints, and becomes the state of the environment.
+    """
+    found: dict[str, npt.NDArray[Any]] = {}
+    if (points := arrays.get(XYZ)) is not None:
+        if known:
+            found[ENVIRONMENT_STATE] = points.reshape(len(points), -1)
+        else:
+            found[CLOUD] = cloud_column(points, arrays.get(RGB))
+    if not known and (ids := arrays.get(IDS)) is not None:
+        found[CLOUD_SEGMENTATION] = ids
+    return found | {column: values for name, values in arrays.items() if (column := column_of(name)) is not None}
 
 
 def array_of(column: str) -> str | None:

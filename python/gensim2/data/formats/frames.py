@@ -10,14 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.core.errors import InputError
-from gensim2.data.formats.columns import column_of
-from gensim2.perception.columns import (
-    CLOUD,
-    CLOUD_SEGMENTATION,
-    ENVIRONMENT_STATE,
-    PROPRIOCEPTION,
-    cloud_column,
-)
+from gensim2.data.formats.columns import seen_columns
+from gensim2.perception.columns import PROPRIOCEPTION
 from gensim2.perception.proprioception import Proprioception
 from gensim2.robots import OPEN, RobotProfile
 from gensim2.rollout.recording import Recording
@@ -77,7 +71,7 @@ def frames_of(
         command = float(recording.actions[step - 1, -1]) if step else OPEN
         for name, row in Proprioception(profile, positions, velocities, command).items():
             own[name].append(row)
-    seen = {} if observation is None else _seen(observation, known)
+    seen = {} if observation is None else seen_columns(observation, known=known)
     for name, values in seen.items():
         if len(values) != steps + 1:
             raise InputError(f"has {len(values)} frames of an episode of {steps} steps", field=name)
@@ -92,16 +86,3 @@ def frames_of(
             **{name: values[:steps] for name, values in seen.items()},
         },
     )
-
-
-def _seen(observation: Mapping[str, Array], known: bool) -> dict[str, Array]:
-    found: dict[str, Array] = {}
-    if (points := observation.get("pointcloud/xyz")) is not None:
-        if known:
-            found[ENVIRONMENT_STATE] = points.reshape(len(points), -1)
-        else:
-            found[CLOUD] = cloud_column(points, observation.get("pointcloud/rgb"))
-    if not known and (ids := observation.get("pointcloud/segmentation")) is not None:
-        found[CLOUD_SEGMENTATION] = ids
-    found |= {column: values for name, values in observation.items() if (column := column_of(name)) is not None}
-    return found
