@@ -123,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 def _leave(code: int) -> NoReturn:
     """Leave the process with a code; at once where Ray would leave it with another."""
-    head = sys.modules.get("gensim2.core.processes.ray_head")
+    head = sys.modules.get("gensim2.core.processes.ray")
     if head is not None and head.left_waiting:
         sys.stderr.flush()
         with contextlib.suppress(OSError):

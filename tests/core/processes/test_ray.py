@@ -26,10 +26,9 @@ from gensim2.rollout import worker
 
 pytest.importorskip("ray")
 
+from gensim2.core.processes import executor as executors
 from gensim2.core.processes import ray as ray_pools
-from gensim2.core.processes import tries
-from gensim2.core.processes.ray import RayPool, check_address
-from gensim2.core.processes.ray_head import GONE_SECONDS, Head
+from gensim2.core.processes.ray import Head, RayPool, check_address
 
 CONTROLLERS = Path(__file__).parents[2] / "rollout" / "controllers.py"
 
@@ -107,7 +106,7 @@ def test_an_error_on_purpose_is_an_answer(pool: RayPool) -> None:
 
 
 def test_a_bug_is_no_result_and_leaves_its_traceback(pool: RayPool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tries, "TRIES", 2)  # each is a process
+    monkeypatch.setattr(executors, "TRIES", 2)  # each is a process
     (outcome,) = pool.map_unordered(jobs.fail_by_a_bug, [Job(5, (3,))])
     assert [failure.number for failure in outcome.failures] == [1, 2]
     assert outcome.failures[0].reason.startswith("ZeroDivisionError")
@@ -126,7 +125,7 @@ def test_a_killed_job_is_run_again_in_a_fresh_process(pool: RayPool, tmp_path: P
 
 
 def test_a_job_that_hangs_is_ended(pool: RayPool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tries, "TRIES", 1)
+    monkeypatch.setattr(executors, "TRIES", 1)
     monkeypatch.setattr(pool, "_time_limit", 1.0)
     (outcome,) = pool.map_unordered(jobs.hang, [Job(0, (1,))])
     assert outcome.failures[0].reason == "took longer than 1 s"
@@ -165,8 +164,11 @@ def test_environments_have_one_thread_each_and_our_variables(pool: RayPool) -> N
 def test_a_head_that_is_gone_ends_the_jobs_before_ray_ends_the_process(
     pool: RayPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(ray_pools, "GONE_SECONDS", 0.1)
     gone = Head("127.0.0.1:1")
-    monkeypatch.setattr(gone, "_answered", time.monotonic() - GONE_SECONDS - 1)
+    deadline = time.monotonic() + 30
+    while not gone.is_gone and time.monotonic() < deadline:
+        time.sleep(0.05)
     monkeypatch.setattr(pool, "_head", gone)
     with pytest.raises(NotRunError, match=r"jobs on Ray: could not be run: 7 .*127.0.0.1:1, does not answer.*--resume"):
         list(pool.map_unordered(jobs.square, [Job(7, (3, 0.0))]))

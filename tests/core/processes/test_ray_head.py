@@ -3,45 +3,33 @@
 from __future__ import annotations
 
 import socket
-import threading
 import time
+from collections.abc import Callable
 
 import pytest
 
-from gensim2.core.processes import ray_head
-from gensim2.core.processes.ray_head import Head, Latest
+from gensim2.core.processes import ray
+from gensim2.core.processes.ray import Head
+
+
+def _soon(condition: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + 30
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return condition()
 
 
 def test_a_head_is_gone_once_it_has_not_answered_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ray_head, "LOOK_SECONDS", 0.0)
-    monkeypatch.setattr(ray_head, "GONE_SECONDS", 0.3)
+    monkeypatch.setattr(ray, "RETRY_SECONDS", 0.02)
+    monkeypatch.setattr(ray, "GONE_SECONDS", 0.6)
     with socket.create_server(("127.0.0.1", 0)) as server:
         head = Head(f"127.0.0.1:{server.getsockname()[1]}")
-        assert head.look()
-        assert not head.is_gone
-    assert not head.look()
+        connection, _ = server.accept()
+        connection.close()  # as a server ends a connection that says nothing
+        connection, _ = server.accept()
+        assert head.is_there
+    connection.close()
+    assert _soon(lambda: not head.is_there)
     assert not head.is_gone  # it may come back
-    time.sleep(0.4)
-    assert not head.look()
-    assert head.is_gone
-
-
-def test_a_question_that_is_never_answered_holds_up_nobody() -> None:
-    asked, answer = [0], threading.Event()
-
-    def ask() -> int:
-        asked[0] += 1
-        if asked[0] > 1:
-            answer.wait(60)
-        return asked[0]
-
-    latest = Latest(ask)
-    for _ in range(3):
-        latest.renew()
-    assert latest.value == 1
-    assert asked[0] <= 2
-    answer.set()
-    deadline = time.monotonic() + 30
-    while latest.value != 2 and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert latest.value == 2
+    assert _soon(lambda: head.is_gone)
+    assert not head.is_there

@@ -7,10 +7,13 @@ answer; anything else that it raises is a bug of ours, and counts as not run.
 
 from __future__ import annotations
 
+import pickle
+from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 from gensim2.core.errors import GenSim2Error, NotRunError, WriteError
 
@@ -81,29 +84,158 @@ class Outcome(Generic[Result]):
         return self.result  # type: ignore[return-value]
 
 
-class Executor(Protocol):
-    """Runs jobs somewhere. A context manager: leaving it ends whatever is under way."""
+HOPELESS = 3
+"""Jobs that could not be run, with none that could, after which the rest is not tried."""
+
+
+class Tries:
+    """The jobs of one call of ``map_unordered``.
+
+    Args:
+        jobs: as given there.
+        on_failure: is told of each try that came to nothing, also where a later one succeeds.
+        ran: jobs of earlier calls could be run.
+
+    Attributes:
+        ran: jobs could be run, in this call or before it.
+    """
+
+    def __init__(
+        self, jobs: Iterable[Job | None], on_failure: Callable[[Failure], None] | None, ran: bool = False
+    ) -> None:
+        self._jobs, self._on_failure = iter(jobs), on_failure
+        self._again: deque[Job] = deque()
+        self._failures: dict[int, list[Failure]] = {}
+        self._given_up = 0
+        self._exhausted, self.ran = False, ran
+
+    def peek(self) -> Job | None:
+        """Return the job that :meth:`next` gives, and leave it there."""
+        job = self.next()
+        if job is not None:
+            self._again.appendleft(job)
+        return job
+
+    def next(self) -> Job | None:
+        """A job to run now; None where there is none now."""
+        if self._again:
+            return self._again.popleft()
+        if self._exhausted:
+            return None
+        try:
+            return next(self._jobs)
+        except StopIteration:
+            self._exhausted = True
+            return None
+
+    def number(self, job: Job) -> int:
+        """Of the job's present try, from 1."""
+        return len(self._failures.get(job.index, ())) + 1
+
+    def over(self, job: Job, found: Outcome[Any] | Failure) -> list[Outcome[Any]]:
+        """Take what came of a try; the outcomes of jobs that will not be tried again."""
+        if isinstance(found, Failure):
+            return self._failed(found, job)
+        self.ran = True
+        self._failures.pop(job.index, None)
+        return [found]
+
+    def _failed(self, failure: Failure, job: Job) -> list[Outcome[Any]]:
+        if self._on_failure is not None:
+            self._on_failure(failure)
+        failures = self._failures.setdefault(job.index, [])
+        failures.append(failure)
+        if len(failures) < TRIES:
+            self._again.append(job)
+            return []
+        self._given_up += 1
+        outcomes: list[Outcome[Any]] = [Outcome(job.index, failures=tuple(self._failures.pop(job.index)))]
+        if self._given_up == HOPELESS and not self.ran:
+            reason = f"not tried, because none before it could be run: {failure.reason}"
+            outcomes.extend(Outcome(rest.index, failures=(Failure(rest.index, 0, reason),)) for rest in self._rest())
+        return outcomes
+
+    def _rest(self) -> Iterator[Job]:
+        """Yield the jobs that were not handed out; of an iterator that waits for outcomes, those it has now."""
+        while (job := self.next()) is not None:
+            yield job
+
+
+class Executor(ABC):
+    """Runs jobs somewhere. A context manager: leaving it ends whatever is under way.
+
+    Args:
+        on_failure: is told of each try that came to nothing, also where a later one succeeds.
+    """
+
+    def __init__(self, on_failure: Callable[[Failure], None] | None) -> None:
+        self._on_failure = on_failure
+        self._ran = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def map_unordered(self, function: Callable[..., Result], jobs: Iterable[Job | None]) -> Iterator[Outcome[Result]]:
         """Yield the outcome of ``function(*job.arguments)`` for every job, as each is finished.
 
-        A job that is not run is tried ``TRIES`` times, each time in a fresh process, while others go on.
+        A job that is not run is tried ``TRIES`` times, each time in a fresh process, while others go on. A caller that
+        stops early loses what was under way.
 
         Args:
             function: of a module, so that it pickles by name.
             jobs: taken as places become free. None means "none now": the iterator is asked again after the next
                 outcome, so what is submitted may depend on what came of earlier jobs. With none under way it is
                 the end.
+
+        Raises:
+            WorkerStartError: worker processes cannot start at all.
+            NotRunError: the head of a Ray cluster is gone.
         """
-        ...
+        tries = Tries(jobs, self._on_failure, self._ran)
+        finished: deque[Outcome[Result]] = deque()
+        try:
+            while True:
+                self._dispatch(function, tries)
+                if finished:
+                    yield finished.popleft()
+                elif self._is_busy(tries):
+                    finished.extend(self._collect(tries))
+                    self._ran = tries.ran
+                else:
+                    return
+        finally:
+            self._abandon()
 
-    def __enter__(self) -> Executor: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
+    @abstractmethod
     def close(self) -> None:
         """End the processes, whatever they are doing."""
-        ...
+
+    @abstractmethod
+    def _dispatch(self, function: Callable[..., Any], tries: Tries) -> None:
+        """Hand jobs to the places that are free."""
+
+    @abstractmethod
+    def _is_busy(self, tries: Tries) -> bool:
+        """Whether jobs are under way, or wait for a place."""
+
+    @abstractmethod
+    def _collect(self, tries: Tries) -> list[Outcome[Any]]:
+        """Wait until a process has something to say, for a while at most, and return the outcomes."""
+
+    @abstractmethod
+    def _abandon(self) -> None:
+        """End the processes that are busy."""
+
+
+def received(message: bytes, index: int, number: int) -> Outcome[Any] | Failure:
+    """Return what a worker's answer says of try ``number`` of a job."""
+    kind, value, text, cpu_s = pickle.loads(message)
+    if kind == "failure":
+        return Failure(index, number, value, text)
+    return Outcome(index, error=value, cpu_s=cpu_s) if kind == "error" else Outcome(index, value, cpu_s=cpu_s)
 
 
 def enumerated(arguments: Iterable[tuple[Any, ...]]) -> Iterator[Job]:

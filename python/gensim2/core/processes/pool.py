@@ -6,14 +6,12 @@ Each simulator wants a process of its own: SAPIEN runs one environment a process
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from multiprocessing.connection import wait
 from typing import Any, TypeVar
 
 from gensim2.core.errors import GenSim2Error
-from gensim2.core.processes.executor import Failure, Job, Outcome
-from gensim2.core.processes.tries import Tries
+from gensim2.core.processes.executor import Executor, Failure, Job, Outcome, Tries
 from gensim2.core.processes.worker import Worker, preload_modules
 
 Result = TypeVar("Result")
@@ -25,8 +23,8 @@ JOBS_PER_WORKER = 500
 """Jobs after which a worker process is renewed, so that what libraries leak does not grow."""
 
 
-class WorkerPool:
-    """An :class:`~gensim2.core.processes.executor.Executor` of a fixed number of worker processes.
+class WorkerPool(Executor):
+    """A fixed number of worker processes.
 
     Ctrl-C in the parent ends the workers at once and leaves the ``with`` block; whatever was yielded before
     is whole.
@@ -54,16 +52,9 @@ class WorkerPool:
     ) -> None:
         if workers < 0:
             raise ValueError(f"workers must not be negative, is {workers}")
+        super().__init__(on_failure)
         preload_modules(preload)
         self._workers = [Worker(time_limit, jobs_per_worker, prepare) for _ in range(workers)]
-        self._on_failure = on_failure
-        self._ran = False
-
-    def __enter__(self) -> WorkerPool:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the workers, whatever they are doing."""
@@ -71,32 +62,22 @@ class WorkerPool:
             worker.stop()
 
     def map_unordered(self, function: Callable[..., Result], jobs: Iterable[Job | None]) -> Iterator[Outcome[Result]]:
-        """As in :class:`~gensim2.core.processes.executor.Executor`. A caller that stops early loses what was under way.
-
-        Raises:
-            WorkerStartError: where worker processes cannot start at all.
-        """
-        if not self._workers:
-            for job in jobs:
-                if job is None:  # none now, and none under way that could change that
-                    return
-                yield _run_here(function, job)
+        """As in :class:`~gensim2.core.processes.executor.Executor`."""
+        if self._workers:
+            yield from super().map_unordered(function, jobs)
             return
-        tries = Tries(jobs, self._on_failure, self._ran)
-        finished: deque[Outcome[Result]] = deque()
-        try:
-            while True:
-                self._dispatch(function, tries)
-                if finished:
-                    yield finished.popleft()
-                elif any(worker.job for worker in self._workers):
-                    finished.extend(self._collect(tries))
-                else:
-                    return
-        finally:
-            for worker in self._workers:
-                if worker.job is not None:
-                    worker.stop()
+        for job in jobs:
+            if job is None:  # none now, and none under way that could change that
+                return
+            yield _run_here(function, job)
+
+    def _is_busy(self, _: Tries) -> bool:
+        return any(worker.job for worker in self._workers)
+
+    def _abandon(self) -> None:
+        for worker in self._workers:
+            if worker.job is not None:
+                worker.stop()
 
     def _dispatch(self, function: Callable[..., Any], tries: Tries) -> None:
         for worker in self._workers:
@@ -107,7 +88,6 @@ class WorkerPool:
                 worker.send(job, function, fresh=tries.number(job) > 1)
 
     def _collect(self, tries: Tries) -> list[Outcome[Any]]:
-        """Wait until at least one busy worker has something to say, and return the outcomes."""
         busy = [(worker, worker.job) for worker in self._workers if worker.job is not None]
         patience = min(worker.deadline for worker, _ in busy) - time.monotonic()
         # A dead worker's connection reads as ended, so waiting on connections covers crashes as well.
@@ -123,7 +103,6 @@ class WorkerPool:
                 continue
             if found is not None:
                 outcomes.extend(tries.over(job, found))
-        self._ran = tries.ran
         return outcomes
 
 

@@ -15,22 +15,30 @@ import os
 import pickle
 import re
 import signal
+import socket
 import sys
+import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
 from gensim2.core.cores import usable_cores
 from gensim2.core.errors import InputError, MissingExtraError, NotRunError
-from gensim2.core.processes import ray_head
-from gensim2.core.processes.executor import TRIES, Failure, Job, Outcome, WorkerStartError
+from gensim2.core.processes.executor import TRIES, Executor, Failure, Job, Outcome, Tries, WorkerStartError, received
 from gensim2.core.processes.pool import JOBS_PER_WORKER, TIME_LIMIT
-from gensim2.core.processes.ray_head import LOOK_SECONDS, Head, Latest
-from gensim2.core.processes.tries import Tries
 from gensim2.core.processes.worker import SINGLE_THREADED, START_LIMIT, answer
 
 Result = TypeVar("Result")
+
+GONE_SECONDS = 15.0
+"""Without an answer, after which the head counts as gone; Ray waits 60 (``gcs_rpc_server_reconnect_timeout_s``)."""
+
+RETRY_SECONDS = 1.0
+"""Between two tries to reach a head that is not there; the longest wait for an actor's answer before the next look at
+the time limits."""
+
+left_waiting = False
+"""Whether Ray was left while it waits for a head that is gone: its threads end this process with codes of their own."""
 
 _ADDRESS = re.compile(r"local|auto|[\w.-]+:\d{1,5}|\[[0-9a-fA-F:]+\]:\d{1,5}")
 
@@ -71,6 +79,52 @@ class _Environment:
         return answer(payload)
 
 
+class Head:
+    """The head of a cluster, watched through a connection that its death ends.
+
+    Ray itself ends the whole process, with 1, a minute after the head is gone, and its own questions wait for a head
+    that is not there.
+
+    Args:
+        address: ``HOST:PORT`` of its control service.
+
+    Attributes:
+        is_there: whether the connection stands.
+        is_gone: whether no connection was taken for ``GONE_SECONDS``.
+    """
+
+    def __init__(self, address: str) -> None:
+        host, _, port = address.rpartition(":")
+        self.address = address
+        self._where = (host.strip("[]"), int(port))
+        self.is_there, self.is_gone = True, False
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def _watch(self) -> None:
+        answered = time.monotonic()
+        while not self.is_gone:
+            try:
+                with socket.create_connection(self._where, GONE_SECONDS) as connection:
+                    self.is_there = True
+                    _keep_alive(connection)
+                    connection.settimeout(None)
+                    connection.recv(1)  # returns when the head closes the connection or dies
+                answered = time.monotonic()
+            except OSError:
+                answered = time.monotonic() if self.is_there else answered
+                self.is_there = False
+                self.is_gone = time.monotonic() - answered > GONE_SECONDS
+            time.sleep(RETRY_SECONDS)
+
+
+def _keep_alive(connection: socket.socket) -> None:
+    """Have the kernel end the connection where the other machine does not answer any more."""
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 2)):
+        if hasattr(socket, name):
+            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+
+
 class _Place:
     """One actor, and the job that it is busy with."""
 
@@ -82,17 +136,15 @@ class _Place:
         self.since = time.monotonic()
         self.served = 0
 
-    @property
-    def is_idle(self) -> bool:
-        return self.is_ready and self.job is None
-
     def send(self, job: Job, payload: bytes) -> None:
         self.job, self.since = job, time.monotonic()
         self.awaited = self.actor.run.remote(payload)
 
 
-class RayPool:
-    """An :class:`~gensim2.core.processes.executor.Executor` on Ray.
+class RayPool(Executor):
+    """An executor on Ray.
+
+    Ray itself says when a node comes: beside the actors at work one more waits to be placed, up to ``workers``.
 
     Args:
         address: ``"local"`` for a cluster of this process's own, ``"auto"`` or ``HOST:PORT`` for one that is there.
@@ -115,113 +167,89 @@ class RayPool:
         prepare: Callable[[], object] | None = None,
         on_failure: Callable[[Failure], None] | None = None,
     ) -> None:
+        super().__init__(on_failure)
         check_address(address)
         import ray
 
-        self._ray, self._workers = ray, workers
-        self._time_limit, self._jobs_per_worker, self._on_failure = time_limit, jobs_per_worker, on_failure
+        self._ray = ray
+        self._time_limit, self._jobs_per_worker = time_limit, jobs_per_worker
         self._arguments = (tuple(sys.path), tuple(preload), pickle.dumps(prepare))
         self._places: list[_Place] = []
-        self._ran = False
-        self._looked, self._target, self._failed_starts, self._alive = 0.0, 0, 0, time.monotonic()
+        self._failed_starts, self._alive = 0, time.monotonic()
         _connect(ray, address, workers)
         self._head = Head(ray.get_runtime_context().gcs_address)
-        self._cpus = Latest(lambda: int(ray.cluster_resources().get("CPU", 0)))
+        there = int(ray.cluster_resources().get("CPU", 0))
+        self._most = workers or (there if address == "local" else sys.maxsize)
+        self._first = max(1, min(there, self._most))
         self._remote = ray.remote(num_cpus=1, max_restarts=0)(_Environment)
-
-    def __enter__(self) -> RayPool:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the actors, whatever they are doing, and leave the cluster."""
+        global left_waiting
         for place in list(self._places):
             self._end(place)
         if self._head.is_gone:  # there is none to leave, and Ray would wait for it until it ends this process
             atexit.unregister(self._ray.shutdown)
-            ray_head.left_waiting = True
+            left_waiting = True
         else:
             self._ray.shutdown()
 
     def map_unordered(self, function: Callable[..., Result], jobs: Iterable[Job | None]) -> Iterator[Outcome[Result]]:
-        """As in :class:`~gensim2.core.processes.executor.Executor`. A caller that stops early loses what was under way.
-
-        Raises:
-            NotRunError: the head of the cluster is gone.
-            WorkerStartError: where actors cannot start at all.
-        """
-        tries = Tries(jobs, self._on_failure, self._ran)
-        finished: deque[Outcome[Result]] = deque()
-        next_job: Job | None = None
+        """As in :class:`~gensim2.core.processes.executor.Executor`."""
         self._alive = time.monotonic()
-        try:
-            while True:
-                next_job = next_job or tries.next()
-                if self._head.look() and next_job is not None:
-                    self._look()
-                    if idle := next((place for place in self._places if place.is_idle), None):
-                        idle.send(next_job, pickle.dumps((function, next_job.arguments)))
-                        next_job = None
-                        continue
-                if finished:
-                    yield finished.popleft()
-                elif next_job is not None or any(place.job for place in self._places):
-                    self._require_head(next_job)
-                    finished.extend(self._collect(tries))
-                else:
-                    return
-        finally:
-            for place in list(self._places):
-                if place.job is not None:
-                    self._end(place)
+        return super().map_unordered(function, jobs)
 
-    def _require_head(self, waiting: Job | None) -> None:
-        if self._head.is_gone:
-            jobs = [job for job in (waiting, *(place.job for place in self._places)) if job is not None]
-            reason = f"the head of the cluster, {self._head.address}, does not answer"
-            raise NotRunError("jobs on Ray", {job.index: reason for job in jobs})
+    def _dispatch(self, function: Callable[..., Any], tries: Tries) -> None:
+        while self._head.is_there and (job := tries.peek()) is not None:
+            idle = next((place for place in self._places if place.is_ready and place.job is None), None)
+            if idle is None:
+                self._grow()
+                return
+            idle.send(job, pickle.dumps((function, job.arguments)))
+            tries.next()
 
-    def _look(self) -> None:
-        """Have as many actors as the cluster has CPUs now, and no more."""
-        if time.monotonic() - self._looked > LOOK_SECONDS:
-            self._looked = time.monotonic()
-            self._cpus.renew()
-            there = self._cpus.value
-            self._target = there if self._workers is None else min(there, self._workers)
-            for place in [place for place in self._places if not place.is_ready][: self._surplus]:
+    def _is_busy(self, tries: Tries) -> bool:
+        return tries.peek() is not None or any(place.job for place in self._places)
+
+    def _abandon(self) -> None:
+        for place in list(self._places):
+            if place.job is not None:
                 self._end(place)
-        while self._surplus < 0:
+
+    def _grow(self) -> None:
+        """Have the cluster's first CPUs at work, and one actor that waits for another."""
+        waits = any(not place.is_ready for place in self._places)
+        wanted = max(self._first, len(self._places) + (not waits))
+        while len(self._places) < min(wanted, self._most):
             self._places.append(_Place(self._remote.remote(*self._arguments)))
         if any(place.is_ready for place in self._places):
             self._alive = time.monotonic()
         elif time.monotonic() - self._alive > START_LIMIT:
-            raise WorkerStartError(f"no actor of the Ray cluster was ready in {START_LIMIT:g} s ({self._target} CPUs)")
-
-    @property
-    def _surplus(self) -> int:
-        return len(self._places) - self._target
+            raise WorkerStartError(f"no actor of the Ray cluster was ready in {START_LIMIT:g} s")
 
     def _collect(self, tries: Tries) -> list[Outcome[Any]]:
-        """Wait until an actor has something to say, or it is time to look around; the outcomes."""
+        waiting = tries.peek()
+        if self._head.is_gone:
+            jobs = [job for job in (waiting, *(place.job for place in self._places)) if job is not None]
+            reason = f"the head of the cluster, {self._head.address}, does not answer"
+            raise NotRunError("jobs on Ray", {job.index: reason for job in jobs})
         awaited = {place.awaited: place for place in self._places if place.job is not None or not place.is_ready}
         if not awaited:
-            time.sleep(LOOK_SECONDS)
+            time.sleep(RETRY_SECONDS)  # the head is not there, and may come back
             return []
-        done, _ = self._ray.wait(list(awaited), num_returns=1, timeout=LOOK_SECONDS, fetch_local=True)
+        done, _ = self._ray.wait(list(awaited), num_returns=1, timeout=RETRY_SECONDS, fetch_local=True)
         outcomes: list[Outcome[Any]] = []
         for reference in done:
             place = awaited[reference]
             if place.job is None:
                 self._started(place)
             else:
-                outcomes.extend(tries.over(place.job, self._received(place, place.job, tries)))
+                outcomes.extend(tries.over(place.job, self._received(place, place.job, tries.number(place.job))))
         for place in awaited.values():
-            if place.job is not None and time.monotonic() > place.since + self._time_limit:
-                reason = f"took longer than {self._time_limit:g} s"
-                outcomes.extend(tries.over(place.job, self._failure(place, place.job, tries, reason)))
-        self._ran = tries.ran
+            if (job := place.job) is not None and time.monotonic() > place.since + self._time_limit:
+                self._end(place)
+                found = Failure(job.index, tries.number(job), f"took longer than {self._time_limit:g} s")
+                outcomes.extend(tries.over(job, found))
         return outcomes
 
     def _started(self, place: _Place) -> None:
@@ -231,29 +259,20 @@ class RayPool:
         except self._ray.exceptions.RayError as error:
             self._end(place)
             self._failed_starts += 1
-            if self._failed_starts >= TRIES * max(self._target, 1):
+            if self._failed_starts >= TRIES * self._first:
                 words = " ".join(str(error).split())
                 raise WorkerStartError(f"actors of the Ray cluster end before their first job: {words}") from error
 
-    def _received(self, place: _Place, job: Job, tries: Tries) -> Outcome[Any] | Failure:
-        """Return the outcome of the job that an actor was busy with."""
+    def _received(self, place: _Place, job: Job, number: int) -> Outcome[Any] | Failure:
+        """Return the outcome of the job that an actor was busy with; a failure ends the actor."""
         try:
-            kind, value, text, cpu_s = pickle.loads(self._ray.get(place.awaited))
+            found = received(self._ray.get(place.awaited), job.index, number)
         except self._ray.exceptions.RayError as error:
-            return self._failure(place, job, tries, f"the worker process died ({type(error).__name__})")
-        if kind == "failure":
-            return self._failure(place, job, tries, value, text)
+            found = Failure(job.index, number, f"the worker process died ({type(error).__name__})")
         place.job, place.served = None, place.served + 1
-        if place.served >= self._jobs_per_worker:
+        if isinstance(found, Failure) or place.served >= self._jobs_per_worker:
             self._end(place)
-        return (
-            Outcome(job.index, error=value, cpu_s=cpu_s) if kind == "error" else Outcome(job.index, value, cpu_s=cpu_s)
-        )
-
-    def _failure(self, place: _Place, job: Job, tries: Tries, reason: str, text: str | None = None) -> Failure:
-        """End the actor, so that the next try is in a fresh process."""
-        self._end(place)
-        return Failure(job.index, tries.number(job), reason, text)
+        return found
 
     def _end(self, place: _Place) -> None:
         if place in self._places:

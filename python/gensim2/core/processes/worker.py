@@ -22,7 +22,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from gensim2.core.errors import GenSim2Error
-from gensim2.core.processes.executor import TRIES, Failure, Job, Outcome, WorkerStartError
+from gensim2.core.processes.executor import TRIES, Failure, Job, Outcome, WorkerStartError, received
 from gensim2.core.processes.fork_server import ignore_interrupts, start_fork_server
 
 _CONTEXT = multiprocessing.get_context("forkserver")
@@ -92,20 +92,19 @@ class Worker:
         if not self._ready:
             self._ready, self._since = True, time.monotonic()
             return None
-        kind, value, text, cpu_s = pickle.loads(message)
-        if kind == "failure":
-            return self.give_up(number, value, text)
-        index, self._job = self._job.index, None
-        self._served += 1
-        return Outcome(index, error=value, cpu_s=cpu_s) if kind == "error" else Outcome(index, value, cpu_s=cpu_s)
+        found = received(message, self._job.index, number)
+        if isinstance(found, Failure):
+            self.stop()
+        self._job, self._served = None, self._served + 1
+        return found
 
-    def give_up(self, number: int, reason: str | None = None, text: str | None = None) -> Failure:
+    def give_up(self, number: int, reason: str | None = None) -> Failure:
         """End the process; by default because its job took too long."""
         assert self._job is not None
         index = self._job.index
         too_long = f"took longer than {self._time_limit:g} s" if self._ready else f"did not start in {START_LIMIT:g} s"
         self.stop()
-        return Failure(index, number, reason or too_long, text)
+        return Failure(index, number, reason or too_long)
 
     def stop(self) -> None:
         """End the process, whatever it is doing."""
@@ -125,11 +124,8 @@ class Worker:
         process = self._process
         assert process is not None
         process.join(timeout=5)
-        # 255: killed together with the server that would have known how.
-        fate, killed = (
-            _fate(process.exitcode),
-            process.exitcode is None or process.exitcode < 0 or process.exitcode == 255,
-        )
+        fate = _fate(process.exitcode)
+        killed = process.exitcode is None or process.exitcode < 0 or process.exitcode == SERVER_LOST
         if not self._ready and not killed:
             self.stop()
             raise WorkerStartError(
