@@ -34,11 +34,11 @@ from gensim2.core.seeding import rng
 from gensim2.objects import RigidObject, open_library
 from gensim2.objects.region import STANDARD_REGION
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile, SlidingGripper, robot, robot_names
-from gensim2.scenes.table import HALF_SIZE, build_table, corners
+from gensim2.scenes.table import HALF_SIZE, corners
 from gensim2.sim import agents
 from gensim2.sim.arm import base_pose
 from gensim2.sim.physics import RIGID_CONTACT_OFFSET
-from gensim2.sim.rigid import load_rigid, resting_pose
+from gensim2.sim.rigid import build_table, load_rigid, resting_pose
 
 Array = npt.NDArray[np.float64]
 

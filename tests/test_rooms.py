@@ -311,3 +311,24 @@ def test_arrays_of_observation_files_are_named_in_one_place() -> None:
         and node.value.startswith(("pointcloud/", "proprioception/"))
     }
     assert naming == {"gensim2/data/formats/columns.py"}
+
+
+def test_options_of_scenes_are_made_once() -> None:
+    """The command line changes no variable of the process, and a configuration goes to the simulator as it is."""
+    for path in sources("gensim2.cli"):
+        assert "os.environ[" not in path.read_text(), path
+    for package in ("gensim2", "gensim2_robot"):
+        for path in sources(package):
+            assert "scene.arguments" not in path.read_text(), path
+
+
+def test_what_builds_in_a_simulator_lies_with_it() -> None:
+    for path in sources("gensim2.scenes"):
+        assert not {name for name in imports(path.read_text()) if name.split(".")[0] in ("sapien", "mani_skill")}, path
+
+
+def test_jobs_are_handed_out_by_one_loop() -> None:
+    """Worker processes and Ray share it, and nobody asks a cluster again and again."""
+    loops = {path.name: path.read_text() for path in sources("gensim2.core.processes")}
+    assert [name for name, text in loops.items() if " Tries(" in text] == ["executor.py"]
+    assert loops["ray.py"].count("cluster_resources()") == 1

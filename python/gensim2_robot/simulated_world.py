@@ -57,7 +57,7 @@ class SimulatedWorld:
     """
 
     def __init__(self, scene: SceneConfig) -> None:
-        self._env = HeadlessEnv(scene.task, **scene.arguments)
+        self._env = HeadlessEnv(scene)
         self.profile, self.task = self._env.profile, self._env.task
         if self.profile.simulation.physics_hz != round(1.0 / CYCLE):
             raise ValueError(f"physics at {self.profile.simulation.physics_hz} Hz, the wire at {1 / CYCLE:g}")

@@ -59,7 +59,7 @@ def test_counted_objects_are_neither_listed_nor_new() -> None:
 
 def test_counted_objects_are_those_with_a_joint() -> None:
     given = with_objects(read_task_input("PlaceGolfBallIntoDrawer", assets="builtin"), 4, seed=0)
-    drawn = SceneSampler(given.spec, **given.scene.arguments).instances
+    drawn = SceneSampler(given.scene).instances
     assert len(drawn["drawer"]) == 4
     assert drawn["ball"] == ("0",)
     with pytest.raises(InputError, match="generated articulated objects"):

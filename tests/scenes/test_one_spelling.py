@@ -71,16 +71,16 @@ def test_no_other_function_takes_physics_or_randomization_by_name_from_a_user() 
 def test_keywords_options_and_fields_are_the_same_words() -> None:
     from gensim2.cli import options
 
-    assert {each.name for each in fields(SceneOptions)} | {"instances"} == set(SCENE_FIELDS)
-    assert {each.name for each in fields(SceneConfig)} == {*SCENE_FIELDS, "task"}
+    # `redraw` is a switch of the physics, whose word says it in files.
+    assert {each.name for each in fields(SceneOptions)} | {"instances", "redraw"} == set(SCENE_FIELDS)
+    assert {each.name for each in fields(SceneConfig)} == {*SCENE_FIELDS, "task"} - {"redraw"}
     assert set(get_type_hints(RolloutArguments)) == {*SCENE_FIELDS, "open_loop"}
-    # `--redraw` is a switch of the physics.
-    assert set(options.EPISODES) == {*get_type_hints(RolloutArguments), "seed", "redraw"}
+    assert set(options.EPISODES) == {*get_type_hints(RolloutArguments), "seed"}
     assert set(options.EPISODES) <= set(get_type_hints(options.Shared))
     run = {each.name for each in fields(RolloutOptions)}
     assert set(FIXED_ARGUMENTS) >= {*SCENE_FIELDS, *run}
     # Noise is for collections alone: no figure has any.
-    assert set(Condition.model_fields) == {"objects"} | set(SCENE_FIELDS) - {"assets"} | run - {"noise"}
+    assert set(Condition.model_fields) == {"objects"} | set(SCENE_FIELDS) - {"assets", "redraw"} | run - {"noise"}
 
 
 def test_it_pickles_and_finds_its_like() -> None:
@@ -89,14 +89,7 @@ def test_it_pickles_and_finds_its_like() -> None:
     assert again.scene == config
     assert hash(again.scene) == hash(config)
     assert again.task.name == "OpenBox"
-    assert config.arguments == {
-        "assets": "builtin",
-        "physics": "original",
-        "robot": "panda",
-        "randomization": "paper",
-        "engine": "sapien",
-        "instances": {"box": "3"},
-    }
+    assert config.drawn == {"box": "3"}
     assert config.options == SceneOptions("builtin", "original")
 
 
@@ -112,6 +105,9 @@ def test_what_there_is_not_is_refused(word: str, field: str) -> None:
 def test_the_word_of_earlier_releases_is_understood() -> None:
     given: SceneArguments = {"assets": "builtin", "physics": "ours"}
     assert SceneOptions.of(**given).physics == physics_name("ours") == "default"
+    assert SceneOptions.of(**given, redraw="none").physics == "default+redraw=none"
+    with pytest.raises(InputError, match="redraw"):
+        SceneOptions.of(**given, redraw="twice")
     record = DatasetRecord.model_validate(
         {
             "arguments": {"assets": "builtin", "physics": "ours", "robot": "panda", "open_loop": True, "attempts": 3},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
@@ -230,24 +229,9 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
         raise click.UsageError("--resume goes on with what --out holds: give --out, too")
     if given.get("ray") is not None and not is_given(context, "workers"):
         given["workers"] = None  # one for each CPU of the cluster
-    if (redraw := given.pop("redraw", None)) is not None:
-        from gensim2.scenes.physics import physics_name
-
-        given["physics"] = physics_name(f"{given['physics']}+redraw={redraw}")
     if "moved_assets" in given:
         given["assets"] = given.pop("moved_assets")
     if (library := given.pop("library", None)) is not None:
-        _use_library(context, library)
+        from gensim2.tasks.library import using_library
 
-
-def _use_library(context: click.Context, folder: str) -> None:
-    """Set the variable while the command runs: worker processes inherit it."""
-    before = os.environ.get("GENSIM2_LIBRARY")
-    os.environ["GENSIM2_LIBRARY"] = folder
-
-    def restore() -> None:
-        os.environ.pop("GENSIM2_LIBRARY")
-        if before is not None:
-            os.environ["GENSIM2_LIBRARY"] = before
-
-    context.call_on_close(restore)
+        context.with_resource(using_library(library))  # worker processes are given tasks as values

@@ -109,7 +109,7 @@ def draw_scene(options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strate
     if not rendering.can_render():
         raise GenSim2Error(rendering.NO_DRIVER)
     scene_config = SceneOptions(options.assets, options.physics, options.robot).with_task(task)
-    env = GenSim2Env(task, **scene_config.arguments, obs_mode="none", render_mode="rgb_array")
+    env = GenSim2Env(scene_config, obs_mode="none", render_mode="rgb_array")
     try:
         env.reset(seed=SEED)
         scene = env.scene_state()

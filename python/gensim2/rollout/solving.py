@@ -125,7 +125,7 @@ def solve(
     # Only now what takes seconds to import.
     from gensim2.sim.headless import HeadlessEnv
 
-    env = HeadlessEnv(given.spec, **given.scene.arguments)
+    env = HeadlessEnv(given.scene)
     env.reset(seed)
     objects = {
         role: {"class": placed.model.asset_class, "instance": placed.model.id}

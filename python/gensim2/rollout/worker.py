@@ -66,7 +66,7 @@ def simulator(scene: SceneConfig) -> HeadlessEnv:
     """Return the simulator of scenes; the last two are kept, since jobs come task by task."""
     from gensim2.sim.headless import HeadlessEnv
 
-    return HeadlessEnv(scene.task, **scene.arguments)
+    return HeadlessEnv(scene)
 
 
 def screen_scene(config: EpisodeConfig, seed: int, candidates: Sequence[StepStrategies]) -> list[Screened]:

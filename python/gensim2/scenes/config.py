@@ -47,6 +47,7 @@ class SceneArguments(TypedDict, total=False):
             (generated ones beyond the listed ones), an id, or ``random``: one, drawn by the seed of a run. An
             environment takes several of them, too, also by object.
         physics: ``"default"``, ``"original"``, a mixture of both, or a file of switches (docs/guides/simulation.md).
+        redraw: ``"placement"`` or ``"none"``, in place of what ``physics`` says of it; None: as it says.
         robot: name of a known robot (:func:`gensim2.load_robot` makes one's own known).
         randomization: ``"paper"`` for the task's ranges, ``"paper-half"`` or ``"wide"`` (docs/guides/simulation.md).
         engine: ``"sapien"`` or ``"mujoco"`` (docs/guides/simulation.md).
@@ -55,6 +56,7 @@ class SceneArguments(TypedDict, total=False):
     assets: str | Path | ObjectSource | None
     instances: Words | Mapping[str, Words]
     physics: str
+    redraw: str | None
     robot: str
     randomization: str
     engine: str
@@ -99,15 +101,16 @@ class SceneOptions:
             MissingExtraError: the engine, or a package with the robot's model, is not installed.
         """
         words = {name: scene[name] for name in ("physics", "robot", "randomization", "engine") if name in scene}
+        if words.get("robot", "") is None:
+            del words["robot"]
         check_words(**words)
-        if "physics" in words:
-            words["physics"] = physics_name(words["physics"])
+        words["physics"] = physics_name(words.get("physics", DEFAULT_PHYSICS), scene.get("redraw"))
         options = cls("", **cast(Any, words))
         if options.engine == "mujoco" and find_spec("mujoco") is None:
             raise MissingExtraError("mujoco", "mujoco")
         assets = scene.get("assets")
-        location = getattr(assets, "location", None) or open_library(cast(Any, assets)).location
-        return replace(options, assets=str(location))
+        library = open_library(assets) if assets is None or isinstance(assets, str | Path) else assets
+        return replace(options, assets=str(getattr(library, "location", "")))
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> SceneOptions:
@@ -158,10 +161,9 @@ class SceneConfig(SceneOptions):
         return SceneOptions(**self.to_record())
 
     @property
-    def arguments(self) -> SceneArguments:
-        """Keywords that an environment takes beside the task."""
-        instances = dict(self.instances) if isinstance(self.instances, frozenset) else self.instances
-        return cast(SceneArguments, {**self.to_record(), "instances": instances})
+    def drawn(self) -> Words | Mapping[str, Words]:
+        """Instances as :class:`SceneArguments` has them."""
+        return dict(self.instances) if isinstance(self.instances, frozenset) else self.instances
 
 
 def split_arguments(given: Mapping[str, Any]) -> tuple[SceneArguments, dict[str, Any]]:

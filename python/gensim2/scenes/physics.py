@@ -106,19 +106,21 @@ def physics_switches(word: str) -> PhysicsSwitches:
     return _changed(PRESETS[name], given, None)
 
 
-def physics_name(word: object) -> str:
+def physics_name(word: object, redraw: str | None = None) -> str:
     """Return the one word for what a user gave on the command line or in Python.
 
     Args:
         word: as :func:`physics_word` takes it, or the path of a YAML or JSON file of switches, in which ``base`` names
             the preset that holds for the others.
+        redraw: value of that switch, whatever ``word`` says of it; None: as ``word`` says.
 
     Raises:
         InputError: there is no such preset, switch or value, or the file cannot be read.
     """
     if isinstance(word, str | Path) and str(word).endswith(_FILES):
-        return _word(_read(Path(word)))
-    return physics_word(word)
+        word = _word(_read(Path(word)))
+    word = physics_word(word)
+    return word if redraw is None else physics_word(f"{word}+redraw={redraw}")
 
 
 def physics_word(word: object) -> str:

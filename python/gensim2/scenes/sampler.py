@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Unpack
 
-from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.robots import robot as robot_profile
-from gensim2.scenes.arguments import as_library, as_task, check_names, check_words, chosen_instances
-from gensim2.scenes.config import SceneArguments
+from gensim2.scenes.arguments import as_library, as_task, check_names, chosen_instances
+from gensim2.scenes.config import SceneArguments, SceneConfig, SceneOptions
 from gensim2.scenes.goal import check_false_at_start, check_reachable
 from gensim2.scenes.initial_state import InitialState, PlacementError, sample_initial_state
-from gensim2.scenes.physics import DEFAULT_ENGINE, DEFAULT_PHYSICS, check_engine, physics_name, physics_switches
+from gensim2.scenes.physics import physics_switches
 from gensim2.scenes.reset_options import ObjectOptions, read_options
-from gensim2.tasks.presets import DEFAULT_PRESET, preset
+from gensim2.tasks.presets import preset
 from gensim2.tasks.spec import TaskSpec
 
 GOAL_SEEDS = range(8)
@@ -24,7 +23,7 @@ class SceneSampler:
     """Initial states of one task by seed, the same in every environment.
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, or its fields.
+        task: name of a library task, a :class:`TaskSpec`, or its fields; or a configuration, which says everything.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 
     Attributes:
@@ -41,18 +40,18 @@ class SceneSampler:
         InputError: an argument is wrong.
     """
 
-    def __init__(self, task: str | TaskSpec | Mapping[str, Any], **scene: Unpack[SceneArguments]) -> None:
-        words = {name: scene.get(name) for name in ("robot", "physics", "randomization", "engine")}
-        check_words(**words)
-        self.robot = robot_key(scene.get("robot") or DEFAULT_ROBOT)
+    def __init__(self, task: str | TaskSpec | Mapping[str, Any] | SceneConfig, **scene: Unpack[SceneArguments]) -> None:
+        if isinstance(task, SceneConfig):
+            config, self.library, instances = task, as_library(task.assets), task.drawn
+        else:
+            self.library, instances = as_library(scene.get("assets")), scene.get("instances", "all")
+            scene["assets"] = self.library
+            config = SceneOptions.of(**scene).with_task(as_task(task))
+        self.task, self.robot, self.physics, self.engine = config.task, config.robot, config.physics, config.engine
         self.profile = robot_profile(self.robot)
-        self.physics = physics_name(scene.get("physics", DEFAULT_PHYSICS))
-        self.engine = check_engine(scene.get("engine", DEFAULT_ENGINE), self.physics)
-        self.randomization = preset(scene.get("randomization", DEFAULT_PRESET))
-        self.task = as_task(task)
+        self.randomization = preset(config.randomization)
         check_names(self.task, self.profile)
-        self.library = as_library(scene.get("assets"))
-        self.instances = chosen_instances(self.library, self.task, scene.get("instances", "all"))
+        self.instances = chosen_instances(self.library, self.task, instances)
         self._goal_is_checked = False
 
     def sample(self, seed: int, options: Mapping[str, Any] | None = None) -> InitialState:

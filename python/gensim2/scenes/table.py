@@ -3,43 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-
-if TYPE_CHECKING:
-    import sapien
-    from mani_skill.envs.scene import ManiSkillScene
 
 HALF_SIZE: tuple[float, float, float] = (0.65, 0.65, 0.025)
 """Metres; centred below the world's origin, its top at z = 0."""
 
 _HEIGHT = 0.6
 _WOOD, _METAL, _FLOOR = (0.62, 0.47, 0.32, 1.0), (0.25, 0.25, 0.28, 1.0), (0.78, 0.78, 0.76, 1.0)
-
-
-def build_table(scene: ManiSkillScene | sapien.Scene, visible: bool) -> Any:
-    """Build the table: one static box with static friction 1.0, dynamic 0.2, restitution 0.01.
-
-    Legs and floor are for pictures only: what leaves the table falls for ever.
-
-    Args:
-        scene: ManiSkill's, or SAPIEN's own.
-        visible: give it legs and colours.
-
-    Returns:
-        what the scene's builder makes of it: an ``Actor`` or an ``Entity``.
-    """
-    import sapien  # here: whoever looks at recorded states needs the table's size and no simulator
-
-    builder = scene.create_actor_builder()
-    material = sapien.physx.PhysxMaterial(static_friction=1.0, dynamic_friction=0.2, restitution=0.01)
-    builder.add_box_collision(half_size=HALF_SIZE, material=material)
-    if visible:
-        _add_visuals(builder)
-    builder.initial_pose = sapien.Pose(p=[0.0, 0.0, -HALF_SIZE[2]])
-    return builder.build_static(name="table")
 
 
 @dataclass(frozen=True)
@@ -62,16 +34,6 @@ def visible_boxes() -> tuple[Box, ...]:
         *(Box(place, leg, _METAL, 0.4, 0.6) for place in places),
         Box((0.0, 0.0, HALF_SIZE[2] - _HEIGHT - 0.01), (12.0, 12.0, 0.005), _FLOOR, 0.9),
     )
-
-
-def _add_visuals(builder: sapien.ActorBuilder) -> None:
-    import sapien
-
-    for box in visible_boxes():
-        material = sapien.render.RenderMaterial(
-            base_color=list(box.color), roughness=box.roughness, metallic=box.metallic, specular=0.3
-        )
-        builder.add_box_visual(sapien.Pose(p=box.center), box.half_size, material=material)
 
 
 def corners() -> npt.NDArray[np.float64]:

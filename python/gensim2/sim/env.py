@@ -17,10 +17,9 @@ from gensim2.core.errors import ClosedEnvError, GenSim2Error, InputError
 from gensim2.perception import ObservationSpec
 from gensim2.planning.scene import Scene
 from gensim2.scenes.arguments import check_words
-from gensim2.scenes.config import split_arguments
+from gensim2.scenes.config import SceneConfig, split_arguments
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.scenes.sampler import SceneSampler
-from gensim2.scenes.table import build_table
 from gensim2.sim import agents, rendering
 from gensim2.sim.arguments import check_obs_mode, check_one_of, checked_action, checked_seed
 from gensim2.sim.arm import base_pose
@@ -29,6 +28,7 @@ from gensim2.sim.managed import build_part, spare_imports_from_collection
 from gensim2.sim.observed import RAYCAST, RaycastObservations
 from gensim2.sim.physics import named_physics
 from gensim2.sim.registration import MODULE, recordable
+from gensim2.sim.rigid import build_table
 from gensim2.sim.sapien_parts import SapienPart, SapienRobot
 from gensim2.sim.scene_state import read_scene
 from gensim2.tasks.criteria import all_hold
@@ -48,7 +48,8 @@ class GenSim2Env(RaycastObservations):
     Panda's 7), and the gripper from -1 (closed) to 1 (open).
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
+        task: name of a library task, a :class:`TaskSpec`, or its fields as a dict; or a
+            :class:`~gensim2.scenes.config.SceneConfig`, which says all of the scene.
         obs_mode: ManiSkill's, or ``"raycast"``: an :class:`~gensim2.perception.Observation` without a renderer, its
             arrays by name (docs/guides/observations.md).
         observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
@@ -75,7 +76,7 @@ class GenSim2Env(RaycastObservations):
 
     def __init__(
         self,
-        task: str | TaskSpec | Mapping[str, Any],
+        task: str | TaskSpec | Mapping[str, Any] | SceneConfig,
         *,
         robot_uids: str | None = None,
         control_mode: str | None = "pd_joint_pos",

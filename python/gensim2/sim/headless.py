@@ -21,7 +21,7 @@ from gensim2.perception import Observation, ObservationSpec
 from gensim2.perception.proprioception import tool_pose
 from gensim2.planning.scene import Scene
 from gensim2.robots import OPEN
-from gensim2.scenes.config import SceneArguments, SceneOptions
+from gensim2.scenes.config import SceneArguments, SceneConfig, SceneOptions
 from gensim2.scenes.initial_state import InitialState
 from gensim2.scenes.physics import physics_switches
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
@@ -74,7 +74,8 @@ class HeadlessEnv(SceneAccessMixin):
         ```
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, or its fields.
+        task: name of a library task, a :class:`TaskSpec`, or its fields; or a
+            :class:`~gensim2.scenes.config.SceneConfig`, which says everything.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset draws one of ``instances``; an id is said of
             the first object of whose class there are several, or of any, as a mapping from an object's name.
 
@@ -85,7 +86,7 @@ class HeadlessEnv(SceneAccessMixin):
     control_mode = "pd_joint_pos"
     waits = True
 
-    def __init__(self, task: str | TaskSpec | Mapping[str, Any], **scene: Unpack[SceneArguments]) -> None:
+    def __init__(self, task: str | TaskSpec | Mapping[str, Any] | SceneConfig, **scene: Unpack[SceneArguments]) -> None:
         self._sampler = sampler = SceneSampler(task, **scene)
         self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
         self.engine, self.physics = sampler.engine, physics_switches(sampler.physics)

@@ -28,7 +28,7 @@ class StatePictures:
 
     def __init__(self, config: SceneConfig, textures: Sequence[str] = ("rgb",)) -> None:
         self._textures = tuple(textures)
-        self._env = GenSim2Env(config.task, **replace(config, engine="sapien").arguments, obs_mode="+".join(textures))
+        self._env = GenSim2Env(replace(config, engine="sapien"), obs_mode="+".join(textures))
         self._shown: Mapping[str, str] | None = None
 
     def show(self, instances: Mapping[str, str], seed: int, options: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""A :class:`~gensim2.objects.RigidObject` as an actor in a scene."""
+"""A :class:`~gensim2.objects.RigidObject`, and the table, as actors in a scene."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from gensim2.core.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.objects.rigid import BODY
 from gensim2.scenes.randomize import placed
+from gensim2.scenes.table import HALF_SIZE, visible_boxes
 from gensim2.sim.objects import cooking_is_fair, cooking_misfit
 from gensim2.sim.physics import DEFAULT, Physics
 
@@ -99,3 +100,32 @@ def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
                 file=rigid.hull_file(index),
                 remedy="the hull may be flat or tiny: leave it out or thicken it",
             )
+
+
+def build_table(scene: ManiSkillScene | sapien.Scene, visible: bool) -> Any:
+    """Build the table: one static box with static friction 1.0, dynamic 0.2, restitution 0.01.
+
+    Legs and floor are for pictures only: what leaves the table falls for ever.
+
+    Args:
+        scene: ManiSkill's, or SAPIEN's own.
+        visible: give it legs and colours.
+
+    Returns:
+        what the scene's builder makes of it: an ``Actor`` or an ``Entity``.
+    """
+    builder = scene.create_actor_builder()
+    material = sapien.physx.PhysxMaterial(static_friction=1.0, dynamic_friction=0.2, restitution=0.01)
+    builder.add_box_collision(half_size=HALF_SIZE, material=material)
+    if visible:
+        _add_visuals(builder)
+    builder.initial_pose = sapien.Pose(p=[0.0, 0.0, -HALF_SIZE[2]])
+    return builder.build_static(name="table")
+
+
+def _add_visuals(builder: sapien.ActorBuilder) -> None:
+    for box in visible_boxes():
+        material = sapien.render.RenderMaterial(
+            base_color=list(box.color), roughness=box.roughness, metallic=box.metallic, specular=0.3
+        )
+        builder.add_box_visual(sapien.Pose(p=box.center), box.half_size, material=material)

@@ -15,12 +15,11 @@ from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.objects import RigidObject
 from gensim2.robots import RobotProfile
 from gensim2.scenes.initial_state import InitialState, PlacedObject
-from gensim2.scenes.table import build_table
 from gensim2.sim.arm import Arm, built, parsed
 from gensim2.sim.objects import check_object
 from gensim2.sim.parts import Array, Row
 from gensim2.sim.physics import Physics, named_physics, vary
-from gensim2.sim.rigid import build_rigid
+from gensim2.sim.rigid import build_rigid, build_table
 from gensim2.sim.sapien_parts import (
     SapienArticulatedPart,
     SapienPart,

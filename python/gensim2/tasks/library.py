@@ -9,9 +9,11 @@ tasks look the same; one of version 1 has a ``solver.yaml`` instead. Ways that s
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from functools import cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -41,11 +43,27 @@ PAPER = "paper"
 LIBRARY_VARIABLE, NO_LIBRARY = "GENSIM2_LIBRARY", "none"
 
 
-def user_library() -> Path | None:
-    """The user's own shelf: ``$GENSIM2_LIBRARY``, else a folder among the user's data; it need not exist.
+_chosen: ContextVar[str | None] = ContextVar("library", default=None)
 
-    None where the variable says ``none``: nothing is read there and nothing kept.
+
+@contextlib.contextmanager
+def using_library(folder: str) -> Iterator[None]:
+    """Have a folder, an archive or ``none`` for the user's own shelf inside a block."""
+    token = _chosen.set(folder)
+    try:
+        yield
+    finally:
+        _chosen.reset(token)
+
+
+def user_library() -> Path | None:
+    """The user's own shelf: of :func:`using_library`, else ``$GENSIM2_LIBRARY``, else a folder among the user's data.
+
+    It need not exist. None for the word ``none``: nothing is read there and nothing kept.
     """
+    chosen = _chosen.get()
+    if chosen:
+        return None if chosen == NO_LIBRARY else Path(chosen)
     given = os.environ.get(LIBRARY_VARIABLE)
     return None if given == NO_LIBRARY else user_folder(LIBRARY_VARIABLE, lambda: user_data_path("gensim2") / "tasks")
 
