@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gensim2.core.errors import InputError, brief
 from gensim2.core.files import replacing
-from gensim2.core.foreign.tree import ForeignTree, open_regular, why
+from gensim2.core.foreign.tree import ForeignTree
 from gensim2.data.episode_file import (
     DamagedEpisodeError,
     StoredEpisode,
@@ -18,7 +18,7 @@ from gensim2.data.episode_file import (
     write_episode,
 )
 from gensim2.data.recorded import check_recording
-from gensim2.rollout.episode_log import log_line, parse_line
+from gensim2.rollout.episode_log import episodes_in, log_line
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import load_task_file
@@ -27,7 +27,6 @@ from gensim2.tasks.spec import TaskSpec
 ROWS, OBSERVATIONS = "episodes.jsonl", "observations"
 
 LAST_INDEX = 999_999_999
-MAX_LINE = 64 * 2**20  # bytes of the record of one episode; ours have a few kB
 
 _EPISODE_FILE = re.compile(r"^(\d{6,9})\.h5$")
 _ROWS_REMEDY = "delete the file and collect with --resume: it is made again from the episodes"
@@ -95,22 +94,15 @@ class TaskStore:
         """
         path = self.rows_path
         last = -1
-        try:
-            with open_regular(self._inside(path)) as stream:
-                number = 0
-                while line := stream.readline(MAX_LINE + 1):
-                    number += 1
-                    if len(line) > MAX_LINE:
-                        wrong = f"has over {MAX_LINE // 2**20} MiB"
-                        raise InputError(wrong, file=path, field=f"line {number}", remedy=_ROWS_REMEDY)
-                    row = parse_line(line.rstrip(b"\n"), path, number, _ROWS_REMEDY)
-                    if not last < row.index <= LAST_INDEX:
-                        wrong = f"is {brief(row.index)}, must rise from line to line up to {LAST_INDEX}"
-                        raise InputError(wrong, file=path, field=f"line {number}: index", remedy=_ROWS_REMEDY)
-                    last = row.index
-                    yield row
-        except OSError as error:
-            raise InputError(why(error), file=path, remedy="finish the collection with --resume") from error
+        rows = episodes_in(self._inside(path), _ROWS_REMEDY, unreadable="finish the collection with --resume")
+        for number, row in enumerate(rows, 1):
+            if row is None:
+                raise InputError("is cut off", file=path, field=f"line {number}", remedy=_ROWS_REMEDY)
+            if not last < row.index <= LAST_INDEX:
+                wrong = f"is {brief(row.index)}, must rise from line to line up to {LAST_INDEX}"
+                raise InputError(wrong, file=path, field=f"line {number}: index", remedy=_ROWS_REMEDY)
+            last = row.index
+            yield row
 
     def logged(self) -> list[Episode]:
         """Return the episodes that are finished, by index, while others may be under way; damaged ones are left out.

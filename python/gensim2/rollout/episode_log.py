@@ -6,8 +6,9 @@ cut off by the end of the process is dropped and its episode made again; any oth
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,12 +16,15 @@ from pydantic import TypeAdapter
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
-from gensim2.core.foreign.tree import MAX_RECORD, read_input
+from gensim2.core.foreign.tree import open_regular, why
 from gensim2.core.record_files import parse_record
 from gensim2.rollout.record import Episode
 
 ATTEMPTS = "attempts.jsonl"
 """Name of the log of a collection."""
+
+MAX_LINE = 64 * 2**20
+"""Bytes of the record of one episode; ours have a few kB."""
 
 _REMEDY = "delete the file and resume; its episodes are made again"
 _ADAPTER = TypeAdapter(Episode)
@@ -43,8 +47,11 @@ class EpisodeLog:
     def __init__(self, path: Path, seeds: Sequence[int]) -> None:
         self.path = path
         self.done: dict[int, Episode] = {}
-        entries, torn = _read(path)
-        for number, entry in enumerate(entries, 1):
+        torn = False
+        for number, entry in enumerate(episodes_in(path) if path.exists() else (), 1):
+            if entry is None:
+                torn = True
+                break
             if entry.index >= len(seeds) or entry.seed != seeds[entry.index]:
                 raise InputError("is not of this run", file=path, field=f"line {number}: seed", remedy=_REMEDY)
             self.done[entry.index] = entry
@@ -88,20 +95,34 @@ def log_line(entry: Episode) -> bytes:
     return json.dumps({**place, **entry.to_dict()}, allow_nan=False).encode() + b"\n"
 
 
-def parse_line(line: bytes, path: Path, number: int, remedy: str = _REMEDY) -> Episode:
-    """Return what a line of a log holds, without its line feed.
+def episodes_in(path: Path, remedy: str = _REMEDY, *, unreadable: str = _REMEDY) -> Iterator[Episode | None]:
+    """Yield the episodes of a log in the order of the lines, one in memory at a time; None for a cut-off last line.
 
     Args:
         path: of the log.
-        number: of the line, from 1.
+        remedy: for a line that cannot be read.
+        unreadable: remedy for a file that cannot be read.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: the file or a line cannot be read.
     """
-    episode = parse_record(line, _ADAPTER, path, remedy, f"line {number}")
-    if episode.index < 0:
-        raise InputError("is missing", file=path, field=f"line {number}: index", remedy=remedy)
-    return episode
+    try:
+        with open_regular(path) as stream:
+            for number in itertools.count(1):
+                line = stream.readline(MAX_LINE + 1)
+                if len(line) > MAX_LINE:
+                    wrong = f"has over {MAX_LINE // 2**20} MiB"
+                    raise InputError(wrong, file=path, field=f"line {number}", remedy=remedy)
+                if not line.endswith(b"\n"):
+                    if line:
+                        yield None
+                    return
+                episode = parse_record(line[:-1], _ADAPTER, path, remedy, f"line {number}")
+                if episode.index < 0:
+                    raise InputError("is missing", file=path, field=f"line {number}: index", remedy=remedy)
+                yield episode
+    except OSError as error:
+        raise InputError(why(error), file=path, remedy=unreadable) from error
 
 
 def read_log(path: Path) -> list[Episode]:
@@ -110,13 +131,5 @@ def read_log(path: Path) -> list[Episode]:
     Raises:
         InputError: a line cannot be read.
     """
-    found = {entry.index: entry for entry in _read(path)[0]}
+    found = {entry.index: entry for entry in episodes_in(path) if entry is not None} if path.exists() else {}
     return [found[index] for index in sorted(found)]
-
-
-def _read(path: Path) -> tuple[list[Episode], bool]:
-    """The entries in the order of the lines, and whether a last line was cut off."""
-    content = read_input(path, MAX_RECORD, _REMEDY) if path.exists() else b""
-    *lines, torn = content.split(b"\n")
-    entries = [parse_line(line, path, number) for number, line in enumerate(lines, 1)]
-    return entries, bool(torn)
