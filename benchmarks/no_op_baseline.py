@@ -16,9 +16,8 @@ import time
 from gensim2.core.seeding import scene_seeds
 from gensim2.objects import open_library
 from gensim2.rollout.controller import spec_of
-from gensim2.rollout.motion import is_at_rest
+from gensim2.rollout.motion import MAX_SETTLE_SECONDS, SETTLE_SECONDS, is_at_rest
 from gensim2.rollout.no_op import NoOpController, no_op_baseline
-from gensim2.rollout.settling import MAX_SETTLE_SECONDS, SETTLE_SECONDS
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.library import load_task, task_names

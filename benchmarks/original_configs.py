@@ -31,8 +31,8 @@ from gensim2.objects import ArticulatedObject, Library, open_library
 from gensim2.robots import robot
 from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.inputs import check_counts
+from gensim2.rollout.motion import MAX_SETTLE_SECONDS
 from gensim2.rollout.record import Episode
-from gensim2.rollout.settling import MAX_SETTLE_SECONDS
 from gensim2.rollout.tally import Tally, interval
 from gensim2.scenes.config import SceneOptions
 from gensim2.scenes.footprint import lowest_of_moving_link

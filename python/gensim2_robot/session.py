@@ -15,8 +15,8 @@ import numpy as np
 from gensim2.core.errors import GenSim2Error
 from gensim2.core.progress import Progress
 from gensim2.rollout.inputs import TaskInput
+from gensim2.rollout.motion import GOAL_SECONDS, MAX_SETTLE_SECONDS, may_judge
 from gensim2.rollout.run import controller_seed
-from gensim2.rollout.settling import GOAL_SECONDS, MAX_SETTLE_SECONDS, may_judge
 from gensim2_robot.arm_limits import CYCLE
 from gensim2_robot.audit import limits_passed
 from gensim2_robot.clocks import Clock, SimulatedClock

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.bench.meshes import convex_points, load_parts
 from gensim2.bench.problems import PlanProblem
-from gensim2.bench.scene import ProblemScene, check_assets, problem_scene
+from gensim2.bench.scene import ProblemScene, check_assets, convex_points, load_parts, problem_scene
 from gensim2.core.errors import InputError
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"

@@ -24,7 +24,7 @@ def test_stays_where_it_is_left_and_moves_through_its_range(library: Library, na
 @pytest.mark.parametrize("name", CLASSES)
 def test_the_robot_reaches_it_over_its_range(library: Library, name: str) -> None:
     pytest.importorskip("mani_skill")
-    from gensim2.inspection.reach import reach_findings
+    from gensim2.inspection.validate import reach_findings
 
     for number in ("0", "1", "600"):
         assert reach_findings(library.load(name, number), robot()) == []
@@ -32,7 +32,7 @@ def test_the_robot_reaches_it_over_its_range(library: Library, name: str) -> Non
 
 def test_what_is_out_of_reach_is_said_in_millimetres(library: Library) -> None:
     pytest.importorskip("mani_skill")
-    from gensim2.inspection.reach import in_base, reach_findings
+    from gensim2.inspection.validate import in_base, reach_findings
 
     near = library.load("drawer", "0")
     far = replace(near, placement=replace(near.placement, position=near.placement.position + np.array([0.5, 0.0, 0.0])))

@@ -13,7 +13,7 @@ import pytest
 
 from gensim2.core.progress import NULL_PROGRESS
 from gensim2.robots import robot
-from gensim2.rollout.settling import GOAL_SECONDS, MAX_SETTLE_SECONDS, SETTLE_SECONDS
+from gensim2.rollout.motion import GOAL_SECONDS, MAX_SETTLE_SECONDS, SETTLE_SECONDS
 from gensim2_robot.arm import Arm
 from gensim2_robot.arm_limits import ArmLimits
 from gensim2_robot.clocks import SimulatedClock

@@ -22,9 +22,9 @@ from gensim2.rollout.controller import PROPRIOCEPTIVE, PrivilegedObservation, sp
 from gensim2.rollout.controller_spec import CHAIN, ControllerError, ControllerSpec
 from gensim2.rollout.driving import drive
 from gensim2.rollout.guarded import Guarded
+from gensim2.rollout.motion import GOAL_SECONDS, MAX_SETTLE_SECONDS
 from gensim2.rollout.record import Cause
 from gensim2.rollout.run import run
-from gensim2.rollout.settling import GOAL_SECONDS, MAX_SETTLE_SECONDS
 from gensim2.scenes.config import SceneOptions
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_strategies, load_task

@@ -8,9 +8,8 @@ import pytest
 from scripted import OPEN_DRAWER, ScriptedController, ScriptedWorld, glide, instant
 
 from gensim2.robots import robot
-from gensim2.rollout.motion import is_at_rest
+from gensim2.rollout.motion import MAX_SETTLE_SECONDS, SETTLE_SECONDS, is_at_rest
 from gensim2.rollout.run import run
-from gensim2.rollout.settling import MAX_SETTLE_SECONDS, SETTLE_SECONDS
 
 
 @pytest.mark.parametrize("rate", [10, 20, 50])

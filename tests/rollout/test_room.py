@@ -13,8 +13,7 @@ from gensim2.objects import open_library
 from gensim2.planning.predict import with_joint
 from gensim2.planning.scene import Scene
 from gensim2.planning.step_plan import StepPlan
-from gensim2.rollout.chain_state import ChainPlan, best_of
-from gensim2.rollout.room import ROOM, room_for_hand
+from gensim2.rollout.chain_state import ROOM, ChainPlan, best_of, room_for_hand
 
 from .kinematic_world import PANDA
 

@@ -13,10 +13,10 @@ from jobs import HALFWAY, ROLE, Actions, hold, push
 from gensim2.core.errors import InputError
 from gensim2.objects.types import Hulls
 from gensim2.planning.scene import Scene
+from gensim2.rollout.motion import SETTLE_SECONDS
 from gensim2.rollout.no_op import NoOpController, NoOpResult, no_op_baseline
 from gensim2.rollout.record import Cause, StrictMiss
 from gensim2.rollout.run import run
-from gensim2.rollout.settling import SETTLE_SECONDS
 from gensim2.rollout.world import World
 from gensim2.sim.headless import HeadlessEnv
 

@@ -11,9 +11,9 @@ from scripted import AWAY, OPEN_DRAWER, PUT_BALL_AWAY, ScriptedController, Scrip
 
 from gensim2.robots import robot
 from gensim2.rollout.controller import ACTUATION, Event
+from gensim2.rollout.motion import LASTING_SECONDS, SETTLE_SECONDS
 from gensim2.rollout.record import Cause, Episode, StepRecord, StrictMiss
 from gensim2.rollout.run import run
-from gensim2.rollout.settling import LASTING_SECONDS, SETTLE_SECONDS
 
 PLACED = {"openness": 1.0, "ball": (-0.1, 0.0, 0.04), "hand": AWAY, "opening": 0.08}
 """The ball lies in the open drawer and the hand is away."""

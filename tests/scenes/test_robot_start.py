@@ -6,8 +6,8 @@ import numpy as np
 
 from gensim2.core.seeding import rng
 from gensim2.robots import robot
+from gensim2.scenes.initial_state import MAX_STARTS, clear_start
 from gensim2.scenes.randomize import draw_start
-from gensim2.scenes.robot_start import MAX_STARTS, clear_start
 
 PANDA = robot("panda")
 CUBE = 0.03 * (2.0 * np.stack(np.meshgrid([0, 1], [0, 1], [0, 1]), axis=-1).reshape(-1, 3) - 1.0)

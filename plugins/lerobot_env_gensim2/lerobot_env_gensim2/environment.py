@@ -13,8 +13,7 @@ from gensim2.evaluation.films import film_camera, shaded
 from gensim2.perception import EmptyCloudError, ObservationSpec
 from gensim2.perception.columns import CLOUD, ENVIRONMENT_STATE, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.perception.raycast.scene import RaycastScene
-from gensim2.rollout.motion import is_stable
-from gensim2.rollout.settling import GOAL_SECONDS, MAX_SETTLE_SECONDS, settle
+from gensim2.rollout.motion import GOAL_SECONDS, MAX_SETTLE_SECONDS, is_stable, settle
 from gensim2.scenes.config import SceneArguments
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.measurement import Measurement

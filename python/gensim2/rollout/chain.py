@@ -16,11 +16,10 @@ from gensim2.planning.step_plan import Foreseen, StepPlan, Ways
 from gensim2.planning.steps import PLAN_OPTIONS, StepPlanner
 from gensim2.planning.strategies import KeypointStrategy, Strategy, parse_strategy
 from gensim2.robots import RobotProfile
-from gensim2.rollout.chain_state import ChainPlan, ChainTurn, best_of
+from gensim2.rollout.chain_state import ChainPlan, ChainTurn, best_of, room_for_hand
 from gensim2.rollout.controller import ACTUATION, PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
 from gensim2.rollout.record import START, Cause, PlanRecord, StepRecord
 from gensim2.rollout.retreat import Retreat, is_near, planned_retreat
-from gensim2.rollout.room import room_for_hand
 from gensim2.rollout.strict import is_about_the_gripper
 from gensim2.rollout.watch import Held, has_drifted, taken
 from gensim2.tasks.criteria import DistanceArticulatedRigid, all_hold

@@ -158,3 +158,37 @@ def events_of(controller: Controller) -> Sequence[Event]:
     """Return the events that a controller reports, in order; empty where it reports none."""
     events: Sequence[Event] = getattr(controller, "events", ())
     return events
+
+
+class WrappedController:
+    """Base of a controller around another one; ``_controller`` is the other.
+
+    What a controller may tell beside its actions is read from the one inside.
+    """
+
+    _controller: Controller
+
+    @property
+    def observation_spec(self) -> ObservationSpec:
+        """Spec of the controller's next observation."""
+        return spec_of(self._controller)
+
+    @property
+    def reference(self) -> Reference | None:
+        """The controller's."""
+        return reference_of(self._controller)
+
+    @property
+    def turn(self) -> str | None:
+        """The controller's."""
+        return turn_of(self._controller)
+
+    @property
+    def history(self) -> Sequence[StepRecord]:
+        """The controller's."""
+        return history_of(self._controller)
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """The controller's."""
+        return events_of(self._controller)

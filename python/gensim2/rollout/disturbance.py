@@ -15,8 +15,8 @@ from gensim2.rollout.controller import (
     Controller,
     Event,
     PrivilegedObservation,
+    WrappedController,
 )
-from gensim2.rollout.wrapped import WrappedController
 from gensim2.tasks.spec import TaskSpec
 
 PUSHED = 0.03

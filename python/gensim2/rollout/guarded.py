@@ -10,10 +10,10 @@ from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import (
     Action,
     Controller,
+    WrappedController,
     is_privileged,
 )
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
-from gensim2.rollout.wrapped import WrappedController
 from gensim2.tasks.spec import TaskSpec
 
 

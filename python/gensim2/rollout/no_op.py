@@ -11,8 +11,7 @@ import numpy as np
 from gensim2.perception import Observation
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action
-from gensim2.rollout.motion import changes, is_at_rest, is_stable
-from gensim2.rollout.settling import MAX_SETTLE_SECONDS, SETTLE_SECONDS, may_judge
+from gensim2.rollout.motion import MAX_SETTLE_SECONDS, SETTLE_SECONDS, changes, is_at_rest, is_stable, may_judge
 from gensim2.rollout.world import World
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement

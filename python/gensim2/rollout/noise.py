@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.core.seeding import rng
-from gensim2.rollout.controller import Action, Controller, Reference, is_privileged
-from gensim2.rollout.wrapped import WrappedController
+from gensim2.rollout.controller import Action, Controller, Reference, WrappedController, is_privileged
 
 PERIOD = 0.6
 """Seconds of one push off the way and back."""

@@ -28,11 +28,10 @@ from gensim2.rollout.controller import (
 )
 from gensim2.rollout.diagnose import Outcome, diagnose
 from gensim2.rollout.driving import Asked
-from gensim2.rollout.motion import is_at_rest, is_stable
+from gensim2.rollout.motion import GOAL_SECONDS, LASTING_SECONDS, MAX_SETTLE_SECONDS, is_at_rest, is_stable, settle
 from gensim2.rollout.no_op import NoOpResult, no_op_baseline
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, StrictMiss
 from gensim2.rollout.recording import Recorder, Recording
-from gensim2.rollout.settling import GOAL_SECONDS, LASTING_SECONDS, MAX_SETTLE_SECONDS, settle
 from gensim2.rollout.strict import StrictMisses, strict_misses
 from gensim2.rollout.turns import judged_steps, paper_verdict, told_turns, turns_by_criteria
 from gensim2.rollout.world import World

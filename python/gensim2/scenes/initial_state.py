@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
 from gensim2.objects import RigidObject
+from gensim2.objects.meshwork.convexes import Block, depth_inside, surface_samples
 from gensim2.objects.placement import work_keypoint
 from gensim2.objects.rigid import BODY
 from gensim2.objects.types import ArticulatedObject
@@ -32,8 +33,6 @@ from gensim2.scenes.randomize import (
     redraw_placement,
 )
 from gensim2.scenes.reset_options import ObjectOptions
-from gensim2.scenes.robot_start import clear_start
-from gensim2.scenes.support import set_down
 from gensim2.tasks.presets import DEFAULT_PRESET, Preset, PresetName, preset
 from gensim2.tasks.spec import TABLE, ObjectSpec, TaskSpec
 
@@ -141,7 +140,7 @@ def sample_initial_state(
     A single object on the table stands where it was drawn. Several are drawn again, at most ``MAX_DRAWS`` times and
     only where ``physics`` has it so, until they keep ``GAP`` apart (an articulated one with all that its joint sweeps),
     within the robot's reach, and rigid ones clear of the robot at its start. Where the preset draws that start, too, it
-    is drawn again as well until the robot overlaps none of the objects (:mod:`gensim2.scenes.robot_start`). What
+    is drawn again as well until the robot overlaps none of the objects (:mod:`gensim2.scenes.initial_state`). What
     options place is taken as it is.
 
     The task's ranges are drawn from one generator; what a preset draws besides comes from one of its own, so that no
@@ -323,3 +322,77 @@ class _Room:
             return False
         low = thing.in_world(self._points[name])[:, 2].max() < self._hand_bottom
         return bool(low or keep_apart(outlines[name], self._hand, GAP))
+
+
+MAX_STARTS = 10
+"""Starts that are tried for one placement of the objects."""
+
+
+def clear_start(
+    generator: np.random.Generator, start: tuple[float, ...], robot: RobotProfile, hulls: Sequence[Sequence[Array]]
+) -> tuple[float, ...] | None:
+    """Return ``start``, or the first of those drawn after it at which the robot overlaps no object.
+
+    Args:
+        generator: of the further starts.
+        start: (n,) all active joints.
+        robot: that stands there.
+        hulls: by object, (N, 3) vertices of its convex collision parts in the world, m.
+
+    Returns:
+        (n,) joints; None where ``MAX_STARTS`` of them overlap an object.
+    """
+    import gensim2_kpam as kpam  # here: specs of scenes are read without the solver
+
+    T_base_world = np.linalg.inv(robot.T_world_base)
+    bodies = [
+        kpam.Body(
+            f"object_{index}", "rigid", [kpam.Shape.convex_hull(np.ascontiguousarray(h)) for h in parts], T_base_world
+        )
+        for index, parts in enumerate(hulls)
+    ]
+    scene = kpam.Scene(robot.model, bodies)
+    for _ in range(MAX_STARTS):
+        if not scene.in_collision(np.array(start)):
+            return start
+        start = draw_start(generator, robot)
+    return None
+
+
+CLOSE = 0.0005
+"""Metres by which an object reaches into what it stands on at most; physics takes that for contact."""
+STEP = 0.005
+"""Metres between the heights that are tried; the first that is not free is halved off down to ``CLOSE``."""
+ABOVE = 0.02
+"""Metres above the measured point from which an object is lowered."""
+
+
+def set_down(thing: PlacedObject, support: PlacedObject) -> PlacedObject | None:
+    """``thing`` lowered over the measured point of ``support`` until it touches that.
+
+    Args:
+        thing: at rest on the table, where it is to stand in x and y.
+        support: what it is to stand on or in.
+
+    Returns:
+        None where there is no room above the point, or nothing to stand on below it.
+    """
+    blocks = [Block.of(support.in_world(hull)) for hull in hulls_in_root(support.model, support.joint_value)]
+    hulls = hulls_in_root(thing.model, thing.joint_value)
+    surface = thing.in_world(np.concatenate([surface_samples(hull) for hull in hulls]))
+
+    def is_free(height: float) -> bool:
+        return bool(depth_inside(surface + np.array([0.0, 0.0, height]), blocks).max() <= CLOSE)
+
+    free = float(support.point()[2]) + ABOVE
+    if not is_free(free):
+        return None
+    while is_free(free - STEP):
+        free -= STEP
+        if free < 0.0:
+            return None
+    touching = free - STEP
+    while free - touching > CLOSE:
+        middle = (free + touching) / 2
+        free, touching = (middle, touching) if is_free(middle) else (free, middle)
+    return replace(thing, position=thing.position + np.array([0.0, 0.0, free]))

@@ -6,7 +6,7 @@ Each engine has a subclass of :class:`ArticulatedPart` and of :class:`RigidPart`
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from typing import Protocol
 
@@ -18,10 +18,39 @@ from gensim2.objects.rigid import BODY
 from gensim2.objects.types import ArticulatedObject
 from gensim2.planning.scene import JointState, SceneBody, SceneObject
 from gensim2.scenes.initial_state import PlacedObject
-from gensim2.sim.lazy_mapping import LazyMapping
 
 Array = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]
+
+
+class LazyMapping(Mapping[str, Array]):
+    """Arrays by name: most measurements are looked at in one or two numbers, and there is one every control step.
+
+    Args:
+        work_out: gives them all; must go by what was read before, not by the simulator.
+    """
+
+    def __init__(self, work_out: Callable[[], Mapping[str, Array]]) -> None:
+        self._work_out = work_out
+
+    @cached_property
+    def _values(self) -> Mapping[str, Array]:
+        return self._work_out()
+
+    def __getitem__(self, name: str) -> Array:
+        return self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __repr__(self) -> str:
+        return repr(dict(self._values))
+
+    def __reduce__(self) -> tuple[type[dict[str, Array]], tuple[Mapping[str, Array]]]:
+        return dict, (dict(self._values),)  # pickled as what they are
 
 
 class Frame(Protocol):

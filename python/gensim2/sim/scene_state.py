@@ -11,8 +11,7 @@ import numpy.typing as npt
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
 from gensim2.scenes.table import HALF_SIZE, corners
-from gensim2.sim.lazy_mapping import LazyMapping
-from gensim2.sim.parts import ArticulatedPart, Frame, Parts, RigidPart
+from gensim2.sim.parts import ArticulatedPart, Frame, LazyMapping, Parts, RigidPart
 from gensim2.tasks.measurement import Measurement
 
 Array = npt.NDArray[np.float64]
