@@ -123,3 +123,19 @@ def test_the_word_of_earlier_releases_is_understood() -> None:
     assert record.arguments["engine"] == "sapien"  # of releases that had no other
     assert record.scene == SceneOptions("builtin")
     assert record.rollout == RolloutOptions(open_loop=True, attempts=3)
+
+
+@pytest.mark.parametrize(
+    ("function", "given"),
+    [
+        (gensim2.demo, {"task": "OpenBox"}),
+        (gensim2.solve, {"task": "OpenBox"}),
+        (gensim2.benchmark, {"tasks": ["OpenBox"]}),
+        (gensim2.run_pipeline, {}),
+    ],
+    ids=lambda each: getattr(each, "__name__", None),
+)
+def test_a_keyword_that_there_is_not_is_refused(function: Any, given: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"instnces: is no argument \(did you mean instances"):
+        function(**given, assets="builtin", instnces="all", out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -97,8 +97,11 @@ def scene_options(**given: Unpack[RunArguments]) -> SceneOptions:
     """Options of a run's scenes, from its keywords.
 
     Raises:
-        InputError: an argument cannot be used.
+        InputError: an argument cannot be used, or there is none of that name.
     """
+    for name in given:
+        if name not in RunArguments.__annotations__:
+            raise InputError("is no argument", field=name, remedy=near(name, RunArguments.__annotations__))
     if not isinstance(given.get("assets"), str | Path | None):
         raise InputError("must be None, 'builtin' or a folder", field="assets")
     return SceneOptions.of(**split_arguments(given)[0])
