@@ -328,7 +328,7 @@ def test_what_builds_in_a_simulator_lies_with_it() -> None:
 
 
 def test_jobs_are_handed_out_by_one_loop() -> None:
-    """Worker processes and Ray share it, and nobody asks a cluster again and again."""
+    """Worker processes and Ray share it, and the cluster is asked for its CPUs once."""
     loops = {path.name: path.read_text() for path in sources("gensim2.core.processes")}
     assert [name for name, text in loops.items() if " Tries(" in text] == ["executor.py"]
     assert loops["ray.py"].count("cluster_resources()") == 1

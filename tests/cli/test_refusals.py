@@ -131,7 +131,7 @@ def _refusals(folder: Path) -> list[tuple[list[str], str]]:
         (["run-pipeline", "--robot", "r2d2"], "robot: no robot 'r2d2'"),
         (["run-pipeline", "--designer", "Nope"], "$OPENAI_API_KEY: is not set"),
         (["run-pipeline", "--assets", str(folder / "nowhere")], "no such folder"),
-        (["bench", "solver", "--problems", str(folder)], "Is a directory"),
+        (["bench", "solver", "--problems", str(folder)], "is a folder, not a file"),
         (["bench", "solver", "--problems", str(file), "--sample-dt", "nan"], "--sample-dt: must be at least"),
         (["bench", "solver", "--problems", str(file), "--sample-dt", "1e-9"], "--sample-dt: must be at least"),
         (["bench", "solver", "--problems", str(file), "--threads", "1000000"], "--threads"),

@@ -17,6 +17,7 @@ from gensim2.core.errors import InputError
 from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import parse_record
+from gensim2.robots.profile import rotation_matrix
 
 Array = npt.NDArray[np.float64]
 
@@ -73,17 +74,6 @@ def read_motion_problems(path: Path) -> list[MotionProblem]:
     ]
 
 
-def _rotation(quaternion_wxyz: Sequence[float]) -> Array:
-    w, x, y, z = np.asarray(quaternion_wxyz, dtype=np.float64) / np.linalg.norm(quaternion_wxyz)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
     """Return an obstacle of a problem as a body.
 
@@ -94,7 +84,8 @@ def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
     try:
         pose[:3, 3] = obstacle["position"]
         if "quaternion_wxyz" in obstacle:
-            pose[:3, :3] = _rotation(obstacle["quaternion_wxyz"])
+            quaternion = np.asarray(obstacle["quaternion_wxyz"], dtype=np.float64)
+            pose[:3, :3] = rotation_matrix(quaternion / np.linalg.norm(quaternion))
         match obstacle["type"]:
             case "box":
                 shape = kpam.Shape.box(obstacle["half_extents"])

@@ -213,7 +213,7 @@ class RobotProfile:
     def T_world_base(self) -> Array:
         """(4, 4) base in the world."""
         pose = np.eye(4)
-        pose[:3, :3] = _rotation(self.base_quaternion)
+        pose[:3, :3] = rotation_matrix(self.base_quaternion)
         pose[:3, 3] = self.base_position
         return pose
 
@@ -326,8 +326,8 @@ class RobotProfile:
         return np.array([*self.reset_qpos[: self.arm_size], OPEN], dtype=np.float32)
 
 
-def _rotation(quaternion: Sequence[float]) -> Array:
-    """(3, 3) of a unit quaternion (w, x, y, z)."""
+def rotation_matrix(quaternion: Sequence[float] | Array) -> Array:
+    """Return the (3, 3) rotation of a unit quaternion (w, x, y, z)."""
     w, x, y, z = quaternion
     return np.array(
         [

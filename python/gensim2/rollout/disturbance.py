@@ -62,7 +62,6 @@ class Disturbed(WrappedController):
         self.happened_at: int | None = None
 
     def reset(self, observation: PrivilegedObservation, seed: int) -> None:
-        """Begin an episode."""
         self._controller.reset(observation, seed)
         rigid = observation.measurement.poses.keys()
         self._step = next((step for step in self._task.steps if step.object in rigid), None)

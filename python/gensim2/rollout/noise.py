@@ -36,7 +36,6 @@ class Noisy(WrappedController):
         self._steps = max(2, round(PERIOD * control_hz))
 
     def reset(self, observation: object, seed: int) -> None:
-        """Begin an episode."""
         self._rng = rng(self._seed, "noise")
         self._at, self._angles = 0, np.zeros(self._arm)
         self._meant: Action | None = None

@@ -26,11 +26,9 @@ class SapienFrame:
         self._pose = pose
 
     def row(self) -> Row:
-        """(7,) position, quaternion (w, x, y, z)."""
         return np.concatenate([self._pose.p, self._pose.q])
 
     def matrix(self) -> Array:
-        """(4, 4)."""
         return np.asarray(self._pose.to_transformation_matrix(), dtype=np.float64)
 
 
@@ -67,12 +65,10 @@ class SapienArticulatedPart(ArticulatedPart):
 
     @property
     def qpos(self) -> Row:
-        """(1,) value of its joint, rad or m."""
         return np.asarray(self.articulation.qpos)
 
     @property
     def qvel(self) -> Row:
-        """(1,) velocity of its joint, rad/s or m/s."""
         return np.asarray(self.articulation.qvel)
 
     def frame(self, link: str) -> Frame:
@@ -119,12 +115,10 @@ class SapienRigidPart(RigidPart):
 
     @property
     def mass(self) -> float:
-        """kg."""
         return float(self.body.mass)
 
     @property
     def friction(self) -> float:
-        """Coefficient of its surface."""
         return float(self.body.collision_shapes[0].physical_material.dynamic_friction)
 
     @property
@@ -152,12 +146,10 @@ class SapienRobot(RobotReader):
 
     @property
     def q(self) -> Array:
-        """(n,) joints, rad and m, in the profile's active joint order."""
         return np.asarray(self.articulation.qpos, dtype=np.float64)
 
     @property
     def qvel(self) -> Array:
-        """(n,) their velocities."""
         return np.asarray(self.articulation.qvel, dtype=np.float64)
 
     def hand(self) -> Frame:
@@ -165,13 +157,11 @@ class SapienRobot(RobotReader):
 
     @property
     def finger_friction(self) -> float:
-        """Coefficient of the fingers' surface."""
         finger = next(link for link in self.articulation.links if link_name(link) == self.profile.gripper.pads[0])
         return float(finger.collision_shapes[0].physical_material.dynamic_friction)
 
     @property
     def finger_stiffness(self) -> float:
-        """Of the drives that press the pads together, N/m or N m/rad."""
         return float(self._joints[self.profile.gripper.fingers[0]].stiffness)
 
 

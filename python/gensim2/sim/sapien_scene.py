@@ -70,11 +70,9 @@ class SapienScene:
         return self.arm
 
     def drive(self, action: npt.ArrayLike) -> None:
-        """Set the targets of the robot's drives."""
         self._arm.drive(action)
 
     def step(self) -> None:
-        """Simulate one step."""
         if self.arm is not None:
             self.arm.transmission.before_substep()
         for part in self.parts.values():
@@ -82,11 +80,9 @@ class SapienScene:
         self.system.step()
 
     def touched(self) -> frozenset[str]:
-        """Return the names of the objects that any part of the robot presses against."""
         return touched(self.system, self._arm.articulation, list(self.parts.values()))
 
     def pressing_force(self) -> float:
-        """Return the force (N) of all contacts of the robot with something else in the last step."""
         links = {link.entity for link in self._arm.articulation.links}
         total = np.zeros(3)
         for contact in self.system.get_contacts():
@@ -96,7 +92,6 @@ class SapienScene:
         return float(np.linalg.norm(total) * self._profile.simulation.physics_hz)
 
     def robot_state(self) -> Row:
-        """(13 + 2 n,) ManiSkill's: root pose, root velocities, qpos, qvel of the robot."""
         return articulation_state(self._arm.articulation)
 
     def snapshot(self) -> tuple[Array, str]:

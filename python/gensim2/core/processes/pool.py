@@ -57,12 +57,10 @@ class WorkerPool(Executor):
         self._workers = [Worker(time_limit, jobs_per_worker, prepare) for _ in range(workers)]
 
     def close(self) -> None:
-        """End the workers, whatever they are doing."""
         for worker in self._workers:
             worker.stop()
 
     def map_unordered(self, function: Callable[..., Result], jobs: Iterable[Job | None]) -> Iterator[Outcome[Result]]:
-        """As in :class:`~gensim2.core.processes.executor.Executor`."""
         if self._workers:
             yield from super().map_unordered(function, jobs)
             return

@@ -195,7 +195,6 @@ class RayPool(Executor):
             self._ray.shutdown()
 
     def map_unordered(self, function: Callable[..., Result], jobs: Iterable[Job | None]) -> Iterator[Outcome[Result]]:
-        """As in :class:`~gensim2.core.processes.executor.Executor`."""
         self._alive = time.monotonic()
         return super().map_unordered(function, jobs)
 

@@ -71,11 +71,9 @@ class MujocoFrame:
         self._rotation = data.xmat[body].reshape(3, 3).copy()
 
     def row(self) -> Row:
-        """(7,) position, quaternion (w, x, y, z)."""
         return np.concatenate([self._position, self._quaternion]).astype(np.float32)
 
     def matrix(self) -> Array:
-        """(4, 4)."""
         found = np.eye(4)
         found[:3, :3], found[:3, 3] = self._rotation, self._position
         return found
@@ -111,12 +109,10 @@ class MujocoArticulatedPart(ArticulatedPart):
 
     @property
     def qpos(self) -> Row:
-        """(1,) value of its joint, rad or m."""
         return np.asarray(self._simulation.raw.qpos[self._q : self._q + 1], dtype=np.float32)
 
     @property
     def qvel(self) -> Row:
-        """(1,) velocity of its joint, rad/s or m/s."""
         return np.asarray(self._simulation.raw.qvel[self._v : self._v + 1], dtype=np.float32)
 
     def frame(self, link: str) -> Frame:
@@ -165,12 +161,10 @@ class MujocoRigidPart(RigidPart):
 
     @property
     def mass(self) -> float:
-        """kg."""
         return float(self._simulation.model.body_mass[self._body])
 
     @property
     def friction(self) -> float:
-        """Coefficient of its surface."""
         return surface_friction(self.thing)
 
 
@@ -197,12 +191,10 @@ class MujocoRobot(RobotReader):
 
     @property
     def q(self) -> Array:
-        """(n,) joints, rad and m, in the profile's active joint order."""
         return np.asarray(self._simulation.raw.qpos[self._q])
 
     @property
     def qvel(self) -> Array:
-        """(n,) their velocities."""
         return np.asarray(self._simulation.raw.qvel[self._v])
 
     def hand(self) -> Frame:
@@ -210,10 +202,8 @@ class MujocoRobot(RobotReader):
 
     @property
     def finger_friction(self) -> float:
-        """Coefficient of the fingers' surface."""
         return self.profile.gripper.friction
 
     @property
     def finger_stiffness(self) -> float:
-        """Of the drives that press the pads together, N/m or N m/rad."""
         return self.profile.finger_drive.stiffness

@@ -74,7 +74,6 @@ class MujocoScene:
         return np.array([numbers[name.partition("/")[0]] for name in names], dtype=np.int64)
 
     def drive(self, action: npt.ArrayLike) -> None:
-        """Set the targets of the robot's drives."""
         self._require_robot()
         command, size = checked_command(action, self._profile.action_size), self._profile.arm_size
         targets = self.simulation.raw.ctrl
@@ -86,7 +85,6 @@ class MujocoScene:
             raise GenSim2Error("the scene was built without the robot")
 
     def step(self) -> None:
-        """Simulate one step of the robot's ``physics_hz``."""
         if self.robot is None or not self._follow:
             self.simulation.step(self._steps)
             return
@@ -97,12 +95,10 @@ class MujocoScene:
             self.simulation.step(1)
 
     def touched(self) -> frozenset[str]:
-        """Return the names of the objects that any part of the robot presses against."""
         names = list(self.parts)
         return frozenset(names[other] for _, one, other in self._robot_contacts() if other >= 0)
 
     def pressing_force(self) -> float:
-        """Return the force (N) of all contacts of the robot with something else in the last step."""
         data, total, wrench = self.simulation.raw, np.zeros(3), np.zeros(6)
         for number, sign, _ in self._robot_contacts():
             mujoco.mj_contactForce(self.simulation.model, data, number, wrench)
@@ -125,7 +121,6 @@ class MujocoScene:
         return found
 
     def robot_state(self) -> Row:
-        """(13 + 2 n,) ManiSkill's: root pose, root velocities, qpos, qvel of the robot."""
         self._require_robot()
         assert self.robot is not None
         profile = self._profile
@@ -148,7 +143,6 @@ class MujocoScene:
         return hashlib.sha256(content.tobytes() + self._first.tobytes()).hexdigest()
 
     def snapshot(self) -> tuple[Array, str]:
-        """Return the state from which MuJoCo goes on bit for bit, and the digest of the scene."""
         return self._state(), self._digest
 
     def restore(self, state: Array, scene: str) -> None:
