@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
-from gensim2.core.errors import InputError
+from gensim2.core.errors import InputError, MissingExtraError
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.rollout.inputs import check_counts, read_task_input
 from gensim2_robot.config import LineArguments, LineConfig
+from gensim2_robot.drivers.streamed import DriverError
 from gensim2_robot.faults import Fault
 from gensim2_robot.journal import Journal
 from gensim2_robot.keys import Keys
@@ -77,7 +78,7 @@ def run(
     with interruptions() as interrupted, contextlib.ExitStack() as stack:
         try:
             there = stack.enter_context(opened(prepared, log=log, watching=watching, interrupted=interrupted))
-        except DeviceGoneError as error:
+        except (DeviceGoneError, DriverError, MissingExtraError) as error:
             watch = Watch()
             watch.stop(0.0, str(error))
             return result(about_line(prepared, prepared.cameras), None, watch, Figures(), interrupted)

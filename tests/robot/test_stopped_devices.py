@@ -6,6 +6,8 @@ import json
 import os
 import re
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -14,12 +16,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from disks import can_mount, on_disk
 from fake_cameras import repeat
 
 from gensim2.cli import main as cli
+from gensim2.core.errors import MissingExtraError
 from gensim2.perception import ObservationSpec
 from gensim2.rollout.controller_spec import ControllerSpec
-from gensim2_robot import cameras, processes, session
+from gensim2_robot import cameras, opening, processes, session
+from gensim2_robot.drivers.streamed import DriverError
 from gensim2_robot.journal import NoJournal
 from gensim2_robot.limits import Sent
 from gensim2_robot.live import PATIENT
@@ -183,6 +188,32 @@ def test_a_process_that_is_killed_while_devices_start_ends_the_run_with_json(
     found = json.loads(out.read_text())
     assert (found["state"], "is gone" in found["reason"]) == ("stopped", True), found["reason"]
     assert (found["task"], found["episodes"], found["periods_ms"]["p50"]) == ("CloseBox", 0, None)
+
+
+@pytest.mark.parametrize(
+    "error", [DriverError("the arm refuses"), MissingExtraError("rtde_control", "ur", "gensim2-robot")]
+)
+def test_a_device_that_cannot_be_opened_ends_the_run_with_json(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, error: Exception
+) -> None:
+    def refuse(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(opening, "_in_processes", refuse)
+    out = tmp_path / "out.json"
+    assert cli.run([*WORDS, "--json", str(out)]) == 1
+    found = json.loads(out.read_text())
+    assert (found["state"], found["reason"], found["episodes"]) == ("stopped", str(error), 0)
+
+
+@pytest.mark.skipif(not can_mount(), reason="mounts a file system of its own")
+def test_a_run_without_shared_memory_ends_with_json(tmp_path: Path) -> None:
+    out = tmp_path / "out.json"
+    command = [*on_disk("ro", Path("/dev/shm")), sys.executable, "-m", "gensim2.cli", *WORDS, "--json", str(out)]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False, timeout=300)
+    assert (done.returncode, "Traceback" in done.stderr) == (1, False), done.stderr
+    found = json.loads(out.read_text())
+    assert (found["state"], "Read-only file system" in found["reason"]) == ("stopped", True)
 
 
 def test_a_signal_ends_a_run_whose_cameras_do_not_open(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -19,6 +20,7 @@ import pytest
 
 from gensim2.cli import main as cli
 from gensim2.core.errors import InputError
+from gensim2.data.lock import FolderLock
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.scenes.sampler import SceneSampler
 from gensim2.tasks.library import load_task
@@ -157,6 +159,17 @@ def test_what_is_gone_on_with_must_be_the_same_and_a_line_that_was_cut_off_is_no
         read_trials(tmp_path)
     (tmp_path / "asked.json").write_text(asked(line={}).model_dump_json())
     assert row_of(asked(line={}), [])["arm"] == ""
+
+
+def test_a_second_process_is_refused_and_a_link_out_of_the_folder_too(tmp_path: Path) -> None:
+    line: dict[str, Any] = {"assets": "builtin", "simulated_clock": True, "pixels": (64, 48)}
+    (tmp_path / "CloseBox").mkdir()
+    for said in ("another run is at work in it", "log_0000: is a link out of the folder"):
+        with FolderLock(tmp_path / "CloseBox") if "another" in said else contextlib.nullcontext():
+            with pytest.raises(InputError, match=said):
+                trial(read_protocol("CloseBox"), out=tmp_path, trials=1, verdict="simulator", **line)
+            assert not (tmp_path / "CloseBox" / "asked.json").exists()
+        (tmp_path / "CloseBox" / "log_0000").symlink_to("/gone")
 
 
 class Scripted:
