@@ -1,8 +1,8 @@
 """Hostile messages between a loop and a policy server, drawn by a seed, through real websockets.
 
-``python tests/fuzz/messages.py --inputs 5000`` sends 5,000 first messages to a server, and lets a server give 5,000
-answers to a client: mutations of valid messages, and hand-made hostile ones. Each is tried in a forked process with
-1 GiB of memory and 5 s of CPU. A message is accepted as what it says, or refused in one line.
+``python tests/fuzz/messages.py --inputs 5000`` sends 5,000 first messages to a server, 5,000 requests after the token,
+and lets a server give 5,000 answers to a client: mutations of valid messages, and hand-made hostile ones. Each is tried
+in a forked process with 1 GiB of memory and 5 s of CPU. A message is accepted as what it says, or refused in one line.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +31,19 @@ from websockets.sync.client import connect
 from websockets.sync.server import serve
 
 from gensim2.core.foreign.process import Bounds
-from gensim2.perception import DepthNoise, Observation, ObservationSpec
+from gensim2.perception import Camera, DepthNoise, Observation, ObservationSpec, PointCloud
 from gensim2.perception.columns import STATE, VELOCITY
 from gensim2.policy.remote import client, server
 from gensim2.policy.remote.client import RemoteController
-from gensim2.policy.remote.protocol import MAX_BYTES, TOKEN, VERSION, RemoteError, decode, encode
+from gensim2.policy.remote.protocol import (
+    MAX_BYTES,
+    TOKEN,
+    VERSION,
+    RemoteError,
+    decode,
+    encode,
+    observation_to_message,
+)
 from gensim2.policy.remote.server import PolicyServer
 from gensim2.policy.remote.websocket import logger
 from gensim2.rollout.controller_spec import ControllerSpec
@@ -67,6 +76,13 @@ WELCOME = {
     "action_size": 8,
     "observation": SPECS[0],
 }
+CAMERA = Camera("left", 4, 3, np.eye(3), np.eye(4))
+CLOUD = PointCloud(np.ones((5, 3), "f4"), np.zeros((5, 3), "u1"), np.zeros(5, "i4"))
+REQUESTS: tuple[dict[str, Any], ...] = tuple(
+    {"number": 1, **kind, "observation": observation_to_message(seen)}
+    for kind in ({"kind": "act"}, {"kind": "reset", "seed": 3})
+    for seen in (SEEN, replace(SEEN, language="close the box", cloud=CLOUD, cameras={"left": CAMERA}))
+)
 ANSWERS: tuple[dict[str, Any], ...] = tuple(
     answer
     for spec in SPECS
@@ -178,6 +194,7 @@ def _nearly(good: Mapping[str, Any], generator: np.random.Generator) -> dict[str
         "action": (None, action, action.astype(np.float64), action[:7], np.append(ACTION[:7], np.inf), ACTION[:, None]),
         "observation": (*SPECS, {}, {"modalities": "rgb"}, {"cloud": None}, {"points": 64}),
         "why": ("", "a", "x" * 3000),
+        "seed": (0, -1, -(2**63), 1.0),
     }
     return {
         name: fields[name][int(generator.integers(len(fields[name])))]
@@ -191,15 +208,18 @@ def _nearly(good: Mapping[str, Any], generator: np.random.Generator) -> dict[str
 
 
 class Still:
-    """A controller that does nothing."""
+    """A controller that does nothing but note what it was shown last."""
 
     observation_spec = ObservationSpec(modalities=())
+    shown: Observation | None = None
 
     def reset(self, observation: Observation, seed: int) -> None:
         """Begin an episode."""
+        Still.shown = observation
 
     def act(self, observation: Observation) -> Any:
         """Return the same action always."""
+        Still.shown = observation
         return ACTION
 
 
@@ -237,6 +257,53 @@ def try_first(message: bytes | str | list[bytes]) -> str:
     controller.close()
     found.close()
     return "accepted" if accepted else "refused"
+
+
+def try_request(message: bytes | str | list[bytes], kind: str) -> str:
+    """Send a request to a server after the token; return how it ended.
+
+    Raises:
+        AssertionError: it was accepted as something else, refused in other than one line, or the server is gone.
+    """
+    said: list[str] = []
+    found = PolicyServer(ControllerSpec(f"{__file__}:Still"), "panda", SECRET, port=0, said=said.append)
+    threading.Thread(target=found.serve, daemon=True).start()
+    answer: dict[str, Any] | None = None
+    try:
+        with connect(found.url, compression=None, close_timeout=0.05, logger=logger()) as loop:
+            loop.send(encode(HELLO))
+            assert decode(loop.recv(timeout=DEADLINE))["kind"] == "welcome"
+            loop.send(message)
+            answer = decode(loop.recv(timeout=DEADLINE))
+    except (WebSocketException, OSError):
+        assert answer is None
+    accepted = answer is not None and answer["kind"] != "error"
+    if accepted:
+        assert answer is not None
+        assert isinstance(message, bytes)
+        plain = msgpack.unpackb(message)
+        assert (answer["kind"], answer["number"]) == (
+            {"act": "action", "reset": "ready"}[plain["kind"]],
+            plain["number"],
+        )
+        assert type(plain["number"]) is int
+        _same_observation(plain["observation"], found)
+    elif answer is not None:
+        check_line(answer["why"])
+    _until(lambda: said[-1:] == ["127.0.0.1 gone"])
+    for line in said:
+        check_line(line)
+    controller = RemoteController(found.url, deadline=DEADLINE)  # it serves on
+    np.testing.assert_array_equal(controller.act(SEEN), ACTION)
+    controller.close()
+    found.close()
+    return "accepted" if accepted else "refused"
+
+
+def _same_observation(plain: Any, found: PolicyServer) -> None:
+    """Compare what the controller was shown with what was sent."""
+    shown = type(found._controller).shown
+    assert _packable(observation_to_message(shown)) == plain
 
 
 def try_answer(message: bytes | str | list[bytes], kind: str) -> str:
@@ -389,15 +456,27 @@ class Tally:
     faults: int = 0
 
 
-def drawn(number: int, seed: int, first: bool) -> tuple[str, bytes | str | list[bytes]]:
+GOOD: Mapping[str, Sequence[Mapping[str, Any]]] = {
+    "answers": ANSWERS,
+    "first messages": (HELLO,),
+    "requests": REQUESTS,
+}
+TRIED: Mapping[str, Callable[[bytes | str | list[bytes], str], str]] = {
+    "answers": try_answer,
+    "first messages": lambda message, _: try_first(message),
+    "requests": try_request,
+}
+
+
+def drawn(number: int, seed: int, what: str) -> tuple[str, bytes | str | list[bytes]]:
     """Return the kind and the content of one hostile message."""
-    generator = np.random.default_rng([seed, number, int(first)])
-    good: Mapping[str, Any] = HELLO if first else ANSWERS[number % len(ANSWERS)]
+    generator = np.random.default_rng([seed, number, list(GOOD).index(what)])
+    good = GOOD[what][number % len(GOOD[what])]
     return str(good["kind"]), hostile(good, generator)
 
 
-def run(count: int, seed: int, first: bool, say: Callable[[str], object]) -> Tally:
-    """Try so many first messages, or answers; faults are said and counted."""
+def run(count: int, seed: int, what: str, say: Callable[[str], object]) -> Tally:
+    """Try so many messages of a kind; faults are said and counted."""
     os.environ[TOKEN] = SECRET
     server.GREETING, server.CLOSING = DEADLINE, 0.02
     tally = Tally()
@@ -407,10 +486,9 @@ def run(count: int, seed: int, first: bool, say: Callable[[str], object]) -> Tal
         folder.mkdir()
         (folder / "canary.py").write_text(CANARY)
         for number in range(count):
-            kind, message = drawn(number, seed, first)
-            attempt = (lambda: try_first(message)) if first else (lambda: try_answer(message, kind))  # noqa: B023
+            kind, message = drawn(number, seed, what)
             try:
-                outcome, seconds, peak = in_process(attempt, folder)
+                outcome, seconds, peak = in_process(partial(TRIED[what], message, kind), folder)
             except AssertionError as error:
                 tally.faults += 1
                 say(f"{kind} {number}: {str(error)[-1500:]}")
@@ -423,13 +501,13 @@ def run(count: int, seed: int, first: bool, say: Callable[[str], object]) -> Tal
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; 1 where one message is neither accepted as what it says nor refused in one line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--inputs", type=int, default=5000, help="first messages, and as many answers")
+    parser.add_argument("--inputs", type=int, default=5000, help="of each kind")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)
     faults = 0
-    for first, what in ((True, "first messages"), (False, "answers")):
+    for what in GOOD:
         began = time.monotonic()
-        tally = run(options.inputs, options.seed, first, lambda text: print(text, file=sys.stderr))
+        tally = run(options.inputs, options.seed, what, lambda text: print(text, file=sys.stderr))
         faults += tally.faults
         spent = time.monotonic() - began
         print(

@@ -11,10 +11,10 @@ import pytest
 COUNT = 60
 
 
-@pytest.mark.parametrize("first", [True, False], ids=["first messages", "answers"])
-def test_hostile_messages_are_accepted_as_they_are_or_refused_in_one_line(first: bool) -> None:
+@pytest.mark.parametrize("what", messages.GOOD)
+def test_hostile_messages_are_accepted_as_they_are_or_refused_in_one_line(what: str) -> None:
     faults: list[str] = []
-    tally = messages.run(COUNT, 7, first, faults.append)
+    tally = messages.run(COUNT, 7, what, faults.append)
     assert not faults
     assert sum(tally.ended.values()) == COUNT
     assert {ended.split(": ")[1] for ended in tally.ended} == {"accepted", "refused"}
@@ -24,6 +24,8 @@ def test_good_messages_are_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Otherwise damage to them would show nothing."""
     monkeypatch.setenv(messages.TOKEN, messages.SECRET)
     assert messages.try_first(messages.encode(messages.HELLO)) == "accepted"
+    for request in messages.REQUESTS:
+        assert messages.try_request(messages.encode(request), request["kind"]) == "accepted"
     for answer in messages.ANSWERS:
         expected = "refused" if answer["kind"] == "error" else "accepted"
         assert messages.try_answer(messages.encode(answer), answer["kind"]) == expected

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import os
@@ -162,14 +161,18 @@ def test_what_is_gone_on_with_must_be_the_same_and_a_line_that_was_cut_off_is_no
 
 
 def test_a_second_process_is_refused_and_a_link_out_of_the_folder_too(tmp_path: Path) -> None:
+    folder = tmp_path / "CloseBox"
     line: dict[str, Any] = {"assets": "builtin", "simulated_clock": True, "pixels": (64, 48)}
-    (tmp_path / "CloseBox").mkdir()
-    for said in ("another run is at work in it", "log_0000: is a link out of the folder"):
-        with FolderLock(tmp_path / "CloseBox") if "another" in said else contextlib.nullcontext():
-            with pytest.raises(InputError, match=said):
-                trial(read_protocol("CloseBox"), out=tmp_path, trials=1, verdict="simulator", **line)
-            assert not (tmp_path / "CloseBox" / "asked.json").exists()
-        (tmp_path / "CloseBox" / "log_0000").symlink_to("/gone")
+
+    def refused(said: str) -> None:
+        with pytest.raises(InputError, match=said):
+            trial(read_protocol("CloseBox"), out=tmp_path, trials=1, verdict="simulator", **line)
+        assert not (folder / "asked.json").exists()
+
+    with FolderLock(folder):
+        refused("another run is at work in it")
+    (folder / "log_0000").symlink_to("/gone")
+    refused("log_0000: is a link out of the folder")
 
 
 class Scripted:
