@@ -19,7 +19,7 @@ import pytest
 
 from gensim2.cli import main as cli
 from gensim2.core.errors import InputError
-from gensim2.data.lock import FolderLock
+from gensim2.core.resumable import FolderLock
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.scenes.sampler import SceneSampler
 from gensim2.tasks.library import load_task
