@@ -1,4 +1,4 @@
-"""Tables of policies in docs/guides/keypose_policies.md and README.md, from the JSON of `gensim2 learn --json FILE`.
+"""Tables of policies in docs/results/*_policies.md and README.md, from `gensim2 learn --json FILE`.
 
     python benchmarks/policy_table.py FILE... --commit HASH   # takes the figures of these runs in, and writes tables
     python benchmarks/policy_table.py                         # writes the tables from the figures that there are
@@ -26,7 +26,7 @@ from gensim2.rollout.tally import interval
 
 FIGURES = Path(__file__).with_name("policies.json")
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "docs/guides/keypose_policies.md", ROOT / "docs/guides/chunk_policies.md", ROOT / "README.md")
+PAGES = (ROOT / "docs/results/keypose_policies.md", ROOT / "docs/results/chunk_policies.md", ROOT / "README.md")
 MARKED = re.compile(r"(<!-- policies: (\w+) -->\n).*?(<!-- /policies -->)", re.DOTALL)
 CONTROLS = ("blind", "shuffled", "no_op", "expert")
 NAMES = {"blind": "blind", "shuffled": "clouds of others", "no_op": "no-op", "expert": "expert"}
@@ -85,7 +85,7 @@ def every(rows: Sequence[Row]) -> str:
     others = [row for row in keyposes if row not in plain and row not in wide]
     parts = [_table(plain, others=False)] if plain else []
     if wide:
-        parts.append("**`wide` scenes**, trained on and measured in.\n\n" + _table(wide, others=False))
+        parts.append("**`wide` scenes**, in training and evaluation.\n\n" + _table(wide, others=False))
     if others:
         parts.append("**Others**\n\n" + _table(others, others=True))
     return "\n".join(parts)

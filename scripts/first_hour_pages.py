@@ -75,6 +75,7 @@ NEEDS: dict[str, str] = {
     r"^uv .*\bfci\b": "an environment of its own for benchmarks/franka_chain.py",
     r"replay_trajectory": "a renderer; tests/rollout/test_trajectory.py",
     r"import 45001|--assets mylibrary|--findings": "objects of the reader's; tests/real/test_assets_real.py",
+    r"import chest ": "a URDF that the page writes; tests/examples/test_tutorial.py",
     r"arms\.yaml": "a file of the reader's; tests/policy/experiments/test_experiment.py",
     r"robot-20270101|--board|fit-noise|noise\.json": "a log of an arm; tests/robot/test_calibration.py",
     r"--data more": "a second data set of the reader's; tests/policy/test_train.py",
@@ -137,7 +138,10 @@ class Command:
 
 def pages() -> list[Path]:
     """Return the pages in the order in which a reader meets them."""
-    others = (sorted(ROOT.glob(each)) for each in ("docs/**/*.md", "crates/*/README.md", "plugins/*/README.md"))
+    others = (
+        sorted(ROOT.glob(each))
+        for each in ("docs/**/*.md", "python/README.md", "crates/*/README.md", "plugins/*/README.md")
+    )
     return [ROOT / "README.md", *itertools.chain(*others), ROOT / "CONTRIBUTING.md"]
 
 

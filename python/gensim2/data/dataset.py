@@ -1,4 +1,4 @@
-"""The native data set: one file an episode, one folder a task, one description of all (docs/guides/data.md).
+"""The native data set: one file an episode, one folder a task, one description of all (docs/reference/data_format.md).
 
 dataset = DataSet.open(Path("runs/night"))
 for row in dataset.task("OpenBox").rows():          # every episode that was tried, by index

@@ -1,4 +1,4 @@
-"""The episodes of one task on disk: one file an episode, one folder a task (docs/guides/data.md)."""
+"""The episodes of one task on disk: one file an episode, one folder a task (docs/reference/data_format.md)."""
 
 from __future__ import annotations
 

@@ -46,11 +46,11 @@ class SceneArguments(TypedDict, total=False):
         instances: what is drawn from, where the task does not say itself: ``all``, ``train``, ``test``, ``new``
             (generated ones beyond the listed ones), an id, or ``random``: one, drawn by the seed of a run. An
             environment takes several of them, too, also by object.
-        physics: ``"default"``, ``"original"``, a mixture of both, or a file of switches (docs/guides/simulation.md).
+        physics: ``"default"``, ``"original"``, a mixture of both, or a file of switches (docs/reference/simulation.md).
         redraw: ``"placement"`` or ``"none"``, in place of what ``physics`` says of it; None: as it says.
         robot: name of a known robot (:func:`gensim2.load_robot` makes one's own known).
-        randomization: ``"paper"`` for the task's ranges, ``"paper-half"`` or ``"wide"`` (docs/guides/simulation.md).
-        engine: ``"sapien"`` or ``"mujoco"`` (docs/guides/simulation.md).
+        randomization: ``"paper"`` for the task's ranges, ``"paper-half"`` or ``"wide"`` (docs/reference/simulation.md).
+        engine: ``"sapien"`` or ``"mujoco"`` (docs/reference/simulation.md).
     """
 
     assets: str | Path | ObjectSource | None

@@ -73,7 +73,7 @@ PRESETS: Mapping[str, PhysicsSwitches] = {
     "original": PhysicsSwitches("original", "original", "original", "original", "original", "soft", "none"),
 }
 """Mixtures with a name. ``original`` is what is compared with the paper: all of the original's but what
-docs/guides/simulation.md says of its fingers."""
+docs/reference/simulation.md says of its fingers."""
 
 PHYSICS_NAMES: tuple[str, ...] = tuple(PRESETS)
 SWITCHES: Mapping[str, tuple[str, ...]] = {

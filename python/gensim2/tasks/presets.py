@@ -8,7 +8,7 @@ from typing import Literal, get_args
 from gensim2.core.errors import InputError
 
 PresetName = Literal["paper", "paper-half", "wide"]
-"""``"paper"``: the ranges of the task; ``"paper-half"``: half of them; ``"wide"``: docs/guides/simulation.md."""
+"""``"paper"``: the ranges of the task; ``"paper-half"``: half of them; ``"wide"``: docs/reference/simulation.md."""
 
 PRESET_NAMES: tuple[PresetName, ...] = get_args(PresetName)
 DEFAULT_PRESET: PresetName = "paper"

@@ -1,6 +1,6 @@
 """MuJoCo model of a scene: bodies, drives, joint friction and the pairs of shapes that may touch.
 
-docs/guides/simulation.md says why the numbers at the top are what they are.
+docs/reference/simulation.md says why the numbers at the top are what they are.
 """
 
 from __future__ import annotations
