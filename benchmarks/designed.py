@@ -16,8 +16,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, get_args
 
+from shelving import MADE_JSON, shelve
+
 from gensim2.design.drafting import verbs
-from gensim2.design.shelving import MADE_JSON, shelve
 from gensim2.objects import open_library
 from gensim2.objects.types import Kind
 from gensim2.tasks.library import load_task_file

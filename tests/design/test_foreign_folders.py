@@ -13,7 +13,7 @@ from gensim2.core.progress import NULL_PROGRESS
 from gensim2.design import Brief, OfflineDesigner
 from gensim2.design.base import Known
 from gensim2.design.briefing import Classes, robot_summary
-from gensim2.design.pieces import pieces
+from gensim2.design.drafting import pieces
 from gensim2.objects import open_library
 from gensim2.objects.library.export import export
 from gensim2.objects.library.release_splits import release_split

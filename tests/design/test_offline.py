@@ -20,9 +20,9 @@ from gensim2.design import (
     RobotSummary,
     StageResult,
 )
-from gensim2.design.composition import wanted_ends
 from gensim2.design.drafting import chains, verbs
 from gensim2.design.joint_search import manipulation_from
+from gensim2.design.offline import wanted_ends
 from gensim2.design.proposals import joint_goal, redesigned, spec
 from gensim2.objects import open_library
 from gensim2.objects.words import Goal, noun

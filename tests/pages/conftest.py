@@ -22,7 +22,7 @@ from gensim2.data import report as quality_report
 from gensim2.data.observation_file import write_observation
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.video import Film
-from gensim2.design import shelf, tasks_gallery
+from gensim2.design import gallery, tasks_gallery
 from gensim2.design.report import write_report
 from gensim2.evaluation.benchmark_table import TaskRow
 from gensim2.evaluation.evaluating import EvaluationResult
@@ -147,7 +147,7 @@ def tasks_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         monkeypatch.setattr(worker, name, getattr(worker, name))
     fake_world.install()
     monkeypatch.setattr(fake_world, "EPISODE_SECONDS", 0.0)
-    monkeypatch.setattr(shelf, "film", filmed)
+    monkeypatch.setattr(gallery, "film", filmed)
     monkeypatch.setattr(rendering, "can_render", lambda: True)
     return tasks_gallery(["OpenDrawer", LONG], out=tmp_path / "tasks", assets="builtin", workers=0).index
 

@@ -194,7 +194,7 @@ def add(folder: Path, *, episodes: Count = 20, progress: Progress, **given: Any)
         episodes: Number of episodes that verify your own task.
     """
     if (folder / "task.yaml").is_file():
-        from gensim2.design.adding import add_task
+        from gensim2.design.remembering import add_task
 
         return {"schema_version": 1, **asdict(add_task(folder, episodes=episodes, progress=progress, **given))}
     context = click.get_current_context()

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 
 from gensim2.design.base import Brief
 from gensim2.design.containers import NARROW
-from gensim2.design.drafting import BESIDE, PAIRED, Draft, Family, in_turn
-from gensim2.design.pieces import ENDS, Piece, is_known, pieces
+from gensim2.design.drafting import BESIDE, ENDS, PAIRED, Draft, Family, Piece, in_turn, is_known, pieces
 from gensim2.design.proposals import holdable, role_of
 from gensim2.design.serving import carry, into_it, place_support
 from gensim2.objects.words import Purpose, camel_case, noun, purposes, to_and_fro

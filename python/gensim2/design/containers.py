@@ -8,8 +8,18 @@ from functools import partial
 
 from gensim2.design.affordance import Affordance
 from gensim2.design.base import Brief
-from gensim2.design.drafting import ABOUT, ALIKE, BESIDE, CLOSE_ABOUT, OTHER_SIDE, PAIRED, Draft, Family, in_turn
-from gensim2.design.pieces import is_known
+from gensim2.design.drafting import (
+    ABOUT,
+    ALIKE,
+    BESIDE,
+    CLOSE_ABOUT,
+    OTHER_SIDE,
+    PAIRED,
+    Draft,
+    Family,
+    in_turn,
+    is_known,
+)
 from gensim2.design.proposals import OPEN_AT, SHUT_AT, holdable, role_of
 from gensim2.design.serving import SUPPORTS, on_it
 from gensim2.objects.words import belongs, camel_case

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from gensim2.design.llm.log import ConversationRecord, read_log
+from gensim2.design.llm.conversations import ConversationRecord, read_log
 from gensim2.design.llm.store import MODEL_FOLDER, MODEL_JSON, AnswerRecord, AnswerStore
 
 #: Characters of an answer that are shown; the rest is counted.

@@ -12,14 +12,70 @@ from pathlib import Path
 from typing import Any
 
 from gensim2.core import seeding
-from gensim2.design import composition, joint_search, pieces, proposals, skills, steering
+from gensim2.design import chores, containers, joint_search, proposals, serving, skills, steering
 from gensim2.design.affordance import Affordance
 from gensim2.design.base import Brief, Candidate, CandidateResult, Declined
+from gensim2.design.drafting import ENDS, Family, chains, piece_ways
 from gensim2.design.manipulation import Manipulation
-from gensim2.objects.words import Goal
+from gensim2.objects.words import Goal, belongs
 from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedClosed, ArticulatedOpen, RigidMoved
+from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
+
+#: Kinds of long tasks, each a function of what is known; they take turns in this order.
+FAMILIES: list[Family] = [
+    chores.FAMILIES["pairs"],
+    serving.FAMILIES["serve"],
+    containers.FAMILIES["drop"],
+    chores.FAMILIES["to and fro"],
+    containers.FAMILIES["shut"],
+    chores.FAMILIES["errands"],
+    containers.FAMILIES["take out"],
+    chores.FAMILIES["pairs"],
+    serving.FAMILIES["serve two"],
+    containers.FAMILIES["put"],
+    containers.FAMILIES["take out and close"],
+    containers.FAMILIES["stow"],
+    chores.FAMILIES["pairs"],
+    serving.FAMILIES["lay"],
+    containers.FAMILIES["move over"],
+    containers.FAMILIES["open and take out"],
+    containers.FAMILIES["move over and close"],
+    containers.FAMILIES["fill and close"],
+    containers.FAMILIES["fill"],
+]
+
+
+def long_tasks(brief: Brief) -> Iterator[TaskSpec | None]:
+    """Yield long tasks that can be made of what is known, families in turn, none of a name that is there, and none that
+    is no news.
+
+    What is known is looked at when a task's turn has come, so that what a run keeps meanwhile counts. None: there is
+    nothing new for now.
+    """
+    proposed: set[str] = set()
+    while True:
+        fresh = False
+        for family in FAMILIES:
+            taken = proposed | {known.task.name for known in brief.known}
+            task = next((draft.task() for draft in family(brief) if draft.name not in taken), None)
+            if task is None:
+                continue
+            fresh = True
+            proposed.add(task.name)
+            assert not chains(task), f"{task.name}: {chains(task)}"
+            if first_alike(task, brief.familiar) is None:
+                yield task
+        if not fresh:
+            yield None
+
+
+def wanted_ends(brief: Brief) -> set[tuple[str, str]]:
+    """Classes and goals that long tasks are made of."""
+    kept_in = {name for name, thing in brief.classes.items() if thing.is_container and belongs(name)}
+    return chores.wanted_ends() | {(name, end) for name in kept_in for end in ENDS}
+
 
 #: Alignments drawn for a joint beside the rules, at first, and once more where those beside them hold too seldom.
 FIRST_DRAW, SECOND_DRAW = 8, 60
@@ -55,10 +111,10 @@ class OfflineDesigner:
     def propose(self, brief: Brief, seed: int) -> Iterator[TaskSpec]:
         """Yield tasks of one step, and soon in turn with them such as can be made of what is known by then."""
         known = [each.task for each in brief.known]
-        wanted = composition.wanted_ends(brief)
+        wanted = wanted_ends(brief)
         single = proposals.propose(brief.classes, known, brief.settings.stroke, brief.familiar, wanted)
         yield from itertools.islice(single, FIRST_SINGLE)
-        long = composition.propose(brief)
+        long = long_tasks(brief)
         while True:
             found = [task for task in (next(single, None), next(long, None)) if task is not None]
             if not found:
@@ -119,7 +175,7 @@ class OfflineDesigner:
                 return skills.places_in(thing, held)
         for criterion in step.done:
             if isinstance(criterion, ArticulatedOpen | ArticulatedClosed | ArticulatedBetween):
-                return pieces.piece_ways(brief, thing.asset_class, criterion.type) or skills.joint_ways(
+                return piece_ways(brief, thing.asset_class, criterion.type) or skills.joint_ways(
                     thing, "open" if isinstance(criterion, ArticulatedOpen) else "close"
                 )
         raise Declined(f"the offline designer knows no way to do the step {step.name!r}")

@@ -15,13 +15,12 @@ from gensim2.data.records import PipelineResult
 from gensim2.data.runfolder import RunFolder, default_run_dir
 from gensim2.design import Designer, OfflineDesigner
 from gensim2.design.base import Known
-from gensim2.design.chosen import Chosen
-from gensim2.design.execution import Extent, PipelineRun, Wanted
+from gensim2.design.designing import Chosen
+from gensim2.design.execution import VERIFY_EPISODES, Extent, PipelineRun, Wanted
 from gensim2.design.proposals import redesigned
 from gensim2.design.remembering import known_before
 from gensim2.design.report import reported
 from gensim2.design.search import LONG_BUDGET, Budget
-from gensim2.design.verification import VERIFY_EPISODES
 from gensim2.objects import open_library
 from gensim2.rollout.config import RolloutOptions, RunArguments
 from gensim2.rollout.identity import digest, listing

@@ -25,11 +25,10 @@ pytest.importorskip("openai")
 from gensim2.core.errors import InputError, ModelError
 from gensim2.design.designing import model_designer
 from gensim2.design.llm import Asking, LanguageModel, ModelOptions, model_options
-from gensim2.design.llm.boundary import Boundary
+from gensim2.design.llm.boundary import HIDDEN, Boundary, Secret
 from gensim2.design.llm.client import Client
 from gensim2.design.llm.extraction import mappings
 from gensim2.design.llm.questions import Message, ModelAnswer, ModelQuestion
-from gensim2.design.llm.secret import HIDDEN, Secret
 from gensim2.design.llm.store import AnswerStore, recorded_answers
 from gensim2.design.llm.templating import Prompts
 from gensim2.scenes.config import SceneOptions

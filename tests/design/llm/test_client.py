@@ -29,8 +29,7 @@ from gensim2.core.errors import InputError, ModelError
 from gensim2.design.llm import LanguageModel, ModelOptions
 from gensim2.design.llm.boundary import MAX_BYTES
 from gensim2.design.llm.client import Client
-from gensim2.design.llm.ledger import BudgetSpent
-from gensim2.design.llm.questions import Message, ModelQuestion
+from gensim2.design.llm.questions import BudgetSpent, Message, ModelQuestion
 from gensim2.design.pictures import LazyPicture
 
 PNG = b"\x89PNG\r\n\x1a\n" + b"0" * 20

@@ -53,7 +53,7 @@ def test_it_is_verified_and_added_or_refused(
 ) -> None:
     from functools import partial
 
-    import gensim2.design.adding as adding
+    import gensim2.design.remembering as adding
 
     made_up(monkeypatch, held)
     monkeypatch.setattr(adding, "add_task", partial(_here, adding.add_task))

@@ -10,7 +10,7 @@ import pytest
 from gensim2.design.drafting import chains
 from gensim2.design.run import run_pipeline
 from gensim2.design.search import Budget
-from gensim2.design.shelving import shelve
+from shelving import shelve
 from gensim2.tasks.library import load_strategies_beside, load_task_file
 
 pytest.importorskip("mani_skill")

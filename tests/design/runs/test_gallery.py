@@ -11,7 +11,7 @@ import fake_world
 import pytest
 
 from gensim2.data.video import Film
-from gensim2.design import shelf, tasks_gallery
+from gensim2.design import gallery, tasks_gallery
 from gensim2.design.gallery import TasksGallery
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.rollout import inputs, worker
@@ -39,7 +39,7 @@ class Camera:
 def camera(monkeypatch: pytest.MonkeyPatch) -> Camera:
     """The camera that films go through."""
     found = Camera()
-    monkeypatch.setattr(shelf, "film", found.film)
+    monkeypatch.setattr(gallery, "film", found.film)
     monkeypatch.setattr(rendering, "can_render", lambda: True)
     return found
 

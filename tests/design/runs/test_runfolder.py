@@ -22,7 +22,7 @@ from gensim2.core.resumable import FolderLock
 from gensim2.data.records import RunRecord, Verification
 from gensim2.data.runfolder import RunFolder, TaskFolder, default_run_dir
 from gensim2.data.store import TaskStore
-from gensim2.design.chosen import Chosen
+from gensim2.design.designing import Chosen
 from gensim2.design.designing import offline_designer
 from gensim2.design.designs import Design, read_design, write_design
 from gensim2.core.errors import InputError

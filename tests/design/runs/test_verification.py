@@ -10,9 +10,9 @@ import pytest
 from gensim2.core.processes import Execution
 from gensim2.data.records import Verification
 from gensim2.data.runfolder import RunFolder
-from gensim2.design import verification
+from gensim2.design import execution
 from gensim2.design.unseen import kept_apart
-from gensim2.design.verification import UNDER_WAY, VERIFY_EPISODES, verify
+from gensim2.design.execution import UNDER_WAY, VERIFY_EPISODES, verify
 from gensim2.core.errors import InputError
 from gensim2.objects import open_library
 from gensim2.rollout import worker
@@ -27,7 +27,7 @@ CIRCUMSTANCES = SceneOptions("builtin")
 @pytest.fixture(autouse=True)
 def low_threshold(monkeypatch: pytest.MonkeyPatch) -> None:
     """The made-up world holds three times in four: less than a task of one step needs to be kept."""
-    monkeypatch.setattr(verification, "KEEP_THRESHOLD", 0.1)
+    monkeypatch.setattr(execution, "KEEP_THRESHOLD", 0.1)
 
 
 def _verify(out: Path, seed: int = 0, episodes: int = VERIFY_EPISODES) -> Verification:
@@ -111,10 +111,10 @@ def test_a_folder_is_divided_where_it_has_enough(count: int, search: str, kind: 
 
 
 def test_what_cannot_be_kept_any_more_is_not_run_to_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verification, "KEEP_THRESHOLD", 1.0)
+    monkeypatch.setattr(execution, "KEEP_THRESHOLD", 1.0)
     found = _verify(tmp_path, episodes=60)
     assert not found.kept
-    assert len(found.episodes) in range(verification.STRIDE, 60, verification.STRIDE)
+    assert len(found.episodes) in range(execution.STRIDE, 60, execution.STRIDE)
     assert _verify(tmp_path, episodes=60) == found
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from gensim2.core.errors import InputError
 from gensim2.design.affordance import Affordance
 from gensim2.design.base import Brief, RobotSummary
-from gensim2.design.llm.wording import known_task
+from gensim2.design.llm.templating import known_task
 from gensim2.tasks.spec import HAND, TABLE, TaskSpec
 
 _KEBAB = re.compile(r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$")

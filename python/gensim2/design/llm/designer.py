@@ -11,8 +11,8 @@ from pathlib import Path
 from gensim2.design.base import Brief, Candidate, CandidateResult, Declined
 from gensim2.design.llm.catalog import Catalog
 from gensim2.design.llm.conversations import Conversations, Dropped
-from gensim2.design.llm.ledger import BudgetSpent
 from gensim2.design.llm.model import LanguageModel
+from gensim2.design.llm.questions import BudgetSpent
 from gensim2.design.llm.solutions import Asking, Solutions, Views, in_words, tried_of
 from gensim2.design.llm.stages import code as code_stage
 from gensim2.design.llm.stages import composition, decomposition, proposal, solving

@@ -8,9 +8,8 @@ from typing import Any
 
 from gensim2.core.errors import InputError
 from gensim2.design.llm.client import Client, estimated_tokens
-from gensim2.design.llm.ledger import BudgetSpent, Ledger
 from gensim2.design.llm.options import ModelOptions
-from gensim2.design.llm.questions import ModelAnswer, ModelQuestion
+from gensim2.design.llm.questions import BudgetSpent, Ledger, ModelAnswer, ModelQuestion
 from gensim2.design.llm.store import NO_ANSWER, AnswerStore, ModelRecord
 
 

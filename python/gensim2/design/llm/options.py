@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from gensim2.core.errors import InputError
 from gensim2.core.validation import input_error
 from gensim2.core.yaml_files import read_yaml
-from gensim2.design.llm.secret import Secret
+from gensim2.design.llm.boundary import Secret
 
 Price = Annotated[float, Field(ge=0, le=1e6)]
 

@@ -16,9 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_json
 from gensim2.core.record_files import read_record
-from gensim2.design.llm.ledger import BudgetSpent
 from gensim2.design.llm.options import ModelOptions, model_options
-from gensim2.design.llm.questions import ModelAnswer, ModelQuestion
+from gensim2.design.llm.questions import BudgetSpent, ModelAnswer, ModelQuestion
 
 MODEL_FOLDER = "model"
 """Folder of a run for all that its designer keeps."""
