@@ -57,7 +57,7 @@ def replacing(path: Path) -> Iterator[Path]:
     cut sees the old file or the new one. Where the block fails, ``path`` is left as it was. The name keeps the
     suffix of ``path`` for writers that go by it.
 
-    A symbolic link is replaced as any other file is: a folder may be a stranger's, and the target somebody else's.
+    A symbolic link at ``path`` is replaced and never followed, because its target may lie outside an untrusted folder.
 
     Raises:
         WriteError: the folder cannot be written to, or is full.
