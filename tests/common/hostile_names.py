@@ -1,4 +1,4 @@
-"""Names that a stranger may give to folders: printable, without a slash."""
+"""Names that a stranger may give to folders, printable and without a slash; and words of files and servers."""
 
 HOSTILE = (
     "<script>alert(1)</script>".replace("/", "\u2044"),
@@ -12,4 +12,18 @@ HOSTILE = (
     "[a-z]",
     "two  spaces, öäü, \u4e2d\u6587",
     "x" * 90,
+)
+
+RUNS = "top.ran = true"
+HOSTILE_WORDS = (
+    f'<iframe srcdoc="<script>{RUNS}</script>"></iframe>',
+    f'<img src="x" onerror="{RUNS}">',
+    f"{{(() => {{ {RUNS} }})()}}",
+    f"export const x = {RUNS}",
+    f'import "data:text/javascript,{RUNS}"',
+    f"[click](javascript:{RUNS})",
+    "![picture](/etc/hostname)",
+    "<style>body { display: none }</style>",
+    "# heading",
+    "**bold** _thin_ `code` $x$ a|b ~~gone~~ <b>bold</b> &amp; &#60;",
 )

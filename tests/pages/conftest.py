@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import browser as opened
 import numpy as np
 import pytest
 import run_folders
-from hostile_names import HOSTILE
+from hostile_names import HOSTILE, HOSTILE_WORDS
 from PIL import Image
 from playwright.sync_api import Browser
 from run_folders import fake_world
@@ -181,31 +181,39 @@ def experiment_page(tmp_path: Path) -> Path:
     return write_experiment(result.to_dict())
 
 
-@pytest.fixture
-def learned_page(tmp_path: Path) -> Path:
-    """The page of a policy for many tasks, with a film, curves and failed episodes."""
+def learned_result(folder: Path, words: Sequence[str] = ()) -> LearnResult:
+    """A policy for many tasks, with a film, curves and failed episodes.
+
+    Args:
+        folder: of its files.
+        words: names and sentences of its tasks, and other words, in the place of good ones.
+    """
     names = ("OpenDrawer", "CloseBox", "OpenBox", LONG)
-    draw_film(tmp_path / "video_2.mp4", tmp_path / "still.png")
+    tasks = [load_task(name) for name in names]
+    if words:
+        tasks = [tasks[0].model_copy(update={"name": word, "description": word}) for word in words]
+        names = tuple(words)
+    draw_film(folder / "video_2.mp4", folder / "still.png")
 
     def table(episodes: int) -> EvaluationResult:
         rows = []
-        for task in map(load_task, names):
+        for task in tasks:
             found = (fake_world.episode_of(task, seed, held=seed % 4 > 0) for seed in range(episodes))
             rows.append(TaskRow(task, runs=1, episodes=tuple(found)))
         return EvaluationResult(
-            run_dir=str(tmp_path),
+            run_dir=str(folder),
             controller={},
             arguments={},
             versions={},
             rows=tuple(rows),
-            skipped={},
+            skipped=dict(zip(words, words, strict=True)),
             speeds={},
-            videos={"CloseBox": [str(tmp_path / "video_2.mp4")]},
+            videos={names[1]: [str(folder / "video_2.mp4")]},
             cpu_s=9.0,
         )
 
-    (tmp_path / TRAINING).mkdir()
-    curves = Curves(tmp_path / TRAINING, 0)
+    (folder / TRAINING).mkdir()
+    curves = Curves(folder / TRAINING, 0)
     for step in range(25, 900, 25):
         curves.add(step=step, loss=9.0 / step)
     record = LearnRecord(
@@ -216,13 +224,26 @@ def learned_page(tmp_path: Path) -> Path:
         seed=7,
         scenes=2000,
         scene=SceneOptions("builtin").to_record(),
-        settings={"encoder": "state"},
+        settings={"encoder": "state", **dict(zip(words, words, strict=True))},
+        demonstrations_of=words[0] if words else None,
     )
     checkpoint = PolicyCheckpoint.load(checkpoint_folder("builtin"))
-    trained = TrainResult(tmp_path, checkpoint, loss=0.01, steps=900, cpu_s=80.0, parameters=1)
+    trained = TrainResult(folder, checkpoint, loss=0.01, steps=900, cpu_s=80.0, parameters=1)
     measured = PolicyResult(table(12), {"blind": (table(8),)})
-    learned = Learned(tmp_path, dict.fromkeys(names, 400), data_cpu_s=40.0, trained=trained, measured=measured)
-    return write_learned(LearnResult(str(tmp_path), record, "new", (), (learned,)))
+    learned = Learned(folder, dict.fromkeys(names, 400), data_cpu_s=40.0, trained=trained, measured=measured)
+    return LearnResult(str(folder), record, words[0] if words else "new", tuple(words), (learned,))
+
+
+@pytest.fixture
+def learned_page(tmp_path: Path) -> Path:
+    """The page of a policy for many tasks."""
+    return write_learned(learned_result(tmp_path))
+
+
+@pytest.fixture
+def hostile_learned_page(tmp_path: Path) -> Path:
+    """The same; names, sentences and settings are hostile words."""
+    return write_learned(learned_result(tmp_path, HOSTILE_WORDS))
 
 
 @pytest.fixture
