@@ -9,31 +9,26 @@ files say, or refused in one line. A module ``canary`` lies beside it; it leaves
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import os
 import shutil
 import signal
 import sys
-import tempfile
-import time
-from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mutate import LONGEST_MESSAGE, damaged, damaged_value
+from runner import Ended, Say, Tally, main, tried
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.process import Bounds, isolated
 from gensim2.core.progress import NULL_PROGRESS, Progress
 
 CPU_S, MEMORY, PATIENCE = 5, 2**30, 60
-SAID = 250
 """Inputs between two lines of progress."""
 CONFIG, WAYS, CLOUDS = "config.json", "keypose.json", "clouds.npz"
 MODULES = (
@@ -398,49 +393,20 @@ def attempt(good: Path, scratch: Path, generator: np.random.Generator) -> tuple[
     return told, message
 
 
-@dataclass
-class Tally:
-    """How many ended how."""
-
-    ended: Counter[str] = field(default_factory=Counter)
-    faults: int = 0
-
-
-def run(goods: Sequence[Path], numbers: range, seed: int, scratch: Path, say: Callable[[str], object]) -> Tally:
+def run(goods: Sequence[Path], numbers: range, seed: int, scratch: Path, say: Say) -> Tally:
     """Try so many damaged checkpoints; faults are said and counted."""
-    tally = Tally()
-    for number in numbers:
+
+    def one(number: int) -> Ended:
         good, place = goods[number % len(goods)], scratch / f"try{number}"
         place.mkdir(parents=True)
         try:
             _, message = attempt(good, place, np.random.default_rng([seed, number]))
-        except Exception as error:  # noqa: BLE001 - any other is what is looked for
-            tally.faults += 1
-            say(f"{good.name} {number}: {type(error).__name__}: {str(error)[-1500:]}")
-        else:
-            tally.ended[f"{good.name}: {'refused' if message else 'accepted'}"] += 1
-        shutil.rmtree(place, ignore_errors=True)
-        if (number + 1) % SAID == 0:
-            say(f"{number + 1} inputs, {tally.faults} faults")
-    return tally
+        finally:
+            shutil.rmtree(place, ignore_errors=True)
+        return Ended(f"{good.name}: {'refused' if message else 'accepted'}")
 
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 where one checkpoint is neither accepted and equal nor refused in one line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--inputs", type=int, default=5000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--first", type=int, default=0, help="number of the first input")
-    options = parser.parse_args(arguments)
-    with tempfile.TemporaryDirectory() as name:
-        goods, began = good_checkpoints(Path(name).resolve()), time.monotonic()
-        numbers = range(options.first, options.first + options.inputs)
-        tally = run(goods, numbers, options.seed, Path(name).resolve() / "tries", lambda text: print(text, flush=True))
-        print(f"{options.inputs} inputs, {tally.faults} faults, {time.monotonic() - began:.0f} s in all")
-        for outcome, number in sorted(tally.ended.items()):
-            print(f"  {outcome}: {number}")
-    return 1 if tally.faults else 0
+    return tried(numbers, one, say)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(str(__doc__), {"inputs": 5000}, lambda folder: {"inputs": [partial(run, good_checkpoints(folder))]}))

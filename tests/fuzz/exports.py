@@ -8,7 +8,6 @@ whole), or refused in one line; within 5 s of CPU, in 1 GiB of memory.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -17,9 +16,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,6 +27,7 @@ import numpy as np
 import pyarrow
 import pyarrow.parquet
 from mutate import LONGEST_MESSAGE, damaged
+from runner import Ended, Round, Say, Tally, main, tried
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.process import FRUGAL, Bounds, isolated
@@ -49,7 +48,6 @@ MEMORY = 2**30
 
 PIXELS, POINTS = 8, 16
 
-SAID = 500  # inputs between two words on how it goes
 
 LARGE = 2**24
 """Bytes of a file that no export of so few episodes has: damage made it so."""
@@ -421,24 +419,6 @@ def attempt_command(good: Path, kind: Format, scratch: Path, generator: np.rando
     return told, Verdict("refused", said[0])
 
 
-@dataclass
-class Tally:
-    """How many ended how, and what the worst took."""
-
-    ended: Counter[str] = field(default_factory=Counter)
-    reasons: Counter[str] = field(default_factory=Counter)
-    slowest: float = 0.0
-    largest: int = 0
-    faults: int = 0
-    tried: int = 0
-
-    def __str__(self) -> str:
-        return (
-            f"{self.tried} tried, {self.faults} faults, slowest {self.slowest:.2f} s of CPU, "
-            f"largest {self.largest / 2**20:.0f} MiB"
-        )
-
-
 def prepare(folder: Path) -> dict[Format, Path]:
     """Good exports, and what they are imported as."""
     OUTSIDE.write_text(OF_SOMEBODY_ELSE)
@@ -453,63 +433,31 @@ def prepare(folder: Path) -> dict[Format, Path]:
     return good
 
 
-def run(
-    good: dict[Format, Path], numbers: range, seed: int, commands: bool, scratch: Path, say: Callable[[str], object]
-) -> Tally:
+def run(commands: bool, good: dict[Format, Path], numbers: range, seed: int, scratch: Path, say: Say) -> Tally:
     """Try so many damaged exports, formats in turn; faults are said and counted."""
-    tally = Tally()
-    tried = attempt_command if commands else attempt
-    for number in numbers:
-        kind = FORMATS[number % len(FORMATS)]
-        place = scratch / f"try{number}"
+    attempted = attempt_command if commands else attempt
+
+    def one(number: int) -> Ended:
+        kind, place = FORMATS[number % len(FORMATS)], scratch / f"try{number}"
         place.mkdir(parents=True)
         try:
-            told, verdict = tried(good[kind], kind, place, np.random.default_rng([seed, number]))
-            assert OUTSIDE.read_text() == OF_SOMEBODY_ELSE, f"{told}: wrote outside its folder"
-        except Exception as error:  # noqa: BLE001 - any other is what is looked for
-            tally.faults += 1
-            say(f"{kind} {number}: {type(error).__name__}: {str(error)[-1500:]}")
-        else:
-            tally.ended[f"{kind}: {verdict.outcome} ({told.split(';')[0]})"] += 1
-            if "died" in verdict.message:
-                tally.reasons["the library died"] += 1
-            if "MiB of memory" in verdict.message:
-                tally.reasons["out of memory"] += 1
-            tally.slowest, tally.largest = max(tally.slowest, verdict.cpu_s), max(tally.largest, verdict.memory)
-        shutil.rmtree(place, ignore_errors=True)
-        tally.tried += 1
-        if tally.tried % SAID == 0:
-            say(f"{tally}")
-    return tally
+            told, verdict = attempted(good[kind], kind, place, np.random.default_rng([seed, number]))
+        finally:
+            shutil.rmtree(place, ignore_errors=True)
+        assert OUTSIDE.read_text() == OF_SOMEBODY_ELSE, f"{told}: wrote outside its folder"
+        fate = next((each for each in ("died", "MiB of memory") if each in verdict.message), "")
+        outcome = f"{kind}: {verdict.outcome} ({fate or told.split(';')[0]})"
+        return Ended(outcome, verdict.cpu_s, verdict.memory)
+
+    return tried(numbers, one, say)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 where one input is neither accepted nor refused in one line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--inputs", type=int, default=10_000, help="through the importers")
-    parser.add_argument("--commands", type=int, default=100, help="through the command line")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--first", type=int, default=0, help="number of the first input")
-    options = parser.parse_args(arguments)
+def rounds(folder: Path) -> dict[str, list[Round]]:
+    """Write the good exports."""
     os.environ |= FRUGAL
-    faults = 0
-    with tempfile.TemporaryDirectory() as name:
-        good = prepare(Path(name))
-        for commands, count in ((False, options.inputs), (True, options.commands)):
-            began = time.monotonic()
-            numbers = range(options.first, options.first + count)
-            tally = run(
-                good, numbers, options.seed, commands, Path(name) / "tries", lambda text: print(text, file=sys.stderr)
-            )
-            faults += tally.faults
-            where = "commands" if commands else "inputs"
-            spent = time.monotonic() - began
-            print(f"{count} {where}, {tally.faults} faults, {spent:.0f} s in all")
-            print(f"  slowest {tally.slowest:.2f} s of CPU, largest {tally.largest / 2**20:.0f} MiB")
-            for outcome, number in sorted({**tally.ended, **tally.reasons}.items()):
-                print(f"  {outcome}: {number}")
-    return 1 if faults else 0
+    good = prepare(folder)
+    return {"inputs": [partial(run, False, good)], "commands": [partial(run, True, good)]}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(str(__doc__), {"inputs": 10_000, "commands": 100}, rounds))

@@ -7,7 +7,6 @@ imported. One is either accepted as what was written, or refused in one line; no
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import io
 import json
@@ -17,7 +16,6 @@ import socket
 import sys
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -28,6 +26,7 @@ from typing import Any
 import numpy as np
 from mcap.writer import CompressionType, Writer
 from mutate import LONGEST_MESSAGE, Kind, damaged, damaged_value
+from runner import Ended, Round, Say, Tally, main, tried
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.process import Bounds, isolated
@@ -426,62 +425,32 @@ def _agrees(held: Any, found: Any) -> bool:
     return bool(held == found) or found is None
 
 
-@dataclass
-class Tally:
-    """How many ended how."""
-
-    ended: Counter[str]
-    faults: int = 0
-
-
-def run(
-    good: Path, subjects: Sequence[Subject], numbers: range, seed: int, scratch: Path, say: Callable[[str], object]
-) -> Tally:
+def run(good: Path, subjects: Sequence[Subject], numbers: range, seed: int, scratch: Path, say: Say) -> Tally:
     """Try so many damaged files, kinds in turn; faults are said and counted."""
-    tally = Tally(Counter())
-    for number in numbers:
-        subject = subjects[number % len(subjects)]
-        place = scratch / f"try{number}"
+
+    def one(number: int) -> Ended:
+        subject, place = subjects[number % len(subjects)], scratch / f"try{number}"
         place.mkdir(parents=True)
         try:
             told, accepted = attempt(good, subject, place, np.random.default_rng([seed, number]))
-        except Exception as error:  # noqa: BLE001 - any other is what is looked for
-            tally.faults += 1
-            say(f"{subject.name} {number}: {type(error).__name__}: {str(error)[-1500:]}")
-        else:
-            outcome = "accepted" if accepted else "refused"
-            tally.ended[f"{subject.name}, {told if told in ('bytes', 'rewritten') else 'replaced'}: {outcome}"] += 1
-        shutil.rmtree(place, ignore_errors=True)
-        (good.parent / "code-ran").unlink(missing_ok=True)
-    return tally
+        finally:
+            shutil.rmtree(place, ignore_errors=True)
+            (good.parent / "code-ran").unlink(missing_ok=True)
+        how = told if told in ("bytes", "rewritten") else "replaced"
+        return Ended(f"{subject.name}, {how}: {'accepted' if accepted else 'refused'}")
+
+    return tried(numbers, one, say)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 where one input is neither accepted nor refused in one line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--inputs", type=int, default=5000, help="logs")
-    parser.add_argument("--files", type=int, default=2000, help="calibrations, trials, protocols and noise files")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--first", type=int, default=0, help="number of the first input")
-    options = parser.parse_args(arguments)
+def prepare(folder: Path) -> dict[str, list[Round]]:
+    """Write the good files."""
     # The server that forks takes its path from here alone: it imports this module once, and not each process.
     os.environ["PYTHONPATH"] = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-    faults = 0
-    with tempfile.TemporaryDirectory() as name:
-        good = Path(name).resolve() / "good"
-        good_folder(good)
-        for subjects, count in (((LOG,), options.inputs), (FILES, options.files)):
-            began = time.monotonic()
-            numbers = range(options.first, options.first + count)
-            tally = run(good, subjects, numbers, options.seed, good.parent / "tries", partial(print, file=sys.stderr))
-            faults += tally.faults
-            print(f"{count} inputs, {tally.faults} faults, {time.monotonic() - began:.0f} s in all")
-            for outcome, number in sorted(tally.ended.items()):
-                print(f"  {outcome} {number}")
-    return 1 if faults else 0
+    good_folder(folder / "good")
+    return {"inputs": [partial(run, folder / "good", (LOG,))], "files": [partial(run, folder / "good", FILES)]}
 
 
 if __name__ == "__main__":
     import logs  # by its name, as the server that forks imports it
 
-    sys.exit(logs.main())
+    sys.exit(main(str(__doc__), {"inputs": 5000, "files": 2000}, logs.prepare))

@@ -7,18 +7,15 @@ in a forked process with 1 GiB of memory and 5 s of CPU. A message is accepted a
 
 from __future__ import annotations
 
-import argparse
 import os
 import pickle
 import signal
 import sys
-import tempfile
 import threading
 import time
 import traceback
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +23,7 @@ from typing import Any
 import msgpack
 import numpy as np
 from mutate import LONGEST_MESSAGE, damaged, damaged_value
+from runner import Ended, Say, Tally, main, tried
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 from websockets.sync.server import serve
@@ -446,16 +444,6 @@ def in_process(attempt: Callable[[], str], folder: Path) -> tuple[str, float, in
     return outcome, float(seconds), int(peak)
 
 
-@dataclass
-class Tally:
-    """How many ended how, and what the worst took."""
-
-    ended: Counter[str] = field(default_factory=Counter)
-    slowest: float = 0.0
-    largest: int = 0
-    faults: int = 0
-
-
 GOOD: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "answers": ANSWERS,
     "first messages": (HELLO,),
@@ -475,49 +463,22 @@ def drawn(number: int, seed: int, what: str) -> tuple[str, bytes | str | list[by
     return str(good["kind"]), hostile(good, generator)
 
 
-def run(count: int, seed: int, what: str, say: Callable[[str], object]) -> Tally:
+def run(what: str, numbers: range, seed: int, scratch: Path, say: Say) -> Tally:
     """Try so many messages of a kind; faults are said and counted."""
     os.environ[TOKEN] = SECRET
     server.GREETING, server.CLOSING = DEADLINE, 0.02
-    tally = Tally()
     PolicyServer(ControllerSpec(f"{__file__}:Still"), "panda", SECRET, port=0).close()  # what is loaded once
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name) / "there"
-        folder.mkdir()
-        (folder / "canary.py").write_text(CANARY)
-        for number in range(count):
-            kind, message = drawn(number, seed, what)
-            try:
-                outcome, seconds, peak = in_process(partial(TRIED[what], message, kind), folder)
-            except AssertionError as error:
-                tally.faults += 1
-                say(f"{kind} {number}: {str(error)[-1500:]}")
-            else:
-                tally.ended[f"{kind}: {outcome}"] += 1
-                tally.slowest, tally.largest = max(tally.slowest, seconds), max(tally.largest, peak)
-    return tally
+    folder = scratch / what
+    folder.mkdir(parents=True)
+    (folder / "canary.py").write_text(CANARY)
 
+    def one(number: int) -> Ended:
+        kind, message = drawn(number, seed, what)
+        outcome, seconds, peak = in_process(partial(TRIED[what], message, kind), folder)
+        return Ended(f"{kind}: {outcome}", seconds, peak)
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 where one message is neither accepted as what it says nor refused in one line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--inputs", type=int, default=5000, help="of each kind")
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args(arguments)
-    faults = 0
-    for what in GOOD:
-        began = time.monotonic()
-        tally = run(options.inputs, options.seed, what, lambda text: print(text, file=sys.stderr))
-        faults += tally.faults
-        spent = time.monotonic() - began
-        print(
-            f"{options.inputs} {what}, {tally.faults} faults, slowest {tally.slowest:.2f} s of CPU, largest "
-            f"{tally.largest / 2**20:.0f} MiB, {spent:.0f} s in all"
-        )
-        for outcome, number in sorted(tally.ended.items()):
-            print(f"  {outcome} {number}", flush=True)
-    return 1 if faults else 0
+    return tried(numbers, one, say)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(str(__doc__), {"inputs": 5000}, lambda _: {"inputs": [partial(run, what) for what in GOOD]}))

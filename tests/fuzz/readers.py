@@ -6,25 +6,23 @@ says how they ended; object folders have ``objects.py``.
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
-import tempfile
-import time
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from constraints import point_to_point
 
-sys.path.append(str(Path(__file__).parents[1] / "kill"))
+sys.path += [str(Path(__file__).parents[1] / name) for name in ("kill", "common")]
 
 import fake_world
 from mutate import LIMIT, LONGEST_MESSAGE, Kind, Verdict, damaged, judged
+from runner import Ended, Round, Say, Tally, main, tried
 
 from gensim2.bench import read_problems
 from gensim2.core.record_files import read_record
@@ -281,71 +279,32 @@ def problem_line() -> str:
     )
 
 
-@dataclass
-class Tally:
-    """How many ended how, and what the slowest took."""
-
-    ended: Counter[str]
-    slowest: float = 0.0
-    faults: int = 0
-
-
-def run(
-    count: int, seed: int, commands: bool, folder: Path, say: Callable[[str], object], only: str | None = None
-) -> Tally:
-    """Try ``count`` inputs, kinds in turn and of each its files in turn; faults are said and counted."""
-    tally = Tally(Counter())
+def run(commands: bool, folder: Path, numbers: range, seed: int, _: Path, say: Say) -> Tally:
+    """Try damaged inputs, kinds in turn and of each its files in turn; faults are said and counted."""
     kinds: dict[str, list[Subject]] = {}
     for subject in subjects():
-        if (subject.command is not None or not commands) and (only is None or subject.name.startswith(only)):
+        if subject.command is not None or not commands:
             kinds.setdefault(subject.name, []).append(subject)
     chosen = list(kinds.values())
-    for number in range(count):
+
+    def one(number: int) -> Ended:
         files = chosen[number % len(chosen)]
         subject = files[number // len(chosen) % len(files)]
         generator = np.random.default_rng([seed, number])
-        try:
-            if commands:
-                code, seconds = attempt_command(folder, subject, generator)
-                outcome = f"exit code {code}"
-            else:
-                verdict = attempt(folder, subject, generator)
-                outcome, seconds = "accepted" if verdict.accepted else "refused", verdict.seconds
-        except Exception as error:  # noqa: BLE001 - any other is what is looked for
-            tally.faults += 1
-            say(f"{subject.name} {number}: {type(error).__name__}: {str(error)[-1500:]}")
-        else:
-            tally.ended[f"{subject.name}: {outcome}"] += 1
-            tally.slowest = max(tally.slowest, seconds)
-    return tally
+        if commands:
+            code, seconds = attempt_command(folder, subject, generator)
+            return Ended(f"{subject.name}: exit code {code}", seconds)
+        verdict = attempt(folder, subject, generator)
+        return Ended(f"{subject.name}: {'accepted' if verdict.accepted else 'refused'}", verdict.seconds)
+
+    return tried(numbers, one, say)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 where one input is neither accepted nor refused in one line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--inputs", type=int, default=10_000, help="through the readers in process")
-    parser.add_argument("--commands", type=int, default=300, help="through the command line")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", help="kinds of input that begin so")
-    parser.add_argument("--problems", type=Path, help="recorded planning problems, of which the first is damaged too")
-    options = parser.parse_args(arguments)
-    faults = 0
-    with tempfile.TemporaryDirectory() as name:
-        line = problem_line() if options.problems is None else options.problems.open().readline()
-        good_folder(Path(name), line)
-        for commands, count in ((False, options.inputs), (True, options.commands)):
-            began = time.monotonic()
-            tally = run(
-                count, options.seed, commands, Path(name), lambda text: print(text, file=sys.stderr), options.only
-            )
-            faults += tally.faults
-            where = "commands" if commands else "inputs"
-            spent = time.monotonic() - began
-            print(f"{count} {where}, {tally.faults} faults, slowest {tally.slowest:.2f} s, {spent:.0f} s in all")
-            for outcome, number in sorted(tally.ended.items()):
-                print(f"  {outcome} {number}")
-    return 1 if faults else 0
+def prepare(folder: Path) -> dict[str, list[Round]]:
+    """Write the good files."""
+    good_folder(folder, problem_line())
+    return {"inputs": [partial(run, False, folder)], "commands": [partial(run, True, folder)]}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(str(__doc__), {"inputs": 10_000, "commands": 300}, prepare))

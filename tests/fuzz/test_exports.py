@@ -23,7 +23,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> dict[exports.Format, Path]
 
 def test_damaged_exports_are_accepted_or_refused_in_one_line(good: dict[exports.Format, Path], tmp_path: Path) -> None:
     faults: list[str] = []
-    tally = exports.run(good, range(COUNT), 7, False, tmp_path.resolve(), faults.append)
+    tally = exports.run(False, good, range(COUNT), 7, tmp_path.resolve(), faults.append)
     assert not faults
     assert sum(tally.ended.values()) == COUNT
     for kind in exports.FORMATS:

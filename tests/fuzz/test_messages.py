@@ -12,9 +12,9 @@ COUNT = 60
 
 
 @pytest.mark.parametrize("what", messages.GOOD)
-def test_hostile_messages_are_accepted_as_they_are_or_refused_in_one_line(what: str) -> None:
+def test_hostile_messages_are_accepted_as_they_are_or_refused_in_one_line(what: str, tmp_path: Path) -> None:
     faults: list[str] = []
-    tally = messages.run(COUNT, 7, what, faults.append)
+    tally = messages.run(what, range(COUNT), 7, tmp_path, faults.append)
     assert not faults
     assert sum(tally.ended.values()) == COUNT
     assert {ended.split(": ")[1] for ended in tally.ended} == {"accepted", "refused"}

@@ -34,7 +34,7 @@ def test_a_good_problem_is_solved_by_its_command(folder: Path) -> None:
 
 def test_damage_is_accepted_or_refused_in_one_line(folder: Path) -> None:
     faults: list[str] = []
-    tally = run(300, 7, False, folder, faults.append)
+    tally = run(False, folder, range(300), 7, folder, faults.append)
     assert not faults
     ended = tally.ended
     assert sum(ended.values()) == 300
@@ -44,7 +44,7 @@ def test_damage_is_accepted_or_refused_in_one_line(folder: Path) -> None:
 
 def test_damage_is_accepted_or_refused_by_the_command_line(folder: Path) -> None:
     faults: list[str] = []
-    tally = run(6, 7, True, folder, faults.append)
+    tally = run(True, folder, range(6), 7, folder, faults.append)
     assert not faults
     assert sum(tally.ended.values()) == 6
 

@@ -1,0 +1,94 @@
+"""Tries numbered inputs, counts how they ended, and is the command line of every module that damages files."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+SAID = 1000
+"""Inputs after which the count of faults is said."""
+
+Say = Callable[[str], object]
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How one input ended, the CPU seconds that its reader took, and its highest memory in bytes."""
+
+    outcome: str
+    seconds: float = 0.0
+    memory: int = 0
+
+
+@dataclass
+class Tally:
+    """Number of inputs by outcome, and the slowest and the largest reader, where they are measured."""
+
+    ended: Counter[str] = field(default_factory=Counter)
+    slowest: float = 0.0
+    largest: int = 0
+    faults: int = 0
+
+
+Round = Callable[[range, int, Path, Say], Tally]
+"""Tries inputs, given their numbers, the seed, a folder to write to, and a listener."""
+
+
+def tried(numbers: Iterable[int], attempt: Callable[[int], Ended], say: Say) -> Tally:
+    """Try each input; faults are said and counted."""
+    tally = Tally()
+    for count, number in enumerate(numbers, 1):
+        try:
+            found = attempt(number)
+        except Exception as error:  # noqa: BLE001 - any other is what is looked for
+            tally.faults += 1
+            say(f"{number}: {type(error).__name__}: {str(error)[-1500:]}")
+        else:
+            tally.ended[found.outcome] += 1
+            tally.slowest, tally.largest = max(tally.slowest, found.seconds), max(tally.largest, found.memory)
+        if count % SAID == 0:
+            say(f"{count} tried, {tally.faults} faults")
+    return tally
+
+
+def main(
+    about: str,
+    counts: Mapping[str, int],
+    prepare: Callable[[Path], Mapping[str, Sequence[Round]]],
+    arguments: Sequence[str] | None = None,
+) -> int:
+    """Run a command line; 1 where one input is neither accepted as what it is nor refused in one line.
+
+    Args:
+        about: text of the help.
+        counts: names of options, with the number of inputs that each has by default.
+        prepare: fills a folder with good inputs; returns the rounds of each option.
+        arguments: of the command line; None: those of the process.
+    """
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, count in counts.items():
+        parser.add_argument(f"--{name}", type=int, default=count)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="number of the first input")
+    options = parser.parse_args(arguments)
+    faults = 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name).resolve()
+        for option, rounds in prepare(folder).items():
+            count, began = getattr(options, option), time.monotonic()
+            for each in rounds:
+                numbers = range(options.first, options.first + count)
+                tally = each(numbers, options.seed, folder / "tries", lambda text: print(text, file=sys.stderr))
+                faults += tally.faults
+                print(f"{count} {option}, {tally.faults} faults, {time.monotonic() - began:.0f} s in all")
+                if tally.slowest:
+                    print(f"  slowest {tally.slowest:.2f} s of CPU, largest {tally.largest / 2**20:.0f} MiB")
+                for outcome, number in sorted(tally.ended.items()):
+                    print(f"  {outcome}: {number}", flush=True)
+    return 1 if faults else 0
