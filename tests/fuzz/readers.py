@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from constraints import point_to_point
 
 sys.path += [str(Path(__file__).parents[1] / name) for name in ("kill", "common")]
 
 import fake_world
+from constraints import point_to_point
 from mutate import LIMIT, LONGEST_MESSAGE, Kind, Verdict, damaged, judged
 from runner import Ended, Round, Say, Tally, main, tried
 
