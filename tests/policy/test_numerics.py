@@ -10,8 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from gensim2.policy.encoders.grouping import ball_query, farthest_points, interpolated
-from gensim2.policy.heads.diffusion import DiffusionHead, ddim_levels, signal_shares
-from gensim2.policy.heads.flow import FlowHead
+from gensim2.policy.heads.diffusion import DiffusionHead, FlowHead, ddim_levels, signal_shares
 from gensim2.policy.heads.protocol import Context
 from gensim2.policy.rotations import angle_between, matrix_of_quaternion, matrix_of_six, six_of_matrix
 

@@ -21,7 +21,7 @@ from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.gradient_step import GradientStep, training_batch
 from gensim2.policy.network import fresh_network
 from gensim2.policy.replicas import Replicas
-from gensim2.policy.step_cost import seconds_a_step
+from gensim2.policy.teachers import seconds_a_step
 from gensim2.policy.text import prepare
 from gensim2.policy.train import train_policy
 

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from gensim2.policy import stopwatch
+from gensim2.policy.latency import Stopwatch
 
 
 def test_stages_and_their_sum_are_told_without_the_first_passes_and_those_dropped(
@@ -17,7 +17,7 @@ def test_stages_and_their_sum_are_told_without_the_first_passes_and_those_droppe
 
     monkeypatch.setattr(time, "perf_counter", lambda: next(wall))
     monkeypatch.setattr(time, "process_time", lambda: next(cpu))
-    watch = stopwatch.Stopwatch("look", "think")
+    watch = Stopwatch("look", "think")
     for marks, kept in ((2, True), (2, True), (1, False), (2, True)):
         watch.begin()
         for _ in range(marks):

@@ -108,8 +108,7 @@ def collect(
         given = [replace(one, instances=word.instances) for one, word in zip(counted, given, strict=True)]
     given = [replace(one, rollout=replace(one.rollout, noise=noise)) for one in only_strategies(given, strategy)]
     # Only now what takes long to import.
-    from gensim2.data.folder import ERRORS_LOG, CollectionFolder
-    from gensim2.data.queue import Queue
+    from gensim2.data.queue import ERRORS_LOG, CollectionFolder, Queue
     from gensim2.rollout.runner import EpisodeRunner
 
     listener = listener or NullListener()

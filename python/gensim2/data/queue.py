@@ -1,4 +1,4 @@
-"""The queue of a collection: which episodes are done, which are to come, and what becomes of each.
+"""The folder and the queue of a collection: which episodes are done, which are to come, what becomes of each.
 
 What this process keeps does not grow with the episodes but for one byte each.
 """
@@ -6,16 +6,23 @@ What this process keeps does not grow with the episodes but for one byte each.
 from __future__ import annotations
 
 import contextlib
+import platform
 import shutil
+import socket
+import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic, write_json
+from gensim2.core.pages import template
+from gensim2.core.resumable import ResumableFolder
 from gensim2.data.card import card
-from gensim2.data.folder import CollectionFolder, now
-from gensim2.data.page import write_page
-from gensim2.data.record import ObjectUsed
+from gensim2.data.dataset import DATASET_JSON, DataSet
+from gensim2.data.record import DatasetRecord, ObjectUsed
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.status import Listener, Status
 from gensim2.data.task_queue import Quota, TaskQueue, run_queues
@@ -25,6 +32,70 @@ from gensim2.rollout.runner import EpisodeRunner
 
 UPDATE_SECONDS = 0.5
 """Between two words to whoever watches."""
+RUN_JSON, ERRORS_LOG, REPORT = "run.json", "errors.log", "report.html"
+"""Files that record when, where and how; everything else in the folder follows from ``dataset.json``."""
+
+
+def write_page(dataset: DataSet, status: Status, run: Mapping[str, Any]) -> Path:
+    """Write ``report.html`` and return its path.
+
+    Args:
+        status: how far the collection is.
+        run: what ``run.json`` says.
+
+    Raises:
+        WriteError: the folder cannot be written to.
+    """
+    licenses: dict[str, list[str]] = {}
+    for name, used in dataset.record.objects.items():
+        licenses.setdefault(used.license, []).append(name)
+    page = template("gensim2.data", "collection.html.j2").render(
+        record=dataset.record.model_dump(), status=status, run=dict(run), licenses=licenses
+    )
+    path = dataset.path / REPORT
+    write_atomic(path, page)
+    return path
+
+
+class CollectionFolder(ResumableFolder[DatasetRecord]):
+    """A context manager: leaving it gives the folder up.
+
+    Args:
+        path: the folder; it is made where it is not there, also to ``resume``.
+        record: what the collection is to be. A data set that is gone on with may get more episodes and more tasks;
+            everything else must be as it was.
+        resume: go on with a data set that is there.
+        process: facts of this run alone (workers, for example), for ``run.json``.
+
+    Raises:
+        InputError: the folder holds a data set and ``resume`` is off, or another one, or something else, or another
+            process is at work in it, or it cannot be written.
+    """
+
+    def __init__(self, path: Path, record: DatasetRecord, resume: bool, process: dict[str, Any]) -> None:
+        super().__init__(path, DATASET_JSON, record, holds="a data set", resume=resume)
+        self.dataset = DataSet(path, self.record)
+        self._run: dict[str, Any] = {
+            "command_line": sys.argv[1:],
+            "host": socket.gethostname(),
+            "platform": platform.platform(),
+            "folder": str(path.resolve()),
+            "started": now(),
+            "finished": None,
+            **process,
+        }
+        self.note({})
+
+    def note(self, progress: dict[str, Any]) -> dict[str, Any]:
+        """Write ``run.json`` and return what it holds."""
+        self._run |= progress
+        write_json(self.path / RUN_JSON, self._run)
+        return self._run
+
+
+def now() -> str:
+    """The time, with its zone."""
+    return time.strftime("%Y-%m-%dT%H:%M:%S%z")
 
 
 class Queue:

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import torch
 
 WIDTH = 0.02
 """Metres about a place within which points are to be hot."""
 OFFSET = 0.1
 """Metres in a unit of an offset."""
+
+
+def fourier_features(positions: torch.Tensor, bands: Sequence[float]) -> list[torch.Tensor]:
+    """Return the sine and the cosine of positions (..., 3), m, for each of the bands, 1/m."""
+    angles = [2 * math.pi * band * positions for band in bands]
+    return [wave(each) for each in angles for wave in (torch.sin, torch.cos)]
 
 
 def places_of(points: torch.Tensor, logits: torch.Tensor, offsets: torch.Tensor) -> torch.Tensor:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
 from gensim2.core.progress import NULL_PROGRESS, Progress
@@ -16,13 +18,57 @@ from gensim2.perception.cloud import candidates_for
 from gensim2.policy.config import HEADS, PolicyConfig
 from gensim2.policy.frames import SEEN, inputs_of
 from gensim2.policy.network import CLOUD, PROPRIO, TEXT, fresh_network
-from gensim2.policy.stopwatch import Stopwatch
 from gensim2.policy.text import prepare
 from gensim2.sim import HeadlessEnv
 
 TASK = "CloseBox"
 WARM_UP = 10
 """First decisions that are not measured."""
+
+
+class Stopwatch:
+    """Times repeated passes through the same stages.
+
+    Args:
+        stages: names, in order; ``total`` comes on top.
+    """
+
+    def __init__(self, *stages: str) -> None:
+        self._stages = (*stages, "total")
+        self._marks: list[tuple[float, float]] = []
+        self._passes: list[npt.NDArray[np.float64]] = []
+
+    def __len__(self) -> int:
+        """Return the number of passes that were kept."""
+        return len(self._passes)
+
+    def begin(self) -> None:
+        """Begin a pass, dropping one that was not kept."""
+        self._marks = []
+        self.mark()
+
+    def mark(self) -> None:
+        """End a stage, and begin the next."""
+        self._marks.append((time.perf_counter(), time.process_time()))
+
+    def keep(self) -> None:
+        """Keep the pass, each of whose stages has ended."""
+        marks = np.array(self._marks)
+        self._passes.append(np.vstack([np.diff(marks, axis=0), marks[-1:] - marks[:1]]))
+
+    def percentiles(self, warm_up: int) -> dict[str, dict[str, float]]:
+        """Return milliseconds by stage: ``p50`` and ``p95`` of wall time, ``cpu`` time on median.
+
+        Args:
+            warm_up: number of first passes that are left out.
+        """
+        times = np.array(self._passes[warm_up:])  # (passes, stages, wall and CPU)
+
+        def by_stage(share: float, clock: int) -> dict[str, float]:
+            found = 1e3 * np.percentile(times[..., clock], share, axis=0)
+            return dict(zip(self._stages, found.round(3).tolist(), strict=True))
+
+        return {"p50": by_stage(50, 0), "p95": by_stage(95, 0), "cpu": by_stage(50, 1)}
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from torch import nn
 
 from gensim2.policy.encoders.grouping import gathered
 from gensim2.policy.encoders.mlp import MlpEncoder
-from gensim2.policy.fourier import fourier_features
-from gensim2.policy.heatmap import heat_loss, places_of
+from gensim2.policy.heatmap import fourier_features, heat_loss, places_of
 from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS
 from gensim2.policy.rotations import six_of_matrix
 

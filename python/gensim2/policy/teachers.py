@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_json
@@ -13,14 +17,18 @@ from gensim2.core.progress import NullProgress, Progress
 from gensim2.perception import ObservationSpec
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
-from gensim2.policy.devices import read_devices
+from gensim2.policy.devices import read_devices, share_of
+from gensim2.policy.gradient_step import GradientStep
 from gensim2.policy.keypose.adding import BESIDE, DATA, plan_again, take_along
 from gensim2.policy.keypose.data import Planned, plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.teaching import pulls_last
 from gensim2.policy.keypose.training import train_keypose
 from gensim2.policy.learn_record import LEARN_JSON, LearnRecord
-from gensim2.policy.step_cost import seconds_a_step
+from gensim2.policy.network import fresh_network
+from gensim2.policy.replicas import Replicas
+from gensim2.policy.source import Source
+from gensim2.policy.text import prepare
 from gensim2.policy.train import TrainResult
 from gensim2.rollout.counted_objects import number_of_objects
 from gensim2.rollout.inputs import TaskInput
@@ -37,6 +45,44 @@ EPISODES, PORTION = 600, 25
 
 How = tuple[PolicyConfig, TrainConfig, ObservationSpec, str]
 """Network, training, what is seen, and names of the training's devices."""
+
+
+WARM_UP, PROBES, PROBE_S = 3, 5, 2.0
+"""Steps by which the time of one is measured, at least, and the seconds that they take: the first are slow."""
+CPU = torch.device("cpu")
+OVERHEAD = 1.15
+"""Of a step's time, for the optimizer and the averages."""
+
+
+def seconds_a_step(
+    source: Source, policy: PolicyConfig, training: TrainConfig, devices: Sequence[torch.device] = (CPU,)
+) -> float:
+    """Seconds of a gradient step: the median of many on a network that is thrown away.
+
+    The first ones are not counted: they touch memory for the first time, and take up to four times as long.
+
+    Args:
+        source, policy, training: of the training.
+        devices: that share a batch. CPU seconds of all where they are CPUs, else seconds by the clock.
+    """
+    torch.set_num_threads(training.threads or 1)
+    ways = len(source.ways) if isinstance(source, PlannedSource) else policy.ways
+    config = PolicyConfig.of({**policy.to_dict(), "ways": ways, "points": source.observation.cloud.points})
+    table, share = prepare(source.sentences, config), share_of(training.batch, devices)
+    network = fresh_network(config, source.action.arm, table.shape[1:], 0).to(devices[0]).train()
+    gradients = GradientStep(network, source, config, training, table.to(devices[0]), share)
+    on_cpu, taken = devices[0].type == "cpu", list[float]()
+    with Replicas(network, source, config, training, table, share, devices[1:]) as others:
+
+        def clock() -> float:
+            return time.process_time() + others.cpu_s if on_cpu else time.perf_counter()
+
+        while len(taken) < WARM_UP + PROBES or sum(taken) < PROBE_S:
+            begin = clock()
+            others.begin(len(taken))
+            others.mean_with(gradients(len(taken)))
+            taken.append(clock() - begin)
+    return OVERHEAD * float(np.median(taken[WARM_UP:]))
 
 
 def teach_by_plans(

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import hashlib
 import math
+import signal
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import torch
@@ -29,7 +33,6 @@ from gensim2.policy.network import PolicyNetwork, fresh_network
 from gensim2.policy.replicas import Replicas
 from gensim2.policy.source import Source
 from gensim2.policy.text import prepare
-from gensim2.policy.train_signals import deferred_signals
 from gensim2.policy.train_state import STATE_JSON, Identity, TrainState
 from gensim2.robots import robot
 
@@ -38,6 +41,37 @@ FITTED = 1024
 
 TRAINING = "training"
 """Folder of the state and the curves, in that of the checkpoint."""
+
+
+_STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+@contextlib.contextmanager
+def deferred_signals() -> Iterator[Callable[[], bool]]:
+    """Defer SIGINT, SIGTERM and SIGHUP to the end of the block; yield a function that tells whether one has come.
+
+    A signal inside an optimizer step would interrupt it half done. The first deferred signal is raised again at the
+    end; ignored signals stay ignored. Outside the main thread nothing is deferred.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    came: list[int] = []
+
+    def note(number: int, _: FrameType | None) -> None:
+        came.append(number)
+
+    former = {number: signal.getsignal(number) for number in _STOPPING}
+    kept = {number: handler for number, handler in former.items() if handler not in (signal.SIG_IGN, None)}
+    try:
+        for number in kept:
+            signal.signal(number, note)
+        yield lambda: bool(came)
+    finally:
+        for number, handler in kept.items():
+            signal.signal(number, handler)
+    if came:
+        signal.raise_signal(came[0])
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ from gensim2.core.errors import InputError
 from gensim2.policy.experiments import NAMES, config_of, read_experiment
 from gensim2.policy.experiments.config import Arm, ExperimentConfig
 from gensim2.policy.experiments.figures import Rate, TaskFigures, difference, summary
-from gensim2.policy.experiments.language import opposites, rephrased
 from gensim2.policy.experiments.page import figure, write_page
-from gensim2.policy.experiments.running import ArmResult, ExperimentRecord, ExperimentResult
+from gensim2.policy.experiments.running import ArmResult, ExperimentRecord, ExperimentResult, opposites, rephrased
 from gensim2.tasks.library import load_task, task_names
 
 

@@ -2,7 +2,38 @@
 
 from __future__ import annotations
 
-from gensim2.policy.encoders.make import make_encoder
+from typing import TYPE_CHECKING, Any
+
+from gensim2.core.errors import InputError
+from gensim2.policy.encoders.mlp import MlpEncoder, StateEncoder
+from gensim2.policy.encoders.pointnet import PointNetEncoder
+from gensim2.policy.encoders.pointnext import PointNextEncoder
 from gensim2.policy.encoders.protocol import PointEncoder
+from gensim2.policy.frames import cloud_size
+
+if TYPE_CHECKING:
+    from gensim2.policy.config import PolicyConfig
 
 __all__ = ["PointEncoder", "make_encoder"]
+
+_KINDS: dict[str, Any] = {
+    "mlp": MlpEncoder,
+    "pointnet": PointNetEncoder,
+    "pointnext": PointNextEncoder,
+    "state": StateEncoder,
+}
+
+
+def make_encoder(config: PolicyConfig) -> PointEncoder:
+    """Return the encoder that the configuration names, with fresh weights.
+
+    Raises:
+        InputError: the encoder of states is not told the number of points.
+    """
+    more: dict[str, Any] = {"blocks": config.blocks} if config.encoder == "pointnext" else {}
+    if config.encoder == "state":
+        if config.points is None:
+            raise InputError("is as many as the data have, and the encoder state must know it", field="points")
+        more = {"points": config.points}
+    encoder: PointEncoder = _KINDS[config.encoder](cloud_size(config), **more)
+    return encoder

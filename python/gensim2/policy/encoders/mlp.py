@@ -1,4 +1,4 @@
-"""Per-point MLP with a maximum over the points (PointNet without its transforms and batch normalization)."""
+"""Encoders of MLPs: a maximum over the points (PointNet without its transforms), or the whole state."""
 
 from __future__ import annotations
 
@@ -7,6 +7,39 @@ from torch import nn
 
 ROWS = 1024
 """Points that a CPU takes through the layers at once, so that what is between them stays in its cache."""
+
+
+class StateEncoder(nn.Module):  # type: ignore[misc]
+    """MLP 256-256 on all numbers of all points at once; a point's feature is its own beside that of all.
+
+    Args:
+        channels: C, numbers a point.
+        points: N.
+    """
+
+    tokens, width, feature_width = 1, 256, 64 + 256
+
+    def __init__(self, channels: int, points: int) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Linear(channels * points, self.width),
+            nn.LayerNorm(self.width),
+            nn.GELU(),
+            nn.Linear(self.width, self.width),
+            nn.LayerNorm(self.width),
+            nn.GELU(),
+            nn.Linear(self.width, self.width),
+        )
+        self.of_point = nn.Linear(channels, 64)
+
+    def forward(self, points: torch.Tensor) -> torch.Tensor:
+        """Return the pooled token (B, 1, 256)."""
+        return self.layers(points.flatten(1))[:, None]
+
+    def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the pooled token (B, 1, 256) and the features (B, N, 320)."""
+        pooled = self(points)
+        return pooled, torch.cat([self.of_point(points), pooled.expand(-1, points.shape[1], -1)], -1)
 
 
 class MlpEncoder(nn.Module):  # type: ignore[misc]

@@ -2,7 +2,33 @@
 
 from __future__ import annotations
 
-from gensim2.policy.heads.make import make_head
+from typing import TYPE_CHECKING, Any
+
+from gensim2.policy.heads.chunk import ChunkHead, TransformerHead
+from gensim2.policy.heads.diffusion import DiffusionHead, FlowHead
+from gensim2.policy.heads.keypose import KeyposeHead
 from gensim2.policy.heads.protocol import Context, Head
 
+if TYPE_CHECKING:
+    from gensim2.policy.config import PolicyConfig
+
 __all__ = ["Context", "Head", "make_head"]
+
+_KINDS: dict[str, Any] = {
+    "chunk": ChunkHead,
+    "transformer": TransformerHead,
+    "diffusion": DiffusionHead,
+    "flow": FlowHead,
+    "keypose": KeyposeHead,
+}
+
+
+def make_head(config: PolicyConfig, arm: int, features: int) -> Head:
+    """Return the head that the configuration names, with fresh weights.
+
+    Args:
+        arm: m, number of the arm's joints.
+        features: G, width of a point's feature.
+    """
+    head: Head = _KINDS[config.head](config, arm, features)
+    return head

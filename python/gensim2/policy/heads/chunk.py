@@ -1,4 +1,4 @@
-"""Chunk head: an MLP on the readout, and the mean absolute error."""
+"""Heads that regress a chunk by its mean absolute error: an MLP, or learned queries (as in ACT, without its latent)."""
 
 from __future__ import annotations
 
@@ -9,10 +9,28 @@ import torch
 from torch import nn
 
 from gensim2.policy.heads.actions import ACTION, EXTRA, ActionScale
+from gensim2.policy.heads.decoder import DecodingHead
 
 if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
     from gensim2.policy.heads.protocol import Context
+
+
+class TransformerHead(DecodingHead):
+    """Decoder of queries, one a step, that look at the trunk's tokens."""
+
+    def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
+        """Return the mean absolute error of normalized chunks."""
+        return (self._chunks(context) - self.scale.normalized(batch[ACTION])).abs().mean()
+
+    def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
+        """Return chunks (B, H, m + 2)."""
+        return self.scale.restored(self._chunks(context))
+
+    def _chunks(self, context: Context) -> torch.Tensor:
+        tokens = context.tokens
+        empty = tokens.new_zeros(len(tokens), *self.size)
+        return self.decoder(empty, tokens.new_zeros(len(tokens)), tokens)
 
 
 class ChunkHead(nn.Module):  # type: ignore[misc]
@@ -21,6 +39,7 @@ class ChunkHead(nn.Module):  # type: ignore[misc]
     Args:
         config: of the policy.
         arm: m, number of the arm's joints.
+        features: not looked at.
     """
 
     wants_features = False

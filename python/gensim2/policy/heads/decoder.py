@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import torch
 from torch import nn
 
-from gensim2.policy.heads.actions import EXTRA
+from gensim2.policy.heads.actions import EXTRA, ActionScale
 from gensim2.policy.trunk import Block
 
 if TYPE_CHECKING:
@@ -57,3 +58,26 @@ def sinusoids(level: torch.Tensor, width: int) -> torch.Tensor:
     rates = torch.exp(torch.linspace(math.log(1000.0), math.log(0.1), half, device=level.device))
     angles = level[:, None] * rates
     return torch.cat([torch.sin(angles), torch.cos(angles)], -1)
+
+
+class DecodingHead(nn.Module):  # type: ignore[misc]
+    """Base of heads whose decoder looks at the trunk's tokens.
+
+    Args:
+        config: of the policy.
+        arm: m, number of the arm's joints.
+        features: not looked at.
+    """
+
+    wants_features = False
+    noise: tuple[int, ...] = ()
+
+    def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:
+        super().__init__()
+        self.size = (config.horizon, arm + EXTRA)
+        self.scale = ActionScale(config.horizon, arm)
+        self.decoder = ActionDecoder(config, arm)
+
+    def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
+        """Set the scale of actions."""
+        self.scale.fit(batch)

@@ -1,4 +1,4 @@
-r"""Diffusion head: predicts the chunk itself from a noisy one (Ho et al. 2020), and samples by DDIM (Song et al. 2021).
+r"""Heads that denoise a chunk: diffusion (Ho et al. 2020), sampled by DDIM (Song et al. 2021), and rectified flow.
 
 With the share :math:`\bar\alpha_t` of the signal, a noisy chunk is
 :math:`x_t = \sqrt{\bar\alpha_t}\, x_0 + \sqrt{1 - \bar\alpha_t}\,\epsilon`. Predicting :math:`x_0` beats predicting
@@ -12,10 +12,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import torch
-from torch import nn
 
-from gensim2.policy.heads.actions import ACTION, EXTRA, ActionScale
-from gensim2.policy.heads.decoder import ActionDecoder
+from gensim2.policy.heads.actions import ACTION
+from gensim2.policy.heads.decoder import DecodingHead
 
 if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
@@ -23,6 +22,35 @@ if TYPE_CHECKING:
 
 LARGEST = 5.0
 """Deviations beyond which a predicted chunk is cut off."""
+
+
+class FlowHead(DecodingHead):
+    r"""The velocity of a straight line from noise to the chunk (Lipman et al. 2023; rectified flow).
+
+    :math:`x_t = (1 - t)\,\epsilon + t\, x_0` moves by :math:`x_0 - \epsilon`; Euler's rule integrates from t = 0 to 1.
+    """
+
+    def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:
+        super().__init__(config, arm)
+        self.noise, self.steps = self.size, config.denoise_steps
+
+    def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
+        """Return the mean squared error of velocities at random times."""
+        chunk = self.scale.normalized(batch[ACTION])
+        made = {"generator": generator, "device": chunk.device}
+        noise = torch.randn(chunk.shape, **made)
+        time = torch.rand(len(chunk), **made)
+        t = time[:, None, None]
+        velocity = self.decoder((1 - t) * noise + t * chunk, 1 - time, context.tokens)
+        return (velocity - (chunk - noise)).square().mean()
+
+    def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
+        """Return chunks (B, H, m + 2)."""
+        chunk = noise
+        for step in range(self.steps):
+            level = torch.full((len(chunk),), 1 - step / self.steps, device=chunk.device)
+            chunk = chunk + self.decoder(chunk, level, context.tokens) / self.steps
+        return self.scale.restored(chunk)
 
 
 def signal_shares(levels: int) -> torch.Tensor:
@@ -50,29 +78,15 @@ def ddim_step(noisy: torch.Tensor, clean: torch.Tensor, now: torch.Tensor, then:
     return then.sqrt() * clean + (1 - then).sqrt() * noise
 
 
-class DiffusionHead(nn.Module):  # type: ignore[misc]
-    """Diffusion over chunks.
+class DiffusionHead(DecodingHead):
+    """Diffusion over chunks."""
 
-    Args:
-        config: of the policy.
-        arm: m, number of the arm's joints.
-        features: not looked at.
-    """
-
-    wants_features = False
     shares: torch.Tensor
 
     def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:
-        super().__init__()
-        self.noise = (config.horizon, arm + EXTRA)
-        self.levels, self.steps = config.noise_levels, config.denoise_steps
-        self.scale = ActionScale(config.horizon, arm)
-        self.decoder = ActionDecoder(config, arm)
+        super().__init__(config, arm)
+        self.noise, self.levels, self.steps = self.size, config.noise_levels, config.denoise_steps
         self.register_buffer("shares", signal_shares(self.levels).float())
-
-    def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Set the scale of actions."""
-        self.scale.fit(batch)
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
         """Return the mean squared error of chunks predicted from noisy ones of random levels."""

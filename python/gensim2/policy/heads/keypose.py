@@ -18,8 +18,7 @@ import torch
 from torch import nn
 
 from gensim2.policy.encoders.mlp import MlpEncoder
-from gensim2.policy.fourier import fourier_features
-from gensim2.policy.heatmap import heat_loss, places_of
+from gensim2.policy.heatmap import fourier_features, heat_loss, places_of
 from gensim2.policy.keypose.program import ACTUATION, KEYPOSES
 from gensim2.policy.rotations import matrix_of_six
 

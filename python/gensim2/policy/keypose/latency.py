@@ -13,7 +13,7 @@ from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.policy.checkpoint import checkpoint_folder
 from gensim2.policy.keypose.controller import KeyposeController
-from gensim2.policy.stopwatch import Stopwatch
+from gensim2.policy.latency import Stopwatch
 from gensim2.sim import HeadlessEnv
 from gensim2.tasks.library import load_task, task_names
 
