@@ -117,32 +117,20 @@ def episode_digest(path: Path) -> str:
 
 
 def read_row(path: Path) -> StoredEpisode:
-    """Return what an episode's file says, without its states.
-
-    Raises:
-        DamagedEpisodeError, InputError: as for :func:`episode_digest`.
-    """
+    """Return what an episode's file says, without its states."""
     with open_episode(path) as (row, _):
         return row
 
 
 def read_episode(path: Path) -> StoredEpisode:
-    """Return the whole of an episode's file.
-
-    Raises:
-        DamagedEpisodeError, InputError: as for :func:`episode_digest`.
-    """
+    """Return the whole of an episode's file."""
     with open_episode(path) as (row, group):
         return row if row.recorded is None else replace(row, recording=read_recording(group, row.recorded.model_dump()))
 
 
 @contextlib.contextmanager
 def open_episode(path: Path) -> Iterator[tuple[StoredEpisode, h5py.Group | None]]:
-    """Give the row and the group ``traj`` (None where no states were kept) of an episode's file.
-
-    Raises:
-        DamagedEpisodeError, InputError: as for :func:`episode_digest`.
-    """
+    """Give the row and the group ``traj`` (None where no states were kept) of an episode's file."""
     digest, content = _SEAL.read(path)
     try:
         with h5py.File(io.BytesIO(content), "r") as file:

@@ -93,11 +93,7 @@ def read_description(path: Path) -> dict[str, Any]:
 
 
 def checked_description(path: Path, episode_digest: str | None) -> dict[str, Any]:
-    """Return a whole file's description, checked.
-
-    Raises:
-        DamagedObservationError, InputError: as for :func:`read_description`, or it is of another episode.
-    """
+    """Return a whole file's description, checked."""
     found = read_description(path)
     if found.get("episode_digest") != episode_digest:
         raise InputError("is of another episode", file=path, remedy="delete it and render with --resume")

@@ -135,11 +135,7 @@ class Queue:
         )
 
     def run(self, evaluator: EpisodeRunner) -> Status:
-        """Run what is not done; leave the data set complete, with its report.
-
-        Raises:
-            WriteError, NotRunError, InputError: as :func:`gensim2.data.collection.collect`.
-        """
+        """Run what is not done; leave the data set complete, with its report."""
         self._evaluator = evaluator
         try:
             whole = self._read()
@@ -207,11 +203,7 @@ class Queue:
         self._add_objects(task)
 
     def _add_objects(self, task: TaskQueue) -> None:
-        """Note what a task came to, and the objects that its episodes were run with.
-
-        Raises:
-            InputError: an object is not the one any more that an episode was run with.
-        """
+        """Note what a task came to, and the objects that its episodes were run with."""
         objects = self._record.objects
         for row in task.store.rows():
             for thing in row.objects.values():

@@ -151,11 +151,7 @@ class Replay:
 
 
 def _check_states(states: Tree, rows: int) -> None:
-    """Refuse states of a number of instants other than ``rows``.
-
-    Raises:
-        ForeignHdf5Error: names the first.
-    """
+    """Refuse states of a number of instants other than ``rows``."""
     for kind, group in states.items():
         if not isinstance(group, dict):
             raise ForeignHdf5Error(f"env_states/{kind} is no group")

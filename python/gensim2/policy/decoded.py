@@ -218,11 +218,7 @@ def _remove(place: Path) -> None:
 
 
 def _read(each: _Row, spec: ObservationSpec) -> dict[str, Array]:
-    """The rows of one episode.
-
-    Raises:
-        InputError: a file is damaged, of another spec, or holds a number that is not finite.
-    """
+    """The rows of one episode."""
     path = each.store.observation_path(each.row.index)
     seen = read_observation(path, each.row.episode_digest)
     spec.require(spec_of_file(seen.description, path), str(path), of="the rest of the data")

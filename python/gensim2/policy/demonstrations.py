@@ -65,11 +65,7 @@ class Demonstrations:
         *,
         progress: Progress = NULL_PROGRESS,
     ) -> Demonstrations:
-        """Return the demonstrations of rendered data sets.
-
-        Raises:
-            InputError: as for :func:`~gensim2.policy.decoded.decode`.
-        """
+        """Return the demonstrations of rendered data sets."""
         return Demonstrations(decode(folders, tasks, progress=progress), config)
 
     def __len__(self) -> int:

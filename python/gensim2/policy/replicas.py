@@ -107,11 +107,7 @@ class Replicas:
         return loss / count
 
     def _receive(self, number: int) -> tuple[float, float]:
-        """Loss and CPU seconds of a replica's step; zeros once it is ready for the first.
-
-        Raises:
-            InputError: it failed or was killed.
-        """
+        """Loss and CPU seconds of a replica's step; zeros once it is ready for the first."""
         process, pipe, _ = self._replicas[number]
         try:
             said: tuple[float, float] | str = pipe.recv()

@@ -323,11 +323,7 @@ def _average(average: torch.nn.Module, network: torch.nn.Module, decay: float, s
 
 
 def _start_from(network: PolicyNetwork, start: PolicyCheckpoint, source: Source) -> None:
-    """Take the weights and the normalization of a checkpoint.
-
-    Raises:
-        InputError: robot, actions, observations or architecture differ.
-    """
+    """Take the weights and the normalization of a checkpoint."""
     start.require_robot(source.robot, "--from")
     start.observation.require(source.observation, "the data", of="--from")
     if start.action != source.action:

@@ -92,11 +92,7 @@ def train(
 
 
 def read_flat(path: Path) -> dict[str, Any]:
-    """Return the settings that a file gives, and no others.
-
-    Raises:
-        InputError: as for :func:`~gensim2.policy.config.read_config`.
-    """
+    """Return the settings that a file gives, and no others."""
     from gensim2.core.yaml_files import read_yaml
 
     read_config(path)

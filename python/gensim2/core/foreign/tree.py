@@ -161,12 +161,7 @@ class ForeignTree:
             return False
 
     def copy(self, name: str, to: Path, max_bytes: int) -> None:
-        """Copy the file ``name`` to ``to``, a file in a folder that is there.
-
-        Raises:
-            InputError: as for :meth:`read`.
-            OSError: it cannot be written.
-        """
+        """Copy the file ``name`` to ``to``, a file in a folder that is there."""
         content = self.read(name, max_bytes)
         to.write_bytes(content)
 
@@ -176,10 +171,6 @@ class ForeignTree:
         Args:
             to: a folder that is there.
             leave_out: name of the folders that are not copied.
-
-        Raises:
-            InputError: as for :meth:`sizes`, or a file cannot be read.
-            OSError: a file cannot be written.
         """
         for name in self.sizes():
             if leave_out not in Path(name).parts:

@@ -119,11 +119,7 @@ def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Pro
 def _frames(
     dataset: DataSet, chosen: Chosen, observations: bool, table: SeenTable, progress: Progress
 ) -> Iterator[Frames]:
-    """Those of every episode, one at a time.
-
-    Raises:
-        InputError: some episodes have observations and others none.
-    """
+    """Those of every episode, one at a time."""
     profile = robot(dataset.record.scene.robot)
     seen: set[bool] = set()
     for store, rows in chosen:

@@ -59,11 +59,7 @@ def import_(path: Path, out: Path, of: Format, *, progress: Progress = NULL_PROG
 
 
 def read_export(path: Path, folder: Path, of: Format, progress: Progress) -> int:
-    """Fill a folder with the data set of an export and return the number of episodes; as :func:`import_`, but here.
-
-    Raises:
-        InputError: as there; it names files of the export, for the folder may be gone when it is read.
-    """
+    """Fill a folder with the data set of an export and return the number of episodes; as :func:`import_`, but here."""
     try:
         return _read(path, folder, of, progress)
     except WriteError:
@@ -103,11 +99,7 @@ def _read(path: Path, folder: Path, of: Format, progress: Progress) -> int:
 
 
 def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Progress) -> int:
-    """Compare an export's frames with the episodes beside it; how many there are.
-
-    Raises:
-        InputError: they differ.
-    """
+    """Compare an export's frames with the episodes beside it; how many there are."""
     profile = robot(dataset.record.scene.robot)
     count = 0
     for store, row, stored in read_back(dataset, progress):

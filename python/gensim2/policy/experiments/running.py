@@ -293,11 +293,7 @@ def without_others(arm: Arm, record: ExperimentRecord) -> frozenset[str]:
 
 
 def _check_name(arm: Arm, name: str) -> None:
-    """Refuse a name that is no task's.
-
-    Raises:
-        InputError: there is no such task; names the arm.
-    """
+    """Refuse a name that is no task's."""
     try:
         load_task(name)
     except InputError as error:

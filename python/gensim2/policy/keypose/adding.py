@@ -152,9 +152,6 @@ def plan_again(
 
     Returns:
         The plans by task, and the CPU seconds that they took.
-
-    Raises:
-        InputError, NotRunError: as :func:`~gensim2.policy.keypose.data.plan_scenes`.
     """
     planned = [
         plan_scenes(one, spec, folder / DATA / one.spec.name, executor, seed=seed, scenes=REHEARSED, progress=progress)
