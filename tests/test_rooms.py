@@ -332,3 +332,19 @@ def test_jobs_are_handed_out_by_one_loop() -> None:
     loops = {path.name: path.read_text() for path in sources("gensim2.core.processes")}
     assert [name for name, text in loops.items() if " Tries(" in text] == ["executor.py"]
     assert loops["ray.py"].count("cluster_resources()") == 1
+
+
+def test_a_camera_becomes_plain_data_in_one_place() -> None:
+    """Logs and requests to policy servers share the record, so that neither loses a field."""
+    records = {
+        path.relative_to(PYTHON).as_posix()
+        for path in (*sources("gensim2"), *sources("gensim2_robot"))
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ClassDef) and {"intrinsic", "T_base_camera"} <= {_named(each) for each in node.body}
+    }
+    assert records == {"gensim2/perception/camera.py", "gensim2/perception/camera_record.py"}
+
+
+def _named(node: ast.stmt) -> str | None:
+    """Name of an annotated field of a class."""
+    return node.target.id if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) else None

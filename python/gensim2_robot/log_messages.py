@@ -13,7 +13,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from gensim2.core.errors import InputError
 from gensim2.core.validation import input_error
-from gensim2.perception import Camera, ObservationSpec
+from gensim2.perception import ObservationSpec
+from gensim2.perception.camera_record import CameraRecord
 from gensim2_robot.devices import ArmMode, Frame
 
 MAX_PIXELS = 1 << 23
@@ -47,43 +48,6 @@ class LogMessage(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
 
-class LoggedCamera(LogMessage):
-    """A :class:`~gensim2.perception.Camera` as JSON."""
-
-    name: Annotated[str, Field(min_length=1, max_length=100)]
-    width: int
-    height: int
-    intrinsic: list[list[float]]
-    T_base_camera: list[list[float]]
-    far: float
-    link: str | None
-    depth_scale: float = 1.0
-    depth_bias: float = 0.0
-
-    @model_validator(mode="after")
-    def _is_a_camera(self) -> LoggedCamera:
-        try:
-            self.camera()
-        except InputError as error:
-            raise ValueError(str(error)) from error
-        return self
-
-    @staticmethod
-    def of(camera: Camera) -> LoggedCamera:
-        """Return a camera as it is logged."""
-        arrays = {name: getattr(camera, name).tolist() for name in ("intrinsic", "T_base_camera")}
-        return LoggedCamera(**{name: getattr(camera, name) for name in LoggedCamera.model_fields} | arrays)
-
-    def camera(self) -> Camera:
-        """Return the camera.
-
-        Raises:
-            InputError: a value has the wrong shape or is out of range.
-        """
-        arrays = {name: np.array(getattr(self, name), dtype=np.float64) for name in ("intrinsic", "T_base_camera")}
-        return Camera(**{name: getattr(self, name) for name in LoggedCamera.model_fields} | arrays)
-
-
 class About(LogMessage):
     """First message of each file of a log.
 
@@ -100,7 +64,7 @@ class About(LogMessage):
     robot: Annotated[str, Field(max_length=400)]
     language: Annotated[str, Field(max_length=10_000)]
     observation: dict[str, Any]
-    cameras: list[LoggedCamera]
+    cameras: list[CameraRecord]
     pixels: float | None = None
     task: str = ""
     controller: dict[str, Any] = {}

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from gensim2.core.errors import InputError
 from gensim2.core.validation import input_error
 from gensim2.perception import Camera, DepthNoise, ObservationSpec
+from gensim2.perception.camera_record import CameraRecord
 from gensim2.perception.noise_file import read_noise
 from gensim2.policy.remote.client import RemoteController
 from gensim2.policy.remote.protocol import is_url
@@ -35,7 +36,7 @@ from gensim2_robot.eyes import PIXELS
 from gensim2_robot.faults import Fault, FullDisk
 from gensim2_robot.journal import Journal, Journals, NoJournal
 from gensim2_robot.line import Line
-from gensim2_robot.log_messages import About, LoggedCamera
+from gensim2_robot.log_messages import About
 from gensim2_robot.mind import MindSpec, looked_at
 from gensim2_robot.real import ByHand, open_arm, open_cameras
 from gensim2_robot.session import Devices, OpenMind
@@ -282,7 +283,7 @@ def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
             seed=config.seed,
             pixels=PIXELS,
             observation=looked_at(prepared.seen, believed).to_dict(),
-            cameras=[LoggedCamera.of(camera) for camera in believed],
+            cameras=[CameraRecord.of(camera) for camera in believed],
         )
     except ValidationError as error:
         raise input_error(error) from error

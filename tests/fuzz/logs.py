@@ -34,6 +34,7 @@ from gensim2.core.progress import NULL_PROGRESS
 from gensim2.core.record_files import read_record
 from gensim2.core.yaml_files import dump_yaml, read_yaml
 from gensim2.perception import D435, Camera, ObservationSpec
+from gensim2.perception.camera_record import CameraRecord
 from gensim2.perception.noise_file import NoiseFile, read_noise
 from gensim2.robots import robot
 from gensim2_robot.calibration.file import Calibration, CameraCalibration, calibrated, read_calibration
@@ -43,7 +44,7 @@ from gensim2_robot.drivers.logged import LoggedCameras
 from gensim2_robot.eyes import Eyes, Sight, inputs
 from gensim2_robot.fit_noise import fit_log
 from gensim2_robot.log import ENCODING, Log
-from gensim2_robot.log_messages import About, LoggedCamera
+from gensim2_robot.log_messages import About
 from gensim2_robot.log_reader import messages
 from gensim2_robot.mind import Answer, Question
 from gensim2_robot.packing import pack, unpack
@@ -134,7 +135,7 @@ def _write_log(folder: Path) -> None:
         robot="panda",
         language="Close the box.",
         observation=spec.to_dict(),
-        cameras=[LoggedCamera.of(camera)],
+        cameras=[CameraRecord.of(camera)],
         pixels=1000,
     )
     log = Log(folder, about)

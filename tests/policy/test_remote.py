@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,16 +22,18 @@ from websockets.sync.client import connect
 import gensim2
 from gensim2.cli.main import cli
 from gensim2.core.errors import InputError
-from gensim2.perception import Observation, ObservationSpec, PointCloud
+from gensim2.perception import Camera, Observation, ObservationSpec, PointCloud
 from gensim2.perception.columns import STATE, VELOCITY
 from gensim2.policy.remote import protocol
 from gensim2.policy.remote.client import RemoteController
 from gensim2.policy.remote.protocol import (
+    Act,
     ObservationMessage,
     RemoteError,
     decode,
     encode,
     observation_to_message,
+    read_message,
 )
 from gensim2.policy.remote.server import PolicyServer
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
@@ -295,3 +298,16 @@ def test_the_command_says_where_it_listens_and_needs_a_controller() -> None:
     assert "127.0.0.1" in said
     with pytest.raises(InputError, match="no class"):
         PolicyServer(ControllerSpec(f"{FILE}:Nothing"), "panda", TOKEN, port=0)
+
+
+def test_a_camera_s_calibration_of_depth_reaches_the_server() -> None:
+    camera = replace(
+        Camera.looking("left", (1.0, 0.5, 0.6), (0.5, 0.0, 0.1), width=64, height=48, fov=0.8), depth_scale=1.02
+    )
+    seen = Observation(0, 0.0, "close the box", {}, None, {"left": camera})
+    message = decode(encode({"kind": "act", "number": 0, "observation": observation_to_message(seen)}))
+    found = read_message(message, Act, Act, sender="The loop").observation.value().cameras["left"]
+    assert (found.depth_scale, found.depth_bias) == (1.02, 0.0)
+    assert np.array_equal(found.T_base_camera, camera.T_base_camera)
+    plain = observation_to_message(replace(seen, cameras={"left": replace(camera, depth_scale=1.0)}))
+    assert "depth_scale" not in plain["cameras"][0], "servers of 0.2 refuse fields that they do not know"

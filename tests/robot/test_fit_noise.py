@@ -12,12 +12,13 @@ import pytest
 from gensim2.cli import main as cli
 from gensim2.core.errors import InputError
 from gensim2.perception import D435, DepthNoise
+from gensim2.perception.camera_record import CameraRecord
 from gensim2.perception.noise_file import NoiseFile, read_noise
 from gensim2.robots import robot
 from gensim2_robot.devices import ArmState, Frame
 from gensim2_robot.fit_noise import Recording, fit
 from gensim2_robot.log import Log
-from gensim2_robot.log_messages import About, LoggedCamera
+from gensim2_robot.log_messages import About
 from gensim2_robot.simulated_cameras import simulated_cameras
 
 FOCAL = 210.0
@@ -76,7 +77,7 @@ def test_too_few_pictures_are_refused() -> None:
 def test_a_log_becomes_a_file_that_others_take(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     camera = next(each for each in simulated_cameras(robot("panda"), 160, 120) if each.name == "left")
     noise = replace(STILL, disparity_sigma=0.15)
-    about = About(robot="panda", language="shut", observation={"cameras": ["left"]}, cameras=[LoggedCamera.of(camera)])
+    about = About(robot="panda", language="shut", observation={"cameras": ["left"]}, cameras=[CameraRecord.of(camera)])
     log = Log(tmp_path / "log", about)
     for number in range(300):
         log.state(ArmState(0.01 * number, np.zeros(9), np.zeros(9), 0.0))

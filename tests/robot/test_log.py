@@ -24,6 +24,7 @@ from hypothesis import strategies as st
 
 from gensim2.core.errors import InputError, WriteError
 from gensim2.perception import ObservationSpec
+from gensim2.perception.camera_record import CameraRecord
 from gensim2.robots import robot
 from gensim2_robot import replay as replaying
 from gensim2_robot.calibration import poses
@@ -32,7 +33,7 @@ from gensim2_robot.devices import ArmState, Frame
 from gensim2_robot.eyes import Eyes, Sight, inputs
 from gensim2_robot.faults import FAULTS, Fault, FullDisk
 from gensim2_robot.log import Log, prune_runs
-from gensim2_robot.log_messages import About, AnswerMessage, LoggedCamera, PictureMessage, QuestionMessage
+from gensim2_robot.log_messages import About, AnswerMessage, PictureMessage, QuestionMessage
 from gensim2_robot.log_reader import about_of, log_files, messages, unclosed
 from gensim2_robot.packing import pack, unpack
 from gensim2_robot.replay import KEPT
@@ -43,7 +44,7 @@ ABOUT = About(
     robot="panda",
     language="shut it",
     observation=ObservationSpec(cameras=("left",), modalities=()).to_dict(),
-    cameras=[LoggedCamera.of(LEFT)],
+    cameras=[CameraRecord.of(LEFT)],
     task="CloseBox",
 )
 
@@ -218,7 +219,7 @@ def test_a_replay_keeps_the_newest_pictures_of_a_camera_whatever_their_numbers(
     profile = robot("panda")
     camera = replace(simulated_cameras(profile, 8, 6)[0], name="left")
     spec = ObservationSpec(cameras=("left",), modalities=())
-    about = ABOUT.model_copy(update={"cameras": [LoggedCamera.of(camera)]})
+    about = ABOUT.model_copy(update={"cameras": [CameraRecord.of(camera)]})
     q = np.array(profile.reset_qpos)
     sight = Sight(0, q, 0.0 * q, 1.0, (), {})
     seen = inputs(Eyes(spec, profile, (camera,), about.language, np.inf).observe(sight))

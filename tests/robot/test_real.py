@@ -19,6 +19,7 @@ from fake_makers import FakeBody
 
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.perception import ObservationSpec
+from gensim2.perception.camera_record import CameraRecord
 from gensim2.perception.columns import CLOUD
 from gensim2.robots import robot
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
@@ -29,7 +30,7 @@ from gensim2_robot.config import CameraSource, Delays, LineConfig
 from gensim2_robot.devices import ArmState, Frame
 from gensim2_robot.drivers.logged import LoggedCameras
 from gensim2_robot.log import Log
-from gensim2_robot.log_messages import About, LoggedCamera, PictureMessage
+from gensim2_robot.log_messages import About, PictureMessage
 from gensim2_robot.log_reader import about_of, messages
 from gensim2_robot.mind import Answer
 from gensim2_robot.opening import prepare
@@ -400,7 +401,7 @@ def test_pictures_of_one_instant_are_not_kept_in_memory(tmp_path: Path) -> None:
     camera = simulated_cameras(PROFILE, 48, 36)[0]
     spec = ObservationSpec(cameras=(camera.name,), modalities=())
     written = Log(
-        tmp_path, About(robot="panda", language="", observation=spec.to_dict(), cameras=[LoggedCamera.of(camera)])
+        tmp_path, About(robot="panda", language="", observation=spec.to_dict(), cameras=[CameraRecord.of(camera)])
     )
     depth, colors = np.zeros((36, 48), np.uint16), np.zeros((36, 48, 3), np.uint8)
     for number in range(50):

@@ -19,7 +19,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from gensim2.core.errors import InputError, MissingExtraError
 from gensim2.core.validation import input_error
-from gensim2.perception import Camera, Observation, PointCloud
+from gensim2.perception import Observation, PointCloud
+from gensim2.perception.camera_record import CameraRecord
 
 VERSION = 1
 MAX_HELLO = 4 << 10
@@ -232,18 +233,6 @@ class CloudMessage(WireMessage):
     segmentation: Annotated[Any, _shaped(_INTEGERS, None)] | None
 
 
-class CameraMessage(WireMessage):
-    """Camera of an observation."""
-
-    name: Word
-    width: Annotated[int, Field(ge=1, le=1 << 14)]
-    height: Annotated[int, Field(ge=1, le=1 << 14)]
-    intrinsic: Annotated[Any, _shaped(_FLOATS, 3, 3)]
-    T_base_camera: Annotated[Any, _shaped(_FLOATS, 4, 4)]
-    far: Finite
-    link: Word | None
-
-
 class ObservationMessage(WireMessage):
     """Observation of a request."""
 
@@ -252,14 +241,11 @@ class ObservationMessage(WireMessage):
     language: Text
     arrays: dict[Word, Annotated[Any, _shaped(_TYPES)]]
     cloud: CloudMessage | None
-    cameras: list[CameraMessage]
+    cameras: list[CameraRecord]
 
     def value(self) -> Observation:
         """Return the observation."""
-        cloud = self.cloud
-        cameras = [
-            Camera(**{name: getattr(each, name) for name in CameraMessage.model_fields}) for each in self.cameras
-        ]
+        cloud, cameras = self.cloud, [each.camera() for each in self.cameras]
         return Observation(
             self.step,
             self.time,
@@ -346,8 +332,5 @@ def observation_to_message(observation: Observation) -> dict[str, Any]:
         "language": observation.language,
         "arrays": dict(observation.arrays),
         "cloud": None if cloud is None else {"xyz": cloud.xyz, "rgb": cloud.rgb, "segmentation": cloud.segmentation},
-        "cameras": [
-            {name: getattr(camera, name) for name in CameraMessage.model_fields}
-            for camera in observation.cameras.values()
-        ],
+        "cameras": [CameraRecord.message(camera) for camera in observation.cameras.values()],
     }

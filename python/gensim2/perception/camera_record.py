@@ -1,0 +1,59 @@
+"""A camera as plain data: in logs of a robot as JSON, in requests to a policy server with arrays."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from gensim2.core.errors import InputError
+from gensim2.perception.camera import Camera
+
+_CALIBRATED = {"depth_scale": 1.0, "depth_bias": 0.0}
+Matrix = Annotated[list[list[float]], BeforeValidator(lambda value: getattr(value, "tolist", lambda: value)())]
+"""Rows of numbers; an array is taken as well."""
+
+
+class CameraRecord(BaseModel):
+    """A :class:`~gensim2.perception.Camera` as plain data; its fields are the camera's attributes."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    name: Annotated[str, Field(min_length=1, max_length=100)]
+    width: int
+    height: int
+    intrinsic: Matrix
+    T_base_camera: Matrix
+    far: float
+    link: str | None
+    depth_scale: float = _CALIBRATED["depth_scale"]
+    depth_bias: float = _CALIBRATED["depth_bias"]
+
+    @model_validator(mode="after")
+    def _is_a_camera(self) -> CameraRecord:
+        try:
+            self.camera()
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    @staticmethod
+    def of(camera: Camera) -> CameraRecord:
+        """Return the record of a camera."""
+        return CameraRecord(**{name: getattr(camera, name) for name in CameraRecord.model_fields})
+
+    def camera(self) -> Camera:
+        """Return the camera.
+
+        Raises:
+            InputError: a value has the wrong shape or is out of range.
+        """
+        arrays = {name: np.array(getattr(self, name), dtype=np.float64) for name in ("intrinsic", "T_base_camera")}
+        return Camera(**{name: getattr(self, name) for name in CameraRecord.model_fields} | arrays)
+
+    @staticmethod
+    def message(camera: Camera) -> dict[str, Any]:
+        """Return the fields with their arrays; a calibration only where there is one, because version 0.2 has none."""
+        told = {name: getattr(camera, name) for name in CameraRecord.model_fields}
+        return {name: value for name, value in told.items() if name not in _CALIBRATED or value != _CALIBRATED[name]}
