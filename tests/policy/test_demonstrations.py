@@ -19,6 +19,7 @@ from gensim2.cli.main import run
 from gensim2.core.errors import InputError
 from gensim2.core.progress import NullProgress
 from gensim2.data import DataSet
+from gensim2.data.formats.columns import XYZ
 from gensim2.data.observation_file import read_observation, write_observation
 from gensim2.perception import ObservationSpec
 from gensim2.perception.columns import CLOUD, STATE
@@ -408,7 +409,7 @@ def test_what_was_not_rendered_is_left_out_and_said(folder: Path, tmp_path: Path
     found = decode([copy], progress=said)
     assert found.record.episodes == len(files) - 1 == before.episodes - 1
     assert found.record.digest != before.digest
-    assert len(found.arrays["xyz"]) == found.record.frames < before.frames
+    assert len(found.arrays[XYZ]) == found.record.frames < before.frames
     assert said.messages == [
         f"1 of {len(files)} episodes have no observations and are left out (`gensim2 render` with --resume makes them)"
     ]
