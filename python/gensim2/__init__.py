@@ -62,34 +62,7 @@ __all__ = [
     "task_names",
 ]
 
-_of_rooms = lazy_names(
-    __name__,
-    {
-        "DataSet": "gensim2.data",
-        "HeadlessEnv": "gensim2.sim",
-        "Library": "gensim2.objects",
-        "Observation": "gensim2.perception",
-        "ObservationSpec": "gensim2.perception",
-        "TaskSpec": "gensim2.tasks",
-        "benchmark": "gensim2.evaluation",
-        "collect": "gensim2.data",
-        "demo": "gensim2.design",
-        "evaluate": "gensim2.evaluation",
-        "load_robot": "gensim2.robots",
-        "load_strategies": "gensim2.tasks",
-        "load_task": "gensim2.tasks",
-        "make_env": "gensim2.sim",
-        "make_vec_env": "gensim2.sim",
-        "open_library": "gensim2.objects",
-        "render": "gensim2.data",
-        "robot": "gensim2.robots",
-        "register_robot": "gensim2.robots",
-        "robot_names": "gensim2.robots",
-        "run_pipeline": "gensim2.design",
-        "solve": "gensim2.rollout",
-        "task_names": "gensim2.tasks",
-    },
-)
+_of_rooms = lazy_names(__name__)
 
 
 def __getattr__(name: str) -> Any:

@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 
-def lazy_names(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """The ``__getattr__`` of a package that gives names out of modules which it does not import itself.
+def lazy_names(package: str) -> Callable[[str], Any]:
+    """Return the ``__getattr__`` of a package: names that its ``if TYPE_CHECKING:`` block imports, for everybody.
 
     Args:
         package: its ``__name__``.
-        modules: name to the full name of the module that has it.
     """
 
     def get(name: str) -> Any:
-        if name not in modules:
+        if name.startswith("__") or name not in (modules := _imported(package)):
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         return getattr(importlib.import_module(modules[name]), name)
 
     return get
+
+
+@cache
+def _imported(package: str) -> dict[str, str]:
+    """Return the module of each name that a package imports for type checkers."""
+    import ast  # here: a program that asks a package for nothing needs no parser
+
+    loader: Any = sys.modules[package].__loader__
+    tree = ast.parse(loader.get_source(package))
+    blocks = (node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
+    lines = (line for block in blocks for line in block.body if isinstance(line, ast.ImportFrom))
+    return {alias.name: str(line.module) for line in lines for alias in line.names}

@@ -24,15 +24,4 @@ __all__ = [
     "render",
 ]
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "DataSet": "gensim2.data.dataset",
-        "DatasetRecord": "gensim2.data.record",
-        "TaskStore": "gensim2.data.store",
-        "ObservedEpisode": "gensim2.data.observation_file",
-        "collect": "gensim2.data.collection",
-        "read_observation": "gensim2.data.observation_file",
-        "render": "gensim2.data.rendering",
-    },
-)
+__getattr__ = lazy_names(__name__)

@@ -44,22 +44,4 @@ __all__ = [
     "tasks_gallery",
 ]
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "Affordance": "gensim2.design.affordance",
-        "Brief": "gensim2.design.base",
-        "Candidate": "gensim2.design.base",
-        "CandidateResult": "gensim2.design.base",
-        "Declined": "gensim2.design.base",
-        "Designer": "gensim2.design.base",
-        "Diagnosis": "gensim2.design.diagnosis",
-        "Known": "gensim2.design.base",
-        "OfflineDesigner": "gensim2.design.offline",
-        "RobotSummary": "gensim2.design.base",
-        "StageResult": "gensim2.design.base",
-        "demo": "gensim2.design.single",
-        "run_pipeline": "gensim2.design.run",
-        "tasks_gallery": "gensim2.design.gallery",
-    },
-)
+__getattr__ = lazy_names(__name__)

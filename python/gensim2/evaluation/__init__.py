@@ -12,11 +12,4 @@ if TYPE_CHECKING:
 
 __all__ = ["EvaluationResult", "benchmark", "evaluate"]
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "EvaluationResult": "gensim2.evaluation.evaluating",
-        "benchmark": "gensim2.evaluation.benchmarking",
-        "evaluate": "gensim2.evaluation.evaluating",
-    },
-)
+__getattr__ = lazy_names(__name__)

@@ -23,16 +23,4 @@ __all__ = [
     "turntable",
 ]
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "Finding": "gensim2.inspection.checks",
-        "ObjectReport": "gensim2.inspection.validate",
-        "Studio": "gensim2.inspection.pictures",
-        "build_gallery": "gensim2.inspection.gallery",
-        "check_object": "gensim2.inspection.validate",
-        "contact_sheet": "gensim2.inspection.pictures",
-        "strip": "gensim2.inspection.pictures",
-        "turntable": "gensim2.inspection.pictures",
-    },
-)
+__getattr__ = lazy_names(__name__)

@@ -32,7 +32,4 @@ __all__ = [
     "open_library",
 ]
 
-__getattr__ = lazy_names(
-    __name__,
-    dict.fromkeys(("ClassListing", "Library", "listing", "open_library"), "gensim2.objects.library.catalogue"),
-)
+__getattr__ = lazy_names(__name__)

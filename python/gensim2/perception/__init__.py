@@ -39,23 +39,4 @@ __all__ = [
     "point_cloud",
 ]
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "D435": "gensim2.perception.noise",
-        "DEPLOYED": "gensim2.perception.noise",
-        "Camera": "gensim2.perception.camera",
-        "CameraError": "gensim2.perception.noise",
-        "CloudSettings": "gensim2.perception.cloud",
-        "DepthNoise": "gensim2.perception.noise",
-        "EmptyCloudError": "gensim2.perception.cloud",
-        "Encoder": "gensim2.perception.encoder",
-        "Observation": "gensim2.perception.observation",
-        "ObservationSpec": "gensim2.perception.spec",
-        "Picture": "gensim2.perception.view",
-        "PointCloud": "gensim2.perception.cloud",
-        "RobotSegments": "gensim2.perception.cloud",
-        "View": "gensim2.perception.view",
-        "point_cloud": "gensim2.perception.cloud",
-    },
-)
+__getattr__ = lazy_names(__name__)

@@ -18,13 +18,4 @@ if TYPE_CHECKING:
 
 __all__ = ["PolicyCheckpoint", "PolicyConfig", "PolicyController", "TrainConfig", "train"]
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "PolicyCheckpoint": "gensim2.policy.checkpoint",
-        "PolicyConfig": "gensim2.policy.config",
-        "PolicyController": "gensim2.policy.controller",
-        "TrainConfig": "gensim2.policy.config",
-        "train": "gensim2.policy.training",
-    },
-)
+__getattr__ = lazy_names(__name__)

@@ -37,24 +37,4 @@ __all__ = [
     "solve",
 ]
 
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "Cause": "gensim2.rollout.record",
-        "ChainController": "gensim2.rollout.chain",
-        "Controller": "gensim2.rollout.controller",
-        "Episode": "gensim2.rollout.record",
-        "EpisodeResult": "gensim2.rollout.run",
-        "Event": "gensim2.rollout.controller",
-        "PrivilegedObservation": "gensim2.rollout.controller",
-        "Body": "gensim2.rollout.world",
-        "ControllerError": "gensim2.rollout.controller_spec",
-        "ControllerSpec": "gensim2.rollout.controller_spec",
-        "drive": "gensim2.rollout.driving",
-        "Recording": "gensim2.rollout.recording",
-        "NoOpController": "gensim2.rollout.no_op",
-        "StrictMiss": "gensim2.rollout.record",
-        "World": "gensim2.rollout.world",
-        "solve": "gensim2.rollout.solving",
-    },
-)
+__getattr__ = lazy_names(__name__)

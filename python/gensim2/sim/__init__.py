@@ -25,6 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["TASK_ENV_ID", "GenSim2Env", "HeadlessEnv", "env_id", "make_env", "make_vec_env", "register_all"]
 
-__getattr__ = lazy_names(__name__, {"GenSim2Env": "gensim2.sim.env", "HeadlessEnv": "gensim2.sim.headless"})
+__getattr__ = lazy_names(__name__)
 
 register_all()

@@ -25,17 +25,4 @@ __all__ = [
 ]
 
 # A report of a run reads what a model said without any of what it takes to ask one.
-__getattr__ = lazy_names(
-    __name__,
-    {
-        "AnswerStore": "gensim2.design.llm.store",
-        "Asking": "gensim2.design.llm.solutions",
-        "LLMDesigner": "gensim2.design.llm.designer",
-        "Mode": "gensim2.design.llm.solutions",
-        "LanguageModel": "gensim2.design.llm.model",
-        "ModelOptions": "gensim2.design.llm.options",
-        "Prompts": "gensim2.design.llm.templating",
-        "Views": "gensim2.design.llm.solutions",
-        "model_options": "gensim2.design.llm.options",
-    },
-)
+__getattr__ = lazy_names(__name__)
