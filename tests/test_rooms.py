@@ -327,6 +327,19 @@ def test_what_builds_in_a_simulator_lies_with_it() -> None:
         assert not {name for name in imports(path.read_text()) if name.split(".")[0] in ("sapien", "mani_skill")}, path
 
 
+def test_an_episode_has_three_types() -> None:
+    """Its record, its states, and both of them together, whether it was just run or read."""
+    owners = {
+        node.name
+        for room in ("rollout", "data", "evaluation", "design")
+        for path in sources(f"gensim2.{room}")
+        for node in ast.parse(path.read_text()).body
+        if isinstance(node, ast.ClassDef)
+    }
+    assert {"Episode", "Recording", "EpisodeResult"} <= owners
+    assert not owners & {"EpisodeRow", "StoredEpisode", "LoggedEpisode", "Found", "Kept", "Recorded"}
+
+
 def test_jobs_are_handed_out_by_one_loop() -> None:
     """Worker processes and Ray share it, and the cluster is asked for its CPUs once."""
     loops = {path.name: path.read_text() for path in sources("gensim2.core.processes")}

@@ -55,7 +55,6 @@ def test_the_record_may_stand_alone(tmp_path: Path) -> None:
     write_episode(tmp_path / "a.h5", episode, None)
     stored = read_episode(tmp_path / "a.h5")
     assert stored.recording is None
-    assert stored.recorded is None
     assert stored.episode.at(-1) == episode
 
 

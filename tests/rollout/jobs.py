@@ -12,7 +12,7 @@ import pinocchio as pin
 from gensim2.planning.scene import Scene
 from gensim2.robots import CLOSED, robot
 from gensim2.rollout.controller import Action, PrivilegedObservation
-from gensim2.rollout.run import EpisodeResult
+from gensim2.rollout.recording import EpisodeResult
 
 Array = npt.NDArray[np.float64]
 

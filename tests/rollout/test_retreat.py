@@ -11,7 +11,8 @@ import pytest
 from gensim2.rollout import chain
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.record import StrictMiss
-from gensim2.rollout.run import EpisodeResult, run
+from gensim2.rollout.recording import EpisodeResult
+from gensim2.rollout.run import run
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_strategies, load_task
 

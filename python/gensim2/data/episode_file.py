@@ -6,7 +6,7 @@ import contextlib
 import io
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,7 +19,7 @@ from gensim2.core.foreign.hdf5 import ForeignHdf5Error, array_in, group_in, is_g
 from gensim2.core.sealed_file import HEADER_SIZE, Seal
 from gensim2.core.validation import input_error
 from gensim2.rollout.record import Episode
-from gensim2.rollout.recording import Recording
+from gensim2.rollout.recording import EpisodeResult, Recording
 from gensim2.rollout.world import Tree
 
 #: Chosen by benchmarks/stores.py: half the bytes of plain HDF5 at the same CPU; versions before 1.10 spend 2 kB of
@@ -49,7 +49,7 @@ _REMEDY = "delete it and resume"
 _SEAL = Seal("gensim2-episode", 1, "is not a finished episode", _REMEDY, DamagedEpisodeError)
 
 
-class Recorded(BaseModel):
+class RecordingHeader(BaseModel):
     """Metadata of a recording in an episode's file; the fields are those of :class:`Recording`.
 
     Attributes:
@@ -67,22 +67,7 @@ class Recorded(BaseModel):
     success: bool
 
 
-_RECORDED = TypeAdapter(Recorded)
-
-
-@dataclass(frozen=True)
-class StoredEpisode:
-    """Contents of an episode's file.
-
-    Attributes:
-        episode: the record, with the digest by which the file is known.
-        recorded: metadata of the recording; None where no states were kept.
-        recording: the states and the actions; None where none were kept or read.
-    """
-
-    episode: Episode
-    recorded: Recorded | None
-    recording: Recording | None = None
+_RECORDED = TypeAdapter(RecordingHeader)
 
 
 def write_episode(path: Path, episode: Episode, recording: Recording | None) -> str:
@@ -116,21 +101,34 @@ def episode_digest(path: Path) -> str:
     return _SEAL.read(path)[0]
 
 
-def read_row(path: Path) -> StoredEpisode:
-    """Return what an episode's file says, without its states."""
-    with open_episode(path) as (row, _):
-        return row
+def read_row(path: Path) -> Episode:
+    """Return the record in an episode's file, with the file's digest.
+
+    Raises:
+        DamagedEpisodeError, InputError: as for :func:`episode_digest`.
+    """
+    with open_episode(path) as (episode, _, _):
+        return episode
 
 
-def read_episode(path: Path) -> StoredEpisode:
-    """Return the whole of an episode's file."""
-    with open_episode(path) as (row, group):
-        return row if row.recorded is None else replace(row, recording=read_recording(group, row.recorded.model_dump()))
+def read_episode(path: Path) -> EpisodeResult:
+    """Return the whole of an episode's file.
+
+    Raises:
+        DamagedEpisodeError, InputError: as for :func:`episode_digest`.
+    """
+    with open_episode(path) as (episode, header, group):
+        recording = None if header is None else read_recording(group, header.model_dump())
+        return EpisodeResult(episode, recording)
 
 
 @contextlib.contextmanager
-def open_episode(path: Path) -> Iterator[tuple[StoredEpisode, h5py.Group | None]]:
-    """Give the row and the group ``traj`` (None where no states were kept) of an episode's file."""
+def open_episode(path: Path) -> Iterator[tuple[Episode, RecordingHeader | None, h5py.Group | None]]:
+    """Give the record, the recording's metadata and the group ``traj`` of an episode's file; None without states.
+
+    Raises:
+        DamagedEpisodeError, InputError: as for :func:`episode_digest`.
+    """
     digest, content = _SEAL.read(path)
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
@@ -140,7 +138,8 @@ def open_episode(path: Path) -> Iterator[tuple[StoredEpisode, h5py.Group | None]
             if recorded is not None:
                 recorded = _RECORDED.validate_json(json.dumps(recorded, allow_nan=False), strict=True)
             yield (
-                StoredEpisode(replace(episode, episode_digest=digest), recorded),
+                replace(episode, episode_digest=digest),
+                recorded,
                 group_in(file, "traj") if recorded is not None else None,
             )
     except ValidationError as error:

@@ -11,7 +11,6 @@ from gensim2.core.files import replacing
 from gensim2.core.foreign.tree import ForeignTree
 from gensim2.data.episode_file import (
     DamagedEpisodeError,
-    StoredEpisode,
     episode_digest,
     read_episode,
     read_row,
@@ -20,7 +19,7 @@ from gensim2.data.episode_file import (
 from gensim2.data.recorded import check_recording
 from gensim2.rollout.episode_log import episodes_in, log_line
 from gensim2.rollout.record import Episode
-from gensim2.rollout.recording import Recording
+from gensim2.rollout.recording import EpisodeResult, Recording
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import TaskSpec
 
@@ -112,10 +111,10 @@ class TaskStore:
         """
         if self.rows_path.exists():
             return list(self.rows())
-        rows = [each.episode.at(index, each.episode.episode_digest) for index, _, each in self.found() if each]
+        rows = [each.at(index, each.episode_digest) for index, _, each in self.found() if each]
         return sorted(rows, key=lambda row: row.index)
 
-    def read(self, row: Episode) -> StoredEpisode:
+    def read(self, row: Episode) -> EpisodeResult:
         """Return the whole of an episode.
 
         Raises:
@@ -140,8 +139,8 @@ class TaskStore:
         """
         return ForeignTree(self.folder).inside(str(path.relative_to(self.folder)))
 
-    def found(self) -> Iterator[tuple[int, Path, StoredEpisode | None]]:
-        """Yield index, path and content without states of every file of an episode; None where it is damaged.
+    def found(self) -> Iterator[tuple[int, Path, Episode | None]]:
+        """Yield index, path and record of every file of an episode; None where it is damaged.
 
         Raises:
             InputError: one was written by another version of gensim2, or a link leads out of the folder.
@@ -151,10 +150,10 @@ class TaskStore:
             for path in sorted(folder.iterdir()) if folder.is_dir() else ():
                 if match := _EPISODE_FILE.match(path.name):
                     try:
-                        found: StoredEpisode | None = read_row(self._inside(path))
+                        found: Episode | None = read_row(self._inside(path))
                     except DamagedEpisodeError:
                         found = None
-                    lies_right = found is not None and found.episode.held == held
+                    lies_right = found is not None and found.held == held
                     yield int(match[1]), path, found if lies_right else None
 
     def is_complete(self, row: Episode) -> bool:
@@ -178,7 +177,7 @@ class TaskStore:
         with replacing(self.rows_path) as path, path.open("wb") as stream:
             for index in range(count):
                 held = self.path(index, True)
-                found = read_row(held if held.exists() else self.path(index, False)).episode
+                found = read_row(held if held.exists() else self.path(index, False))
                 logged = found.at(index, found.episode_digest)
                 stream.write(log_line(logged))
                 yield logged

@@ -138,12 +138,11 @@ class TaskQueue:
             InputError: an episode is not of this collection, or another version of gensim2 wrote it.
         """
         damaged = 0
-        for index, path, found in self.store.found():
-            if found is None:
+        for index, path, episode in self.store.found():
+            if episode is None:
                 path.unlink()
                 damaged += 1
                 continue
-            episode = found.episode
             foreign = index >= self.quota.limit or episode.seed != self.seed(index)
             if foreign or self._done[index]:
                 reason = "is not of this collection" if foreign else "is there twice"

@@ -24,8 +24,9 @@ import h5py
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import replacing
-from gensim2.data.episode_file import LIBVER, DamagedEpisodeError, StoredEpisode, open_episode
+from gensim2.data.episode_file import LIBVER, DamagedEpisodeError, RecordingHeader, open_episode
 from gensim2.rollout.controller_spec import CHAIN
+from gensim2.rollout.record import Episode
 from gensim2.tasks.spec import TaskSpec
 
 SCHEMA_VERSION = 2
@@ -101,16 +102,14 @@ def _indented(entry: dict[str, Any]) -> str:
 @contextlib.contextmanager
 def _recorded(file: Path, digest: str | None) -> Iterator[tuple[h5py.Group, dict[str, Any]]]:
     """The recording and the entry of an episode's file."""
-    with open_episode(file) as (row, group):
-        if row.episode.episode_digest != digest or row.recorded is None:
+    with open_episode(file) as (episode, header, group):
+        if episode.episode_digest != digest or header is None:
             raise DamagedEpisodeError("is not a finished episode", file=file, remedy="delete it and resume")
-        yield group, _entry(row)
+        yield group, _entry(episode, header)
 
 
-def _entry(row: StoredEpisode) -> dict[str, Any]:
+def _entry(episode: Episode, recorded: RecordingHeader) -> dict[str, Any]:
     """Return an episode's entry in ManiSkill's JSON."""
-    recorded = row.recorded
-    assert recorded is not None
     return {
         "episode_seed": recorded.seed,
         "control_mode": recorded.control_mode,
@@ -118,7 +117,7 @@ def _entry(row: StoredEpisode) -> dict[str, Any]:
         "reset_kwargs": {"seed": recorded.seed, "options": recorded.reset_options},
         "success": recorded.success,
         "instances": recorded.instances,
-        "episode": row.episode.to_dict(),
+        "episode": episode.to_dict(),
     }
 
 

@@ -210,7 +210,8 @@ def _recorded(folder: Path) -> dict[int, tuple[Path, str]]:
     from gensim2.data.store import TaskStore
 
     found = TaskStore(folder).found()
-    return {index: (path, str(row.episode.episode_digest)) for index, path, row in found if row and row.recorded}
+    # One without a control step has no states.
+    return {index: (path, str(each.episode_digest)) for index, path, each in found if each and each.control_steps}
 
 
 def _film(

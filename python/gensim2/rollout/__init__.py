@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from gensim2.rollout.driving import drive
     from gensim2.rollout.no_op import NoOpController
     from gensim2.rollout.record import Cause, Episode, StrictMiss
-    from gensim2.rollout.recording import Recording
-    from gensim2.rollout.run import EpisodeResult
+    from gensim2.rollout.recording import EpisodeResult, Recording
     from gensim2.rollout.solving import solve
     from gensim2.rollout.world import Body, World
 

@@ -9,7 +9,7 @@ import gensim2_kpam as kpam
 from gensim2.planning.steps import PLAN_OPTIONS
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.record import AttemptRecord, Cause, Episode
-from gensim2.rollout.run import EpisodeResult
+from gensim2.rollout.recording import EpisodeResult
 from gensim2.tasks.spec import Step, TaskSpec
 
 NUM_SEEDS = 12

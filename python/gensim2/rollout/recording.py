@@ -12,6 +12,7 @@ import numpy.typing as npt
 from gensim2.perception.proprioception import tool_pose
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import Reference
+from gensim2.rollout.record import Episode
 from gensim2.rollout.world import Tree, World
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
@@ -64,6 +65,19 @@ class Recording:
         said = np.isfinite(given).all(axis=1)
         newest = np.maximum.accumulate(np.where(said, np.arange(len(given)), -1))
         return np.where((newest >= 0)[:, None], given[newest], self.actions)
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """One episode that is over, from the loop or from its file.
+
+    Attributes:
+        episode: the record.
+        recording: states, actions and flags of every control step; None where they were not asked for or kept.
+    """
+
+    episode: Episode
+    recording: Recording | None = field(default=None, repr=False, compare=False)
 
 
 class Recorder:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -31,7 +30,7 @@ from gensim2.rollout.driving import Asked
 from gensim2.rollout.motion import GOAL_SECONDS, LASTING_SECONDS, MAX_SETTLE_SECONDS, is_at_rest, is_stable, settle
 from gensim2.rollout.no_op import NoOpResult, no_op_baseline
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, StrictMiss
-from gensim2.rollout.recording import Recorder, Recording
+from gensim2.rollout.recording import EpisodeResult, Recorder, Recording
 from gensim2.rollout.strict import StrictMisses, strict_misses
 from gensim2.rollout.turns import judged_steps, paper_verdict, told_turns, turns_by_criteria
 from gensim2.rollout.world import World
@@ -46,19 +45,6 @@ Stop = Literal["controller", "goal"]
 ``GOAL_SECONDS`` and still does once the scene has settled, and the step limit, so that one that never says that it is
 done can be judged."""
 STOPS: tuple[Stop, ...] = get_args(Stop)
-
-
-@dataclass(frozen=True)
-class EpisodeResult:
-    """Result of one episode.
-
-    Attributes:
-        episode: what is known of it.
-        recording: states, actions and flags of every control step, if they were asked for.
-    """
-
-    episode: Episode
-    recording: Recording | None = field(default=None, repr=False, compare=False)
 
 
 def run(

@@ -211,7 +211,8 @@ def _rollout(
     from gensim2.rollout.attempts import Attempt, attempted
     from gensim2.rollout.disturbance import Disturbed
     from gensim2.rollout.noise import Noisy
-    from gensim2.rollout.run import EpisodeResult, run
+    from gensim2.rollout.recording import EpisodeResult
+    from gensim2.rollout.run import run
 
     given = config.rollout
     env = simulator(config.scene)

@@ -12,17 +12,17 @@ from gensim2.core.progress import Progress
 from gensim2.core.sealed_file import MAX_BYTES
 from gensim2.core.yaml_files import MAX_BYTES as MAX_YAML
 from gensim2.data.dataset import DATASET_JSON, DataSet
-from gensim2.data.episode_file import StoredEpisode
 from gensim2.data.formats.seen_table import NAME as SEEN
 from gensim2.data.store import ROWS, TaskStore
 from gensim2.rollout.record import Episode
+from gensim2.rollout.recording import EpisodeResult
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
 
 MAX_STRATEGIES = 1000  # files; a task names up to 1000
 
 REMEDY = "export again"
 
-Read = tuple[TaskStore, Episode, StoredEpisode]
+Read = tuple[TaskStore, Episode, EpisodeResult]
 
 
 def copy_native(source: Path, out: Path) -> None:
