@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from fake_world import episode_of
 
-from gensim2.rollout.attempts import NUM_SEEDS, Attempt, attempted
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.record import Cause, Episode
 from gensim2.rollout.recording import EpisodeResult
+from gensim2.rollout.run import NUM_SEEDS, Attempt, attempted
 from gensim2.tasks.library import load_task
 
 TASK = load_task("PlaceGolfBallIntoDrawer")

@@ -16,7 +16,7 @@ import torch.multiprocessing  # processes then share the memory of tensors that 
 
 from gensim2.core.errors import InputError
 from gensim2.core.processes.fork_server import ignore_interrupts
-from gensim2.core.processes.worker import start_process
+from gensim2.core.processes.pool import start_process
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.gradient_step import GradientStep
 from gensim2.policy.network import PolicyNetwork

@@ -192,7 +192,7 @@ class Episode:
         randomization: name of the preset that the scene was drawn with.
         start: (n,) all active joints of the robot at the start.
         attempts: where several were allowed, all that were made from this start, in order; everything else is of one of
-            them (:mod:`gensim2.rollout.attempts`).
+            them (:mod:`gensim2.rollout.run`).
         disturbed_at: control step at which it was disturbed; None where it was not.
         index: place of the episode in its log or data set; -1 outside of one. A log keeps it beside the record.
         episode_digest: digest of the episode's file; None where no file was kept.

@@ -208,11 +208,10 @@ def _rollout(
     stop: Stop = "controller",
     index: int | None = None,
 ) -> tuple[Episode, Recording | None]:
-    from gensim2.rollout.attempts import Attempt, attempted
     from gensim2.rollout.disturbance import Disturbed
     from gensim2.rollout.noise import Noisy
     from gensim2.rollout.recording import EpisodeResult
-    from gensim2.rollout.run import run
+    from gensim2.rollout.run import Attempt, attempted, run
 
     given = config.rollout
     env = simulator(config.scene)

@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.processes.executor import WorkerStartError
-from gensim2.core.processes.worker import preload_modules, start_process
+from gensim2.core.processes.pool import preload_modules, start_process
 from gensim2.core.progress import Progress
 
 Result = TypeVar("Result")

@@ -25,8 +25,7 @@ from typing import Any, TypeVar
 from gensim2.core.cores import usable_cores
 from gensim2.core.errors import InputError, MissingExtraError, NotRunError
 from gensim2.core.processes.executor import TRIES, Executor, Failure, Job, Outcome, Tries, WorkerStartError, received
-from gensim2.core.processes.pool import JOBS_PER_WORKER, TIME_LIMIT
-from gensim2.core.processes.worker import SINGLE_THREADED, START_LIMIT, answer
+from gensim2.core.processes.pool import JOBS_PER_WORKER, SINGLE_THREADED, START_LIMIT, TIME_LIMIT, answer
 
 Result = TypeVar("Result")
 
