@@ -28,8 +28,7 @@ from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.scenes.sampler import SceneSampler
 from gensim2.sim.engines import scene_class
 from gensim2.sim.parts import Array, RigidPart, Row
-from gensim2.sim.scene_access import SceneAccessMixin
-from gensim2.sim.scene_state import RobotReader, StandingRobot, read_scene
+from gensim2.sim.scene_state import RobotReader, SceneAccessMixin, StandingRobot, read_scene
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.spec import TaskSpec
 

@@ -14,7 +14,7 @@ from gensim2.perception.columns import TOOL_POSE
 from gensim2.perception.proprioception import tool_pose
 from gensim2.perception.raycast.observer import Observer
 from gensim2.robots import OPEN, RobotProfile
-from gensim2.sim.scene_access import SceneAccessMixin
+from gensim2.sim.scene_state import SceneAccessMixin
 from gensim2.tasks.spec import TaskSpec
 
 RAYCAST = "raycast"

@@ -8,10 +8,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.errors import GenSim2Error
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
+from gensim2.scenes.initial_state import InitialState
 from gensim2.scenes.table import HALF_SIZE, corners
-from gensim2.sim.parts import ArticulatedPart, Frame, LazyMapping, Parts, RigidPart
+from gensim2.sim.parts import ArticulatedPart, Frame, LazyMapping, Part, Parts, RigidPart
 from gensim2.tasks.measurement import Measurement
 
 Array = npt.NDArray[np.float64]
@@ -120,3 +122,38 @@ def _table(T_base_world: Array) -> SceneBody:
     T_world_table = np.eye(4)
     T_world_table[2, 3] = -HALF_SIZE[2]
     return SceneBody("table", _TABLE_HULLS, T_base_world @ T_world_table)
+
+
+class SceneAccessMixin:
+    """Access to the robot and the objects of the scene of the last reset."""
+
+    _initial_state: InitialState | None = None
+    _parts: Mapping[str, Part]
+    _robot: RobotReader | StandingRobot
+
+    def _require_open(self) -> None:
+        """Refuse to go on with what was closed."""
+
+    @property
+    def initial_state(self) -> InitialState:
+        """Initial state that was drawn at the last reset."""
+        self._require_open()
+        if self._initial_state is None:
+            raise GenSim2Error("the environment has not been reset yet")
+        return self._initial_state
+
+    @property
+    def parts(self) -> Mapping[str, Part]:
+        """The objects as they stand in the scene, by name."""
+        assert self.initial_state
+        return self._parts
+
+    @property
+    def object_warnings(self) -> tuple[str, ...]:
+        """Losses in building the objects, by object."""
+        return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
+
+    def measure(self) -> Measurement:
+        """Measure the present instant in the world frame, for criteria and verdicts; without an arm, as if it stood
+        still."""
+        return measure(self._robot, self.parts)
