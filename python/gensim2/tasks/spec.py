@@ -76,10 +76,10 @@ class Place(_Value):
     """Placement of an object before its randomization.
 
     Attributes:
-        on: ``"table"``, or the name of another object, in or on which it rests.
-        at: x and y in the world, m; None takes the object's own default placement (on the table), or the middle of
-            what it stands on.
-        yaw: by which it is turned from its own default placement, rad about the vertical.
+        on: ``"table"``, or the name of the object that supports or contains this one.
+        at: x and y in the world, m; None: the default placement of the object on the table, or the middle of the
+            supporting object.
+        yaw: rotation from the default placement about the vertical, rad.
     """
 
     on: Name = TABLE
@@ -94,10 +94,10 @@ class Randomization(_Value):
     not: with a positive one, what lies to the side is turned towards the robot; with a negative one, away from it.
 
     Attributes:
-        x, y: offset from the object's place, m; one number stands for the range from minus it to it.
-        yaw: largest turn about the vertical, rad; its sign says which way what lies to the side is turned.
-        openness_mean: of the joint at the start; None takes the instance's default.
-        openness_spread: by which the openness may differ from the mean, either way; the result is kept within 0 to 1.
+        x, y: offset from the object's place, m; one number w stands for the range from -w to w.
+        yaw: largest rotation about the vertical, rad. The drawn yaw has the sign of y times the sign of ``yaw``.
+        openness_mean: mean openness at the start; None: the default of the instance.
+        openness_spread: largest deviation from the mean; the result is clipped to 0 to 1.
     """
 
     x: Offset = (-0.1, 0.1)
@@ -111,11 +111,11 @@ class ObjectSpec(_Value):
     """One object of a task.
 
     Attributes:
-        asset_class: name of its class; rigid objects are classes of their own (``golf_ball``).
-        instances: which of the class the task takes: words as in ``--instances``, or such words by where objects come
-            from (``real``, ``generated``). What a caller asks for is taken among these; None: among all.
-        place: where it stands.
-        randomization: of its placement and openness; ``openness_mean=None`` takes the instance's default.
+        asset_class: name of the class; each rigid object is a class (``golf_ball``).
+        instances: allowed objects of the class: words as in ``--instances``, or a mapping from ``real`` and
+            ``generated`` to words. Callers select among them. None: all objects.
+        place: placement before randomization.
+        randomization: ranges of placement and openness.
     """
 
     asset_class: Annotated[str, Field(alias="class", max_length=100)]
@@ -132,12 +132,12 @@ class Step(_Value):
     """One actuation pose, the motions about it, and what the gripper does there.
 
     Attributes:
-        name: unique in the task.
-        object: what it acts on: moves, grasps, or brings the tool to.
-        tool: ``"hand"``, or the object that is held and whose keypoints take the place of the tool's.
-        strategies: names of ways to do it, in order of preference.
-        done: all must hold once in the step's turn for the paper's verdict; none: done unconditionally, as the
-            paper's grasp and release.
+        name: name, unique in the task.
+        object: the handled object: moved, grasped, or approached with the tool.
+        tool: ``"hand"``, or the held object, whose keypoints then replace the tool's.
+        strategies: names of the step's strategies in order of preference.
+        done: criteria that must all hold once in the step's turn for the verdict ``paper``; none: the step counts
+            when it has begun, as the paper's grasp and release.
     """
 
     name: Name
@@ -152,7 +152,7 @@ class Made(_Value):
 
     Attributes:
         by: ``"search"``: a designer found it; ``"model"``: a language model wrote it; ``"hand"``: a person did.
-        seen: instances that it was tried on meanwhile, as in ``--instances``; figures on others are on unseen objects.
+        seen: objects of its design, as in ``--instances``; all other objects are unseen.
     """
 
     by: Literal["search", "model", "hand"]
@@ -163,12 +163,12 @@ class Verified(_Value):
     """Result of fresh episodes of a task and its strategies, on scenes that no design saw.
 
     Attributes:
-        episodes: how many there were.
-        held: in how many the goal held at the end, at rest, and not in the no-op baseline.
-        interval: of the share that held, 95 %.
-        seed: of the run; the scenes are those of ``gensim2.core.seeding.scene_seeds(seed, name, "verify", episodes)``.
-        instances: what the objects were drawn from: ``"new"`` and ``"test"`` are such that no search saw.
-        objects: number of different ones by class.
+        episodes: number of episodes.
+        held: number of episodes with the verdict ``held``.
+        interval: 95 % interval of the share that held.
+        seed: seed of the run; the scenes are ``gensim2.core.seeding.scene_seeds(seed, name, "verify", episodes)``.
+        instances: split of the objects; no search saw objects of ``"new"`` and ``"test"``.
+        objects: number of different objects by class.
     """
 
     episodes: Annotated[int, Field(ge=1)]
@@ -195,10 +195,10 @@ class Provenance(_Value):
     """Provenance of a task.
 
     Attributes:
-        origin: who proposed it: ``"paper"`` for what the paper's tables list, else the designer's name.
-        strategies: how each strategy came about, by name.
-        prompts: SHA-256 of the prompts that a language model was given, in hexadecimal.
-        verification: what fresh episodes said of it.
+        origin: ``"paper"`` for tasks of the paper's tables, otherwise the name of the designer.
+        strategies: origin of each strategy by name.
+        prompts: SHA-256 of the language model's prompts, in hexadecimal.
+        verification: result of new episodes.
     """
 
     origin: Annotated[str, Field(min_length=1, max_length=100)]
@@ -212,12 +212,12 @@ class TaskSpec(_Value):
 
     Attributes:
         name: CamelCase; the environment is ``GenSim2-<name>-v1``.
-        description: what a person would ask for, one phrase in lower case.
-        objects: by name, in the order in which they are placed.
-        steps: in order.
-        goal: what must hold at the end, all of it; None stands for the last step's ``done``.
-        max_episode_steps: steps, ``STEPS_A_SECOND`` of them a second, after which an episode is truncated.
-        provenance: where it comes from; None where that is not known.
+        description: sentence of the task: one phrase in lower case, as a person would ask.
+        objects: objects by name, in the order of their placement.
+        steps: steps in order.
+        goal: criteria that must all hold at the end; None: the ``done`` of the last step.
+        max_episode_steps: steps of 1 / ``STEPS_A_SECOND`` s after which an episode is truncated.
+        provenance: origin and verification; None if unknown.
     """
 
     schema_version: Literal[2] = 2
