@@ -72,3 +72,14 @@ def test_every_page_stands_in_the_navigation() -> None:
 def test_no_page_but_references_is_long() -> None:
     words = {str(page.relative_to(DOCS)): len(page.read_text(encoding="utf-8").split()) for page in DOCS.rglob("*.md")}
     assert {name: count for name, count in words.items() if count > MAX_WORDS and not name.startswith(LONG)} == {}
+
+
+def test_drawings_of_constraints_are_those_of_the_script(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    from constraint_drawings import FOLDER, drawings
+
+    page = (DOCS / "reference/solver.md").read_text(encoding="utf-8")
+    for name, text in drawings().items():
+        assert (FOLDER / f"{name}.svg").read_text(encoding="utf-8") == text, "run scripts/constraint_drawings.py"
+        assert f"| `{name}` |" in page
+    assert len(list(FOLDER.iterdir())) == len(drawings())
