@@ -14,7 +14,7 @@ import pytest
 import gensim2
 from gensim2.core.errors import InputError
 from gensim2.data.record import DatasetRecord
-from gensim2.data.runfolder import FIXED_ARGUMENTS
+from gensim2.data.records import FIXED_ARGUMENTS
 from gensim2.rollout.config import EpisodeConfig, RolloutArguments, RolloutOptions
 from gensim2.scenes.config import SCENE_FIELDS, SceneArguments, SceneConfig, SceneOptions
 from gensim2.scenes.physics import physics_name
