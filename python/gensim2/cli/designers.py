@@ -111,11 +111,7 @@ def designer_of_command(
 
 
 def _check_object(target_object: str, target_task: str | None, scene: SceneOptions) -> None:
-    """Refuse a class that there is not, before anything is looked at or a model is asked.
-
-    Raises:
-        InputError: there is no such class, or the task is given, too.
-    """
+    """Refuse a class that there is not, before anything is looked at or a model is asked."""
     from gensim2.objects import open_library
     from gensim2.tasks.library import task_names
 
@@ -128,11 +124,7 @@ def _check_object(target_object: str, target_task: str | None, scene: SceneOptio
 
 
 def _check_terminal() -> None:
-    """Refuse to ask a person whom no terminal reaches: that is an error, not a no.
-
-    Raises:
-        InputError: standard input is no terminal.
-    """
+    """Refuse to ask a person whom no terminal reaches: that is an error, not a no."""
 
     if not sys.stdin.isatty():
         raise InputError("standard input is no terminal, so no one can be asked", field="--review")

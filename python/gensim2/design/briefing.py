@@ -85,11 +85,7 @@ class Classes(Mapping[str, Affordance]):
         return self._read[name]
 
     def _affordance(self, name: str) -> Affordance:
-        """Return the affordance that a few instances share, of those that a search may see.
-
-        Raises:
-            InputError: none of them can be used.
-        """
+        """Return the affordance that a few instances share, of those that a search may see."""
         ids = seen_by_search(self._library, name)
         order = seeding.rng(self._seed, f"{name}/affordance").permutation(len(ids))
         found: list[ArticulatedObject | RigidObject] = []

@@ -179,11 +179,7 @@ def _answered(stage: StageResult, no: Mapping[Question, float]) -> Iterator[Evid
 
 
 class _Likeness:
-    """Similarity of alignments, from 0 to 1, part by part.
-
-    Args:
-        pool: those that are compared with.
-    """
+    """Similarity of alignments, from 0 to 1, part by part."""
 
     def __init__(self, pool: Sequence[Manipulation]) -> None:
         self._vectors = np.array([each.approach.vector for each in pool])

@@ -183,11 +183,7 @@ def guarded_client(httpx: Any, boundary: Boundary, timeout: float) -> Any:
 
 
 def _within(seconds: float, act: Callable[[], _T]) -> _T:
-    """Return the result of ``act``, which runs in a thread of its own.
-
-    Raises:
-        TimeoutError: ``act`` takes longer.
-    """
+    """Return the result of ``act``, which runs in a thread of its own."""
     box: queue.SimpleQueue[tuple[bool, Any]] = queue.SimpleQueue()
 
     def run() -> None:

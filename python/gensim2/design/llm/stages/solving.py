@@ -253,11 +253,7 @@ def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
 
 
 def _valid(given: Sequence[Config], job: StepToSolve, max_count: int) -> list[Config]:
-    """Those that can be used, no two alike; one that cannot be used does not spoil the others.
-
-    Raises:
-        Wrong: none can be used; names what is wrong with each.
-    """
+    """Those that can be used, no two alike; one that cannot be used does not spoil the others."""
     found: list[Config] = []
     problems: list[str] = []
     for number, config in enumerate(given[: 4 * max_count]):
