@@ -27,7 +27,7 @@ from mani_skill.utils.structs.types import SimConfig
 
 from gensim2.core.progress import ConsoleProgress
 from gensim2.objects import Library, RigidObject, open_library
-from gensim2.objects.library.loading import load_all
+from gensim2.objects.library.catalogue import load_all
 from gensim2.sim.objects import load_object
 from gensim2.sim.rigid import load_rigid
 

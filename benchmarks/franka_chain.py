@@ -42,7 +42,7 @@ import numpy.typing as npt
 
 from gensim2.core.seeding import rng
 from gensim2.robots import robot
-from gensim2_robot.arm import Arm
+from gensim2_robot.arm import LimitedArm
 from gensim2_robot.arm_limits import CYCLE, ArmLimits
 from gensim2_robot.audit import limits_passed
 from gensim2_robot.drivers import franka, streamed
@@ -130,7 +130,7 @@ def chain(options: argparse.Namespace) -> Iterator[Chain]:
             process.join()
 
 
-def standing(arm: Arm, clock: Clock) -> np.ndarray:
+def standing(arm: LimitedArm, clock: Clock) -> np.ndarray:
     """(m,) joints where it stands."""
     until = clock.monotonic() + 1.0
     while not arm.poll() and clock.monotonic() < until:
@@ -148,7 +148,7 @@ def drive(runs: int, speed: float, options: argparse.Namespace) -> dict[str, Any
     with chain(options) as ours:
         clock, driver = ours.clock, ours.driver
         began = time.monotonic() - clock.monotonic()
-        arm = Arm(driver, limits)
+        arm = LimitedArm(driver, limits)
         home = standing(arm, clock)
         arm.begin(home)
         commands = [home]
@@ -202,7 +202,7 @@ def leap(options: argparse.Namespace, unlimited: bool) -> dict[str, Any]:
     with chain(options) as ours:
         clock, driver = ours.clock, ours.driver
         with mock.patch.object(franka, "DELTA", 1e6 if unlimited else franka.DELTA):
-            arm = Arm(driver, ArmLimits.of(robot("panda"), speed=1.0))
+            arm = LimitedArm(driver, ArmLimits.of(robot("panda"), speed=1.0))
             home, told = standing(arm, clock), None
             for cycle in range(100):
                 driver.send(home if cycle < 20 else home + LEAP, 1.0, clock.monotonic())

@@ -32,7 +32,7 @@ from gensim2.core.processes import WorkerPool, enumerated
 from gensim2.core.processes import results as run
 from gensim2.core.seeding import rng
 from gensim2.objects import RigidObject, open_library
-from gensim2.objects.region import STANDARD_REGION
+from gensim2.objects.placement import STANDARD_REGION
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile, SlidingGripper, robot, robot_names
 from gensim2.scenes.table import HALF_SIZE, corners
 from gensim2.sim import agents

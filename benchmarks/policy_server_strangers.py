@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from gensim2.perception import Observation, ObservationSpec
-from gensim2.perception.columns import STATE, VELOCITY
+from gensim2.perception.observation import STATE, VELOCITY
 from gensim2.policy.remote.client import RemoteController
 from gensim2.policy.remote.protocol import MAX_BYTES, TOKEN
 

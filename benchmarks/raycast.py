@@ -121,7 +121,7 @@ def time_frames(shown: SceneConfig, recording: Recording, wanted: int, times: Ti
         if settings == CloudSettings():
             begin = clock()
             for step in rows:
-                seeing.scene.cast(poses[step])
+                seeing.scene.see(poses[step])
             times.add("of it rays", clock() - begin, len(rows))
 
 

@@ -25,10 +25,10 @@ from gensim2.perception import D435, DepthNoise
 from gensim2.perception.raycast.scene import RaycastScene
 from gensim2.robots import robot
 from gensim2_robot.arm_limits import ArmLimits
-from gensim2_robot.calibration.displacement import displaced, pose_error
 from gensim2_robot.calibration.mesh import calibrate
+from gensim2_robot.calibration.run import displaced, pose_error
 from gensim2_robot.calibration.surfaces import ArmView, RobotSurface
-from gensim2_robot.simulated_cameras import simulated_cameras
+from gensim2_robot.simulated import simulated_cameras
 
 PROFILE = robot("panda")
 SPREAD = np.array([0.9, 0.5, 0.6, 0.6, 0.8, 0.8, 1.0])

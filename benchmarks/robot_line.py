@@ -41,15 +41,13 @@ from gensim2.core.seeding import rng
 from gensim2.policy.remote import protocol
 from gensim2.policy.remote.server import PolicyServer
 from gensim2.rollout.inputs import read_task_input
-from gensim2_robot.drivers.realsense import RealSenseCameras
-from gensim2_robot.drivers.software_realsense import SoftwareDevice
+from gensim2_robot.devices import Keys
+from gensim2_robot.drivers.realsense import RealSenseCameras, SoftwareDevice
 from gensim2_robot.faults import Fault
-from gensim2_robot.keys import Keys
 from gensim2_robot.live import looking
-from gensim2_robot.replay import replay
+from gensim2_robot.log_reader import replay
 from gensim2_robot.run import run as run_line
-from gensim2_robot.simulated_cameras import SimulatedCameras, simulated_cameras
-from gensim2_robot.simulated_world import SimulatedWorld
+from gensim2_robot.simulated import SimulatedCameras, SimulatedWorld, simulated_cameras
 from gensim2_robot.watch import WatchRules
 
 ENDS = {

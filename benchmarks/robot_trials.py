@@ -27,8 +27,7 @@ from typing import Any
 
 from gensim2.core.progress import ConsoleProgress
 from gensim2_robot.config import Delays
-from gensim2_robot.trial.protocol import protocol_names, read_protocol
-from gensim2_robot.trial.record import write_table
+from gensim2_robot.trial.record import protocol_names, read_protocol, write_table
 from gensim2_robot.trial.run import trial
 from gensim2_robot.watch import WatchRules
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -207,16 +208,60 @@ def test_an_error_of_pydantic_is_put_into_words_in_one_place() -> None:
     assert converting == {"core/validation.py", "tasks/parse.py"}, "tasks/parse.py looks up a location in the error"
 
 
-def test_a_name_of_a_class_has_one_meaning_in_design_and_evaluation() -> None:
-    """Others share names still: see the classes of deploy, of policy and of objects."""
+#: Packages whose class names have one meaning in both distributions; others share names still.
+ONE_MEANING = (
+    "gensim2.design",
+    "gensim2.evaluation",
+    "gensim2.bench",
+    "gensim2.objects",
+    "gensim2.perception",
+    "gensim2_robot",
+)
+
+
+def test_a_name_of_a_class_has_one_meaning() -> None:
     owners: dict[str, set[str]] = {}
-    for path in sources("gensim2"):
+    for path in (*sources("gensim2"), *sources("gensim2_robot")):
+        module = ".".join(path.relative_to(PYTHON).with_suffix("").parts)
         for node in ast.parse(path.read_text()).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                owners.setdefault(node.name, set()).add(path.relative_to(PYTHON / "gensim2").as_posix())
-    ours = ("design/", "evaluation/", "bench/")
+                owners.setdefault(node.name, set()).add(module)
     shared = {name: found for name, found in owners.items() if len(found) > 1}
-    assert {name for name, found in shared.items() if any(each.startswith(ours) for each in found)} == set()
+    ours = {
+        name for name, found in shared.items() if any(lies_in(each, room) for each in found for room in ONE_MEANING)
+    }
+    assert ours == set()
+
+
+def test_limits_of_untrusted_objects_and_logs_stand_in_one_table() -> None:
+    """Modules import their limits: none assigns a name of the table, and all of the table is used."""
+    table = assigned(PYTHON / "gensim2/core/foreign/limits.py") - {"MIB"}
+    used: set[str] = set()
+    for room in ("gensim2.objects", "gensim2.perception", "gensim2_robot"):
+        for path in sources(room):
+            assert assigned(path) & table == set(), path
+            used |= {name.rpartition(".")[2] for name in imports(path.read_text()) if "foreign.limits." in name}
+    assert used | {"MAX_MESSAGE"} == table
+
+
+def assigned(path: Path) -> set[str]:
+    """Names that the body of a module assigns."""
+    targets = [t for node in ast.parse(path.read_text()).body if isinstance(node, ast.Assign) for t in node.targets]
+    return {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
+
+
+@pytest.mark.parametrize(("walk", "most"), [("A cloud from the ray caster to the policy", 8)])
+def test_a_walk_of_the_architecture_is_short_and_leads_through_functions_that_exist(walk: str, most: int) -> None:
+    """Each row of the table names a function; the function's module names the one of the row before or after it."""
+    page = (PYTHON.parent / "docs/architecture.md").read_text()
+    section = page.split(f"### {walk}\n")[1].split("\n#")[0]
+    hops = re.findall(r"^\| \d+ \| `([\w.]+):([\w.]+)` \|", section, flags=re.M)
+    assert 2 <= len(hops) <= most
+    for module, name in hops:
+        found: object = importlib.import_module(module)
+        for part in name.split("."):
+            found = getattr(found, part)
+        assert callable(found), name
 
 
 def test_how_jobs_run_is_one_value() -> None:

@@ -130,8 +130,8 @@ def ray_casting() -> Check:
     """Whether Embree finds a triangle and points can be sampled: point clouds need both."""
     name, remedy = "Ray casting", "pip install 'gensim2[sim]'; all but point clouds works without"
     try:
+        from gensim2.perception.cloud import farthest_points
         from gensim2.perception.raycast.shapes import Surface
-        from gensim2.perception.sampling import farthest_points
 
         corners = np.array([[-1, -1, 2], [1, -1, 2], [0, 1, 2]], dtype=np.float32)
         triangle = Surface(corners, np.array([[0, 1, 2]], dtype=np.int32), np.zeros((1, 3), np.uint8))

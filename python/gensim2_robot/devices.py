@@ -1,10 +1,17 @@
-"""Protocols of an arm and its cameras, simulated or not; times are those of the machine's monotonic clock."""
+"""Frames, states and the interfaces of drivers; the keyboard of the person who stands by."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+import os
+import select
+import sys
+import termios
+import tty
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from types import TracebackType
+from typing import Literal, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -40,7 +47,7 @@ class ArmState:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class CameraFrame:
     """One picture of one camera.
 
     Attributes:
@@ -95,6 +102,48 @@ class CameraDriver(Protocol):
     cameras: tuple[Camera, ...]
     serials: Mapping[str, str]
 
-    def poll(self) -> Sequence[Frame]:
+    def poll(self) -> Sequence[CameraFrame]:
         """Pictures that came since the last call, oldest first."""
         ...
+
+
+class Keys:
+    """Keys as they are pressed, where there is a terminal; none where there is not."""
+
+    def __init__(self) -> None:
+        self._there = sys.stdin is not None and sys.stdin.isatty()
+
+    @property
+    def is_there(self) -> bool:
+        """Whether a person could press any."""
+        return self._there
+
+    def __enter__(self) -> Self:
+        if self._there:
+            self._before = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._there:
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
+
+    @contextlib.contextmanager
+    def let_go(self) -> Iterator[None]:
+        """Give the terminal back while a block asks for whole lines."""
+        if not self._there:
+            yield
+            return
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
+        try:
+            yield
+        finally:
+            tty.setcbreak(sys.stdin)
+
+    def pressed(self) -> str | None:
+        """The next key; None: none was pressed."""
+        if not self._there or not select.select([sys.stdin], [], [], 0.0)[0]:
+            return None
+        return os.read(sys.stdin.fileno(), 1).decode(errors="replace") or None

@@ -18,13 +18,12 @@ from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
 from gensim2.perception import D435, DepthNoise
-from gensim2.perception.noise import brightness, incidence, shadows
-from gensim2.perception.noise_file import NoiseFile
+from gensim2.perception.noise import NoiseFile, brightness, incidence, shadows
 from gensim2_robot.calibration.poses import read_standing
 
 Array = npt.NDArray[np.float64]
 
-MIN_PICTURES, MAX_PICTURES = 8, 60
+MIN_PICTURES, MOST_PICTURES = 8, 60
 """Pictures of one camera and one scene that are enough to tell, and that are looked at."""
 TOLD = 200
 """Pixels from which on a share is told."""
@@ -38,7 +37,7 @@ MILLIMETRE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class StillRecording:
     """Pictures of one camera; nothing in them moves.
 
     Attributes:
@@ -70,11 +69,11 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
 
     cameras = {each.name: each.camera() for each in about_of(log).cameras}
     recordings = []
-    for standing in read_standing(log, MAX_PICTURES):
+    for standing in read_standing(log, MOST_PICTURES):
         for name, frames in standing.frames.items():
             if cameras[name].link is None and len(frames) >= MIN_PICTURES:
                 depths = np.stack([cameras[name].metres(frame.depth) for frame in frames])
-                recordings.append(Recording(depths, frames[0].colors, float(cameras[name].intrinsic[1, 1])))
+                recordings.append(StillRecording(depths, frames[0].colors, float(cameras[name].intrinsic[1, 1])))
     if not recordings:
         raise InputError(
             f"the arm stands nowhere for {MIN_PICTURES} pictures", file=log, remedy="let it stand for some seconds"
@@ -84,7 +83,7 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
     return {"schema_version": 1, "noise": asdict(found), "told": told, "recordings": len(recordings), "file": str(out)}
 
 
-def fit(recordings: Sequence[Recording], base: DepthNoise = D435) -> tuple[DepthNoise, dict[str, int]]:
+def fit(recordings: Sequence[StillRecording], base: DepthNoise = D435) -> tuple[DepthNoise, dict[str, int]]:
     """Parameters of noise, and the number of pixels by which each was told; what was not is as in ``base``.
 
     Raises:
@@ -125,7 +124,7 @@ def fit(recordings: Sequence[Recording], base: DepthNoise = D435) -> tuple[Depth
 class _Part:
     """One recording, and which of its pixels tell what."""
 
-    def __init__(self, recording: Recording, base: DepthNoise) -> None:
+    def __init__(self, recording: StillRecording, base: DepthNoise) -> None:
         depths = recording.depths.astype(np.float64)
         self._depths, self._base, self._focal = depths, base, recording.focal
         seen = depths > 0

@@ -14,16 +14,15 @@ from typing import Protocol
 
 import numpy as np
 
-from gensim2_robot.arm import Arm
+from gensim2_robot.arm import LimitedArm, Streamer
 from gensim2_robot.arm_limits import CYCLE, Array
 from gensim2_robot.clocks import Clock
-from gensim2_robot.devices import CameraDriver, Frame
-from gensim2_robot.eyes import Sight
-from gensim2_robot.journal import Journal
+from gensim2_robot.devices import CameraDriver, CameraFrame
+from gensim2_robot.eyes import SensorSnapshot
 from gensim2_robot.limits import RefusedError, Sent, admit
-from gensim2_robot.mind import Answer, Begin, Question
+from gensim2_robot.log import Journal
+from gensim2_robot.mind import Begin, ControllerAnswer, Question
 from gensim2_robot.pipes import DeviceGoneError
-from gensim2_robot.streaming import Streamer
 from gensim2_robot.watch import State, Watch
 
 PERIOD_CYCLES = 10
@@ -49,7 +48,7 @@ class Mind(Protocol):
         """Say or ask something."""
         ...
 
-    def poll(self) -> Sequence[Answer]:
+    def poll(self) -> Sequence[ControllerAnswer]:
         """Answers that came since the last call."""
         ...
 
@@ -60,7 +59,7 @@ class Mind(Protocol):
 
 
 @dataclass
-class Figures:
+class LoopFigures:
     """Measurements of the loop; times in seconds, in milliseconds where the name says so.
 
     Attributes:
@@ -124,7 +123,7 @@ class Line:
 
     def __init__(
         self,
-        arm: Arm,
+        arm: LimitedArm,
         cameras: CameraDriver,
         mind: Mind,
         watch: Watch,
@@ -138,13 +137,13 @@ class Line:
         self.pace = pace
         self._names = [camera.name for camera in cameras.cameras]
         self._streamer = Streamer(arm.limits)
-        self.figures = Figures()
+        self.figures = LoopFigures()
         self.commands: list[Array] | None = None
         self.interrupted: str | None = None
         self._cycle = self._next_period = 0
         self._fresh: set[str] = set()
         self._fresh_at = 0
-        self._written: dict[str, Frame] = {}
+        self._written: dict[str, CameraFrame] = {}
         self._latency = 0.0
         self.in_phase = False
         self._number = 0
@@ -163,7 +162,7 @@ class Line:
         self._next = self._clock.now() + CYCLE  # between episodes a person may have taken his time
         self.watch.clear()
         self._streamer.clear()
-        self.frames: dict[str, Frame] = {}
+        self.frames: dict[str, CameraFrame] = {}
         self._fresh.clear()  # pictures of a set that was not complete belong to what is forgotten
         self._steps = 0
         self._due = 0.0
@@ -311,14 +310,14 @@ class Line:
             return
         frames = tuple(self.frames[name] for name in self._names)
         posed = {frame.camera: self.arm.at(frame.captured).q for frame in frames}
-        sight = Sight(self._steps, state.q, state.v, self.arm.gripper, frames, posed)
+        sight = SensorSnapshot(self._steps, state.q, state.v, self.arm.gripper, frames, posed)
         self._open = Question(self._number, sight, count)
         self._number += 1
         self._journal.question(now, self._open)
         self._mind.send(self._open)
         self.watch.asked(now)
 
-    def _hear(self, answer: Answer, now: float) -> None:
+    def _hear(self, answer: ControllerAnswer, now: float) -> None:
         """Targets of an answer to the open question; any other answer is of an episode that is over."""
         is_open = self._open is not None and answer.number == self._open.number
         if is_open:
@@ -355,7 +354,7 @@ class Line:
             self.figures.late_actions += late
             self.watch.came(late == len(targets), now)
 
-    def _note(self, answer: Answer) -> None:
+    def _note(self, answer: ControllerAnswer) -> None:
         if answer.cloud_ms is not None:
             self.figures.picture_age_ms.append(answer.cloud_ms)
         if answer.encoding_ms is not None:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.perception import Observation, ObservationSpec
-from gensim2.perception.columns import CLOUD
+from gensim2.perception.observation import CLOUD
 from gensim2.perception.raycast.kinematics import Tree, read_urdf
 from gensim2.perception.raycast.shapes import read_links
 from gensim2.robots import OPEN, robot
@@ -20,9 +20,9 @@ from gensim2.rollout.controller import PROPRIOCEPTIVE
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.viewing import CLOUD_POINT, draw_solid, quaternion, viser_module
 from gensim2_kpam.show import add_text, plain_markdown
-from gensim2_robot.devices import ArmState, Frame
+from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.limits import Sent
-from gensim2_robot.mind import Answer, Question
+from gensim2_robot.mind import ControllerAnswer, Question
 from gensim2_robot.watch import WatchRules
 
 EVERY = 0.1
@@ -86,9 +86,9 @@ class LivePage:
         self._stand(np.array(profile.reset_qpos))
         self._said = add_text(server, "nothing yet")
         self._state: ArmState | None = None
-        self._answer: Answer | None = None
+        self._answer: ControllerAnswer | None = None
         self._watch, self._clocks = "idle", ""
-        self._drawn: tuple[ArmState | None, Answer | None] = (None, None)
+        self._drawn: tuple[ArmState | None, ControllerAnswer | None] = (None, None)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="page", daemon=True)
         self._thread.start()
@@ -123,7 +123,7 @@ class LivePage:
         """Note where the arm stands."""
         self._state = state
 
-    def answer(self, time: float, answer: Answer) -> None:
+    def answer(self, time: float, answer: ControllerAnswer) -> None:
         """Note the cloud and the next actions."""
         self._answer = answer
 
@@ -136,7 +136,7 @@ class LivePage:
         pictures = ", ".join(f"{name} {1e3 * age:.0f} ms" for name, age in ages.items())
         self._clocks = f"period {1e3 * late:.1f} ms late; pictures: {pictures}"
 
-    def frame(self, frame: Frame) -> None:
+    def frame(self, frame: CameraFrame) -> None:
         """Pictures are shown as the cloud that they make."""
 
     def sent(self, time: float, sent: Sent, gripper: float) -> None:
@@ -168,7 +168,7 @@ class LivePage:
         for number, handle in self._links:
             handle.position, handle.wxyz = poses[number][:3, 3], quaternion(poses[number])
 
-    def _draw_answer(self, answer: Answer, state: ArmState | None) -> None:
+    def _draw_answer(self, answer: ControllerAnswer, state: ArmState | None) -> None:
         cloud = answer.seen.get(CLOUD)
         if cloud is not None:
             _show_points(self._cloud, cloud[:, :3].astype(np.float32), (255 * cloud[:, 3:6]).astype(np.uint8))
@@ -186,7 +186,7 @@ class LivePage:
                 found.append(self._profile.model.forward_kinematics(there, self._profile.tool_link)[:3, 3])
         return np.array(found, dtype=np.float32).reshape(-1, 3)
 
-    def _words(self, state: ArmState | None, answer: Answer | None) -> list[str]:
+    def _words(self, state: ArmState | None, answer: ControllerAnswer | None) -> list[str]:
         lines = [f"watch {self._watch}"]
         if state is not None:
             lines.append(f"arm {state.mode}, {state.force:.0f} N")

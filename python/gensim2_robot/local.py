@@ -12,11 +12,10 @@ from gensim2.core.errors import GenSim2Error
 from gensim2.core.seeding import rng
 from gensim2_robot.arm_limits import CYCLE, Array
 from gensim2_robot.clocks import SimulatedClock
-from gensim2_robot.devices import ArmState, Frame
-from gensim2_robot.mind import SLOW, Answer, Begin, MindSpec, Question, Truth, think
+from gensim2_robot.devices import ArmState, CameraFrame
+from gensim2_robot.mind import SLOW, Begin, ControllerAnswer, MindSpec, Question, Truth, think
 from gensim2_robot.pipes import DeviceGoneError
-from gensim2_robot.simulated_cameras import RATE, SimulatedCameras
-from gensim2_robot.simulated_world import GOAL_EVERY, SimulatedWorld
+from gensim2_robot.simulated import GOAL_EVERY, RATE, SimulatedCameras, SimulatedWorld
 
 WAITING = 0.1
 """Seconds after which a wait looks for a signal that asks to stop."""
@@ -102,7 +101,7 @@ class LocalCameras:
         self.cameras = cameras.cameras
         self.serials: Mapping[str, str] = cameras.serials
         self._due = 0.0
-        self._coming: list[tuple[float, Frame]] = []
+        self._coming: list[tuple[float, CameraFrame]] = []
         clock.hooks.append(self._take)
 
     def _take(self, now: float) -> None:
@@ -114,7 +113,7 @@ class LocalCameras:
         self._due = max(self._due + 1.0 / self._rate, now)
         self._coming += [(now + self._latency, frame) for frame in self._cameras.take(self._world.rows(now))]
 
-    def poll(self) -> Sequence[Frame]:
+    def poll(self) -> Sequence[CameraFrame]:
         """Pictures that have arrived."""
         now = self._clock.now()
         found = [frame for at, frame in self._coming if at <= now]
@@ -156,7 +155,7 @@ class LocalMind:
         self._latency = latency[0]
         self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._outbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._coming: list[tuple[float, Answer]] = []
+        self._coming: list[tuple[float, ControllerAnswer]] = []
         self._slow = False
         self.is_alive = True
         self._error: BaseException | None = None
@@ -196,7 +195,7 @@ class LocalMind:
                     name = signal.Signals(self._interrupted[0]).name
                     raise DeviceGoneError(f"a person or the system asked to stop: {name}") from None
 
-    def poll(self) -> Sequence[Answer]:
+    def poll(self) -> Sequence[ControllerAnswer]:
         """Answers whose time has come."""
         now = self._clock.now()
         found = [answer for at, answer in self._coming if at <= now]

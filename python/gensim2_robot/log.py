@@ -14,19 +14,115 @@ import queue
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
 from gensim2.core.errors import InputError, WriteError
-from gensim2_robot.devices import ArmState, Frame
+from gensim2.core.foreign.limits import MAX_MESSAGE
+from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.limits import Sent
-from gensim2_robot.log_messages import About
-from gensim2_robot.mind import Answer, Question
-from gensim2_robot.packing import MAX_MESSAGE, pack
+from gensim2_robot.log_messages import About, pack
+from gensim2_robot.mind import ControllerAnswer, Question
+
+
+class Journal(Protocol):
+    """Log of a run. Nothing here waits."""
+
+    @property
+    def trouble(self) -> str | None:
+        """Why nothing more can be written; None: all is well."""
+        ...
+
+    def state(self, state: ArmState) -> None: ...
+    def frame(self, frame: CameraFrame) -> None: ...
+    def sent(self, time: float, sent: Sent, gripper: float) -> None: ...
+    def question(self, time: float, question: Question) -> None: ...
+    def answer(self, time: float, answer: ControllerAnswer) -> None: ...
+    def change(self, time: float, state: str, reason: str) -> None: ...
+    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None: ...
+
+
+class NoJournal:
+    """Writes nothing down."""
+
+    trouble: str | None = None
+
+    def state(self, state: ArmState) -> None:
+        """Nothing."""
+
+    def frame(self, frame: CameraFrame) -> None:
+        """Nothing."""
+
+    def sent(self, time: float, sent: Sent, gripper: float) -> None:
+        """Nothing."""
+
+    def question(self, time: float, question: Question) -> None:
+        """Nothing."""
+
+    def answer(self, time: float, answer: ControllerAnswer) -> None:
+        """Nothing."""
+
+    def change(self, time: float, state: str, reason: str) -> None:
+        """Nothing."""
+
+    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
+        """Nothing."""
+
+
+class Journals:
+    """Several journals as one; the trouble of any is its trouble.
+
+    Args:
+        several: that are told, in this order.
+    """
+
+    def __init__(self, several: Sequence[Journal]) -> None:
+        self._several = tuple(several)
+
+    @property
+    def trouble(self) -> str | None:
+        """The first trouble that there is."""
+        return next((each.trouble for each in self._several if each.trouble is not None), None)
+
+    def state(self, state: ArmState) -> None:
+        """Pass on."""
+        for each in self._several:
+            each.state(state)
+
+    def frame(self, frame: CameraFrame) -> None:
+        """Pass on."""
+        for each in self._several:
+            each.frame(frame)
+
+    def sent(self, time: float, sent: Sent, gripper: float) -> None:
+        """Pass on."""
+        for each in self._several:
+            each.sent(time, sent, gripper)
+
+    def question(self, time: float, question: Question) -> None:
+        """Pass on."""
+        for each in self._several:
+            each.question(time, question)
+
+    def answer(self, time: float, answer: ControllerAnswer) -> None:
+        """Pass on."""
+        for each in self._several:
+            each.answer(time, answer)
+
+    def change(self, time: float, state: str, reason: str) -> None:
+        """Pass on."""
+        for each in self._several:
+            each.change(time, state, reason)
+
+    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
+        """Pass on."""
+        for each in self._several:
+            each.clocks(time, late, ages)
+
 
 ENCODING = "gensim2-pack"
 SEGMENT = 256 << 20
@@ -162,7 +258,7 @@ class Log:
         plain = {"time": state.time, "force": state.force, "mode": state.mode}
         self._put("/arm", state.time, plain, {"q": state.q, "v": state.v})
 
-    def frame(self, frame: Frame) -> None:
+    def frame(self, frame: CameraFrame) -> None:
         """A picture."""
         plain = {
             "camera": frame.camera,
@@ -190,7 +286,7 @@ class Log:
         posed = {f"posed/{name}": q for name, q in sight.posed.items()}
         self._put("/question", time, plain, {"q": sight.q, "v": sight.v, **posed})
 
-    def answer(self, time: float, answer: Answer) -> None:
+    def answer(self, time: float, answer: ControllerAnswer) -> None:
         """Log its answer, and all that it was given."""
         plain = {
             "time": time,

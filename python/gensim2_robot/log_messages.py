@@ -5,6 +5,9 @@ Messages of a robot that was moved may hold NaN, where a device or a policy gave
 
 from __future__ import annotations
 
+import json
+import struct
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -12,14 +15,62 @@ import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from gensim2.core.errors import InputError
+from gensim2.core.foreign.limits import MAX_CAMERA_PIXELS, MAX_HEAD, MAX_JOINTS, MAX_MESSAGE
 from gensim2.core.validation import input_error
 from gensim2.perception import ObservationSpec
 from gensim2.perception.camera_record import CameraRecord
-from gensim2_robot.devices import ArmMode, Frame
+from gensim2_robot.devices import ArmMode, CameraFrame
 
-MAX_PIXELS = 1 << 23
-"""Pixels of all cameras of a log together: their rays take 500 MB of memory."""
-MAX_JOINTS = 100
+_Type = Literal["uint8", "uint16", "int16", "int32", "int64", "float32", "float64", "bool"]
+_Shape = Annotated[list[Annotated[int, Field(ge=0, le=MAX_MESSAGE, strict=True)]], Field(max_length=8)]
+
+
+class _Head(BaseModel):
+    plain: dict[str, Any]
+    arrays: dict[str, tuple[_Type, _Shape]]
+
+
+def pack(plain: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
+    """Plain data and arrays, by name."""
+    kept = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    told = {name: [array.dtype.name, list(array.shape)] for name, array in kept.items()}
+    head = json.dumps({"plain": plain, "arrays": told}).encode()
+    return b"".join([struct.pack("<I", len(head)), head, *(array.data for array in kept.values())])
+
+
+def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    """Undo the packing.
+
+    Raises:
+        InputError: it was not packed so, or is damaged.
+    """
+    try:
+        (length,) = struct.unpack_from("<I", data)
+        if length > MAX_HEAD:
+            raise ValueError(f"its head has {length} bytes, {MAX_HEAD} at most")
+        head = _Head.model_validate(json.loads(data[4 : 4 + length], parse_int=_whole))
+        arrays, at = {}, 4 + length
+        for name, (kind, shape) in head.arrays.items():
+            count = 1
+            for size in shape:
+                count = min(count * size, len(data) + 1)  # no more than there can be: zeros may follow
+            found = np.frombuffer(data, dtype=kind, count=count, offset=at)
+            arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message
+            at += arrays[name].nbytes
+        if at != len(data):
+            raise ValueError(f"{len(data) - at} bytes are left over")
+        return head.plain, arrays
+    except ValidationError as error:
+        raise input_error(error, within="message") from error
+    except (struct.error, ValueError, RecursionError) as error:
+        raise InputError(f"is damaged: {error}", field="message") from error
+
+
+def _whole(digits: str) -> int:
+    """Refuse whole numbers of over 64 bits, which floats and arrays cannot hold."""
+    if len(digits) > 20 or not -(2**63) <= (value := int(digits)) < 2**64:
+        raise ValueError("a whole number of over 64 bits")
+    return value
 
 
 def _array(kind: str, dimensions: int) -> AfterValidator:
@@ -77,8 +128,8 @@ class About(LogMessage):
     def _can_be_observed(self) -> About:
         if len({camera.name for camera in self.cameras}) < len(self.cameras):
             raise ValueError("names a camera twice")
-        if sum(camera.width * camera.height for camera in self.cameras) > MAX_PIXELS:
-            raise ValueError(f"its cameras have over {MAX_PIXELS} pixels together")
+        if sum(camera.width * camera.height for camera in self.cameras) > MAX_CAMERA_PIXELS:
+            raise ValueError(f"its cameras have over {MAX_CAMERA_PIXELS} pixels together")
         if self.pixels is not None and not self.pixels >= 1:
             raise ValueError("pixels must be positive")
         try:
@@ -118,9 +169,9 @@ class PictureMessage(LogMessage):
     depth: Annotated[np.ndarray, _array("uint16", 2)]
     colors: Annotated[np.ndarray, _array("uint8", 3)]
 
-    def frame(self) -> Frame:
+    def frame(self) -> CameraFrame:
         """Return the picture as devices give it."""
-        return Frame(self.camera, self.number, self.captured, self.depth, self.colors, self.serial)
+        return CameraFrame(self.camera, self.number, self.captured, self.depth, self.colors, self.serial)
 
 
 class SentMessage(LogMessage):

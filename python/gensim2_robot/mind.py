@@ -23,8 +23,7 @@ from gensim2.rollout.driving import drive
 from gensim2.rollout.guarded import Guarded
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
-from gensim2_robot.eyes import Eyes, Sight, inputs
-from gensim2_robot.own_points import CameraPoseError
+from gensim2_robot.eyes import CameraPoseError, Eyes, SensorSnapshot, inputs
 
 SLOW = 0.6
 """Seconds that a controller takes for an answer that is told to be slow."""
@@ -60,12 +59,12 @@ class Question:
     """
 
     number: int
-    sight: Sight
+    sight: SensorSnapshot
     count: int
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class ControllerAnswer:
     """Answer of a controller.
 
     Attributes:
@@ -138,7 +137,7 @@ class LineBody:
         self,
         spec: MindSpec,
         receive: Callable[[], Any],
-        send: Callable[[Answer], None],
+        send: Callable[[ControllerAnswer], None],
         now: Callable[[], float],
         truth: Truth | None,
     ) -> None:
@@ -202,7 +201,7 @@ class LineBody:
             self._measured = self._truth.measure()
         return PrivilegedObservation.of(observation, self._measured, self._truth.scene_state)
 
-    def _look(self, spec: ObservationSpec, sight: Sight) -> Observation:
+    def _look(self, spec: ObservationSpec, sight: SensorSnapshot) -> Observation:
         begun = time.perf_counter()
         observation = self._eyes_of(spec).observe(sight)
         shown = observation
@@ -241,7 +240,9 @@ class LineBody:
             actions = _garbage(self._question.number, self.profile.action_size)
         spent = 1e3 * (time.perf_counter() - self._begun) - (self._encoding_ms or 0.0)
         self._send(
-            Answer(self._question.number, actions, done, self._shown, self._cloud_ms, self._encoding_ms, spent, error)
+            ControllerAnswer(
+                self._question.number, actions, done, self._shown, self._cloud_ms, self._encoding_ms, spent, error
+            )
         )
         self._question = None
 
@@ -294,7 +295,7 @@ def think(
                 whose = "" if isinstance(error, CameraPoseError) else "the controller failed: "
                 body.answer(error=f"{whose}{error}")
         elif isinstance(message, Question):  # of an episode that this controller is done with
-            send(Answer(message.number, np.empty((0, profile.action_size), dtype=np.float32), done=True))
+            send(ControllerAnswer(message.number, np.empty((0, profile.action_size), dtype=np.float32), done=True))
         elif isinstance(message, str):
             body.fail(message)
         message = receive()

@@ -17,28 +17,27 @@ from gensim2.core.errors import InputError
 from gensim2.core.validation import input_error
 from gensim2.perception import Camera, DepthNoise, ObservationSpec
 from gensim2.perception.camera_record import CameraRecord
-from gensim2.perception.noise_file import read_noise
+from gensim2.perception.noise import read_noise
 from gensim2.policy.remote.client import RemoteController
 from gensim2.policy.remote.protocol import is_url
 from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.controller import is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.inputs import TaskInput
-from gensim2_robot.arm import Arm
+from gensim2_robot.arm import LimitedArm
 from gensim2_robot.arm_limits import ArmLimits, Array
 from gensim2_robot.calibration.file import Calibration, calibrated, read_calibration, require_calibrated
 from gensim2_robot.calibration.file import serials as calibrated_serials
-from gensim2_robot.cameras import ProcessCameras
 from gensim2_robot.clocks import MachineClock, SimulatedClock
 from gensim2_robot.config import SIMULATED, SOFTWARE, LineConfig
 from gensim2_robot.devices import ArmDriver, ArmState
 from gensim2_robot.eyes import PIXELS
 from gensim2_robot.faults import Fault, FullDisk
-from gensim2_robot.journal import Journal, Journals, NoJournal
 from gensim2_robot.line import Line
+from gensim2_robot.log import Journal, Journals, NoJournal
 from gensim2_robot.log_messages import About
 from gensim2_robot.mind import MindSpec, looked_at
-from gensim2_robot.real import ByHand, open_arm, open_cameras
+from gensim2_robot.real import ByHand, ProcessCameras, open_arm, open_cameras
 from gensim2_robot.session import Devices, OpenMind
 from gensim2_robot.watch import Watch, WatchRules
 
@@ -107,7 +106,7 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
         InputError: an argument cannot be used.
         MissingExtraError: what is needed is not installed.
     """
-    from gensim2_robot.simulated_cameras import simulated_cameras
+    from gensim2_robot.simulated import simulated_cameras
 
     noise = config.noise if isinstance(config.noise, DepthNoise) else read_noise(config.noise)
     controller = _controller(given, config)
@@ -239,7 +238,7 @@ def opened(
         if rules is None:
             rules = WatchRules(behind=np.inf) if config.dry else WatchRules()
         line = Line(
-            Arm(DryArm(devices.arm) if config.dry else devices.arm, prepared.limits),
+            LimitedArm(DryArm(devices.arm) if config.dry else devices.arm, prepared.limits),
             devices.cameras,
             devices.mind,
             Watch(rules, serials),
@@ -258,7 +257,7 @@ def _journal(several: Sequence[Journal]) -> Journal:
 
 
 def _serials(cameras: tuple[Camera, ...], real: ProcessCameras | None) -> Mapping[str, str]:
-    from gensim2_robot.simulated_cameras import simulated_serials
+    from gensim2_robot.simulated import simulated_serials
 
     return simulated_serials(cameras) if real is None else real.serials
 
@@ -307,8 +306,7 @@ def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
 
 def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None, interrupted: Sequence[int]) -> Devices:
     from gensim2_robot.local import LocalArm, LocalCameras, LocalMind
-    from gensim2_robot.simulated_cameras import SimulatedCameras
-    from gensim2_robot.simulated_world import SimulatedWorld
+    from gensim2_robot.simulated import SimulatedCameras, SimulatedWorld
 
     config = prepared.config
     with contextlib.ExitStack() as giving_up:
@@ -331,7 +329,7 @@ def _in_processes(
     interrupted: Sequence[int],
 ) -> Devices:
     from gensim2_robot.processes import ProcessArm, ProcessMind
-    from gensim2_robot.simulated_cameras import RenderedCameras
+    from gensim2_robot.simulated import RenderedCameras
 
     config, scene = prepared.config, prepared.given.scene
     with contextlib.ExitStack() as giving_up:

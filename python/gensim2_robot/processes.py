@@ -27,14 +27,13 @@ from gensim2.tasks.measurement import Measurement
 from gensim2_robot.arm_limits import CYCLE, Array
 from gensim2_robot.clocks import CONTROLLER_PRIORITY, schedule_first
 from gensim2_robot.devices import ArmState
-from gensim2_robot.mind import Answer, Begin, MindSpec, Question, think
-from gensim2_robot.picture_slots import PictureSlots, Room, SharedPicture
-from gensim2_robot.pipes import DeviceGoneError, MessagePipe
+from gensim2_robot.mind import Begin, ControllerAnswer, MindSpec, Question, think
+from gensim2_robot.pipes import DeviceGoneError, MessagePipe, PictureSlots, Room, SharedPicture
 
 PRELOAD = (
-    "gensim2_robot.cameras",
-    "gensim2_robot.simulated_world",
-    "gensim2_robot.simulated_cameras",
+    "gensim2_robot.real",
+    "gensim2_robot.simulated",
+    "gensim2_robot.simulated",
     "gensim2.sim.sapien_scene",
 )
 SLIP = 0.2
@@ -188,7 +187,7 @@ class ProcessArm:
 
 
 def _serve_world(pipe: Connection, scene: SceneConfig, eyes: Connection, truth: Connection) -> None:
-    from gensim2_robot.simulated_world import GOAL_EVERY, SimulatedWorld
+    from gensim2_robot.simulated import GOAL_EVERY, SimulatedWorld
 
     world = SimulatedWorld(scene)
     others = [MessagePipe(eyes, "cameras"), MessagePipe(truth, "controller")]
@@ -287,7 +286,7 @@ class ProcessMind:
             for picture in pictures:
                 self._slots.free(picture)
 
-    def poll(self) -> Sequence[Answer]:
+    def poll(self) -> Sequence[ControllerAnswer]:
         """Answers that came.
 
         Raises:

@@ -17,10 +17,10 @@ from gensim2.rollout.inputs import read_task_input
 from gensim2.scenes.config import SceneArguments
 from gensim2_robot.arm_limits import Array
 from gensim2_robot.config import SIMULATED, CameraSource, LineArguments, LineConfig
-from gensim2_robot.devices import ArmState, Frame
+from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.line import PERIOD
 from gensim2_robot.live import looking
-from gensim2_robot.mind import Answer, Begin, Question
+from gensim2_robot.mind import Begin, ControllerAnswer, Question
 from gensim2_robot.opening import Opened, opened, prepare
 from gensim2_robot.session import PATIENCE, Layout, Session
 from gensim2_robot.watch import State
@@ -54,13 +54,13 @@ class GivenActions:
         if isinstance(message, Question):
             self._question = message
 
-    def poll(self) -> Sequence[Answer]:
+    def poll(self) -> Sequence[ControllerAnswer]:
         """The answer to the question, once there is an action."""
         with self._lock:
             if self._question is None or self._action is None:
                 return ()
             action, self._action = self._action, None
-        answer = Answer(self._question.number, np.repeat(action[None], self._question.count, axis=0))
+        answer = ControllerAnswer(self._question.number, np.repeat(action[None], self._question.count, axis=0))
         self._question = None
         return (answer,)
 
@@ -144,7 +144,7 @@ class Puppet:
         assert found is not None, "the arm has said where it stands"
         return found
 
-    def frames(self) -> Mapping[str, Frame]:
+    def frames(self) -> Mapping[str, CameraFrame]:
         """The newest picture of each camera."""
         return dict(self._require().line.frames)
 

@@ -12,11 +12,11 @@ from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.rollout.inputs import check_counts, read_task_input
 from gensim2_robot.config import LineArguments, LineConfig
+from gensim2_robot.devices import Keys
 from gensim2_robot.drivers.streamed import DriverError
 from gensim2_robot.faults import Fault
-from gensim2_robot.journal import Journal
-from gensim2_robot.keys import Keys
-from gensim2_robot.line import Figures
+from gensim2_robot.line import LoopFigures
+from gensim2_robot.log import Journal
 from gensim2_robot.opening import about_line, interruptions, opened, prepare
 from gensim2_robot.pipes import DeviceGoneError
 from gensim2_robot.session import Layout, Session, result
@@ -81,7 +81,7 @@ def run(
         except (DeviceGoneError, DriverError, MissingExtraError) as error:
             watch = Watch()
             watch.stop(0.0, str(error))
-            return result(about_line(prepared, prepared.cameras), None, watch, Figures(), interrupted)
+            return result(about_line(prepared, prepared.cameras), None, watch, LoopFigures(), interrupted)
         session = Session(there.line, there.devices, given, faults, there.disk, interrupted, keys, progress)
         layouts = [Layout(seed) for seed in scene_seeds(config.seed, given.spec.name, "robot", count)]
         session.run(60.0 * minutes, layouts, goal_ends=not prepared.privileged)

@@ -20,11 +20,10 @@ from gensim2.rollout.run import controller_seed
 from gensim2_robot.arm_limits import CYCLE
 from gensim2_robot.audit import limits_passed
 from gensim2_robot.clocks import Clock, SimulatedClock
-from gensim2_robot.devices import ArmDriver, CameraDriver
+from gensim2_robot.devices import ArmDriver, CameraDriver, Keys
 from gensim2_robot.faults import Fault, FullDisk
-from gensim2_robot.keys import Keys
 from gensim2_robot.limits import RefusedError
-from gensim2_robot.line import Figures, Line, Mind
+from gensim2_robot.line import Line, LoopFigures, Mind
 from gensim2_robot.log_messages import About
 from gensim2_robot.watch import State, Watch
 
@@ -43,7 +42,7 @@ def _said(arm: object) -> str:
     return f": {trouble}" if trouble else ""
 
 
-class Stage(Protocol):
+class SceneStage(Protocol):
     """Whoever lays a scene out, and may know whether the goal holds."""
 
     @property
@@ -113,7 +112,7 @@ class Devices:
     cameras: OpenCameras
     mind: OpenMind
     clock: Clock
-    stage: Stage
+    stage: SceneStage
     failing: Mapping[str, Callable[[str], None]] = field(default_factory=dict)
 
     def close(self) -> None:
@@ -441,7 +440,7 @@ class Session:
 
 
 def result(
-    about: About, log: Path | None, watch: Watch, figures: Figures, interrupted: Sequence[int]
+    about: About, log: Path | None, watch: Watch, figures: LoopFigures, interrupted: Sequence[int]
 ) -> dict[str, Any]:
     """Return the result of a run that made no episode and sent no command, as plain data.
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.core.errors import GenSim2Error
-from gensim2_robot.devices import ArmState, Frame
+from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.limits import Sent
 
 TOLD_APART = 48
@@ -67,7 +67,7 @@ class WatchRules:
 
 
 @dataclass(frozen=True)
-class Change:
+class StateChange:
     """A change of state.
 
     Attributes:
@@ -98,14 +98,14 @@ class Watch:
     serials: Mapping[str, str] = field(default_factory=dict)
     state: State = State.IDLE
     reason: str = ""
-    changes: list[Change] = field(default_factory=list)
+    changes: list[StateChange] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
         """Forget what was seen: an episode begins."""
-        self._frames: dict[str, Frame] = {}
+        self._frames: dict[str, CameraFrame] = {}
         self._forget_motion()
 
     def _forget_motion(self) -> None:
@@ -168,11 +168,11 @@ class Watch:
 
     def _change(self, now: float, state: State, reason: str, at_once: bool = False) -> None:
         self.state, self.reason = state, reason
-        self.changes.append(Change(now, state, reason, at_once))
+        self.changes.append(StateChange(now, state, reason, at_once))
 
     # ------------------------------------------------------------ what is seen
 
-    def saw_frame(self, frame: Frame, now: float) -> None:
+    def saw_frame(self, frame: CameraFrame, now: float) -> None:
         """A picture came.
 
         No camera is without noise: the same picture twice is frozen, and one with rows of the picture before is torn.

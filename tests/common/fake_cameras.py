@@ -13,8 +13,8 @@ import numpy as np
 from gensim2.core.errors import InputError
 from gensim2.perception import Camera
 from gensim2.robots import robot
-from gensim2_robot.devices import Frame
-from gensim2_robot.simulated_cameras import simulated_cameras
+from gensim2_robot.devices import CameraFrame
+from gensim2_robot.simulated import simulated_cameras
 
 SERIAL = "827112070000"
 LEFT = replace(simulated_cameras(robot("panda"), 32, 24)[0], name="left")
@@ -33,7 +33,7 @@ class Fake:
         self.cameras, self.serials = cameras, {camera.name: SERIAL for camera in cameras}
         self._number, self._fault = 0, ""
 
-    def poll(self) -> list[Frame]:
+    def poll(self) -> list[CameraFrame]:
         if self._fault == "broken":
             raise RuntimeError("xioctl(VIDIOC_DQBUF) failed")
         found = []
@@ -41,7 +41,7 @@ class Fake:
             for camera in self.cameras:
                 given = replace(camera, width=64) if self._fault == "large" else camera
                 found.append(
-                    Frame(camera.name, self._number, 10.0 + self._number, *picture(self._number, given), SERIAL)
+                    CameraFrame(camera.name, self._number, 10.0 + self._number, *picture(self._number, given), SERIAL)
                 )
             self._number += 1
         return found
@@ -61,17 +61,16 @@ class Filmed:
     """A software device of the real library that films, one picture each 50 ms, no two alike."""
 
     def __init__(self, *_: Any) -> None:
-        from gensim2_robot.drivers.realsense import RealSenseCameras
-        from gensim2_robot.drivers.software_realsense import SoftwareDevice
+        from gensim2_robot.drivers.realsense import RealSenseCameras, SoftwareDevice
 
         self._device = SoftwareDevice(LEFT, SERIAL, 20)
         self._driver = RealSenseCameras([LEFT], {"left": self._device.device}, 20)
         self.cameras, self.serials = self._driver.cameras, self._driver.serials
         self._number, self._due = 0, time.monotonic()
 
-    def poll(self) -> Sequence[Frame]:
+    def poll(self) -> Sequence[CameraFrame]:
         if (now := time.monotonic()) >= self._due:
-            self._device.give(Frame("left", self._number, now, *picture(self._number)))
+            self._device.give(CameraFrame("left", self._number, now, *picture(self._number)))
             self._number, self._due = self._number + 1, self._due + 0.05
         return self._driver.poll()
 

@@ -37,7 +37,7 @@ from gensim2.data.formats.replay_zarr import ZarrWriter
 from gensim2.data.formats.zarr_reading import zarr_frames
 from gensim2.data.observation_file import read_observation, write_observation
 from gensim2.data.rendering import render
-from gensim2.perception.columns import CLOUD, DEPTH, IMAGE, PROPRIOCEPTION
+from gensim2.perception.observation import CLOUD, DEPTH, IMAGE, PROPRIOCEPTION
 
 SmallDisk = Callable[..., AbstractContextManager[None]]
 

@@ -29,7 +29,7 @@ from gensim2.data.observation_file import write_observation
 from gensim2.data.selection import Selection
 from gensim2.perception import ObservationSpec
 from gensim2.perception.cloud import to_steps
-from gensim2.perception.proprioception import Proprioception
+from gensim2.perception.observation import Proprioception
 from gensim2.robots import robot
 
 SmallDisk = Callable[..., AbstractContextManager[None]]

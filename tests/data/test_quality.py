@@ -21,7 +21,7 @@ from gensim2.data.observation_file import write_observation
 from gensim2.data.quality import jerk, qualities
 from gensim2.data.report import report
 from gensim2.data.selection import Selection
-from gensim2.perception.cameras import observation_cameras
+from gensim2.perception.camera import observation_cameras
 from gensim2.perception.cloud import to_steps
 from gensim2.robots import robot
 from gensim2.rollout.episode_log import log_line

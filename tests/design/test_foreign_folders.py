@@ -15,8 +15,8 @@ from gensim2.design.base import Known
 from gensim2.design.briefing import Classes, robot_summary
 from gensim2.design.drafting import pieces
 from gensim2.objects import open_library
+from gensim2.objects.library.catalogue import release_split
 from gensim2.objects.library.export import export
-from gensim2.objects.library.release_splits import release_split
 from gensim2.rollout.inputs import read_task_input
 from gensim2.scenes.arguments import chosen_instances
 from gensim2.tasks.library import load_strategies, load_task, packaged_names

@@ -35,23 +35,20 @@ from gensim2.core.record_files import read_record
 from gensim2.core.yaml_files import dump_yaml, read_yaml
 from gensim2.perception import D435, Camera, ObservationSpec
 from gensim2.perception.camera_record import CameraRecord
-from gensim2.perception.noise_file import NoiseFile, read_noise
+from gensim2.perception.noise import NoiseFile, read_noise
 from gensim2.robots import robot
 from gensim2_robot.calibration.file import Calibration, CameraCalibration, calibrated, read_calibration
 from gensim2_robot.calibration.poses import read_standing
-from gensim2_robot.devices import ArmState, Frame
+from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.drivers.logged import LoggedCameras
-from gensim2_robot.eyes import Eyes, Sight, inputs
+from gensim2_robot.eyes import Eyes, SensorSnapshot, inputs
 from gensim2_robot.fit_noise import fit_log
 from gensim2_robot.log import ENCODING, Log
-from gensim2_robot.log_messages import About
-from gensim2_robot.log_reader import messages
-from gensim2_robot.mind import Answer, Question
-from gensim2_robot.packing import pack, unpack
-from gensim2_robot.replay import replay
-from gensim2_robot.simulated_cameras import simulated_cameras
-from gensim2_robot.trial.protocol import read_protocol
-from gensim2_robot.trial.record import Asked, Trial, TrialFolder, read_trials, row_of
+from gensim2_robot.log_messages import About, pack, unpack
+from gensim2_robot.log_reader import messages, replay
+from gensim2_robot.mind import ControllerAnswer, Question
+from gensim2_robot.simulated import simulated_cameras
+from gensim2_robot.trial.record import Trial, TrialFolder, TrialSettings, read_protocol, read_trials, row_of
 
 MEMORY = 2**30
 SLOWEST = 5  # s of CPU
@@ -107,7 +104,9 @@ def good_folder(folder: Path) -> None:
     (folder / "noise.json").write_text(NoiseFile(noise=vars(D435), told={"lost": 300}).model_dump_json(indent=1))
     protocol = read_protocol("CloseBox").model_dump(mode="json")
     (folder / "protocol.yaml").write_text(dump_yaml(protocol))
-    asked = Asked(task="CloseBox", policy="p", seed=0, protocol=protocol, line={"arm": "simulated"}, scene={"n": 1})
+    asked = TrialSettings(
+        task="CloseBox", policy="p", seed=0, protocol=protocol, line={"arm": "simulated"}, scene={"n": 1}
+    )
     words: dict[str, Any] = {"by": "person", "goal": None, "state": "idle", "reason": "over", "at": "2027-01-01"}
     with TrialFolder(folder / "trials", asked, resume=False) as trials:
         for number in range(4):
@@ -147,14 +146,14 @@ def _write_log(folder: Path) -> None:
             log.state(ArmState(moment + 0.02 * cycle, q, 0.0 * q, 1.5))
         depth = draw.integers(300, 500, (camera.height, camera.width)).astype(np.uint16)
         colors = draw.integers(0, 255, (camera.height, camera.width, 3)).astype(np.uint8)
-        frame = Frame("left", number, moment + 0.01, depth, colors, "1")
+        frame = CameraFrame("left", number, moment + 0.01, depth, colors, "1")
         log.frame(frame)
         log.clocks(moment, 0.0, {"left": 0.01})
         if number in (4, 8):
-            sight = Sight(number, q, 0.0 * q, 1.0, (frame,), {"left": q})
+            sight = SensorSnapshot(number, q, 0.0 * q, 1.0, (frame,), {"left": q})
             log.question(moment, Question(number, sight, 2))
             seen = inputs(eyes.observe(sight))
-            log.answer(moment, Answer(number, np.zeros((2, 8), np.float32), seen=seen, cloud_ms=1.0))
+            log.answer(moment, ControllerAnswer(number, np.zeros((2, 8), np.float32), seen=seen, cloud_ms=1.0))
     log.change(1.2, "idle", "episode over")
     log.close()
 
@@ -202,12 +201,12 @@ def _read_calibration(folder: Path) -> Any:
 
 def _read_trials(folder: Path) -> Any:
     trials = read_trials(folder / "trials")
-    row_of(read_record(folder / "trials" / "asked.json", Asked, "-"), trials)
+    row_of(read_record(folder / "trials" / "asked.json", TrialSettings, "-"), trials)
     return [each.model_dump(mode="json") for each in trials]
 
 
 def _read_asked(folder: Path) -> Any:
-    found = read_record(folder / "trials" / "asked.json", Asked, "-")
+    found = read_record(folder / "trials" / "asked.json", TrialSettings, "-")
     row_of(found, read_trials(folder / "trials"))
     return found.model_dump(mode="json")
 

@@ -30,7 +30,7 @@ from websockets.sync.server import serve
 
 from gensim2.core.foreign.process import Bounds
 from gensim2.perception import Camera, DepthNoise, Observation, ObservationSpec, PointCloud
-from gensim2.perception.columns import STATE, VELOCITY
+from gensim2.perception.observation import STATE, VELOCITY
 from gensim2.policy.remote import client, server
 from gensim2.policy.remote.client import RemoteController
 from gensim2.policy.remote.protocol import (

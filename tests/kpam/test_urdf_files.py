@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import gensim2_kpam as kpam
-from gensim2.objects.errors import AssetError
 from gensim2.objects.library.folder import ObjectFolder
-from gensim2.objects.library.objfile import read_obj
+from gensim2.objects.library.meshes import read_obj
 from gensim2.objects.library.urdf import parse_urdf
+from gensim2.objects.types import AssetError
 
 LIMIT = '<limit lower="-2.5" upper="2.5" effort="20" velocity="2"/>'
 AXES = ("0 0 1", "0 1 0", "0 1 0", "0 0 1")

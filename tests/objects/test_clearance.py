@@ -9,10 +9,9 @@ import pytest
 
 from gensim2.objects.library.prepare import creased, prepare
 from gensim2.objects.meshwork.clearance import Motion, cut_by_plane, decompose_pair
-from gensim2.objects.meshwork.convexes import Array, Block, depth_inside
+from gensim2.objects.meshwork.convexes import Array, ConvexBlock, depth_inside
 from gensim2.objects.meshwork.decompose import MAX_HULLS, MAX_HULLS_FOR_CLEARANCE, Faces, connected_pieces, decompose
-from gensim2.objects.meshwork.overlap import Overlap, links_overlap
-from gensim2.objects.meshwork.voidspace import VoidSpace
+from gensim2.objects.meshwork.voidspace import Overlap, VoidSpace, links_overlap
 from gensim2.objects.model import LinkGeometry, Model
 from gensim2.objects.shapes import Look, Mesh, Solid, box, hull_mesh
 from gensim2.objects.types import Keypoint
@@ -46,13 +45,13 @@ def grooved_block() -> Part:
 
 def deepest(moving: list[Array], body: list[Array], motion: Motion) -> float:
     """How deep corners and a grid of points of the moving hulls lie in the body's, over the motion."""
-    blocks = [Block.of(hull) for hull in body]
+    blocks = [ConvexBlock.of(hull) for hull in body]
     grid = np.linspace(0, 1, 15)
     worst = 0.0
     for hull in moving:
         low, high = hull.min(axis=0), hull.max(axis=0)
         points = np.array([low + (high - low) * (a, b, c) for a in grid for b in grid for c in grid])
-        points = points[Block.of(hull).depth(points) >= 0]
+        points = points[ConvexBlock.of(hull).depth(points) >= 0]
         for share in np.linspace(0, 1, 9):
             worst = max(worst, float(depth_inside(points + SLIDE.at(share)[:3, 3], blocks).max()))
     return worst
@@ -64,7 +63,7 @@ def test_a_narrow_groove_is_kept_clear_for_what_slides_in_it() -> None:
     pair = decompose_pair([groove], [blade], SLIDE)
     assert deepest(pair.moving, alone, SLIDE) > 0.002, "the groove is too wide to show anything"
     assert deepest(pair.moving, pair.body, SLIDE) <= 0.001
-    blocks = [Block.of(hull) for hull in pair.body]
+    blocks = [ConvexBlock.of(hull) for hull in pair.body]
     solid = np.array([[0.0, 0.03, 0.0], [0.0, -0.03, 0.02], [0.04, 0.0, 0.0]])
     assert (depth_inside(solid, blocks) > 0).all(), "the block around the groove stays"
 
@@ -88,7 +87,7 @@ def test_a_sheet_does_not_cover_its_own_hole() -> None:
     count = np.cumsum([0] + [len(vertices) for vertices, _ in frame[:-1]])
     faces = np.concatenate([part + start for (_, part), start in zip(frame, count, strict=True)])
     hulls = decompose(connected_pieces([(whole, faces)]), VoidSpace(frame)).hulls
-    blocks = [Block.of(hull) for hull in hulls]
+    blocks = [ConvexBlock.of(hull) for hull in hulls]
     assert depth_inside(np.array([[0.0, 0.0, 0.0005], [0.1, 0.1, 0.0005]]), blocks).max() == 0
     assert (depth_inside(np.array([[0.175, 0.0, 0.0005], [0.0, 0.175, 0.0005]]), blocks) > 0).all()
 

@@ -22,8 +22,8 @@ from damage_kinds import KINDS
 from gensim2.cli import main as cli
 from gensim2.inspection.validate import validate
 from gensim2.objects import AssetError, open_library
+from gensim2.objects.library.catalogue import load_all
 from gensim2.objects.library.importer import import_object
-from gensim2.objects.library.loading import load_all
 
 LONGEST = 5.0  # s of CPU, convex decomposition apart
 

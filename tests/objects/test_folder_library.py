@@ -10,7 +10,7 @@ import pytest
 
 from gensim2.inspection.checks import clearance_of, geometric_findings
 from gensim2.objects import ArticulatedObject, AssetError, open_library
-from gensim2.objects.meshwork.convexes import Block, depth_inside
+from gensim2.objects.meshwork.convexes import ConvexBlock, depth_inside
 
 Load = Callable[..., ArticulatedObject]
 
@@ -48,7 +48,7 @@ def test_scale_keypoints_and_frames(load: Load) -> None:
 
 def test_cavity_stays_open_and_walls_stay_solid(load: Load) -> None:
     instance = load()
-    blocks = [Block.of(h) for h in instance.hulls["base"]]
+    blocks = [ConvexBlock.of(h) for h in instance.hulls["base"]]
     assert len(blocks) == 5
     wall = np.array([[0.0875 + 0.006, 0.0, 0.0]])
     assert depth_inside(np.zeros((1, 3)), blocks)[0] == 0.0

@@ -20,7 +20,7 @@ from gensim2.objects.generators.classes import drawer, faucet, object_classes
 from gensim2.objects.generators.classes._common import turn_about
 from gensim2.objects.generators.generate import blueprint, blueprint_hash, generate
 from gensim2.objects.known import JOINT_TYPES
-from gensim2.objects.meshwork.convexes import Block, depth_inside
+from gensim2.objects.meshwork.convexes import ConvexBlock, depth_inside
 from gensim2.objects.physics import hull_moments
 from gensim2.objects.shapes import transform
 
@@ -119,8 +119,8 @@ def test_cavity_is_open(library: Library, name: str, number: str) -> None:
     if name == "box_rotate":  # its keypoint hovers over the rim
         center = instance.hulls["base"][0].mean(axis=0) + np.array([0, 0, 0.03])
     probe = center + 0.01 * np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)])
-    blocks = [Block.of(h) for h in instance.hulls["base"]]
-    blocks += [Block.of(transform(T, h)) for h in instance.hulls["link_0"]]
+    blocks = [ConvexBlock.of(h) for h in instance.hulls["base"]]
+    blocks += [ConvexBlock.of(transform(T, h)) for h in instance.hulls["link_0"]]
     assert depth_inside(probe, blocks).max() == 0.0
 
 
@@ -130,7 +130,7 @@ def test_nothing_meets_what_moves_past_it(make: Callable[[np.random.Generator], 
     for seed in range(count):
         draw = np.random.default_rng(seed)
         made = make(draw)
-        standing = [Block.of(solid.hull) for solid in made.body if solid.hull is not None]
+        standing = [ConvexBlock.of(solid.hull) for solid in made.body if solid.hull is not None]
         bottom = min(float(solid.hull[:, 1].min()) for solid in made.body if solid.hull is not None)
         lowest = max(lowest, made.body[0].hull[:, 1].min() - bottom if make is faucet.sweeping else 0.0)
         if make is faucet.sweeping:

@@ -9,9 +9,9 @@ import pytest
 import trimesh
 
 from gensim2.objects import open_library
-from gensim2.objects.meshwork.pieces import piece_hulls
+from gensim2.objects.meshwork.decompose import piece_hulls
 from gensim2.objects.physics import hull_moments
-from gensim2.objects.rigid import BODY
+from gensim2.objects.types import BODY
 
 
 def mesh(shape: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:

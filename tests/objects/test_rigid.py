@@ -13,10 +13,10 @@ import trimesh
 from gensim2.core.errors import InputError
 from gensim2.inspection.rigid import physical_findings
 from gensim2.objects import Library, open_library
-from gensim2.objects.errors import AssetError
 from gensim2.objects.library.rigid import CLASSES
 from gensim2.objects.library.rigid_prepare import best_grip, read, resting_pose, steadiness
 from gensim2.objects.physics import Inertial
+from gensim2.objects.types import AssetError
 
 # Published with the YCB set (Calli et al., 2015): mass in g, extents in mm from small to large.
 YCB = {

@@ -33,7 +33,7 @@ from gensim2.inspection.validate import ObjectReport
 from gensim2.objects import Library
 from gensim2.objects.library.shelf import Shelf
 from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
-from gensim2.perception.cameras import observation_cameras
+from gensim2.perception.camera import observation_cameras
 from gensim2.perception.cloud import to_steps
 from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.curves import Curves

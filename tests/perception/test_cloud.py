@@ -8,8 +8,7 @@ import pytest
 
 from gensim2.core.errors import InputError
 from gensim2.perception import Camera, CloudSettings, DepthNoise, EmptyCloudError, Picture, RobotSegments, point_cloud
-from gensim2.perception.cloud import from_steps, to_steps
-from gensim2.perception.sampling import farthest_points, inlier_mask, uniform_stride
+from gensim2.perception.cloud import farthest_points, from_steps, inlier_mask, to_steps, uniform_stride
 
 GRIPPER, ARM, THING = 1, 2, 3
 ROBOT = RobotSegments(gripper=frozenset({GRIPPER}), arm=frozenset({ARM}))

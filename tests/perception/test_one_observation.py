@@ -12,7 +12,7 @@ from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
 from gensim2.data.observing import observe
 from gensim2.perception import CloudSettings, DepthNoise, Observation, ObservationSpec
-from gensim2.perception.columns import cloud_column
+from gensim2.perception.observation import cloud_column
 from gensim2.robots import load_robot
 from gensim2.rollout.recording import Recorder
 from gensim2.rollout.run import run

@@ -12,8 +12,7 @@ import numpy as np
 import torch
 
 from gensim2.perception import ObservationSpec
-from gensim2.perception.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
-from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.observation import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY, tool_pose
 from gensim2.policy.checkpoint import ActionSpec, DataRecord
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.control import Shuffled

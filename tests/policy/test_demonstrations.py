@@ -22,7 +22,7 @@ from gensim2.data import DataSet
 from gensim2.data.formats.columns import XYZ
 from gensim2.data.observation_file import read_observation, write_observation
 from gensim2.perception import ObservationSpec
-from gensim2.perception.columns import CLOUD, STATE
+from gensim2.perception.observation import CLOUD, STATE
 from gensim2.policy import relabels
 from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig

@@ -8,8 +8,7 @@ import pytest
 import torch
 
 from gensim2.core.errors import InputError
-from gensim2.perception.columns import GRIPPER, STATE, TOOL_POSE
-from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.observation import GRIPPER, STATE, TOOL_POSE, tool_pose
 from gensim2.policy.augment import off_its_way
 from gensim2.policy.heads.actions import ACTION
 from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS, keyframes, next_keyframes, taught_frames

@@ -23,7 +23,7 @@ import gensim2
 from gensim2.cli.main import cli
 from gensim2.core.errors import InputError
 from gensim2.perception import Camera, Observation, ObservationSpec, PointCloud
-from gensim2.perception.columns import STATE, VELOCITY
+from gensim2.perception.observation import STATE, VELOCITY
 from gensim2.policy.remote import protocol
 from gensim2.policy.remote.client import RemoteController
 from gensim2.policy.remote.protocol import (

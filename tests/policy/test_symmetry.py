@@ -9,8 +9,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from gensim2.core.errors import InputError
-from gensim2.perception.columns import CLOUD, STATE, TOOL_POSE
-from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.observation import CLOUD, STATE, TOOL_POSE, tool_pose
 from gensim2.policy.frames import SEEN, check_turns, inputs_of, yawed
 from gensim2.policy.network import CLOUD as CLOUD_INPUT
 from gensim2.policy.network import PROPRIO, TEXT, fresh_network

@@ -10,7 +10,7 @@ import pytest
 
 from gensim2.objects import open_library
 from gensim2.objects.library.importer import import_object
-from gensim2.objects.meshwork.convexes import Block, depth_inside
+from gensim2.objects.meshwork.convexes import ConvexBlock, depth_inside
 from gensim2.objects.shapes import transform
 
 pytestmark = pytest.mark.real
@@ -58,8 +58,8 @@ def test_open_drawer_is_hollow(real_assets: Path, instance_id: str) -> None:
     T = instance.link_pose(1.0)
     center = transform(T, instance.keypoints["articulated_object_inside"].position[None])[0]
     probe = center + 0.01 * np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)])
-    blocks = [Block.of(h) for h in instance.hulls["base"]]
-    blocks += [Block.of(transform(T, h)) for h in instance.hulls[instance.joint.child_link]]
+    blocks = [ConvexBlock.of(h) for h in instance.hulls["base"]]
+    blocks += [ConvexBlock.of(transform(T, h)) for h in instance.hulls[instance.joint.child_link]]
     assert depth_inside(probe, blocks).max() == 0.0
 
 

@@ -20,11 +20,11 @@ from gensim2.perception import D435, Camera
 from gensim2.perception.raycast.scene import RaycastScene
 from gensim2.robots import robot
 from gensim2_robot.calibration.board import Board, Corners, find_corners, hand_eye
-from gensim2_robot.calibration.displacement import displaced
 from gensim2_robot.calibration.file import Calibration, calibrated, read_calibration
 from gensim2_robot.calibration.mesh import calibrate
+from gensim2_robot.calibration.run import displaced
 from gensim2_robot.calibration.surfaces import ArmView
-from gensim2_robot.simulated_cameras import simulated_cameras
+from gensim2_robot.simulated import simulated_cameras
 
 PROFILE = robot("panda")
 CAMERAS = [camera for camera in simulated_cameras(PROFILE, 160, 120) if camera.link is None]

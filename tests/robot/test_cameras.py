@@ -13,10 +13,9 @@ import pytest
 from fake_cameras import LEFT, SERIAL, Fake, picture, refused
 
 from gensim2.core.errors import InputError
-from gensim2_robot.cameras import ProcessCameras
-from gensim2_robot.devices import Frame
-from gensim2_robot.picture_slots import SLOTS, PictureSlots
-from gensim2_robot.pipes import DeviceGoneError
+from gensim2_robot.devices import CameraFrame
+from gensim2_robot.pipes import SLOTS, DeviceGoneError, PictureSlots
+from gensim2_robot.real import ProcessCameras
 
 ODD = replace(LEFT, name="odd", width=7, height=5)
 
@@ -47,7 +46,7 @@ def until_gone(cameras: ProcessCameras, said: str) -> None:
 def test_pictures_come_whole_and_in_order_with_time_and_device(cameras: ProcessCameras) -> None:
     assert [camera.name for camera in cameras.cameras] == ["odd", "left"]
     assert cameras.serials == {"odd": SERIAL, "left": SERIAL}
-    found: list[Frame] = []
+    found: list[CameraFrame] = []
     until(lambda: bool(found.extend(cameras.poll())) or len(found) > 100)
     for camera in (ODD, LEFT):
         own = [frame for frame in found if frame.camera == camera.name]
@@ -62,12 +61,12 @@ def test_pictures_come_whole_and_in_order_with_time_and_device(cameras: ProcessC
 
 
 def test_what_nobody_takes_is_dropped_and_what_was_taken_stays(cameras: ProcessCameras) -> None:
-    kept: list[Frame] = []
+    kept: list[CameraFrame] = []
     until(lambda: bool(kept.extend(cameras.poll())) or len(kept) > 1)
     time.sleep(0.2)  # some hundred pictures are made
-    waiting: Sequence[Frame] = cameras.poll()
+    waiting: Sequence[CameraFrame] = cameras.poll()
     assert len(waiting) <= 2 * SLOTS
-    later: list[Frame] = []
+    later: list[CameraFrame] = []
     until(lambda: bool(later.extend(cameras.poll())) or any(frame.number > waiting[-1].number + 3 for frame in later))
     for frame in (*kept, *waiting):
         np.testing.assert_array_equal(frame.depth, picture(frame.number, {"odd": ODD, "left": LEFT}[frame.camera])[0])
@@ -97,7 +96,7 @@ def test_cameras_end_with_the_loop_they_were_opened_for(cameras: ProcessCameras)
 def test_pictures_wait_until_there_is_room_and_no_longer() -> None:
     writer, room = PictureSlots.make([ODD, LEFT])
     reader = PictureSlots.enter(room)
-    given = [Frame("odd", number, float(number), *picture(number, ODD), SERIAL) for number in range(SLOTS + 1)]
+    given = [CameraFrame("odd", number, float(number), *picture(number, ODD), SERIAL) for number in range(SLOTS + 1)]
     waiting = [put for frame in given if (put := writer.put(frame)) is not None]
     assert [put.number for put in waiting] == list(range(SLOTS))
     taken = reader.take(waiting[3])

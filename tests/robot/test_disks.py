@@ -15,8 +15,7 @@ from disks import can_mount, on_disk
 from gensim2.core.errors import WriteError
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2_robot.log_reader import messages, unclosed
-from gensim2_robot.trial.protocol import read_protocol
-from gensim2_robot.trial.record import read_trials
+from gensim2_robot.trial.record import read_protocol, read_trials
 from gensim2_robot.trial.run import trial
 
 RUN = ["robot", "run", "CloseBox", "--plan", "--simulated-clock", "--minutes", "0.1", "--assets", "builtin"]

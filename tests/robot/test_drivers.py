@@ -18,18 +18,16 @@ from fake_makers import FakeBody
 from gensim2.core.errors import InputError, MissingExtraError
 from gensim2.perception import Camera
 from gensim2.robots import robot
-from gensim2_robot.arm import Arm
+from gensim2_robot.arm import LimitedArm
 from gensim2_robot.arm_limits import CYCLE, ArmLimits
-from gensim2_robot.devices import Frame
+from gensim2_robot.devices import CameraFrame
 from gensim2_robot.drivers import streamed
-from gensim2_robot.drivers.franka import FrankaArm
-from gensim2_robot.drivers.panda_py import PandaPyArm
-from gensim2_robot.drivers.realsense import RealSenseCameras, connected, recorded
-from gensim2_robot.drivers.software_realsense import SoftwareDevice
+from gensim2_robot.drivers.franka import FrankaArm, PandaPyArm
+from gensim2_robot.drivers.realsense import RealSenseCameras, SoftwareDevice, connected, recorded
 from gensim2_robot.drivers.streamed import DriverError, StreamedArm
 from gensim2_robot.drivers.ur import URArm
 from gensim2_robot.drivers.xarm import XArm
-from gensim2_robot.simulated_cameras import simulated_cameras, sized
+from gensim2_robot.simulated import simulated_cameras, sized
 from gensim2_robot.watch import State, Watch
 
 PROFILE = robot("panda")  # its seven joints stand for those of any arm here
@@ -303,7 +301,7 @@ def test_more_targets_than_an_arm_can_follow_are_refused(monkeypatch: pytest.Mon
 
 def test_an_arm_behind_its_limits_goes_where_it_is_asked_to(arm: tuple[StreamedArm, FakeBody]) -> None:
     driver, body = arm
-    behind = Arm(driver, ArmLimits.of(PROFILE, speed=0.5))
+    behind = LimitedArm(driver, ArmLimits.of(PROFILE, speed=0.5))
     until(lambda: bool(behind.poll()))
     behind.begin(behind.joints(behind.state().q))  # type: ignore[union-attr]
     goal = HOME + 0.02
@@ -417,16 +415,18 @@ def rs() -> Any:
     return pytest.importorskip("pyrealsense2", exc_type=ImportError, reason="RealSense's library wants libusb")
 
 
-def shot(number: int, captured: float, depth: int = 700) -> Frame:
+def shot(number: int, captured: float, depth: int = 700) -> CameraFrame:
     """A picture whose colours say which pixel each is."""
     rows, columns = np.mgrid[:24, :32].astype(np.uint8)
-    return Frame("left", number, captured, np.full((24, 32), depth, np.uint16), np.dstack([rows, columns, rows]))
+    return CameraFrame("left", number, captured, np.full((24, 32), depth, np.uint16), np.dstack([rows, columns, rows]))
 
 
-def filmed(device: SoftwareDevice, cameras: RealSenseCameras, count: int) -> tuple[list[Frame], list[Frame]]:
+def filmed(
+    device: SoftwareDevice, cameras: RealSenseCameras, count: int
+) -> tuple[list[CameraFrame], list[CameraFrame]]:
     """Pictures that were given to a device, and those that came of them."""
-    given: list[Frame] = []
-    found: list[Frame] = []
+    given: list[CameraFrame] = []
+    found: list[CameraFrame] = []
     for number in range(count):
         given.append(shot(number, time.monotonic(), 700 + number))
         device.give(given[-1])
@@ -456,7 +456,7 @@ def test_pictures_come_with_their_time_their_device_and_our_pixel_centres(rs: An
     assert cameras.serials == {"left": "827112070000"}
 
 
-def made_of(file: Path) -> list[Frame]:
+def made_of(file: Path) -> list[CameraFrame]:
     """Pictures that a recording was made of."""
     device = SoftwareDevice(LEFT, "827112070000", 30)
     recorder = RealSenseCameras([LEFT], {"left": device.recorder(file)}, 30)
@@ -470,7 +470,7 @@ def test_no_picture_of_a_recording_is_of_the_future(rs: Any, tmp_path: Path, mon
 
     made_of(tmp_path / "left.db3")
     cameras = RealSenseCameras([LEFT], recorded({"left": tmp_path / "left.db3"}))
-    late, found = 0.5, list[Frame]()
+    late, found = 0.5, list[CameraFrame]()
     slow = types.SimpleNamespace(monotonic=lambda: time.monotonic() + late)
     monkeypatch.setattr(realsense, "time", slow)
     until(lambda: bool(found.extend(cameras.poll())) or bool(found))
@@ -487,7 +487,7 @@ def test_a_recording_is_played_again_and_again_at_its_own_rate(rs: Any, tmp_path
     there = replace(LEFT, width=320, height=240)
     cameras = RealSenseCameras([there], recorded({"left": file}))
     assert (cameras.cameras[0].width, cameras.serials) == (32, {"left": "827112070000"})
-    found: list[Frame] = []
+    found: list[CameraFrame] = []
     until(lambda: bool(found.extend(cameras.poll())) or len(found) > 18)
     cameras.close()
     assert [frame.number for frame in found] == list(range(len(found))), "numbers go on when it begins again"

@@ -10,9 +10,9 @@ import pytest
 
 from gensim2.perception import Camera, ObservationSpec
 from gensim2.robots import robot
-from gensim2_robot.devices import Frame
-from gensim2_robot.eyes import PIXELS, Eyes, Sight, thinned
-from gensim2_robot.simulated_cameras import simulated_cameras, sized
+from gensim2_robot.devices import CameraFrame
+from gensim2_robot.eyes import PIXELS, Eyes, SensorSnapshot, thinned
+from gensim2_robot.simulated import simulated_cameras, sized
 
 CAMERAS = simulated_cameras(robot("panda"), 320, 240)
 
@@ -41,8 +41,8 @@ def test_depth_that_was_corrected_is_corrected_once() -> None:
     eyes = Eyes(ObservationSpec(cameras=(camera.name,), modalities=("depth",)), profile, (camera,), "shut it")
     measured = np.full((48, 64), 300, np.uint16)  # before the robot: it hides it
     q = np.array(profile.reset_qpos)
-    frame = Frame(camera.name, 0, 0.0, measured, np.zeros((48, 64, 3), np.uint8))
-    observation = eyes.observe(Sight(0, q, 0.0 * q, 1.0, (frame,), {camera.name: q}))
+    frame = CameraFrame(camera.name, 0, 0.0, measured, np.zeros((48, 64, 3), np.uint8))
+    observation = eyes.observe(SensorSnapshot(0, q, 0.0 * q, 1.0, (frame,), {camera.name: q}))
     seen = observation.cameras[camera.name]
     depth = np.asarray(observation[f"depth_{camera.name}"])
     np.testing.assert_allclose(seen.metres(depth), camera.metres(measured), atol=6e-4)

@@ -13,13 +13,13 @@ from gensim2.cli import main as cli
 from gensim2.core.errors import InputError
 from gensim2.perception import D435, DepthNoise
 from gensim2.perception.camera_record import CameraRecord
-from gensim2.perception.noise_file import NoiseFile, read_noise
+from gensim2.perception.noise import NoiseFile, read_noise
 from gensim2.robots import robot
-from gensim2_robot.devices import ArmState, Frame
-from gensim2_robot.fit_noise import Recording, fit
+from gensim2_robot.devices import ArmState, CameraFrame
+from gensim2_robot.fit_noise import StillRecording, fit
 from gensim2_robot.log import Log
 from gensim2_robot.log_messages import About
-from gensim2_robot.simulated_cameras import simulated_cameras
+from gensim2_robot.simulated import simulated_cameras
 
 FOCAL = 210.0
 ROWS, COLUMNS = np.mgrid[0:120, 0:160].astype(np.float64)
@@ -38,10 +38,10 @@ def scene() -> np.ndarray:
     return depth.astype(np.float32)
 
 
-def recorded(noise: DepthNoise, count: int = 30) -> Recording:
+def recorded(noise: DepthNoise, count: int = 30) -> StillRecording:
     draw = np.random.default_rng(1)
     depths = np.stack([noise.on(scene(), draw, COLORS, FOCAL) for _ in range(count)])
-    return Recording((np.rint(1e3 * depths) / 1e3).astype(np.float32), COLORS, FOCAL)
+    return StillRecording((np.rint(1e3 * depths) / 1e3).astype(np.float32), COLORS, FOCAL)
 
 
 STILL = replace(D435, spread=0.0)
@@ -83,7 +83,7 @@ def test_a_log_becomes_a_file_that_others_take(tmp_path: Path, capfd: pytest.Cap
         log.state(ArmState(0.01 * number, np.zeros(9), np.zeros(9), 0.0))
     depths = recorded(noise, 20).depths
     for number, depth in enumerate(depths):
-        log.frame(Frame("left", number, 0.4 + 0.1 * number, (1e3 * depth + 0.5).astype(np.uint16), COLORS, "x"))
+        log.frame(CameraFrame("left", number, 0.4 + 0.1 * number, (1e3 * depth + 0.5).astype(np.uint16), COLORS, "x"))
     log.close()
     file, out = tmp_path / "noise.json", tmp_path / "out.json"
     assert cli.run(["robot", "fit-noise", str(tmp_path / "log"), "--out", str(file), "--json", str(out)]) == 0

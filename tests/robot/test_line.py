@@ -14,21 +14,20 @@ import pytest
 from gensim2.core.progress import NULL_PROGRESS
 from gensim2.robots import robot
 from gensim2.rollout.motion import GOAL_SECONDS, MAX_SETTLE_SECONDS, SETTLE_SECONDS
-from gensim2_robot.arm import Arm
+from gensim2_robot.arm import LimitedArm
 from gensim2_robot.arm_limits import ArmLimits
 from gensim2_robot.clocks import SimulatedClock
-from gensim2_robot.devices import ArmState, Frame
+from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.faults import Fault
-from gensim2_robot.journal import NoJournal
 from gensim2_robot.limits import Sent
 from gensim2_robot.line import Line
+from gensim2_robot.log import NoJournal
 from gensim2_robot.log_messages import SentMessage
-from gensim2_robot.log_reader import messages
-from gensim2_robot.mind import Answer, Begin, Question
-from gensim2_robot.replay import replay
+from gensim2_robot.log_reader import messages, replay
+from gensim2_robot.mind import Begin, ControllerAnswer, Question
 from gensim2_robot.run import run
 from gensim2_robot.session import Devices, Ended, Layout, Session
-from gensim2_robot.simulated_cameras import simulated_cameras
+from gensim2_robot.simulated import simulated_cameras
 from gensim2_robot.watch import State, Watch
 
 SMALL: dict[str, Any] = {"assets": "builtin", "simulated_clock": True, "pixels": (96, 72)}
@@ -133,7 +132,7 @@ class Black(Obedient):
         if self._frames % 10:
             return []
         black = np.zeros((6, 8), np.uint16), np.zeros((6, 8, 3), np.uint8)
-        return [Frame(self.cameras[0].name, self._frames, self._clock.now(), *black)]
+        return [CameraFrame(self.cameras[0].name, self._frames, self._clock.now(), *black)]
 
 
 class Sweeping:
@@ -150,7 +149,7 @@ class Sweeping:
         if isinstance(message, Question):
             self.asked.append((self._clock.now(), message))
 
-    def poll(self) -> Sequence[Answer]:
+    def poll(self) -> Sequence[ControllerAnswer]:
         now = self._clock.now()
         if len(self.answered) == len(self.asked) or now < self.asked[-1][0] + 0.03 - 1e-9:
             return ()
@@ -160,7 +159,7 @@ class Sweeping:
         actions = np.repeat(np.append(HOME[:7], 1.0)[None], question.count, axis=0).astype(np.float32)
         actions[:, 0] += 0.002 * steps
         actions[:, 7] = [self._command(int(step)) for step in steps]
-        return (Answer(question.number, actions),)
+        return (ControllerAnswer(question.number, actions),)
 
     def close(self) -> None:
         pass
@@ -202,7 +201,7 @@ def small_line(command: Callable[[int], float] = lambda step: 1.0) -> Any:
     """A line between fakes, by a simulated clock."""
     clock = SimulatedClock()
     arm, cameras, mind, noted = Obedient(clock), Black(clock), Sweeping(clock, command), Noted()
-    guarded = Arm(arm, ArmLimits.of(PANDA, speed=1.0))
+    guarded = LimitedArm(arm, ArmLimits.of(PANDA, speed=1.0))
     line = Line(guarded, cameras, mind, Watch(), clock, noted, pace=20.0)
     line.commands = []
     return SimpleNamespace(line=line, arm=arm, cameras=cameras, mind=mind, clock=clock, noted=noted)

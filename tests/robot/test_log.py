@@ -26,18 +26,16 @@ from gensim2.core.errors import InputError, WriteError
 from gensim2.perception import ObservationSpec
 from gensim2.perception.camera_record import CameraRecord
 from gensim2.robots import robot
-from gensim2_robot import replay as replaying
+from gensim2_robot import log_reader as replaying
 from gensim2_robot.calibration import poses
 from gensim2_robot.calibration.poses import read_standing
-from gensim2_robot.devices import ArmState, Frame
-from gensim2_robot.eyes import Eyes, Sight, inputs
+from gensim2_robot.devices import ArmState, CameraFrame
+from gensim2_robot.eyes import Eyes, SensorSnapshot, inputs
 from gensim2_robot.faults import FAULTS, Fault, FullDisk
 from gensim2_robot.log import Log, prune_runs
-from gensim2_robot.log_messages import About, AnswerMessage, PictureMessage, QuestionMessage
-from gensim2_robot.log_reader import about_of, log_files, messages, unclosed
-from gensim2_robot.packing import pack, unpack
-from gensim2_robot.replay import KEPT
-from gensim2_robot.simulated_cameras import simulated_cameras
+from gensim2_robot.log_messages import About, AnswerMessage, PictureMessage, QuestionMessage, pack, unpack
+from gensim2_robot.log_reader import KEPT, about_of, log_files, messages, unclosed
+from gensim2_robot.simulated import simulated_cameras
 
 LEFT = replace(simulated_cameras(robot("panda"), 320, 240)[0], name="left")
 ABOUT = About(
@@ -49,10 +47,10 @@ ABOUT = About(
 )
 
 
-def frame(number: int) -> Frame:
+def frame(number: int) -> CameraFrame:
     draw = np.random.default_rng(number)
     depth = draw.integers(0, 5000, (240, 320)).astype(np.uint16)
-    return Frame("left", number, 0.1 * number, depth, draw.integers(0, 255, (240, 320, 3)).astype(np.uint8))
+    return CameraFrame("left", number, 0.1 * number, depth, draw.integers(0, 255, (240, 320, 3)).astype(np.uint8))
 
 
 def test_messages_come_back_as_they_were(tmp_path: Path) -> None:
@@ -221,7 +219,7 @@ def test_a_replay_keeps_the_newest_pictures_of_a_camera_whatever_their_numbers(
     spec = ObservationSpec(cameras=("left",), modalities=())
     about = ABOUT.model_copy(update={"cameras": [CameraRecord.of(camera)]})
     q = np.array(profile.reset_qpos)
-    sight = Sight(0, q, 0.0 * q, 1.0, (), {})
+    sight = SensorSnapshot(0, q, 0.0 * q, 1.0, (), {})
     seen = inputs(Eyes(spec, profile, (camera,), about.language, np.inf).observe(sight))
     living: list[weakref.ref[Any]] = []
     most = 0

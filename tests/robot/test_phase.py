@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from gensim2.robots import robot
-from gensim2_robot.arm import Arm
+from gensim2_robot.arm import LimitedArm
 from gensim2_robot.arm_limits import CYCLE, ArmLimits
 from gensim2_robot.clocks import SimulatedClock
-from gensim2_robot.devices import Frame
-from gensim2_robot.journal import NoJournal
+from gensim2_robot.devices import CameraFrame
 from gensim2_robot.line import FRESH_CYCLES, PERIOD_CYCLES, Line, phase_shift
-from gensim2_robot.simulated_cameras import simulated_cameras
+from gensim2_robot.log import NoJournal
+from gensim2_robot.simulated import simulated_cameras
 from gensim2_robot.watch import Watch
 
 
@@ -63,20 +63,20 @@ class Given:
     serials: Mapping[str, str] = {}
 
     def __init__(self) -> None:
-        self.next: list[Frame] = []
+        self.next: list[CameraFrame] = []
 
-    def poll(self) -> list[Frame]:
+    def poll(self) -> list[CameraFrame]:
         found, self.next = self.next, []
         return found
 
     def give(self, which: int) -> None:
         name = self.cameras[which].name
-        self.next.append(Frame(name, 0, 0.0, np.ones((6, 8), np.uint16), np.zeros((6, 8, 3), np.uint8)))
+        self.next.append(CameraFrame(name, 0, 0.0, np.ones((6, 8), np.uint16), np.zeros((6, 8, 3), np.uint8)))
 
 
 def test_pictures_of_a_set_that_was_not_complete_are_forgotten_with_their_episode() -> None:
     cameras, still = Given(), Still()
-    arm = Arm(still, ArmLimits.of(Still.profile))  # type: ignore[arg-type]
+    arm = LimitedArm(still, ArmLimits.of(Still.profile))  # type: ignore[arg-type]
     line = Line(arm, cameras, still, Watch(), SimulatedClock(), NoJournal(), pace=20.0)  # type: ignore[arg-type]
     cameras.give(0)
     line.cycle()

@@ -17,8 +17,7 @@ from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.tasks.library import load_task
 from gensim2_robot.faults import Fault
 from gensim2_robot.log_messages import AnswerMessage
-from gensim2_robot.log_reader import messages
-from gensim2_robot.replay import replay
+from gensim2_robot.log_reader import messages, replay
 from gensim2_robot.run import run
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "policy"))

@@ -12,7 +12,7 @@ import pytest
 import warm
 
 from gensim2_robot.faults import Fault
-from gensim2_robot.replay import replay
+from gensim2_robot.log_reader import replay
 from gensim2_robot.run import run
 from gensim2_robot.watch import WatchRules
 

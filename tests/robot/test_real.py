@@ -20,26 +20,25 @@ from fake_makers import FakeBody
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.perception import ObservationSpec
 from gensim2.perception.camera_record import CameraRecord
-from gensim2.perception.columns import CLOUD
+from gensim2.perception.observation import CLOUD
 from gensim2.robots import robot
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
 from gensim2.rollout.inputs import read_task_input
 from gensim2_robot import real
 from gensim2_robot.clocks import SimulatedClock
 from gensim2_robot.config import CameraSource, Delays, LineConfig
-from gensim2_robot.devices import ArmState, Frame
+from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.drivers.logged import LoggedCameras
 from gensim2_robot.log import Log
 from gensim2_robot.log_messages import About, PictureMessage
-from gensim2_robot.log_reader import about_of, messages
-from gensim2_robot.mind import Answer
+from gensim2_robot.log_reader import about_of, messages, replay
+from gensim2_robot.mind import ControllerAnswer
 from gensim2_robot.opening import prepare
-from gensim2_robot.picture_slots import SLOTS
+from gensim2_robot.pipes import SLOTS
 from gensim2_robot.real import open_cameras
-from gensim2_robot.replay import replay
 from gensim2_robot.run import run
 from gensim2_robot.session import PATIENCE
-from gensim2_robot.simulated_cameras import simulated_cameras
+from gensim2_robot.simulated import simulated_cameras
 from gensim2_robot.watch import State, WatchRules
 
 PROFILE = robot("panda")
@@ -284,7 +283,7 @@ def test_the_page_shows_robot_cloud_next_actions_and_clocks() -> None:
         with urllib.request.urlopen(page.url, timeout=10) as answer:
             assert answer.status == 200
         page.state(ArmState(1.0, q, np.zeros(9), 3.0))
-        page.answer(1.0, Answer(0, actions, seen={CLOUD: cloud}, cloud_ms=31.0, acting_ms=7.0))
+        page.answer(1.0, ControllerAnswer(0, actions, seen={CLOUD: cloud}, cloud_ms=31.0, acting_ms=7.0))
         page.change(1.0, "running", "begun")
         page.clocks(1.0, 0.002, {"left": 0.04})
         page.draw()
@@ -405,7 +404,7 @@ def test_pictures_of_one_instant_are_not_kept_in_memory(tmp_path: Path) -> None:
     )
     depth, colors = np.zeros((36, 48), np.uint16), np.zeros((36, 48, 3), np.uint8)
     for number in range(50):
-        written.frame(Frame(camera.name, number, 1.0, depth, colors))
+        written.frame(CameraFrame(camera.name, number, 1.0, depth, colors))
     written.close()
     played = LoggedCameras([camera], {camera.name: tmp_path})
     assert [frame.number for frame in played.poll()] == list(range(50 - SLOTS, 50))

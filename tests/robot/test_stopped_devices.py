@@ -23,11 +23,11 @@ from gensim2.cli import main as cli
 from gensim2.core.errors import MissingExtraError
 from gensim2.perception import ObservationSpec
 from gensim2.rollout.controller_spec import ControllerSpec
-from gensim2_robot import cameras, opening, processes, session
+from gensim2_robot import opening, processes, real, session
 from gensim2_robot.drivers.streamed import DriverError
-from gensim2_robot.journal import NoJournal
 from gensim2_robot.limits import Sent
 from gensim2_robot.live import PATIENT
+from gensim2_robot.log import NoJournal
 from gensim2_robot.pipes import MAX_WAITING, DeviceGoneError
 from gensim2_robot.processes import ENDING, KILLED, DeviceProcess
 from gensim2_robot.run import run
@@ -100,7 +100,7 @@ def none_left(started: dict[str, DeviceProcess]) -> bool:
 def test_a_process_that_is_stopped_at_the_start_ends_the_run(
     monkeypatch: pytest.MonkeyPatch, started: dict[str, DeviceProcess], device: str, said: str
 ) -> None:
-    monkeypatch.setattr(cameras, "OPENING", 60.0 if device != "cameras" else 2.0)
+    monkeypatch.setattr(real, "OPENING", 60.0 if device != "cameras" else 2.0)
     monkeypatch.setattr(session, "PATIENCE", 2.0)
     at_start(monkeypatch, device, signal.SIGSTOP)
     begun = time.monotonic()

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from gensim2.robots import robot
+from gensim2_robot.arm import Streamer
 from gensim2_robot.arm_limits import CYCLE, ArmLimits
 from gensim2_robot.audit import limits_passed
 from gensim2_robot.limits import Sent, begin, limit
-from gensim2_robot.streaming import Streamer
 
 HOME = np.array(robot("panda").reset_qpos[:7])
 WAY = np.array([0.1, -0.05, 0.08, 0.1, 0.0, 0.06, 0.1])

@@ -25,8 +25,17 @@ from gensim2.scenes.sampler import SceneSampler
 from gensim2.tasks.library import load_task
 from gensim2_robot.opening import Prepared
 from gensim2_robot.pipes import DeviceGoneError
-from gensim2_robot.trial.protocol import protocol_names, read_protocol, reset_options
-from gensim2_robot.trial.record import Asked, Trial, TrialFolder, read_trials, row_of, write_table
+from gensim2_robot.trial.record import (
+    Trial,
+    TrialFolder,
+    TrialSettings,
+    protocol_names,
+    read_protocol,
+    read_trials,
+    reset_options,
+    row_of,
+    write_table,
+)
 from gensim2_robot.trial.run import trial
 
 REAL = ["--policy", "somewhere", "--arm", "franka:1.2.3.4", "--cameras", "realsense:left=1"]
@@ -95,9 +104,9 @@ def test_a_protocol_that_cannot_be_used_names_file_and_field(tmp_path: Path, cha
         read_protocol("OpenSafe").require(load_task("CloseBox"))
 
 
-def asked(**change: Any) -> Asked:
+def asked(**change: Any) -> TrialSettings:
     fields = {"task": "CloseBox", "policy": "plan", "seed": 0, "protocol": {}, "line": {"arm": "simulated"}}
-    return Asked(**{**fields, "scene": {}, **change})  # type: ignore[arg-type]
+    return TrialSettings(**{**fields, "scene": {}, **change})  # type: ignore[arg-type]
 
 
 def record(number: int, success: bool, cause: str | None = None) -> Trial:
@@ -249,8 +258,8 @@ def test_a_person_at_a_terminal_types_and_ctrl_c_is_heard_at_once(tmp_path: Path
     script = tmp_path / "asks.py"
     script.write_text(
         "import sys\n"
-        "from gensim2_robot.keys import Keys\n"
-        "from gensim2_robot.trial.person import Terminal\n"
+        "from gensim2_robot.devices import Keys\n"
+        "from gensim2_robot.trial.run import Terminal\n"
         "from gensim2.core.progress import ConsoleProgress\n"
         "with ConsoleProgress() as progress, Keys() as keys:\n"
         "    person = Terminal(keys, progress)\n"

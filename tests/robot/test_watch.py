@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gensim2_robot.devices import ArmState, Frame
-from gensim2_robot.limits import Sent
-from gensim2_robot.stops import Commands
+from gensim2_robot.devices import ArmState, CameraFrame
+from gensim2_robot.limits import Commands, Sent
 from gensim2_robot.watch import State, StateError, Watch
 
 HOME = np.zeros(7)
 CAMERAS = ("left", "right")
 
 
-def frame(camera: str, captured: float, value: int = 1, number: int = 0, height: int = 4) -> Frame:
-    return Frame(camera, number, captured, np.full((height, 4), value, np.uint16), np.zeros((height, 4, 3), np.uint8))
+def frame(camera: str, captured: float, value: int = 1, number: int = 0, height: int = 4) -> CameraFrame:
+    return CameraFrame(
+        camera, number, captured, np.full((height, 4), value, np.uint16), np.zeros((height, 4, 3), np.uint8)
+    )
 
 
 def state(time: float, **other: object) -> ArmState:
@@ -94,7 +95,7 @@ def test_good_pictures_change_nothing() -> None:
         (frame("left", 1.1, value=2, height=2), "size"),
     ],
 )
-def test_what_is_wrong_with_a_picture_is_told(second: Frame, said: str) -> None:
+def test_what_is_wrong_with_a_picture_is_told(second: CameraFrame, said: str) -> None:
     watch = running()
     watch.saw_frame(frame("left", 1.0), 1.02)
     watch.saw_frame(second, 1.12)
@@ -102,10 +103,10 @@ def test_what_is_wrong_with_a_picture_is_told(second: Frame, said: str) -> None:
     assert said in watch.reason
 
 
-def noisy(number: int) -> Frame:
+def noisy(number: int) -> CameraFrame:
     draw = np.random.default_rng(number)
     depth = draw.normal(900.0, 2.0, (60, 80)).round().astype(np.uint16)
-    return Frame("left", number, 0.1 * number, depth, np.zeros((60, 80, 3), np.uint8), "a")
+    return CameraFrame("left", number, 0.1 * number, depth, np.zeros((60, 80, 3), np.uint8), "a")
 
 
 def test_rows_of_the_picture_before_are_torn_and_noise_repeats_none() -> None:

@@ -15,7 +15,7 @@ from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.utils.structs.types import SimConfig
 
 from gensim2.core.errors import InputError
-from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.observation import tool_pose
 from gensim2.robots import RobotProfile, robot
 from gensim2.sim import agents
 from gensim2.sim.arm import Arm, base_pose

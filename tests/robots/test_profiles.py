@@ -10,7 +10,7 @@ from constraints import point_to_point, pointing_down
 
 import gensim2_kpam as kpam
 from gensim2.core.errors import InputError
-from gensim2.objects.region import STANDARD_REGION
+from gensim2.objects.placement import STANDARD_REGION
 from gensim2.robots import CLOSED, OPEN, robot
 
 pytest.importorskip("mani_skill")

@@ -14,7 +14,7 @@ import pytest
 from scripted import OPEN_DRAWER, ScriptedWorld, glide
 
 from gensim2.perception import EmptyCloudError, ObservationSpec
-from gensim2.perception.columns import CLOUD, ENVIRONMENT_STATE, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.perception.observation import CLOUD, ENVIRONMENT_STATE, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.robots import robot
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
 from gensim2.rollout.run import run

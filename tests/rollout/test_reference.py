@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from gensim2.data.episode_file import read_episode, write_episode
-from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.observation import tool_pose
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.run import run
 from gensim2.sim.headless import HeadlessEnv

@@ -14,8 +14,8 @@ from PIL import Image
 
 from gensim2.core.errors import InputError
 from gensim2.perception import Camera, ObservationSpec
-from gensim2.perception.proprioception import tool_pose
-from gensim2.perception.raycast.caster import Caster, Solid
+from gensim2.perception.observation import tool_pose
+from gensim2.perception.raycast.caster import Caster, CastSolid
 from gensim2.perception.raycast.observer import Observer
 from gensim2.perception.raycast.scene import RaycastScene
 from gensim2.perception.raycast.shapes import Surface, read_mesh
@@ -61,8 +61,8 @@ def models(lane: HeadlessEnv) -> dict[str, Any]:
 def test_a_ball_and_a_box_are_met_where_geometry_says() -> None:
     cameras = (camera(), camera((1.5, -1.0, 0.9), "b"))
     solids = [
-        Solid(4, Surface.box((0, 0, 0), (0.2, 0.3, 0.1), (1, 2, 3)), still=True),
-        Solid(7, ball(0.25), still=False),
+        CastSolid(4, Surface.box((0, 0, 0), (0.2, 0.3, 0.1), (1, 2, 3)), still=True),
+        CastSolid(7, ball(0.25), still=False),
     ]
     poses = np.stack([at(0.3, 0.4, 0.1, 0.5), at(-0.2, 0.0, 0.4)])
     caster = Caster(solids, cameras)
@@ -104,7 +104,7 @@ def _box(eye: np.ndarray, rays: np.ndarray, pose: np.ndarray, half: np.ndarray) 
 
 def test_what_was_cast_before_changes_nothing() -> None:
     """What stands still is kept between pictures; moved after all, it is cast again."""
-    solids = [Solid(1, ball(0.3), still=True), Solid(2, ball(0.2), still=False)]
+    solids = [CastSolid(1, ball(0.3), still=True), CastSolid(2, ball(0.2), still=False)]
     kept = Caster(solids, [camera()])
     for poses in (np.stack([at(0, 0, 0.3), at(0.1, -0.4, 0.3)]), np.stack([at(0.2, 0, 0.3), FAR_AWAY])):
         kept.cast(poses)
@@ -115,9 +115,9 @@ def test_what_was_cast_before_changes_nothing() -> None:
 
 def test_a_thing_around_and_behind_the_camera_is_seen_and_not_seen() -> None:
     seen = camera()
-    around = Caster([Solid(1, ball(5.0), still=True)], [seen]).cast(np.stack([at(*seen.position.tolist())]))
+    around = Caster([CastSolid(1, ball(5.0), still=True)], [seen]).cast(np.stack([at(*seen.position.tolist())]))
     assert (around.face[0] >= 0).all()
-    behind = Caster([Solid(1, ball(0.5), still=True)], [seen]).cast(np.stack([at(0.0, -4.0, 0.7)]))
+    behind = Caster([CastSolid(1, ball(0.5), still=True)], [seen]).cast(np.stack([at(0.0, -4.0, 0.7)]))
     assert (behind.face[0] < 0).all()
 
 
@@ -131,7 +131,7 @@ def test_a_texture_is_sampled_where_it_lies(tmp_path: Path) -> None:
     surface = read_mesh(tmp_path / "board.glb")
     assert surface is not None
     seen = Camera.looking("a", (0, -3, 0), (0, 0, 0), width=40, height=40, fov=0.5)
-    caster = Caster([Solid(1, surface, still=True)], [seen])
+    caster = Caster([CastSolid(1, surface, still=True)], [seen])
     hits = caster.cast(np.eye(4)[None])
     colors = caster.colors(hits.face[0], hits.u[0], hits.v[0])
     assert (hits.face[0] >= 0).all()

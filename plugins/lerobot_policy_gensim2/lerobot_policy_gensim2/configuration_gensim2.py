@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from lerobot.configs import PreTrainedConfig
 from lerobot.utils.constants import OBS_STR
 
-from gensim2.perception.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.perception.observation import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
 
 SEEN = tuple(f"{OBS_STR}.{name}" for name in (STATE, VELOCITY, TOOL_POSE, GRIPPER, CLOUD))
 """Names of the features that a policy is made for."""

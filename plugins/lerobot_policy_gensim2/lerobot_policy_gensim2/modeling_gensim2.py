@@ -13,7 +13,7 @@ from lerobot.utils.constants import OBS_STR
 from torch import Tensor
 
 from gensim2.perception import Observation, PointCloud
-from gensim2.perception.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.perception.observation import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.evaluating import policy_controller
 from gensim2.robots import robot

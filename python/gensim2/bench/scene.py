@@ -12,11 +12,10 @@ import numpy.typing as npt
 
 from gensim2.bench.problems import PlanProblem
 from gensim2.core.errors import InputError
-from gensim2.objects.errors import MissingFileError
-from gensim2.objects.kinematics import joint_motion
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.urdf import MOVABLE, Urdf, fixed_frames, read_urdf, shape_elements, unit_axis
 from gensim2.objects.shapes import transform
+from gensim2.objects.types import MissingFileError, joint_motion
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -46,7 +45,7 @@ def load_parts(folder: Path, name: str) -> Parts:
         MissingFileError: no such file (callers count these).
         InputError: the file is no mesh, leads out of the folder, or has numbers that are not finite.
     """
-    from gensim2.objects.library.objfile import read_obj  # here: refusing a file of problems needs no mesh work
+    from gensim2.objects.library.meshes import read_obj  # here: refusing a file of problems needs no mesh work
     from gensim2.objects.meshwork.decompose import components, weld
 
     try:

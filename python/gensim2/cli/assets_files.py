@@ -122,7 +122,7 @@ def import_(
         force: Replace existing objects.
     """
     from gensim2.objects import open_library
-    from gensim2.objects.library.sources import find_source
+    from gensim2.objects.library.folder import find_source
 
     folder = find_source(source)
     from gensim2.inspection.validate import check_object  # imports SciPy, so bad input is refused first

@@ -94,7 +94,7 @@ def prepare(
 
     library = open_library(assets)
     items = select(library, objects, every=every, seed=seed)
-    from gensim2.objects.library.loading import load_all
+    from gensim2.objects.library.catalogue import load_all
 
     progress.start(f"preparing objects of {library.name}", len(items))
     refused = []

@@ -107,7 +107,7 @@ def learn(
         instances: Objects to learn from, in place of --objects.
     """
     from gensim2.data.runfolder import default_run_dir
-    from gensim2.perception.noise_file import read_noise
+    from gensim2.perception.noise import read_noise
     from gensim2.policy.evaluating import read_controls
     from gensim2.policy.learning import learn as function
 

@@ -72,7 +72,7 @@ def render(
     from gensim2.data.rendering import render as function
     from gensim2.perception import CloudSettings, ObservationSpec
     from gensim2.perception.cloud import candidates_for
-    from gensim2.perception.noise_file import read_noise
+    from gensim2.perception.noise import read_noise
 
     if depth_noise and noise is not None:
         raise InputError("says it already", field="--noise", remedy="leave out --depth-noise")

@@ -12,7 +12,7 @@ from gensim2.core.files import write_atomic
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.columns import lerobot_name
 from gensim2.data.store import TaskStore
-from gensim2.perception.columns import CLOUD, ENVIRONMENT_STATE, IMAGE
+from gensim2.perception.observation import CLOUD, ENVIRONMENT_STATE, IMAGE
 from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import interval

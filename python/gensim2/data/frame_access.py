@@ -21,7 +21,7 @@ from gensim2.data.observation_file import checked_description, frame_arrays, spe
 from gensim2.data.store import TaskStore
 from gensim2.perception import ObservationSpec
 from gensim2.perception.cloud import from_steps
-from gensim2.perception.proprioception import Proprioception
+from gensim2.perception.observation import Proprioception
 from gensim2.robots import OPEN, robot
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording

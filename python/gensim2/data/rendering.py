@@ -19,7 +19,7 @@ from gensim2.data.observation_file import DamagedObservationError, read_descript
 from gensim2.data.store import OBSERVATIONS, TaskStore
 from gensim2.data.used_objects import ObjectCheck
 from gensim2.perception import ObservationSpec
-from gensim2.perception.cameras import require_cameras
+from gensim2.perception.camera import require_cameras
 from gensim2.robots import robot
 from gensim2.rollout.record import Episode
 from gensim2.scenes.config import SceneConfig

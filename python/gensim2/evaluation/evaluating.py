@@ -138,7 +138,7 @@ def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[st
     Raises:
         InputError: it cannot be made, or looks at something else than its data.
     """
-    from gensim2.perception.cameras import require_cameras
+    from gensim2.perception.camera import require_cameras
     from gensim2.robots import robot
 
     profile = robot(given.scene.robot)

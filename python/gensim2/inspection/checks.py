@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.objects.meshwork.convexes import Block, depth_inside, surface_samples
-from gensim2.objects.meshwork.overlap import OPENNESS, links_overlap
+from gensim2.objects.meshwork.convexes import ConvexBlock, depth_inside, surface_samples
+from gensim2.objects.meshwork.voidspace import OPENNESS, links_overlap
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import ArticulatedObject
 
@@ -40,7 +40,7 @@ def distance_to_link(instance: ArticulatedObject, name: str) -> float:
     if not hulls:
         return float("inf")
     point = keypoint.position[None]
-    if float(depth_inside(point, [Block.of(h) for h in hulls])[0]) > 0:
+    if float(depth_inside(point, [ConvexBlock.of(h) for h in hulls])[0]) > 0:
         return 0.0
     samples = np.concatenate([surface_samples(h, 0.004) for h in hulls])
     return float(np.linalg.norm(samples - point, axis=1).min())
@@ -111,7 +111,7 @@ def clearance_of(instance: ArticulatedObject, name: str) -> float:
         if not hulls:
             continue
         local = transform(np.asarray(np.linalg.inv(T), float), point) if link == child else point
-        inside = float(depth_inside(local, [Block.of(hull) for hull in hulls])[0])
+        inside = float(depth_inside(local, [ConvexBlock.of(hull) for hull in hulls])[0])
         samples = np.concatenate([surface_samples(hull, 0.004) for hull in hulls])
         gap = -inside if inside > 0 else float(np.linalg.norm(samples - local, axis=1).min())
         nearest = min(nearest, gap)

@@ -16,12 +16,10 @@ from gensim2.core.files import write_atomic
 from gensim2.core.pages import template
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.inspection import pictures
-from gensim2.objects.errors import AssetError
 from gensim2.objects.library.catalogue import KINDS, Library
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.selection import wanted_classes
-from gensim2.objects.rigid import BODY, RigidObject
-from gensim2.objects.types import ArticulatedObject
+from gensim2.objects.types import BODY, ArticulatedObject, AssetError, RigidObject
 
 if TYPE_CHECKING:
     from PIL import Image

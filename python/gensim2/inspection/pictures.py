@@ -11,9 +11,8 @@ import numpy.typing as npt
 
 from gensim2.core.errors import GenSim2Error, MissingExtraError
 from gensim2.inspection.checks import world_rotation
-from gensim2.objects.rigid import BODY, RigidObject
 from gensim2.objects.shapes import transform
-from gensim2.objects.types import ArticulatedObject
+from gensim2.objects.types import BODY, ArticulatedObject, RigidObject
 
 if TYPE_CHECKING:
     from PIL import Image

@@ -6,7 +6,7 @@ import numpy as np
 
 from gensim2.core.errors import MissingExtraError
 from gensim2.inspection.checks import Finding
-from gensim2.objects.rigid import BODY, RigidObject
+from gensim2.objects.types import BODY, RigidObject
 from gensim2.robots import robot
 
 MAX_HULLS = 64

@@ -19,9 +19,8 @@ from gensim2.inspection import rigid
 from gensim2.inspection.checks import Finding, geometric_findings, world_rotation
 from gensim2.objects.library.catalogue import Library
 from gensim2.objects.physics import GRAVITY, class_rule, inertial
-from gensim2.objects.rigid import RigidObject
 from gensim2.objects.shapes import transform
-from gensim2.objects.types import Array, ArticulatedObject
+from gensim2.objects.types import Array, ArticulatedObject, RigidObject
 from gensim2.robots import RobotProfile
 from gensim2.scenes.table import HALF_SIZE
 

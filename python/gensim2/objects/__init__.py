@@ -8,9 +8,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from gensim2.core.lazy import lazy_names
-from gensim2.objects.errors import AssetError
-from gensim2.objects.rigid import Grip, RigidObject
-from gensim2.objects.types import ArticulatedObject, Keypoint, Kind, MovingJoint, ObjectModel, Placement, Source
+from gensim2.objects.types import (
+    ArticulatedObject,
+    AssetError,
+    Grip,
+    Keypoint,
+    Kind,
+    MovingJoint,
+    ObjectModel,
+    Placement,
+    RigidObject,
+    Source,
+)
 
 if TYPE_CHECKING:
     from gensim2.objects.library.catalogue import ClassListing, Library, listing, open_library

@@ -8,9 +8,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.objects.kinematics import joint_motion
 from gensim2.objects.shapes import Mesh, transform
-from gensim2.objects.types import Keypoint
+from gensim2.objects.types import Keypoint, joint_motion
 
 Array = npt.NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Types of object models: one frozen value a kind, however it was made."""
+"""Object models: keypoints, placements, articulated and rigid objects, the motion of a joint, and errors about them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,46 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.objects.kinematics import joint_motion
+from gensim2.core.errors import InputError
+
+
+class AssetError(InputError):
+    """An object that cannot be used."""
+
+
+class MissingFileError(AssetError):
+    """A file that an object names is not there."""
+
 
 Array = npt.NDArray[np.float64]
+
+
+def joint_motion(kind: str, axis: Array, value: npt.ArrayLike, origin: Array | None = None) -> Array:
+    """Return the rigid motion from joint value zero, in the frame of ``axis`` and ``origin``.
+
+    Args:
+        kind: ``"prismatic"``, or ``"revolute"`` or ``"continuous"``.
+        axis: (3,) unit axis.
+        value: rad or m, of any shape.
+        origin: (3,) m, a point on the axis; None: the frame's own origin.
+
+    Returns:
+        (..., 4, 4), one for each value.
+    """
+    values = np.asarray(value, dtype=np.float64)[..., None]
+    found = np.zeros((*values.shape[:-1], 4, 4))
+    found[...] = np.eye(4)
+    if kind == "prismatic":
+        found[..., :3, 3] = values * axis
+        return found
+    from scipy.spatial.transform import Rotation  # here: whoever only names objects needs no SciPy
+
+    found[..., :3, :3] = Rotation.from_rotvec(values * axis).as_matrix()
+    if origin is not None:
+        found[..., :3, 3] = origin - found[..., :3, :3] @ origin
+    return found
+
+
 Kind = Literal["articulated", "rigid"]
 Source = Literal["generated", "real"]
 Hulls = Literal["default", "original"]
@@ -188,3 +225,87 @@ class ArticulatedObject:
         """Distance in metres of a keypoint on the moving link from the joint axis."""
         point = self.joint.T_root_child @ np.append(self.keypoints[keypoint].position, 1.0)
         return float(np.linalg.norm(np.cross(point[:3] - self.joint.origin, self.joint.axis)))
+
+
+BODY = "body"
+"""Name of the only link."""
+ONLY_ID = "0"
+"""Id of the only instance of a class of rigid objects."""
+
+
+@dataclass(frozen=True)
+class Grip:
+    """Grasp of two parallel fingers on the object at rest, as long as nothing else is in the way.
+
+    Attributes:
+        point: (3,) middle between the fingertips, metres in the object frame.
+        axis: (3,) unit direction in which the fingers close, object frame; level when the object rests.
+        width: metres between the fingertips.
+    """
+
+    point: Array
+    axis: Array
+    width: float
+
+
+@dataclass(frozen=True)
+class RigidObject:
+    """A rigid object ready to be simulated and planned for; the object frame is that of its only link.
+
+    Attributes:
+        asset_class: its name, for example ``"mug"``; it is the only one of its class.
+        source: ``"generated"`` or ``"real"``.
+        folder: prepared files: ``visual.glb`` and ``hull_<i>.obj``, object frame, metres.
+        hulls: ``"body"`` to convex collision parts, each (N, 3) metres in the object frame.
+        mass: kg.
+        center_of_mass: (3,) metres in the object frame.
+        inertia: (3, 3) kg m² about the centre of mass, along the axes of the object frame.
+        friction: of its surface, static and dynamic.
+        keypoints: by name, on ``"body"``; ``rigidbody_object_head`` always, ``rigidbody_object_tail`` where it has two
+            ends.
+        placement: pose, object to world, in which it stays on a table at z = 0, its origin above the world's.
+        grip: the narrowest hold in that pose.
+        license: terms that the data carries.
+        content_hash: hex digest of everything that the object was made from.
+        warnings: what was odd and by which rule it was repaired.
+    """
+
+    asset_class: str
+    source: Source
+    folder: Path
+    hulls: dict[str, tuple[Array, ...]]
+    mass: float
+    center_of_mass: Array
+    inertia: Array
+    friction: float
+    keypoints: dict[str, Keypoint]
+    placement: Placement
+    grip: Grip
+    license: str
+    content_hash: str
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def id(self) -> str:
+        """``"0"``."""
+        return ONLY_ID
+
+    @property
+    def joint(self) -> None:
+        """It has none."""
+        return None
+
+    @property
+    def size(self) -> Array:
+        """(3,) extents in metres along the axes of the object frame."""
+        return np.asarray(np.ptp(np.concatenate(self.hulls[BODY]), axis=0))
+
+    @property
+    def visual(self) -> Path | None:
+        """File to look at, or None where the object has none."""
+        file = self.folder / "visual.glb"
+        return file if file.is_file() else None
+
+    def hull_file(self, index: int) -> Path:
+        """Wavefront OBJ of collision part ``index``."""
+        return self.folder / f"hull_{index}.obj"

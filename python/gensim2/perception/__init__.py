@@ -13,13 +13,10 @@ from typing import TYPE_CHECKING
 from gensim2.core.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from gensim2.perception.camera import Camera
+    from gensim2.perception.camera import Camera, Picture, View
     from gensim2.perception.cloud import CloudSettings, EmptyCloudError, PointCloud, RobotSegments, point_cloud
-    from gensim2.perception.encoder import Encoder
     from gensim2.perception.noise import D435, DEPLOYED, CameraError, DepthNoise
-    from gensim2.perception.observation import Observation
-    from gensim2.perception.spec import ObservationSpec
-    from gensim2.perception.view import Picture, View
+    from gensim2.perception.observation import Encoder, Observation, ObservationSpec
 
 __all__ = [
     "D435",

@@ -5,11 +5,15 @@ from __future__ import annotations
 import reprlib
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict
 
 from gensim2.core.errors import InputError
+from gensim2.core.record_files import read_record
 
 # SciPy is imported where it is used: refusing arguments needs it not.
 
@@ -300,3 +304,33 @@ def _around(depth: Depth) -> tuple[Depth, Depth]:
         near[here] = np.minimum(near[here], low[there])
         far[here] = np.maximum(far[here], depth[there])
     return np.where(np.isfinite(near), near, np.float32(0.0)), far
+
+
+REMEDY = "make it anew with gensim2 robot fit-noise"
+
+
+class NoiseFile(BaseModel):
+    """Fitted parameters on the disk."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    schema_version: Literal[1] = 1
+    noise: dict[str, float | bool]
+    told: dict[str, int]
+
+
+def read_noise(name: str | Path) -> DepthNoise:
+    """Noise by name (``white``, ``d435``, ``deployed``), or from a file that ``gensim2 robot fit-noise`` wrote.
+
+    Raises:
+        InputError: there is none, or a parameter cannot be so.
+    """
+    if str(name) in PRESETS:
+        return PRESETS[str(name)]
+    found = read_record(Path(name), NoiseFile, REMEDY)
+    try:
+        return DepthNoise(**found.noise)  # type: ignore[arg-type]
+    except TypeError as error:
+        raise InputError(str(error), file=name, field="noise", remedy=REMEDY) from error
+    except InputError as error:
+        raise InputError(error.message, file=name, field=error.field, remedy=REMEDY) from error

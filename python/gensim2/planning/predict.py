@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.objects.kinematics import joint_motion
+from gensim2.objects.types import joint_motion
 from gensim2.planning.scene import Scene, SceneObject
 from gensim2.planning.world import carried_by
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from gensim2.core.errors import InputError
 from gensim2.perception import Observation
-from gensim2.perception.columns import GRIPPER
+from gensim2.perception.observation import GRIPPER
 from gensim2.policy.augment import holds
 from gensim2.robots import RobotProfile
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from gensim2.perception.columns import CLOUD, GRIPPER, STATE, TOOL_POSE
-from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.observation import CLOUD, GRIPPER, STATE, TOOL_POSE, tool_pose
 from gensim2.policy.frames import yawed
 from gensim2.policy.heads.actions import ACTION
 from gensim2.policy.keyframes import KEY_POSITIONS, KEY_ROTATIONS

@@ -17,7 +17,7 @@ import torch
 
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
-from gensim2.perception.columns import STATE
+from gensim2.perception.observation import STATE
 from gensim2.policy.attempts import ATTEMPTS, Attempts
 from gensim2.policy.checkpoint import CONFIG_JSON, CheckpointError, PolicyCheckpoint
 from gensim2.policy.control import CLOUDS, Sees, Sight

@@ -13,7 +13,7 @@ import torch
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.formats.columns import RGB, XYZ
 from gensim2.perception.cloud import from_steps
-from gensim2.perception.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY, cloud_column
+from gensim2.perception.observation import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY, cloud_column
 from gensim2.policy.checkpoint import ActionSpec
 from gensim2.policy.control import Shuffled
 from gensim2.policy.decoded import DecodedData, decode

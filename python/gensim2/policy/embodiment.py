@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gensim2.perception.columns import STATE, TOOL_POSE
-from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.observation import STATE, TOOL_POSE, tool_pose
 from gensim2.policy.checkpoint import CheckpointError
 from gensim2.robots import robot
 

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from gensim2.core.errors import InputError
-from gensim2.perception.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.perception.observation import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.policy.rotations import matrix_of_quaternion, matrix_of_six, six_of_matrix
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 import torch
 
 from gensim2.perception import EmptyCloudError, Observation
-from gensim2.perception.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.perception.observation import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.planning import StepPlan, StepPlanner
 from gensim2.policy.array_file import Expected, read_arrays, require_shapes, write_arrays
 from gensim2.policy.controller import PolicyController

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.observation import tool_pose
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import Reference
 from gensim2.rollout.record import Episode

@@ -8,9 +8,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from gensim2.objects import RigidObject
-from gensim2.objects.rigid import BODY
 from gensim2.objects.shapes import transform
-from gensim2.objects.types import ArticulatedObject
+from gensim2.objects.types import BODY, ArticulatedObject
 
 Array = npt.NDArray[np.float64]
 

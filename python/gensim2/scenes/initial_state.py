@@ -12,10 +12,9 @@ from scipy.spatial.transform import Rotation
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
 from gensim2.objects import RigidObject
-from gensim2.objects.meshwork.convexes import Block, depth_inside, surface_samples
+from gensim2.objects.meshwork.convexes import ConvexBlock, depth_inside, surface_samples
 from gensim2.objects.placement import work_keypoint
-from gensim2.objects.rigid import BODY
-from gensim2.objects.types import ArticulatedObject
+from gensim2.objects.types import BODY, ArticulatedObject
 from gensim2.robots import RobotProfile
 from gensim2.scenes.arguments import ObjectSource
 from gensim2.scenes.default_pose import default_pose
@@ -377,7 +376,7 @@ def set_down(thing: PlacedObject, support: PlacedObject) -> PlacedObject | None:
     Returns:
         None where there is no room above the point, or nothing to stand on below it.
     """
-    blocks = [Block.of(support.in_world(hull)) for hull in hulls_in_root(support.model, support.joint_value)]
+    blocks = [ConvexBlock.of(support.in_world(hull)) for hull in hulls_in_root(support.model, support.joint_value)]
     hulls = hulls_in_root(thing.model, thing.joint_value)
     surface = thing.in_world(np.concatenate([surface_samples(hull) for hull in hulls]))
 

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from gensim2.core.errors import GenSim2Error, InputError, near
 from gensim2.core.seeding import check_seed
 from gensim2.perception import Observation, ObservationSpec
-from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.observation import tool_pose
 from gensim2.planning.scene import Scene
 from gensim2.robots import OPEN
 from gensim2.scenes.config import SceneArguments, SceneConfig, SceneOptions

@@ -10,8 +10,7 @@ import torch
 from mani_skill.envs.sapien_env import BaseEnv
 
 from gensim2.perception import Observation, ObservationSpec
-from gensim2.perception.columns import TOOL_POSE
-from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.observation import TOOL_POSE, tool_pose
 from gensim2.perception.raycast.observer import Observer
 from gensim2.robots import OPEN, RobotProfile
 from gensim2.sim.scene_state import SceneAccessMixin

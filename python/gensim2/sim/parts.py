@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.objects import RigidObject
-from gensim2.objects.rigid import BODY
-from gensim2.objects.types import ArticulatedObject
+from gensim2.objects.types import BODY, ArticulatedObject
 from gensim2.planning.scene import JointState, SceneBody, SceneObject
 from gensim2.scenes.initial_state import PlacedObject
 

@@ -15,7 +15,7 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils import sapien_utils
 
 from gensim2.core.errors import InputError
-from gensim2.perception.cameras import FAR, FIELD_OF_VIEW, NEAR, PIXELS, PLACES, TARGET
+from gensim2.perception.camera import FAR, FIELD_OF_VIEW, NEAR, PIXELS, PLACES, TARGET
 from gensim2.robots import RobotProfile
 
 _T_OPENCV_SAPIEN = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
@@ -56,7 +56,7 @@ def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
 
 
 def observation_cameras(profile: RobotProfile, links: Mapping[str, Any]) -> list[CameraConfig]:
-    """The cameras of :mod:`gensim2.perception.cameras` for SAPIEN's renderer.
+    """The cameras of :mod:`gensim2.perception.camera` for SAPIEN's renderer.
 
     Args:
         profile: of the robot, which may carry some.

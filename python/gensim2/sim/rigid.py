@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.core.errors import InputError
 from gensim2.objects import RigidObject
-from gensim2.objects.rigid import BODY
+from gensim2.objects.types import BODY
 from gensim2.scenes.randomize import placed
 from gensim2.scenes.table import HALF_SIZE, visible_boxes
 from gensim2.sim.objects import cooking_is_fair, cooking_misfit

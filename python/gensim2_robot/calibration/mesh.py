@@ -1,25 +1,316 @@
-"""Pose of a camera from its depth pictures of the robot itself, without a board.
-
-What the robot's links cover in some pictures and not in others is the robot, whatever stands about: no masks are
-needed. A coarse registration (nearest points, point to plane) brings these points onto the surfaces that the ray caster
-says are visible; a fine one compares each pixel's depth with that of the mesh along the same ray, with scale and bias
-of the depth beside the pose. Pictures that were held out judge the result.
-"""
+"""Poses of cameras from the robot's own surface: a coarse search, a fine fit, held-out pictures as judge."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import binary_opening
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
 from gensim2.perception import Camera
-from gensim2_robot.calibration.coarse import LEAST_MOVED, Coarse, moved_pixels
-from gensim2_robot.calibration.fine import NEAR, compare, refine
-from gensim2_robot.calibration.fitted import Array, Pose, placed_at
-from gensim2_robot.calibration.surfaces import ArmView, RobotSurface, check_views
+from gensim2_robot.calibration.surfaces import ArmView, RobotSurface, RobotView, check_views, shrunk
+
+Array = npt.NDArray[np.float64]
+
+FOCAL_BASELINE, DISPARITY_SIGMA = 21.25, 0.08
+"""px m and px: a stereo pair's expected error of depth, z^2 sigma / (f B)."""
+
+
+@dataclass
+class Pose:
+    """Fitted pose."""
+
+    T: Array
+    scale: float = 1.0
+    bias: float = 0.0
+
+    def moved(self, step: Array, center: Array) -> Pose:
+        """By (8,): a turn about ``center`` (rad), a shift (m), scale and bias."""
+        turn = Rotation.from_rotvec(step[:3]).as_matrix()
+        T = self.T.copy()
+        T[:3, :3] = turn @ T[:3, :3]
+        T[:3, 3] = turn @ (T[:3, 3] - center) + center + step[3:6]
+        return Pose(T, self.scale + step[6], self.bias + step[7])
+
+
+def expected_error(depth: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Expected error of a depth, m."""
+    return depth**2 * (DISPARITY_SIGMA / FOCAL_BASELINE)
+
+
+def placed_at(camera: Camera, pose: Pose) -> Camera:
+    return replace(camera, T_base_camera=pose.T)
+
+
+def tukey(residual: Array, scale: float) -> Array:
+    """Weights of Tukey's biweight, zero from 4.685 scales on."""
+    share = np.clip(residual / (4.685 * scale), -1.0, 1.0)
+    return np.asarray((1.0 - share**2) ** 2)
+
+
+COARSE_PIXELS = 96
+"""Width of the pictures that the coarse registration casts."""
+COARSE_POINTS = 400
+"""Measured points of each picture in the coarse registration."""
+FARTHEST = 3.0
+"""Metres within which the robot stands."""
+APART = 0.04
+"""Metres before what is behind it from which on a pixel shows what has moved."""
+LEAST_MOVED = 50
+"""Pixels that must have moved in a picture that the coarse registration uses."""
+TURN, MAX_STARTS = 0.2, 4
+"""Rad by which starts are turned, and how many of them are followed."""
+REACHES = (0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.035, 0.025, 0.02)
+"""Metres within which points are matched, round after round."""
+
+
+def moved_pixels(depths: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.bool_]]:
+    """(H, W) of each picture: what stands before what other pictures show there, by more than noise; no lone pixels."""
+    ordered = np.sort(depths, axis=0)
+    behind = ordered[-2] if len(depths) > 3 else ordered[-1]  # one picture may be wrong there
+    before = APART + 5.0 * expected_error(behind)
+    return [
+        binary_opening((depth > 0) & (depth < behind - before) & (depth < FARTHEST), np.ones((3, 3)))
+        for depth in depths
+    ]
+
+
+class Coarse:
+    """Registration by nearest points."""
+
+    def __init__(
+        self,
+        surface: RobotSurface,
+        camera: Camera,
+        views: Sequence[ArmView],
+        moved: Sequence[npt.NDArray[np.bool_]],
+        draw: np.random.Generator,
+    ) -> None:
+        used = [number for number, mask in enumerate(moved) if mask.sum() >= LEAST_MOVED]
+        self._surface, self._views = surface, [views[number] for number in used]
+        self._small = shrunk(camera, max(1, round(camera.width / COARSE_PIXELS)))
+        self._guess = Pose(camera.T_base_camera)
+        rays = replace(camera, T_base_camera=np.eye(4)).rays.reshape(-1, 3).astype(np.float64)
+        self._points = []
+        for view, mask in ((views[number], moved[number]) for number in used):
+            pixels = np.flatnonzero(mask)
+            pixels = draw.choice(pixels, min(COARSE_POINTS, len(pixels)), replace=False)
+            self._points.append(view.depth.reshape(-1)[pixels, None] * rays[pixels])
+        depth = float(np.median(np.concatenate(self._points)[:, 2]))
+        self._expected = 0.6 * depth / self._small.intrinsic[0, 0] + float(expected_error(np.array(depth)))
+
+    def best(self) -> Pose:
+        """The registration that lies nearest to the surfaces, of several starts."""
+        found: list[tuple[float, Pose]] = []
+        for start in self.start_poses():
+            pose = self.register(start)
+            found.append((self.cost(pose), pose))
+            if found[-1][0] < self._expected:
+                break
+        return min(found, key=lambda each: each[0])[1]
+
+    def start_poses(self) -> list[Pose]:
+        """The guess, then the nearest to the surfaces of the guess turned about each axis and brought to the middles of
+        what moved."""
+        turned = []
+        for rotvec in np.concatenate([np.zeros((1, 3)), TURN * np.eye(3), -TURN * np.eye(3)]):
+            T = self._guess.T.copy()
+            T[:3, :3] = T[:3, :3] @ Rotation.from_rotvec(rotvec).as_matrix()
+            turned.append(self._to_middles(self._to_middles(Pose(T))))
+        return [self._guess, *sorted(turned, key=self.cost)[:MAX_STARTS]]
+
+    def _to_middles(self, pose: Pose) -> Pose:
+        """Shifted so that what moved has its middles where the meshes' have them."""
+        shifts = [
+            surface.mean(axis=0) - (points @ pose.T[:3, :3].T + pose.T[:3, 3]).mean(axis=0)
+            for points, (surface, _) in zip(self._points, self._model(pose), strict=True)
+            if len(surface) > 20
+        ]
+        if not shifts:
+            return pose
+        T = pose.T.copy()
+        T[:3, 3] += np.median(shifts, axis=0)
+        return Pose(T)
+
+    def register(self, start: Pose) -> Pose:
+        """From a start to where the points lie on the surfaces."""
+        pose = start
+        for reach in REACHES:
+            model = self._model(pose)
+            for _ in range(3):
+                step = self._step(pose, model, reach)
+                if step is None:
+                    break
+                pose = pose.moved(*step)
+        return pose
+
+    def cost(self, pose: Pose) -> float:
+        """Mean distance of points from the surfaces, 5 cm at most; m."""
+        found = []
+        for points, (model, _) in zip(self._points, self._model(pose), strict=True):
+            placed = points @ pose.T[:3, :3].T + pose.T[:3, 3]
+            found.append(cKDTree(model).query(placed)[0].clip(max=0.05).mean() if len(model) else 0.05)
+        return float(np.mean(found))
+
+    def _model(self, pose: Pose) -> list[tuple[Array, Array]]:
+        """(k, 3) points and normals of each view that the meshes show to have moved."""
+        camera = placed_at(self._small, pose)
+        seen = [self._surface.see(camera, view.q) for view in self._views]
+        behind = np.max([each.depth for each in seen], axis=0)
+        found = []
+        for each in seen:
+            mask = np.isfinite(each.depth) & (each.depth < behind - APART)
+            points = camera.position + each.depth[mask][:, None] * camera.rays[mask]
+            found.append((points.astype(np.float64), each.normals[mask].astype(np.float64)))
+        return found
+
+    def _step(self, pose: Pose, model: list[tuple[Array, Array]], reach: float) -> tuple[Array, Array] | None:
+        placed, normals, off = [], [], []
+        for points, (surface, across) in zip(self._points, model, strict=True):
+            if not len(surface):
+                continue
+            here = points @ pose.T[:3, :3].T + pose.T[:3, 3]
+            distance, nearest = cKDTree(surface).query(here, distance_upper_bound=reach)
+            close = np.isfinite(distance)
+            placed.append(here[close])
+            normals.append(across[nearest[close]])
+            off.append(((here[close] - surface[nearest[close]]) * normals[-1]).sum(axis=1))
+        if sum(map(len, off)) < 30:
+            return None
+        p, n, r = np.concatenate(placed), np.concatenate(normals), np.concatenate(off)
+        center = p.mean(axis=0)
+        rows = np.column_stack([np.cross(p - center, n), n])
+        weights = tukey(r, max(0.3 * reach, 0.004))
+        square = rows.T @ (weights[:, None] * rows)
+        damping = 1e-3 * np.trace(square) / 6.0
+        step = np.linalg.solve(square + damping * np.eye(6), -rows.T @ (weights * r))
+        return np.append(step, [0.0, 0.0]), center
+
+
+FINE_PIXELS = 6000
+"""Of each picture in the fine one."""
+SCALE_SIGMA, BIAS_SIGMA = 0.01, 0.005
+"""Prior standard deviations of a depth camera's scale (share) and bias (m)."""
+PIXEL = 0.5
+"""Pixels by which a ray may be off its pixel's centre."""
+NEAR = 0.03
+"""Metres that are near."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Pixels of one picture on the robot's surface.
+
+    Attributes:
+        points: (k, 3) measured, in the base frame; rays: (k, 3) from the camera there, a metre deep each.
+        normals: (k, 3); off: (k,) m along them; sigma: (k,) expected of it.
+        measured: (k,) depth as it was measured, m.
+        links: (k,).
+        covered, near: pixels of the robot that were measured at all, and of them near it.
+    """
+
+    points: Array
+    rays: Array
+    normals: Array
+    off: Array
+    sigma: Array
+    measured: Array
+    links: npt.NDArray[np.int16]
+    covered: int
+    near: int
+
+
+def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, reach: float) -> Compared:
+    """Each pixel's depth against that of the mesh along its ray, away from edges and not at a grazing angle."""
+    placed = placed_at(camera, pose)
+    seen = surface.see(placed, view.q)
+    depth = np.where(view.depth > 0, pose.scale * view.depth + pose.bias, 0.0)
+    facing = -(seen.normals * placed.rays).sum(axis=2) / np.linalg.norm(placed.rays, axis=2)
+    usable = _inside(seen) & (view.depth > 0) & (facing > 0.3)
+    with np.errstate(invalid="ignore"):  # infinity less infinity, where there is nothing
+        difference = depth - seen.depth
+    close = usable & (np.abs(difference) < reach)
+    rays, normals = placed.rays[close].astype(np.float64), seen.normals[close].astype(np.float64)
+    z = depth[close].astype(np.float64)
+    along = (rays * normals).sum(axis=1)
+    sigma_z = expected_error(z)
+    sideways = PIXEL * z / camera.intrinsic[0, 0] * np.sqrt((1.0 - facing[close] ** 2).clip(0.0))
+    return Compared(
+        placed.T_base_camera[:3, 3] + z[:, None] * rays,
+        rays,
+        normals,
+        difference[close] * along,
+        np.sqrt((sigma_z * along) ** 2 + sideways**2 + 1e-4**2),
+        view.depth[close].astype(np.float64),
+        seen.links[close],
+        int(usable.sum()),
+        int((usable & (np.abs(difference) < NEAR)).sum()),
+    )
+
+
+def _inside(seen: RobotView) -> npt.NDArray[np.bool_]:
+    """Pixels of the robot with the same surface on all sides, two pixels around."""
+    there = np.isfinite(seen.depth)
+    with np.errstate(invalid="ignore"):
+        for axis in (0, 1):
+            for by in (1, 2):
+                near = np.abs(seen.depth - np.roll(seen.depth, by, axis)) < 0.02 * by
+                near &= np.abs(seen.depth - np.roll(seen.depth, -by, axis)) < 0.02 * by
+                there &= near
+    there[:2], there[-2:], there[:, :2], there[:, -2:] = False, False, False, False
+    return there
+
+
+def refine(
+    surface: RobotSurface, camera: Camera, views: Sequence[ArmView], pose: Pose, draw: np.random.Generator
+) -> tuple[Pose, Array]:
+    """Pixel by pixel; the pose, and the (8,) standard deviations of its steps."""
+    sigma = np.full(8, np.inf)
+    for reach in (0.05, 0.04, 0.03, 0.03, 0.02, 0.02, 0.02):
+        rows, points, off, spread = [], [], [], []
+        for view in views:
+            each = compare(surface, camera, view, pose, reach)
+            some = draw.choice(len(each.off), min(FINE_PIXELS, len(each.off)), replace=False)
+            rows.append(
+                np.column_stack(
+                    [
+                        np.cross(each.points[some], each.normals[some]),
+                        each.normals[some],
+                        (each.rays[some] * each.normals[some]).sum(axis=1)[:, None] * each.measured[some, None],
+                        (each.rays[some] * each.normals[some]).sum(axis=1),
+                    ]
+                )
+            )
+            points.append(each.points[some])
+            off.append(each.off[some])
+            spread.append(each.sigma[some])
+        J, r, s = np.concatenate(rows), np.concatenate(off), np.concatenate(spread)
+        if len(r) < 100:
+            break
+        middle = np.concatenate(points).mean(axis=0)
+        J[:, :3] -= np.cross(middle, J[:, 3:6])
+        scale = max(1.0, 1.4826 * float(np.median(np.abs(r / s))))
+        weights = tukey(r / s, scale) / s**2
+        square = J.T @ (weights[:, None] * J)
+        # Errors of neighbouring pixels are alike: what is known beforehand counts as in a picture of fewer pixels.
+        square[6, 6] += 1.0 / SCALE_SIGMA**2
+        square[7, 7] += 1.0 / BIAS_SIGMA**2
+        pull = J.T @ (weights * r)
+        pull[6] += (pose.scale - 1.0) / SCALE_SIGMA**2
+        pull[7] += pose.bias / BIAS_SIGMA**2
+        inverse = np.linalg.pinv(square)
+        step = -inverse @ pull
+        sigma = scale * np.sqrt(np.diag(inverse))
+        pose = pose.moved(step, middle)
+    return pose, sigma
+
 
 LEAST_VIEWS, MAX_VIEWS = 3, 9
 """Pictures that are fitted to."""

@@ -10,14 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.core.errors import GenSim2Error, InputError
+from gensim2.core.foreign.limits import MAX_PICTURES, MAX_POSE_BYTES, MAX_POSES, MAX_STATES
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import rng
 from gensim2.perception import Camera
-from gensim2_robot.arm import Arm
+from gensim2_robot.arm import LimitedArm
 from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
 from gensim2_robot.calibration.surfaces import ArmView
 from gensim2_robot.clocks import Clock
-from gensim2_robot.devices import CameraDriver, Frame
+from gensim2_robot.devices import CameraDriver, CameraFrame
 from gensim2_robot.log_messages import ArmMessage, PictureMessage
 from gensim2_robot.log_reader import messages
 
@@ -34,12 +35,6 @@ PATIENCE = 60.0
 PICTURES = 5
 """Of each camera and pose; their median counts."""
 TRIES = 10_000
-MAX_BYTES = 1 << 30
-"""Bytes of the pictures that are read of a log."""
-MAX_POSES = 200
-"""Poses that are read of a log."""
-MAX_STATES = MAX_PICTURES = 1 << 19
-"""States of the arm and times of pictures that are kept of a log: at 100 a second, those of 87 minutes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +47,7 @@ class Station:
     """
 
     q: Array
-    frames: Mapping[str, tuple[Frame, ...]]
+    frames: Mapping[str, tuple[CameraFrame, ...]]
 
     def view(self, camera: Camera) -> ArmView:
         """The median of a camera's depth pictures, where more than half of them measure anything."""
@@ -87,7 +82,7 @@ def draw_poses(limits: ArmLimits, count: int, seed: int) -> list[Array]:
 
 
 def take(
-    arm: Arm, cameras: CameraDriver, clock: Clock, poses: Sequence[Array], progress: Progress = NULL_PROGRESS
+    arm: LimitedArm, cameras: CameraDriver, clock: Clock, poses: Sequence[Array], progress: Progress = NULL_PROGRESS
 ) -> list[Station]:
     """Move the arm to each pose, through the limits, and take pictures there.
 
@@ -110,7 +105,7 @@ def take(
 class _Walk:
     """The arm from pose to pose, a command each cycle."""
 
-    def __init__(self, arm: Arm, cameras: CameraDriver, clock: Clock) -> None:
+    def __init__(self, arm: LimitedArm, cameras: CameraDriver, clock: Clock) -> None:
         self._arm, self._cameras, self._clock = arm, cameras, clock
         self._next = clock.now() + CYCLE
         self._names = [camera.name for camera in cameras.cameras]
@@ -140,7 +135,7 @@ class _Walk:
 
     def look(self) -> Station:
         """Pictures that were taken from now on."""
-        begun, found = self._clock.now(), {name: list[Frame]() for name in self._names}
+        begun, found = self._clock.now(), {name: list[CameraFrame]() for name in self._names}
         joints = []
         while min(map(len, found.values())) < PICTURES:
             for frame in self._tick(begun + PATIENCE, "a camera gives no pictures"):
@@ -158,7 +153,7 @@ class _Walk:
         assert state is not None
         return self._arm.joints(state.q)
 
-    def _tick(self, until: float = np.inf, trouble: str = "") -> Sequence[Frame]:
+    def _tick(self, until: float = np.inf, trouble: str = "") -> Sequence[CameraFrame]:
         self._clock.wait(self._next)
         self._next = self._clock.now() + CYCLE
         if self._clock.now() > until:
@@ -201,7 +196,7 @@ def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
             found.append((q, kept))
             wanted |= {each.index for some in kept.values() for each in some}
             size += sum(each.size for some in kept.values() for each in some)
-            if size > MAX_BYTES or len(found) > MAX_POSES:
+            if size > MAX_POSE_BYTES or len(found) > MAX_POSES:
                 said = f"the arm stands in {len(found)} poses or more, {size >> 20} MiB of pictures"
                 raise InputError(f"{said}: too many", file=folder, remedy="make a shorter log")
     if not found:

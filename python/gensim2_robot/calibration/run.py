@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from gensim2.core.errors import InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
@@ -17,16 +19,32 @@ from gensim2.perception import Camera
 from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.inputs import read_task_input
 from gensim2.scenes.config import SceneArguments
-from gensim2_robot.arm import Arm
+from gensim2_robot.arm import LimitedArm
 from gensim2_robot.arm_limits import SPEED, ArmLimits
 from gensim2_robot.calibration.board import Board, find_corners, hand_eye
-from gensim2_robot.calibration.displacement import displaced, pose_error
 from gensim2_robot.calibration.file import Calibration, CameraCalibration
 from gensim2_robot.calibration.mesh import MAX_VIEWS, calibrate
 from gensim2_robot.calibration.poses import Station, draw_poses, read_standing, take
 from gensim2_robot.calibration.surfaces import RobotSurface
 from gensim2_robot.clocks import SimulatedClock
 from gensim2_robot.log_reader import about_of
+
+
+def displaced(camera: Camera, degrees: float, metres: float, draw: np.random.Generator) -> Camera:
+    """Return a camera turned by ``degrees`` about a random axis and shifted by ``metres`` in a random direction."""
+    axis, way = draw.normal(size=(2, 3))
+    T = camera.T_base_camera.copy()
+    turn = Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis)).as_matrix()
+    T[:3, :3] = turn @ T[:3, :3]
+    T[:3, 3] += metres * way / np.linalg.norm(way)
+    return replace(camera, T_base_camera=T)
+
+
+def pose_error(T: npt.NDArray[np.float64], true: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """Return distance (mm) and angle (degrees) between two poses (4, 4)."""
+    error = np.linalg.inv(true) @ T
+    return 1e3 * float(np.linalg.norm(error[:3, 3])), float(np.rad2deg(Rotation.from_matrix(error[:3, :3]).magnitude()))
+
 
 HELD_OUT = 4
 """Every so many-th pose judges and is not fitted to."""
@@ -66,8 +84,7 @@ def calibrate_simulated(
         MissingExtraError: what is needed is not installed.
     """
     from gensim2_robot.local import LocalArm, LocalCameras
-    from gensim2_robot.simulated_cameras import SimulatedCameras, simulated_cameras
-    from gensim2_robot.simulated_world import SimulatedWorld
+    from gensim2_robot.simulated import SimulatedCameras, SimulatedWorld, simulated_cameras
 
     given = read_task_input(task, seed=seed, **scene)
     profile = robot(given.scene.robot)
@@ -78,7 +95,7 @@ def calibrate_simulated(
     try:
         driver.reset(seed)
         seen = LocalCameras(world, SimulatedCameras(profile, cameras, seed), clock)
-        standing = take(Arm(driver, limits), seen, clock, draw_poses(limits, poses, seed), progress)
+        standing = take(LimitedArm(driver, limits), seen, clock, draw_poses(limits, poses, seed), progress)
     finally:
         driver.close()
     draw = rng(seed, "first guess of cameras")

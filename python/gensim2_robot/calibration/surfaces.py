@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from gensim2.core.errors import InputError
 from gensim2.perception import Camera
-from gensim2.perception.raycast.caster import Caster, Solid
+from gensim2.perception.raycast.caster import Caster, CastSolid
 from gensim2.perception.raycast.kinematics import Tree, read_urdf
 from gensim2.perception.raycast.shapes import read_links
 from gensim2.robots import RobotProfile
@@ -33,7 +33,7 @@ class ArmView:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class RobotView:
     """Parts of the robot that a camera sees, by the meshes.
 
     Attributes:
@@ -66,14 +66,14 @@ class RobotSurface:
         for number in self._shown:
             surface = surfaces[self.names[number]]
             assert surface is not None
-            self._solids.append(Solid(number + 1, surface, still=False))
+            self._solids.append(CastSolid(number + 1, surface, still=False))
             corners = surface.vertices[surface.faces].astype(np.float64)
             across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             normals.append(across / np.linalg.norm(across, axis=1, keepdims=True).clip(1e-12))
         self._normals = np.concatenate(normals).astype(np.float32)
         self._link_of = np.repeat(self._shown, [len(each) for each in normals]).astype(np.int16)
 
-    def see(self, camera: Camera, q: Array) -> Seen:
+    def see(self, camera: Camera, q: Array) -> RobotView:
         """The robot with its (n,) joints at ``q`` through a camera in the base frame."""
         poses = self._tree.poses(np.eye(4)[None], q[None])[0]
         hits = Caster(self._solids, [camera]).cast(poses[self._shown])
@@ -85,7 +85,7 @@ class RobotSurface:
         normals[there] = np.einsum("kij,kj->ki", turns[links[there]], self._normals[face[there]])
         away = (normals * camera.rays).sum(axis=2) > 0.0
         normals[away] *= -1.0
-        return Seen(np.where(there, hits.depth[0], np.float32(np.inf)), normals, links)
+        return RobotView(np.where(there, hits.depth[0], np.float32(np.inf)), normals, links)
 
 
 def shrunk(camera: Camera, by: int) -> Camera:

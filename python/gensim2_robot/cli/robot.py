@@ -6,19 +6,191 @@ import contextlib
 import signal
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import click
 
 from gensim2.cli.options import Ending, command
 from gensim2.cli.output import line, number, table
-from gensim2.cli.typed import Option
+from gensim2.cli.typed import Folder, Option, count
 from gensim2.core.cores import usable_cores
-from gensim2.core.errors import Stopped
+from gensim2.core.errors import InputError, Stopped
 from gensim2.core.progress import ConsoleProgress, Progress
-from gensim2_robot.cli.robot_calibrate import calibrate, fit_noise
-from gensim2_robot.cli.robot_options import SCENES, Line, Log, Minutes, Move, Port, View, line_of, moves
-from gensim2_robot.cli.robot_trial import trial
+from gensim2_robot.cli.robot_options import (
+    SCENES,
+    Line,
+    Log,
+    Minutes,
+    Move,
+    Pixels,
+    Port,
+    Share,
+    View,
+    line_of,
+    moves,
+    pixels_of,
+)
+
+
+def _show_calibration(result: dict[str, Any]) -> None:
+    table(
+        ("camera", "fitted, mm", "held out, mm", "trouble"),
+        [
+            (name, number(each.get("residual_mm")), number(each.get("held_out_mm")), each["trouble"] or "")
+            for name, each in result["cameras"].items()
+        ],
+    )
+    line(f"{result['poses']} poses; " + (f"file: {result['file']}" if result["file"] else "nothing was written"))
+
+
+def _show_noise(result: dict[str, Any]) -> None:
+    from gensim2_robot.fit_noise import shown
+
+    table(("parameter", "value", "pixels that tell"), shown(result["noise"], result["told"]))
+    line(f"{result['recordings']} recordings; file: {result['file']}")
+
+
+@command("seed", "assets", "robot", show=_show_calibration)
+def calibrate(
+    task: str = "CloseBox",
+    *,
+    log: Annotated[Path | None, Option("--from", "DIR")] = None,
+    board: Annotated[str | None, Option(metavar="COLUMNSxROWS:SQUARE:MARKER")] = None,
+    carried: bool = False,
+    poses: Annotated[int, click.IntRange(4, 12)] = 8,
+    degrees: Annotated[float, click.FloatRange(0, 60)] = 15.0,
+    metres: Annotated[float, click.FloatRange(0, 1)] = 0.1,
+    pixels: Pixels = "320x240",
+    speed: Share = 0.1,
+    out: Folder = Path("calibration.json"),
+    progress: Progress,
+    **given: Any,
+) -> dict[str, Any] | Ending:
+    """Find the poses of the cameras.
+
+    Compares the robot's meshes with the depth in several arm poses, some of which are held out for validation. A
+    simulated arm is moved before the objects of TASK, and the camera poses start with the errors of --degrees and
+    --metres; or poses and pictures come from a log. Ends with exit code 1, and writes nothing, if a camera does not
+    converge.
+
+    Args:
+        log: Log of a run in which the arm stood in several poses.  [default: a simulated arm is moved]
+        board: ChArUco board in the log's pictures.
+        carried: The cameras are mounted on the arm, and the --board stands still.
+        poses: Number of poses that the arm moves to.
+        degrees: Rotation error of the first guess in degrees.
+        metres: Position error of the first guess in metres.
+        pixels: Size of a picture.
+        speed: Fraction of the arm's speed; control steps take longer in proportion.
+        out: File to write.
+    """
+    from gensim2_robot.calibration.board import Board
+    from gensim2_robot.calibration.run import calibrate_log, calibrate_simulated
+
+    size, read = pixels_of(pixels), None if board is None else Board.parse(board)
+    if log is None and (read is not None or carried):
+        raise click.UsageError("A board is in the pictures of a log: give --from DIR.")
+    if carried and read is None:
+        raise click.UsageError("Cameras on the arm see little of it: give --board.")
+    if log is not None:
+        found = calibrate_log(log, out, board=read, carried=carried, seed=given["seed"])
+    else:
+        moved: dict[str, Any] = {"poses": poses, "degrees": degrees, "metres": metres, "pixels": size, "speed": speed}
+        found = calibrate_simulated(task, out=out, progress=progress, **moved, **given)
+    return found if found["converged"] else Ending(found)
+
+
+@command(name="fit-noise", show=_show_noise)
+def fit_noise(folder: Annotated[Path, Option(metavar="DIR")], *, out: Folder = Path("noise.json")) -> dict[str, Any]:
+    """Fit the depth noise to recordings.
+
+    Fits the parameters of the noise to the pictures in the log DIR that were taken while its arm stood still. The file
+    can be used as --noise of gensim2 render and of gensim2 robot run.
+
+    Args:
+        out: File to write.
+    """
+    from gensim2_robot.fit_noise import fit_log
+
+    return fit_log(folder, out)
+
+
+def _show_trials(result: dict[str, Any]) -> None:
+    rows = [
+        (
+            row["task"],
+            row["policy"],
+            row["trials"],
+            "" if row["rate"] is None else f"{row['rate']:.2f}",
+            "{:.2f} to {:.2f}".format(*row["interval"]),
+            ", ".join(f"{count} {cause}" for cause, count in row["causes"].items()),
+        )
+        for row in result["rows"]
+    ]
+    table(("task", "policy", "trials", "succeeded", "95 %", "causes"), rows)
+    line(f"table: {Path(result['out']) / 'table.md'}")
+
+
+@command(Move, Line, *SCENES, View, Port, show=_show_trials)
+def trial(
+    protocol: Annotated[str, Option(metavar="TASK|FILE.yaml")],
+    *,
+    trials: Annotated[int, count(1000)] = 10,
+    verdict: Literal["person", "simulator"] = "person",
+    out: Folder | None = None,
+    resume: bool = False,
+    logged: Annotated[bool, Option("--log")] = False,
+    move: bool,
+    view: bool,
+    port: int,
+    progress: ConsoleProgress,
+    **given: Any,
+) -> dict[str, Any]:
+    """Lead a person through trials, and write the table.
+
+    Carries out trials by the protocol of a TASK, or by your own FILE. Says where to put each object, lets the policy
+    act, and asks whether it succeeded, and if not, why. Finished trials are kept after Ctrl-C, and --resume continues.
+    A simulator places the objects itself. Several tasks may share --out: the table holds all of them.
+
+    Args:
+        trials: Number of placements to try.
+        verdict: Source of the verdict; the simulator's verdict is suggested to the person.
+        out: Folder of the table, with a folder of records for each task.  [default: runs/trials-<date>-<time>]
+        resume: Continue the trials in --out.
+        logged: Record everything as MCAP files beside the records.
+    """
+    from gensim2_robot.devices import Keys
+    from gensim2_robot.live import LivePage
+    from gensim2_robot.trial.record import read_protocol
+    from gensim2_robot.trial.run import Terminal
+    from gensim2_robot.trial.run import trial as function
+
+    asked, arguments = read_protocol(protocol), line_of(given)
+    if not moves(arguments, move):
+        raise InputError("a trial moves the arm", field="--move", remedy="gensim2 robot dry-run looks without moving")
+    where = out or Path("runs") / time.strftime("trials-%Y%m%d-%H%M%S")
+    with contextlib.ExitStack() as stack:
+        watching = []
+        if view:
+            page = stack.enter_context(LivePage(arguments["robot"], f"{asked.task}, trials", port=port))
+            progress.message(f"{page.url} shows the line")
+            watching.append(page)
+        keys = stack.enter_context(Keys())
+        person = None if verdict == "simulator" else Terminal(keys, progress)
+        found = function(
+            asked,
+            trials=trials,
+            out=where,
+            resume=resume,
+            logged=logged,
+            verdict=verdict,
+            person=person,
+            keys=keys,
+            watching=watching,
+            progress=progress,
+            **arguments,
+        )
+    return {**found, "out": str(where)}
 
 
 def _show(result: dict[str, Any]) -> None:
@@ -63,7 +235,7 @@ def _show_check(result: dict[str, Any]) -> None:
 
 
 def _run(progress: Progress, given: dict[str, Any], **beside: Any) -> dict[str, Any] | Ending:
-    from gensim2_robot.keys import Keys
+    from gensim2_robot.devices import Keys
     from gensim2_robot.live import LivePage
     from gensim2_robot.log import prune_runs
     from gensim2_robot.run import run as function
@@ -163,7 +335,7 @@ def replay(folder: Annotated[Path, Option(metavar="DIR")]) -> dict[str, Any] | E
     Recomputes every cloud and every input of the log in DIR from its pictures and joints, and compares byte for byte.
     Ends with exit code 1 if anything differs.
     """
-    from gensim2_robot.replay import replay as function
+    from gensim2_robot.log_reader import replay as function
 
     found = function(folder)
     result = {"schema_version": 1, **found.to_dict()}

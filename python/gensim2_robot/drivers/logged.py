@@ -9,10 +9,10 @@ from pathlib import Path
 
 from gensim2.core.errors import InputError, near
 from gensim2.perception import Camera
-from gensim2_robot.devices import Frame
+from gensim2_robot.devices import CameraFrame
 from gensim2_robot.log_messages import PictureMessage
 from gensim2_robot.log_reader import about_of, messages
-from gensim2_robot.picture_slots import SLOTS
+from gensim2_robot.pipes import SLOTS
 
 PAUSE = 0.1
 """Seconds from the last picture of a log to its first one again."""
@@ -66,19 +66,19 @@ class LoggedCameras:
             first[path] = min(taken, first.get(path, taken))
         self._later = {name: at - first[path] for name, path in self._logs.items()}
 
-    def poll(self) -> Sequence[Frame]:
+    def poll(self) -> Sequence[CameraFrame]:
         """Pictures whose time has come, oldest first; of each camera the newest that there is room for.
 
         Raises:
             InputError: the log is damaged.
         """
         now, over = time.monotonic(), False
-        found: list[Frame] = []
+        found: list[CameraFrame] = []
         for name in self._logs:
-            newest = deque[Frame](maxlen=SLOTS)
+            newest = deque[CameraFrame](maxlen=SLOTS)
             while (frame := self._next[name]).captured + self._later[name] <= now:
                 captured = frame.captured + self._later[name]
-                newest.append(Frame(name, self._number[name], captured, frame.depth, frame.colors, frame.serial))
+                newest.append(CameraFrame(name, self._number[name], captured, frame.depth, frame.colors, frame.serial))
                 self._number[name] += 1
                 after = next(self._films[name], None)
                 if after is None:
@@ -95,7 +95,7 @@ class LoggedCameras:
         self._films.clear()
 
 
-def _pictures(path: Path, name: str) -> Iterator[Frame]:
+def _pictures(path: Path, name: str) -> Iterator[CameraFrame]:
     """Pictures of a camera, one at least.
 
     Raises:

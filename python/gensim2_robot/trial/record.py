@@ -1,28 +1,183 @@
-"""Folder of trials: one line of JSON each, written when it is over, and the table that follows from them."""
+"""Protocols of trials, and the record of their results."""
 
 from __future__ import annotations
 
+import math
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
-from gensim2.core.errors import InputError, WriteError
+from gensim2.core.errors import InputError, WriteError, near
 from gensim2.core.files import write_atomic, write_json
 from gensim2.core.foreign.tree import MAX_RECORD, read_regular, why
 from gensim2.core.record_files import parse_record, read_record
 from gensim2.core.resumable import ResumableFolder, RunSettings
+from gensim2.core.seeding import rng
+from gensim2.core.validation import input_error
+from gensim2.core.yaml_files import read_yaml
 from gensim2.rollout.tally import interval
 from gensim2.scenes.config import SceneRecord
+from gensim2.scenes.randomize import draw_object, openness_at_reset
+from gensim2.tasks.presets import preset
+from gensim2.tasks.spec import Name, Offset, Randomization, TaskSpec
+
+FOLDER = Path(__file__).parents[1] / "protocols"
+"""Of those that come with the package."""
+Text = Annotated[str, Field(min_length=1, max_length=400)]
+Metres = Annotated[float, Field(ge=-3, le=3)]
+"""Distance from the robot's base that an arm may reach, m."""
+Shares = tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]]
+
+
+class PlacementRange(BaseModel):
+    """Ranges in which one object stands.
+
+    Attributes:
+        at: m ahead of the robot's base and to its left, of the middle of the ranges.
+        x, y: m by which it is shifted ahead and to the left; one number stands for the range from minus it to it.
+        yaw: degrees by which it is turned at most, towards the robot from the side to which it was shifted.
+        openness: share of its joint's range by which it is opened; None: it has no joint.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    at: tuple[Metres, Metres]
+    x: Offset = (-0.1, 0.1)
+    y: Offset = (-0.1, 0.1)
+    yaw: Annotated[float, Field(ge=-180, le=180)] = 30.0
+    openness: Shares | None = None
+
+    @model_validator(mode="after")
+    def _opens_in_order(self) -> PlacementRange:
+        if self.openness is not None and self.openness[0] > self.openness[1]:
+            raise ValueError("the first number of openness must not be the greater")
+        return self
+
+
+@dataclass(frozen=True)
+class Placed:
+    """One object of one trial.
+
+    Attributes:
+        x, y: m ahead of the robot's base and to its left.
+        offset: m and rad by which it is off the middle of its ranges: ahead, to the left, turned about the vertical.
+        openness: share of its joint's range; None: it has no joint.
+    """
+
+    x: float
+    y: float
+    offset: tuple[float, float, float]
+    openness: float | None
+
+    def told(self, name: str) -> str:
+        """One line for whoever lays it out."""
+        side = "left" if self.y >= 0 else "right"
+        degrees = math.degrees(self.offset[2])
+        turn = "anticlockwise" if degrees >= 0 else "clockwise"
+        opened = "" if self.openness is None else f", opened to {100 * self.openness:.0f} % of its range"
+        return (
+            f"{name}: middle {100 * self.x:.0f} cm ahead of the robot's base and {100 * abs(self.y):.0f} cm to the "
+            f"{side}, turned {abs(degrees):.0f} degrees {turn} as seen from above{opened}"
+        )
+
+
+class TrialProtocol(BaseModel):
+    """``protocols/TASK.yaml``.
+
+    Attributes:
+        task: name of the task.
+        objects: what to take for each, for people.
+        placements: where each stands.
+        sentence: that the policy is told.
+        verdict: question whose answer yes is a success.
+        causes: of failures, to choose from.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    schema_version: Literal[1] = 1
+    task: Annotated[str, Field(min_length=1, max_length=100)]
+    objects: dict[Name, Text]
+    placements: dict[Name, PlacementRange]
+    sentence: Text
+    verdict: Text
+    causes: Annotated[tuple[Text, ...], Field(min_length=1, max_length=20)]
+
+    @model_validator(mode="after")
+    def _places_every_object(self) -> TrialProtocol:
+        if set(self.objects) != set(self.placements):
+            raise ValueError("objects and placements must name the same")
+        return self
+
+    def require(self, task: TaskSpec) -> None:
+        """Refuse another task's objects.
+
+        Raises:
+            InputError: the task has other objects.
+        """
+        if set(self.objects) != set(task.objects):
+            said = f"the task has {', '.join(task.objects)}"
+            raise InputError(said, file=f"protocol of {self.task}", field="objects")
+
+    def place(self, seed: int, number: int) -> dict[str, Placed]:
+        """Draw where everything stands in one trial."""
+        generator, found = rng(seed, f"{self.task}/trial placements", number), {}
+        for name, given in self.placements.items():
+            low, high = given.openness or (0.0, 0.0)
+            ranges = Randomization(
+                x=given.x,
+                y=given.y,
+                yaw=math.radians(given.yaw),
+                openness_mean=0.5 * (low + high),
+                openness_spread=0.5 * (high - low),
+            )
+            drawn = draw_object(generator, ranges, preset("paper"), ("",))
+            openness = None if given.openness is None else openness_at_reset(ranges, drawn, 0.0)
+            at = given.at[0] + drawn.x, given.at[1] + drawn.y
+            found[name] = Placed(*at, (drawn.x, drawn.y, drawn.yaw), openness)
+        return found
+
+
+def reset_options(placed: Mapping[str, Placed]) -> dict[str, Any]:
+    """Options of a simulator's reset that lay out the same: offsets from each object's own default placement."""
+    return {
+        "offset": {name: list(each.offset) for name, each in placed.items()},
+        "openness": {name: each.openness for name, each in placed.items() if each.openness is not None},
+    }
+
+
+def protocol_names() -> list[str]:
+    """Names of the protocols that come with the package."""
+    return sorted(path.stem for path in FOLDER.glob("*.yaml"))
+
+
+def read_protocol(word: str) -> TrialProtocol:
+    """A protocol by its task's name, or from a file of your own.
+
+    Raises:
+        InputError: there is none, or it is not written so; names the file and the field.
+    """
+    own = word.endswith((".yaml", ".yml", ".json"))
+    if not own and word not in protocol_names():
+        remedy = f"{near(word, protocol_names())}, or give a file"
+        raise InputError(f"there is no protocol {word!r}", field="protocol", remedy=remedy)
+    path = Path(word) if own else FOLDER / f"{word}.yaml"
+    try:
+        return TrialProtocol.model_validate(read_yaml(path))
+    except ValidationError as error:
+        raise input_error(error, file=path) from error
+
 
 ASKED, LINES, TABLE, RESULT = "asked.json", "trials.jsonl", "table.md", "table.json"
 REMEDY = "choose another --out"
 
 
-class Asked(RunSettings):
+class TrialSettings(RunSettings):
     """``asked.json``: what the trials of one folder have in common.
 
     Attributes:
@@ -80,7 +235,7 @@ class Trial(BaseModel):
 _TRIAL = TypeAdapter(Trial)
 
 
-class TrialFolder(ResumableFolder[Asked]):
+class TrialFolder(ResumableFolder[TrialSettings]):
     """Trials of one task with one policy.
 
     Args:
@@ -95,7 +250,7 @@ class TrialFolder(ResumableFolder[Asked]):
         InputError: the folder holds other trials, or ``resume`` is missing.
     """
 
-    def __init__(self, folder: Path, asked: Asked, resume: bool) -> None:
+    def __init__(self, folder: Path, asked: TrialSettings, resume: bool) -> None:
         super().__init__(folder, ASKED, asked, holds="trials", resume=resume, alone=False)
         try:
             self.trials = {each.number: each for each in read_trials(folder)}
@@ -148,7 +303,7 @@ def _whole_lines(data: bytes) -> bytes:
     return data[: data.rfind(b"\n") + 1]
 
 
-def row_of(asked: Asked, trials: Sequence[Trial]) -> dict[str, Any]:
+def row_of(asked: TrialSettings, trials: Sequence[Trial]) -> dict[str, Any]:
     """Figures of one task, with Wilson's interval."""
     successes = sum(each.success for each in trials)
     return {
@@ -174,7 +329,7 @@ def write_table(out: Path) -> dict[str, Any]:
     rows = []
     for path in sorted(out.glob(f"*/{ASKED}")):
         trials = sorted(read_trials(path.parent), key=lambda each: each.number)
-        row = row_of(read_record(path, Asked, REMEDY), trials)
+        row = row_of(read_record(path, TrialSettings, REMEDY), trials)
         rows.append({**row, "folder": path.parent.name, "records": [each.model_dump(mode="json") for each in trials]})
     rates = [row["rate"] for row in rows if row["rate"] is not None]
     result = {"schema_version": 1, "rows": rows, "mean": sum(rates) / len(rates) if rates else None}

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.cli.main import run as command
 from gensim2.core.errors import InputError
-from gensim2.perception.columns import GRIPPER, TOOL_POSE
+from gensim2.perception.observation import GRIPPER, TOOL_POSE
 from gensim2.planning import StepPlanner
 from gensim2.policy.checkpoint import CheckpointError
 from gensim2.policy.keypose.answers import Answer, answers

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.core.errors import InputError
 from gensim2.perception import Observation, PointCloud
-from gensim2.perception.columns import CLOUD as OBSERVED
-from gensim2.perception.proprioception import Proprioception
+from gensim2.perception.observation import CLOUD as OBSERVED
+from gensim2.perception.observation import Proprioception
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.export import export_policy, exported

@@ -22,7 +22,7 @@ from typing import Any
 import numpy.typing as npt
 
 from gensim2.core.foreign.names import checked_name
-from gensim2.perception.columns import (
+from gensim2.perception.observation import (
     CLOUD,
     CLOUD_SEGMENTATION,
     DEPTH,

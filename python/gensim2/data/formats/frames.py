@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from gensim2.core.errors import InputError
 from gensim2.data.formats.columns import seen_columns
-from gensim2.perception.columns import PROPRIOCEPTION
-from gensim2.perception.proprioception import Proprioception
+from gensim2.perception.observation import PROPRIOCEPTION, Proprioception
 from gensim2.robots import OPEN, RobotProfile
 from gensim2.rollout.recording import Recording
 
@@ -34,7 +33,7 @@ class Frames:
         columns: (T, ...) by name: ``action`` (m + 1 float32, targets of the arm's joints, and the gripper from -1 to
             1; what was meant, where noise was on what was sent), ``reward`` (float32, 1 where the goal holds after
             the action), ``success``, ``done`` (bool), and what is seen, by the names of
-            :mod:`gensim2.perception.columns`.
+            :mod:`gensim2.perception.observation`.
     """
 
     sentence: str

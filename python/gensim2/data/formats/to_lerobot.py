@@ -9,7 +9,7 @@ from gensim2.data.formats.columns import column_in_lerobot, lerobot_name
 from gensim2.data.formats.frames import Array, Frames
 from gensim2.data.formats.lerobot import Feature, LeRobotWriter
 from gensim2.data.formats.lerobot_reading import read_lerobot
-from gensim2.perception.columns import CLOUD, GRIPPER, IMAGE, STATE, TOOL_POSE, VELOCITY
+from gensim2.perception.observation import CLOUD, GRIPPER, IMAGE, STATE, TOOL_POSE, VELOCITY
 from gensim2.robots import RobotProfile
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
-from gensim2.objects.errors import AssetError
 from gensim2.objects.generators.classes import class_modules, object_classes
 from gensim2.objects.generators.generate import LICENSE as GENERATED_LICENSE
 from gensim2.objects.generators.generate import generate
@@ -20,7 +19,7 @@ from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.shelf import Shelf
 from gensim2.objects.library.urdf import URDF, plain_name
 from gensim2.objects.model import Model
-from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
+from gensim2.objects.types import ArticulatedObject, AssetError, Hulls, Kind, Source
 
 LARGEST_NUMBER = 10**6
 NEW = 100

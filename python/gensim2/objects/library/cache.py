@@ -24,9 +24,9 @@ from filelock import FileLock
 import gensim2
 from gensim2.core.errors import InputError
 from gensim2.core.files import cache_dir, write_atomic
-from gensim2.objects.errors import AssetError
-from gensim2.objects.library.folder import MAX_BYTES, ObjectFolder
-from gensim2.objects.types import ArticulatedObject, Keypoint, MovingJoint, Placement
+from gensim2.core.foreign.limits import MAX_OBJECT
+from gensim2.objects.library.folder import ObjectFolder
+from gensim2.objects.types import ArticulatedObject, AssetError, Keypoint, MovingJoint, Placement
 
 Array = npt.NDArray[np.float64]
 
@@ -53,13 +53,11 @@ SHARED_MODULES = (
     "gensim2.core.foreign.tree",
     "gensim2.objects.library.folder",
     "gensim2.objects.library.prepare",
-    "gensim2.objects.kinematics",
+    "gensim2.objects.types",
     "gensim2.objects.model",
     "gensim2.objects.physics",
     "gensim2.objects.placement",
-    "gensim2.objects.region",
     "gensim2.objects.shapes",
-    "gensim2.objects.types",
 )
 
 
@@ -106,7 +104,7 @@ def cached_hulls(
 def _whole_hulls(file: Path) -> tuple[list[Array], dict[str, int]] | None:
     """Read what ``cached_hulls`` wrote; None where it is not there, or not as it was written: ZIP holds checksums."""
     try:
-        stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MAX_BYTES))
+        stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MAX_OBJECT))
         with zipfile.ZipFile(stream) as archive:
             if archive.testzip() is not None:
                 return None
@@ -187,7 +185,7 @@ def _is_whole(folder: Path) -> bool:
 
 
 def _digest(files: ObjectFolder, name: str) -> str:
-    return hashlib.sha256(files.read(name, MAX_BYTES)).hexdigest()
+    return hashlib.sha256(files.read(name, MAX_OBJECT)).hexdigest()
 
 
 def _unwritable(folder: Path, reason: str) -> InputError:

@@ -6,21 +6,47 @@ import math
 import os
 import re
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Final, Literal, cast
 
 from gensim2.core.errors import InputError, near
 from gensim2.core.seeding import rng
-from gensim2.objects.errors import AssetError
+from gensim2.core.yaml_files import parse_yaml
 from gensim2.objects.library.articulated import FolderShelf, GeneratedShelf
 from gensim2.objects.library.folder import existing_folder
-from gensim2.objects.library.release_splits import release_split
 from gensim2.objects.library.rigid import YCB_INFO, FolderRigidShelf, GeneratedRigidShelf, YcbShelf, maniskill_ycb
 from gensim2.objects.library.shelf import Shelf
-from gensim2.objects.rigid import ONLY_ID, RigidObject
-from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
+from gensim2.objects.types import ONLY_ID, ArticulatedObject, AssetError, Hulls, Kind, RigidObject, Source
+
+
+def release_split(asset_class: str, name: str, listed: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the ids of a named split of a class.
+
+    Args:
+        asset_class: name of the class.
+        name: of the split.
+        listed: ids that a library has of the class.
+
+    Returns:
+        None where the class has no such split; all of ``listed`` where the library is no copy of the release, which is
+        to say, lacks ids of the split: what suits a task is known of the released objects only.
+    """
+    split = _splits().get(asset_class, {}).get(name)
+    if split is None:
+        return None
+    return tuple(i for i in listed if i in split) if set(split) <= set(listed) else tuple(listed)
+
+
+@cache
+def _splits() -> Mapping[str, Mapping[str, Sequence[str]]]:
+    source = files("gensim2.objects.library") / "release_splits.yaml"
+    found: Mapping[str, Mapping[str, Sequence[str]]] = parse_yaml(source.read_bytes(), str(source))
+    return found
+
 
 Split = Literal["train", "test", "all"]
 SPLITS: Final = ("train", "test", "all")
@@ -198,7 +224,7 @@ class Library:
             asset_class: of a rigid object every word but an id of another stands for the only one.
             which: ``train``, ``test``, ``train-1`` and ``test-1`` to ``-9`` (another tenth is for testing), ``all``,
                 ``new`` (generated ones beyond those that ``instances`` lists),
-                ``random`` (one, by the seed), a split of the release (:mod:`~gensim2.objects.library.release_splits`)
+                ``random`` (one, by the seed), a split of the release (:mod:`~gensim2.objects.library.catalogue`)
                 or an id.
             seed: of ``random``.
 
@@ -325,3 +351,24 @@ def _shelves(folder: Path) -> list[Shelf]:
     if rigid.is_dir() or not articulated.is_dir():
         shelves.append(FolderRigidShelf((rigid if rigid.is_dir() else folder).resolve()))
     return shelves
+
+
+def load_all(
+    library: Library, items: Sequence[tuple[str, str]], workers: int = 0
+) -> Iterator[tuple[tuple[str, str], str | None]]:
+    """Prepare (class, id) pairs in worker processes; each comes back with why it cannot be used, or None."""
+    from gensim2.core.processes import WorkerPool, enumerated, in_order
+
+    with WorkerPool(workers) as pool:
+        for outcome in in_order(pool.map_unordered(_prepare, enumerated((library, *item) for item in items))):
+            if isinstance(outcome.error, InputError):
+                yield items[outcome.index], str(outcome.error)
+            elif outcome.failures:
+                yield items[outcome.index], outcome.failures[-1].reason
+            else:
+                outcome.unwrap()
+                yield items[outcome.index], None
+
+
+def _prepare(library: Library, asset_class: str, instance_id: str) -> None:
+    library.load(asset_class, instance_id)

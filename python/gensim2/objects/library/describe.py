@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from gensim2.objects.library.catalogue import Library
-from gensim2.objects.rigid import RigidObject
 from gensim2.objects.shapes import transform
-from gensim2.objects.types import ArticulatedObject, ObjectModel
+from gensim2.objects.types import ArticulatedObject, ObjectModel, RigidObject
 
 
 def describe(library: Library, model: ArticulatedObject | RigidObject) -> dict[str, Any]:

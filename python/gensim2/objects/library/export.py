@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.geometry import opened_mesh, read_xml
-from gensim2.objects.library.objfile import write_obj
+from gensim2.objects.library.meshes import write_obj
 from gensim2.objects.library.prepare import numbers, rpy_from_matrix
 from gensim2.objects.shapes import Look, Mesh, hull_mesh, transform
 from gensim2.objects.types import ArticulatedObject

@@ -5,16 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gensim2.core.files import user_folder
+from gensim2.core.foreign.limits import MAX_OBJECT, MAX_OBJECT_FILES, MAX_OBJECT_JSON
 from gensim2.core.foreign.tree import ForeignTree, megabytes, shortened
-from gensim2.objects.errors import AssetError, MissingFileError
-
-MAX_FILES = 20_000
-MAX_BYTES = 512 * 2**20  # of all files of an object
-MAX_JSON = 2**20  # bytes of one file
+from gensim2.objects.types import AssetError, MissingFileError
 
 
 @dataclass(frozen=True)
@@ -23,7 +22,7 @@ class ObjectFolder(ForeignTree):
 
     ERROR = AssetError
     MISSING = MissingFileError
-    MAX_FILES = MAX_FILES
+    MAX_FILES = MAX_OBJECT_FILES
 
     def read_json(self, name: str) -> dict[str, Any]:
         """The object that a JSON file holds.
@@ -32,7 +31,7 @@ class ObjectFolder(ForeignTree):
             MissingFileError: there is no such file.
             AssetError: it is not JSON, names a field twice, or holds something else than an object.
         """
-        content, file = self.read(name, MAX_JSON), self.path / name
+        content, file = self.read(name, MAX_OBJECT_JSON), self.path / name
         try:
             value = json.loads(content.decode(), object_pairs_hook=_each_once)
         except RecursionError as error:
@@ -50,13 +49,13 @@ class ObjectFolder(ForeignTree):
             AssetError: there are too many files, they are too large, or one cannot be read.
         """
         digest, names = hashlib.sha256(), self.names()
-        if sum((self.path / name).lstat().st_size for name in names) > MAX_BYTES:
+        if sum((self.path / name).lstat().st_size for name in names) > MAX_OBJECT:
             remedy = "remove what is not its own"
-            raise AssetError(f"holds over {megabytes(MAX_BYTES)}", file=self.path, remedy=remedy)
+            raise AssetError(f"holds over {megabytes(MAX_OBJECT)}", file=self.path, remedy=remedy)
         for name in names:
             digest.update(os.fsencode(name))
             if self.has(name):
-                digest.update(self.read(name, MAX_BYTES))
+                digest.update(self.read(name, MAX_OBJECT))
         return digest.hexdigest()
 
 
@@ -82,3 +81,28 @@ def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         twice = next(name for name in names if names.count(name) > 1)
         raise ValueError(f"field {twice[:40]!r} stands twice")
     return value
+
+
+def maniskill_data() -> Path:
+    """Return the folder of ManiSkill's downloads: ``$MS_ASSET_DIR/data``.
+
+    Raises:
+        InputError: the variable is not set, and the account has no home folder.
+    """
+    return user_folder("MS_ASSET_DIR", lambda: Path.home() / ".maniskill") / "data"
+
+
+def find_source(where: str) -> Path:
+    """Folder of a PartNet-Mobility model: a path, or the number of one that ManiSkill has downloaded.
+
+    Raises:
+        InputError: neither is there.
+    """
+    try:
+        return existing_folder(where)
+    except AssetError as error:
+        models = maniskill_data() / "partnet_mobility" / "dataset"
+        if re.fullmatch(r"[0-9]{1,12}", where) and (models / where).is_dir():
+            return models / where
+        remedy = f"give a PartNet-Mobility folder, or the number of one in {models}"
+        raise AssetError(error.message, file=error.file, remedy=remedy) from error

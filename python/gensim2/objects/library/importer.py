@@ -35,15 +35,14 @@ from trimesh.triangles import closest_point
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.geometry import MAX_URDF
+from gensim2.core.foreign.limits import LONGEST_TEXT, MAX_OBJECT, MAX_OBJECT_JSON
 from gensim2.core.foreign.names import RULE, is_name
-from gensim2.objects.errors import AssetError, MissingFileError
 from gensim2.objects.generators.classes import object_classes
 from gensim2.objects.generators.generate import generate
 from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.library.export import MESHES, write_folder
-from gensim2.objects.library.folder import MAX_BYTES, MAX_JSON, ObjectFolder
-from gensim2.objects.library.info import LONGEST_TEXT, UNSTATED
-from gensim2.objects.library.keypoints import closest_axis, derived_head
+from gensim2.objects.library.folder import ObjectFolder
+from gensim2.objects.library.info import UNSTATED, closest_axis, derived_head
 from gensim2.objects.library.meshes import MeshReader
 from gensim2.objects.library.prepare import EFFORT_LIMIT, VELOCITY_LIMIT, numbers, rpy_from_matrix
 from gensim2.objects.library.urdf import (
@@ -56,6 +55,7 @@ from gensim2.objects.library.urdf import (
     unit_axis,
 )
 from gensim2.objects.shapes import Mesh, pose, transform
+from gensim2.objects.types import AssetError, MissingFileError
 
 Array = npt.NDArray[np.float64]
 
@@ -276,7 +276,7 @@ class _Source:
             if self.folder.has(name):
                 copy = target / os.path.normpath(name)
                 copy.parent.mkdir(parents=True, exist_ok=True)
-                copy.write_bytes(self.folder.read(name, MAX_BYTES))
+                copy.write_bytes(self.folder.read(name, MAX_OBJECT))
 
     def scale(self) -> float:
         """Metres a unit that make the closed object as long as generated ones of its class."""
@@ -385,7 +385,7 @@ def usual_size(asset_class: str) -> float:
 def _semantics(folder: ObjectFolder) -> dict[str, str]:
     """Link to what it is, from lines such as ``link_0 hinge rotation_lid``; empty where there is no file."""
     try:
-        text = folder.read("semantics.txt", MAX_JSON).decode(errors="replace")
+        text = folder.read("semantics.txt", MAX_OBJECT_JSON).decode(errors="replace")
     except MissingFileError:
         return {}
     lines = (line.split() for line in text.splitlines())

@@ -1,23 +1,136 @@
-"""Surfaces of one object, in the frames that its URDF puts them in."""
+"""Meshes of an object's files: Wavefront OBJ read and written within limits, other formats by trimesh."""
 
 from __future__ import annotations
 
 import reprlib
 from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+import gensim2_kpam
+from gensim2.core.foreign.limits import FARTHEST_VERTEX, MAX_LOOKS, MAX_MATERIALS, MAX_OBJ, MAX_TRIANGLES
 from gensim2.core.foreign.tree import Reference, shortened
-from gensim2.objects.errors import AssetError, MissingFileError
 from gensim2.objects.library.folder import ObjectFolder
-from gensim2.objects.library.objfile import DEFAULT_LOOK, read_obj
 from gensim2.objects.library.urdf import URDF, Primitive, ShapeElement
 from gensim2.objects.shapes import Look, Mesh, transform
+from gensim2.objects.types import AssetError, MissingFileError
 
 Array = npt.NDArray[np.float64]
 
-MAX_TRIANGLES = 2_000_000  # of all elements together
+DEFAULT_LOOK = Look((0.7, 0.7, 0.7, 1.0))
+
+
+class ObjFile(NamedTuple):
+    """Meshes, one a material, and the material files that it names: whether each is there."""
+
+    meshes: list[Mesh]
+    materials: dict[str, bool]
+
+
+def read_materials(text: str, file: str) -> dict[str, Look]:
+    """Materials of an MTL file by name.
+
+    Raises:
+        ValueError: a colour is not a finite number.
+    """
+    looks: dict[str, Look] = {}
+    name, colour, alpha, specular = "", (0.7, 0.7, 0.7), 1.0, 0.0
+
+    def keep() -> None:
+        if name:
+            rgb = tuple(round(min(max(c, 0.0), 1.0), 3) for c in colour)
+            shine = min(max(specular, 0.0), 1.0)
+            looks[name] = Look((rgb[0], rgb[1], rgb[2], min(max(alpha, 0.15), 1.0)), 0.0, 0.7 - 0.4 * shine)
+
+    for line in text.splitlines():
+        word, *rest = line.split() or [""]
+        if word == "newmtl":
+            keep()
+            name, colour, alpha, specular = " ".join(rest), (0.7, 0.7, 0.7), 1.0, 0.0
+        elif word == "Kd" and len(rest) >= 3:
+            colour = (float(rest[0]), float(rest[1]), float(rest[2]))
+        elif word == "d" and rest:
+            alpha = float(rest[-1])
+        elif word == "Ks" and rest:
+            specular = float(rest[0])
+        if not np.isfinite([*colour, alpha, specular]).all():
+            raise ValueError(f"{file}: material {name[:40]} has a colour that is no number")
+    keep()
+    return looks
+
+
+def read_obj(folder: ObjectFolder, name: str, named_by: Reference | None = None) -> ObjFile:
+    """Meshes of an OBJ file, each with the file's whole vertex list thinned to what it uses.
+
+    Args:
+        name: of the file, relative to the object's folder.
+        named_by: where the name was found, for errors.
+
+    Raises:
+        AssetError: the file, or a material file that it names, cannot be read.
+        ValueError: the file is not OBJ, holds no triangle, or has vertices that are not numbers.
+    """
+    vertices, groups, libraries = gensim2_kpam.read_obj(folder.read(name, MAX_OBJ, named_by))
+    looks: dict[str, Look] = {}
+    there: dict[str, bool] = {}
+    for library in libraries:
+        path = str(PurePosixPath(name).parent / library)
+        try:
+            found = folder.read(path, MAX_MATERIALS, Reference(name, "mtllib"))
+            looks.update(read_materials(found.decode(errors="replace"), PurePosixPath(path).name))
+            there[path] = True
+        except MissingFileError:
+            there[path] = False
+    return ObjFile(_meshes(vertices, groups, looks), there)
+
+
+def _meshes(points: Array, groups: Sequence[tuple[str, npt.NDArray[np.int64]]], looks: dict[str, Look]) -> list[Mesh]:
+    if not groups:
+        raise ValueError("holds no triangle")
+    if len(groups) > MAX_LOOKS:
+        raise ValueError(f"{len(groups)} materials, at most {MAX_LOOKS}")
+    if not np.isfinite(points).all():
+        raise ValueError("a vertex is not finite")
+    if np.abs(points).max() > FARTHEST_VERTEX:
+        raise ValueError(f"a vertex is beyond {FARTHEST_VERTEX:g}")
+    meshes = []
+    for name, faces in groups:
+        used, renumbered = np.unique(faces, return_inverse=True)
+        meshes.append(Mesh(points[used], renumbered.reshape(-1, 3), looks.get(name, DEFAULT_LOOK)))
+    return meshes
+
+
+def write_obj(path: Path, meshes: Sequence[Mesh]) -> None:
+    """Write meshes as one OBJ file with its MTL beside it, a material a look.
+
+    MTL has no roughness: its specular share stands for it, as in :func:`read_materials`.
+    """
+    looks = list(dict.fromkeys(mesh.look for mesh in meshes))
+    lines, first = [f"mtllib {path.with_suffix('.mtl').name}"], 1
+    for number, look in enumerate(looks):
+        lines.append(f"usemtl look_{number}")
+        for mesh in meshes:
+            if mesh.look == look:
+                lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices + 0.0]
+                lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + first]
+                first += len(mesh.vertices)
+    path.write_text("\n".join(lines) + "\n")
+    materials = []
+    for number, look in enumerate(looks):
+        red, green, blue, alpha = look.rgba
+        specular = min(max((0.7 - look.roughness) / 0.4, 0.0), 1.0)
+        materials += [
+            f"newmtl look_{number}",
+            f"Kd {red:g} {green:g} {blue:g}",
+            f"Ks {specular:g} {specular:g} {specular:g}",
+            f"d {alpha:g}",
+        ]
+    path.with_suffix(".mtl").write_text("\n".join(materials) + "\n")
+
+
 LISTED = 8  # names in a warning
 
 

@@ -24,12 +24,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
-from gensim2.objects.errors import AssetError
 from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.library.cache import cached_hulls, source_digest
 from gensim2.objects.library.folder import ObjectFolder
-from gensim2.objects.library.info import INFO, NARROWEST, UNSTATED, Info, read_info
-from gensim2.objects.library.keypoints import closest_axis, read_keypoints
+from gensim2.objects.library.info import INFO, NARROWEST, UNSTATED, Info, closest_axis, read_info, read_keypoints
 from gensim2.objects.library.meshes import MeshReader, listed
 from gensim2.objects.library.urdf import (
     Urdf,
@@ -41,10 +39,10 @@ from gensim2.objects.library.urdf import (
     unit_axis,
 )
 from gensim2.objects.meshwork.clearance import Motion, decompose_pair
-from gensim2.objects.meshwork.pieces import piece_hulls
+from gensim2.objects.meshwork.decompose import piece_hulls
 from gensim2.objects.model import ROOT_LINK, LinkGeometry, Model
 from gensim2.objects.shapes import Mesh
-from gensim2.objects.types import Hulls
+from gensim2.objects.types import AssetError, Hulls
 
 Array = npt.NDArray[np.float64]
 
@@ -60,13 +58,10 @@ HULL_MODULES = (
 )
 READER_MODULES = (
     *HULL_MODULES,
-    "gensim2.objects.meshwork.pieces",
     "gensim2.core.foreign.tree",
     "gensim2.objects.library.folder",
     "gensim2.objects.library.info",
-    "gensim2.objects.library.keypoints",
     "gensim2.objects.library.meshes",
-    "gensim2.objects.library.objfile",
     "gensim2.objects.library.released",
     "gensim2.objects.library.urdf",
 )

@@ -8,44 +8,37 @@ from pathlib import Path
 
 import numpy as np
 
-from gensim2.objects.errors import AssetError
 from gensim2.objects.generators.generate import LICENSE as GENERATED_LICENSE
 from gensim2.objects.generators.rigid.food import FOOD
 from gensim2.objects.generators.rigid.household import HOUSEHOLD
 from gensim2.objects.generators.rigid.parts import scaled
 from gensim2.objects.library.cache import source_digest
-from gensim2.objects.library.folder import ObjectFolder
+from gensim2.objects.library.folder import ObjectFolder, maniskill_data
 from gensim2.objects.library.info import UNSTATED, is_number, numbers, read_info
 from gensim2.objects.library.shelf import RigidShelf
-from gensim2.objects.library.sources import maniskill_data
 from gensim2.objects.library.urdf import plain_name
-from gensim2.objects.rigid import RigidObject
-from gensim2.objects.types import Hulls, Source
+from gensim2.objects.types import AssetError, Hulls, RigidObject, Source
 
 CLASSES = dict(sorted({**FOOD, **HOUSEHOLD}.items()))
 YCB_LICENSE = "YCB object and model set (CC BY 4.0)"
 YCB_INFO = "info_pick_v0.json"
 WATER = 1000.0  # kg/m³
 _MODULES = (
-    "gensim2.objects.generators.rigid.blueprint",
+    "gensim2.objects.generators.rigid.parts",
     "gensim2.objects.generators.rigid.food",
     "gensim2.objects.generators.rigid.household",
-    "gensim2.objects.generators.rigid.parts",
     "gensim2.objects.library.cache",
     "gensim2.core.foreign.tree",
     "gensim2.objects.library.folder",
     "gensim2.objects.library.info",
-    "gensim2.objects.library.objfile",
+    "gensim2.objects.library.meshes",
     "gensim2.objects.library.prepare",
     "gensim2.objects.library.rigid",
-    "gensim2.objects.library.rigid_meshes",
     "gensim2.objects.library.rigid_prepare",
     "gensim2.objects.meshwork.decompose",
-    "gensim2.objects.meshwork.pieces",
     "gensim2.objects.physics",
-    "gensim2.objects.rigid",
-    "gensim2.objects.shapes",
     "gensim2.objects.types",
+    "gensim2.objects.shapes",
 )
 
 
@@ -110,7 +103,7 @@ class FolderRigidShelf(RigidShelf):
         return asset_class.replace("_", " ")
 
     def load_rigid(self, asset_class: str, hulls: Hulls = "default") -> RigidObject:
-        from gensim2.objects.library.rigid_meshes import load_from_meshes
+        from gensim2.objects.library.rigid_prepare import load_from_meshes
 
         folder = ObjectFolder(self._folder / asset_class)
         info = read_info(folder)
@@ -152,7 +145,7 @@ class YcbShelf(RigidShelf):
         return asset_class.split("_", 1)[-1].replace("_", " ")
 
     def load_rigid(self, asset_class: str, hulls: Hulls = "default") -> RigidObject:
-        from gensim2.objects.library.rigid_meshes import load_from_meshes
+        from gensim2.objects.library.rigid_prepare import load_from_meshes
 
         entry, file = self._info[asset_class], self._folder / YCB_INFO
         if not isinstance(entry, dict):

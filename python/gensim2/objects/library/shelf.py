@@ -6,8 +6,7 @@ from abc import ABC, abstractmethod
 
 from gensim2.core.errors import InputError, near
 from gensim2.core.seeding import rng
-from gensim2.objects.rigid import ONLY_ID, RigidObject
-from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
+from gensim2.objects.types import ONLY_ID, ArticulatedObject, Hulls, Kind, RigidObject, Source
 
 
 class Shelf(ABC):

@@ -16,9 +16,10 @@ import numpy.typing as npt
 
 import gensim2_kpam
 from gensim2.core.foreign.geometry import MAX_URDF
-from gensim2.objects.errors import AssetError
+from gensim2.core.foreign.limits import LARGEST_VALUE, LONGEST_LINK_NAME, MAX_MIMICS
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.physics import Inertial
+from gensim2.objects.types import AssetError
 
 if TYPE_CHECKING:
     import trimesh
@@ -26,9 +27,6 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 URDF = "mobility.urdf"
-DEEPEST = 64  # joints that mimic each other in a row
-LARGEST = 1e6  # units or radians: what is beyond is a mistake, and squares of it would lose all digits
-LONGEST_NAME = 100
 MOVABLE = ("revolute", "prismatic", "continuous")
 SPHERE_DETAIL = 2  # subdivisions of a sphere that collides: 162 corners, which physics engines take for one hull
 
@@ -145,12 +143,12 @@ def plain_name(name: str | None, file: Path, field: str) -> str:
     Raises:
         AssetError: it is missing, too long, or holds other characters than printable ones, or a slash.
     """
-    if not name or len(name) > LONGEST_NAME or not name.isprintable() or "/" in name or name in (".", ".."):
+    if not name or len(name) > LONGEST_LINK_NAME or not name.isprintable() or "/" in name or name in (".", ".."):
         raise AssetError(
             f"{reprlib.repr(name or '')} is no name",
             file=file,
             field=field,
-            remedy=f"1 to {LONGEST_NAME} printable characters, no slash",
+            remedy=f"1 to {LONGEST_LINK_NAME} printable characters, no slash",
         )
     return name
 
@@ -165,8 +163,8 @@ def _refuse_mimic_loops(joints: dict[str, UrdfJoint], file: Path) -> None:
                 loop = " -> ".join([*chain[-3:], leader])
                 raise AssetError(f"joints mimic each other: {loop}", file=file, field=f"joint {leader}: mimic")
             chain.append(leader)
-            if len(chain) > DEEPEST:
-                raise AssetError(f"a chain of over {DEEPEST} joints mimics", file=file, field=f"joint {joint.name}")
+            if len(chain) > MAX_MIMICS:
+                raise AssetError(f"a chain of over {MAX_MIMICS} joints mimics", file=file, field=f"joint {joint.name}")
             leader = joints[leader].mimics
 
 
@@ -192,8 +190,8 @@ def _joint(written: Mapping[str, Any], file: Path) -> UrdfJoint:
 
 def _bounded(numbers: npt.ArrayLike, file: Path, field: str) -> Array:
     value = np.array(numbers, float)
-    if not np.abs(value).max() <= LARGEST:
-        raise AssetError(f"{np.abs(value).max():.3g} is beyond {LARGEST:g}", file=file, field=field)
+    if not np.abs(value).max() <= LARGEST_VALUE:
+        raise AssetError(f"{np.abs(value).max():.3g} is beyond {LARGEST_VALUE:g}", file=file, field=field)
     return value
 
 

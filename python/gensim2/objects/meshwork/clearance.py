@@ -15,7 +15,14 @@ import numpy.typing as npt
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, QhullError
 
-from gensim2.objects.meshwork.convexes import HINGE, Block, depth_inside, in_box, surface_samples, triangle_weights
+from gensim2.objects.meshwork.convexes import (
+    HINGE,
+    ConvexBlock,
+    depth_inside,
+    in_box,
+    surface_samples,
+    triangle_weights,
+)
 from gensim2.objects.meshwork.decompose import THINNEST, Faces, connected_pieces, decompose, make_hull
 from gensim2.objects.meshwork.voidspace import VoidSpace
 from gensim2.objects.shapes import pose, transform
@@ -137,7 +144,7 @@ class _Parts:
     def __init__(self, hulls: Sequence[Array], surface: Array) -> None:
         """``hulls``: each (N, 3); ``surface``: (K, 3) samples of the link's meshes."""
         self.hulls = list(hulls)
-        self.blocks = [Block.of(hull) for hull in hulls]
+        self.blocks = [ConvexBlock.of(hull) for hull in hulls]
         self._owned = [surface[_near(surface, block)] for block in self.blocks]
         self._settled = [False] * len(self.hulls)  # found clear once: the other link's hulls only get smaller
 
@@ -171,11 +178,11 @@ class _Parts:
             if part is None:
                 del self.hulls[index], self.blocks[index], self._owned[index], self._settled[index]
             else:
-                self.hulls[index], self.blocks[index] = part, Block.of(part)
+                self.hulls[index], self.blocks[index] = part, ConvexBlock.of(part)
         return changed
 
 
-def _near(points: Array, block: Block) -> npt.NDArray[np.bool_]:
+def _near(points: Array, block: ConvexBlock) -> npt.NDArray[np.bool_]:
     """Which of (N, 3) points lie in a hull or within half a millimetre of it."""
     margin = 0.0005
     around = np.flatnonzero(in_box(points, block.low - margin, block.high + margin))
@@ -186,9 +193,9 @@ def _near(points: Array, block: Block) -> npt.NDArray[np.bool_]:
 
 def _intruders(
     hull: Array,
-    block: Block,
+    block: ConvexBlock,
     placed: Sequence[Sequence[Array]],
-    shapes: Sequence[Block],
+    shapes: Sequence[ConvexBlock],
     poses: Sequence[Array],
     counts: Callable[[Array, int], npt.NDArray[np.bool_]],
 ) -> Array:

@@ -62,7 +62,7 @@ def in_box(points: Array, low: Array, high: Array) -> npt.NDArray[np.bool_]:
 
 
 @dataclass(frozen=True)
-class Block:
+class ConvexBlock:
     """A convex hull ready for queries: corners of its bounding box, outward planes (M, 4)."""
 
     low: Array
@@ -70,16 +70,16 @@ class Block:
     planes: Array
 
     @staticmethod
-    def of(hull: Array) -> Block:
+    def of(hull: Array) -> ConvexBlock:
         """The block of a hull given by its (N, 3) vertices."""
-        return Block(hull.min(axis=0), hull.max(axis=0), planes_of(hull))
+        return ConvexBlock(hull.min(axis=0), hull.max(axis=0), planes_of(hull))
 
     def depth(self, points: Array) -> Array:
         """(K,) distance of points below the nearest face plane; negative outside."""
         return -heights(points, self.planes)
 
 
-def depth_inside(points: Array, blocks: Sequence[Block]) -> Array:
+def depth_inside(points: Array, blocks: Sequence[ConvexBlock]) -> Array:
     """(K,) how deep points lie inside the deepest of several hulls; 0 outside of all."""
     deepest = np.zeros(len(points))
     for block in blocks:

@@ -19,7 +19,7 @@ NEAR = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class CastSolid:
     """A rigid thing that is seen.
 
     Attributes:
@@ -81,7 +81,7 @@ class Caster:
         cameras: that see them.
     """
 
-    def __init__(self, solids: Sequence[Solid], cameras: Sequence[Camera]) -> None:
+    def __init__(self, solids: Sequence[CastSolid], cameras: Sequence[Camera]) -> None:
         self.cameras = tuple(cameras)
         self._solids = tuple(solids)
         counts = [len(solid.surface.faces) for solid in solids]
@@ -143,7 +143,7 @@ class Caster:
 
     def _meet(
         self,
-        solid: Solid,
+        solid: CastSolid,
         first: int,
         pose: npt.NDArray[np.float32],
         camera: Camera,

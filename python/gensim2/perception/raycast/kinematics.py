@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.geometry import MAX_URDF
 from gensim2.core.foreign.tree import read_input
-from gensim2.objects.kinematics import joint_motion
 from gensim2.objects.library.urdf import Urdf, UrdfJoint, parse_urdf, unit_axis
+from gensim2.objects.types import joint_motion
 
 Array = npt.NDArray[np.float64]
 

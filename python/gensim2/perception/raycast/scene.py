@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from gensim2.objects import ObjectModel, RigidObject
 from gensim2.objects.types import ArticulatedObject
-from gensim2.perception import Camera, RobotSegments, View
-from gensim2.perception.raycast.caster import Caster, Hits, Solid
+from gensim2.perception import Camera, RobotSegments
+from gensim2.perception.raycast.caster import Caster, CastSolid, Hits
 from gensim2.perception.raycast.kinematics import Tree, pose_matrices, read_urdf, state_rows
 from gensim2.perception.raycast.shapes import Surface, read_links, read_mesh
 from gensim2.robots import RobotProfile
@@ -45,7 +45,7 @@ class RaycastScene:
         self.profile, self.cameras = profile, tuple(cameras)
         self._T_base_world = np.linalg.inv(profile.T_world_base)
         self._names: dict[int, tuple[str, str]] = {}
-        self._solids: list[Solid] = []
+        self._solids: list[CastSolid] = []
         self._trees: dict[str, tuple[Tree, list[int]]] = {}
         self._bodies: list[str] = []
         active = (*profile.arm_joints, *profile.gripper.joints)
@@ -72,7 +72,7 @@ class RaycastScene:
         return self._names
 
     @property
-    def solids(self) -> tuple[Solid, ...]:
+    def solids(self) -> tuple[CastSolid, ...]:
         """Solids that rays meet, in the order of :meth:`poses`."""
         return tuple(self._solids)
 
@@ -132,28 +132,20 @@ class RaycastScene:
         found[self.ids(TABLE)[0]] = np.tile(self._T_base_world @ table, (steps, 1, 1))
         return np.stack([found[solid.id] for solid in self._solids], axis=1)
 
-    def cast(self, poses: Array, links: Mapping[str, Array] | None = None) -> dict[str | None, Hits]:
-        """Cast the rays of all cameras, by the link that carries them.
+    def see(self, poses: Array, links: Mapping[str, Array] | None = None) -> tuple[RaycastView, ...]:
+        """Cast the rays of all cameras and return the pictures, one a camera, in the cameras' order.
 
         Args:
             poses: (L, 4, 4) of the solids in the base frame.
             links: (4, 4) of each link that carries cameras, in the base frame.
         """
-        return {
-            link: caster.cast(poses if link is None else np.linalg.inv((links or {})[link]) @ poses)
-            for link, caster in self._casters.items()
-        }
-
-    def see(self, poses: Array, links: Mapping[str, Array] | None = None) -> tuple[View, ...]:
-        """Pictures, one a camera, in the cameras' order; arguments as of :meth:`cast`."""
-        found: dict[str, View] = {}
-        for link, hits in self.cast(poses, links).items():
-            caster = self._casters[link]
+        found: dict[str, RaycastView] = {}
+        for link, caster in self._casters.items():
+            T = None if link is None else (links or {})[link]
+            hits = caster.cast(poses if T is None else np.linalg.inv(T) @ poses)
             for number, camera in enumerate(caster.cameras):
-                placed = camera
-                if link is not None:
-                    placed = replace(camera, T_base_camera=(links or {})[link] @ camera.T_base_camera)
-                found[camera.name] = _RaycastView(caster, hits, number, placed)
+                placed = camera if T is None else replace(camera, T_base_camera=T @ camera.T_base_camera)
+                found[camera.name] = RaycastView(caster, hits, number, placed)
         return tuple(found[camera.name] for camera in self.cameras)
 
     def _links(self, states: Mapping[str, Any], name: str) -> Array:
@@ -176,15 +168,28 @@ class RaycastScene:
         id = len(self._names) + 1
         self._names[id] = owner, link
         if surface is not None:
-            self._solids.append(Solid(id, surface, still))
+            self._solids.append(CastSolid(id, surface, still))
         return id
 
 
-class _RaycastView:
-    """One camera's picture out of what its rays met; colours are worked out where they are asked for."""
+class RaycastView:
+    """Picture of one camera from the hits of its rays; colours are computed on demand.
+
+    Args:
+        caster: that cast the rays.
+        hits: of all cameras of the caster.
+        number: of the camera among them.
+        camera: that took the picture.
+    """
 
     def __init__(self, caster: Caster, hits: Hits, number: int, camera: Camera) -> None:
         self._caster, self._hits, self._number, self.camera = caster, hits, number, camera
+
+    def measured(self, camera: Camera, depth: npt.NDArray[np.float32]) -> RaycastView:
+        """Return this picture with (H, W) measured depth (m), from the camera's assumed pose."""
+        found = RaycastView(self._caster, self._hits, self._number, camera)
+        found.depth = depth
+        return found
 
     @cached_property
     def depth(self) -> npt.NDArray[np.float32]:

@@ -10,7 +10,7 @@ import torch
 
 from gensim2.core.seeding import rng
 from gensim2.perception import Observation
-from gensim2.perception.columns import CLOUD as SEEN_CLOUD
+from gensim2.perception.observation import CLOUD as SEEN_CLOUD
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.frames import SEEN, inputs_of, turn_matrix
 from gensim2.policy.heads.keypose import KeyposeHead

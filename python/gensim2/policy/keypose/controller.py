@@ -13,7 +13,7 @@ import torch
 
 from gensim2.core.errors import InputError
 from gensim2.perception import Observation, ObservationSpec
-from gensim2.perception.columns import CLOUD, GRIPPER
+from gensim2.perception.observation import CLOUD, GRIPPER
 from gensim2.planning.actions import grip_on
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.control import CLOUDS, Sees, Sight

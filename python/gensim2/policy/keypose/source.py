@@ -14,8 +14,7 @@ import torch
 from gensim2.core.errors import InputError
 from gensim2.perception import ObservationSpec
 from gensim2.perception.cloud import from_steps
-from gensim2.perception.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
-from gensim2.perception.proprioception import tool_pose
+from gensim2.perception.observation import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY, tool_pose
 from gensim2.policy.checkpoint import ActionSpec, DataRecord
 from gensim2.policy.control import Shuffled
 from gensim2.policy.frames import turn_matrix

@@ -14,15 +14,15 @@ from gensim2.objects import RigidObject
 from gensim2.objects.library.prepare import box_of
 from gensim2.objects.library.urdf import ShapeElement, UrdfJoint, link_inertial, shape_elements, unit_axis
 from gensim2.objects.physics import Inertial
-from gensim2.objects.rigid import BODY
 from gensim2.objects.shapes import convex_hull
+from gensim2.objects.types import BODY
 from gensim2.perception.raycast.kinematics import read_urdf
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class CollisionShape:
     """A convex collision shape.
 
     Attributes:
@@ -57,7 +57,7 @@ class Link:
     joint: UrdfJoint | None
     axis: Array | None
     inertial: Inertial | None
-    solids: tuple[Solid, ...]
+    solids: tuple[CollisionShape, ...]
 
 
 @lru_cache(maxsize=256)
@@ -113,25 +113,25 @@ def never_touching(srdf: Path) -> frozenset[frozenset[str]]:
     return frozenset(frozenset((str(pair.get("link1")), str(pair.get("link2")))) for pair in pairs)
 
 
-def _solid(element: ShapeElement, urdf: Path) -> Solid:
+def _solid(element: ShapeElement, urdf: Path) -> CollisionShape:
     shape = element.shape
     if isinstance(shape, str):
         hull = _hull(_mesh_vertices(urdf.parent / shape) * element.scale)
-        return Solid(hull.kind, hull.size, hull.vertices, element.T @ hull.T)
+        return CollisionShape(hull.kind, hull.size, hull.vertices, element.T @ hull.T)
     size = shape.size
     if shape.kind == "box":
         size = tuple(0.5 * side for side in size)
     elif shape.kind in ("cylinder", "capsule"):
         size = (size[0], 0.5 * size[1])
-    return Solid(shape.kind, size, None, element.T)
+    return CollisionShape(shape.kind, size, None, element.T)
 
 
-def _hull(vertices: Array) -> Solid:
+def _hull(vertices: Array) -> CollisionShape:
     box = box_of(vertices)
     if box is not None:
         T, size = box
-        return Solid("box", tuple(float(0.5 * side) for side in size), None, T)
-    return Solid("mesh", (), vertices, np.eye(4))
+        return CollisionShape("box", tuple(float(0.5 * side) for side in size), None, T)
+    return CollisionShape("mesh", (), vertices, np.eye(4))
 
 
 def _mesh_vertices(file: Path) -> Array:

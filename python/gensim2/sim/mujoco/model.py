@@ -17,7 +17,7 @@ from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import JointDrive, RobotProfile
 from gensim2.scenes.initial_state import InitialState, PlacedObject
 from gensim2.scenes.table import HALF_SIZE
-from gensim2.sim.mujoco.description import Link, Solid, links_of, never_touching, rigid_link
+from gensim2.sim.mujoco.description import CollisionShape, Link, links_of, never_touching, rigid_link
 from gensim2.sim.parts import Array
 
 PHYSICS_HZ = 500
@@ -121,7 +121,7 @@ class _Builder:
     # ----------------------------------------------------------------- bodies
 
     def _add_table(self) -> None:
-        half = Solid("box", HALF_SIZE, None, np.eye(4))
+        half = CollisionShape("box", HALF_SIZE, None, np.eye(4))
         body = self.spec.worldbody.add_body(name="table", pos=[0.0, 0.0, -HALF_SIZE[2]])
         self._add_solid(body, half, Shape("table", "table", "table", True, TABLE_FRICTION))
 
@@ -226,7 +226,7 @@ class _Builder:
         for number, solid in enumerate(link.solids):
             self._add_solid(body, solid, Shape(**{**vars(shape), "geom": f"{shape.geom}/{number}"}))
 
-    def _add_solid(self, body: mujoco.MjsBody, solid: Solid, shape: Shape) -> None:
+    def _add_solid(self, body: mujoco.MjsBody, solid: CollisionShape, shape: Shape) -> None:
         kinds = mujoco.mjtGeom
         kind = {
             "box": kinds.mjGEOM_BOX,

@@ -1,4 +1,4 @@
-"""Classes of generated objects: one module each, found by its name."""
+"""Classes of generated objects: each module of this package holds one class, or several of one kind of thing."""
 
 from __future__ import annotations
 
@@ -11,13 +11,9 @@ from gensim2.objects.generators.blueprint import ObjectClass
 
 @cache
 def object_classes() -> dict[str, ObjectClass]:
-    """Every class of this package by name, sorted; a module that starts with an underscore is no class."""
-    found = {}
-    for module in pkgutil.iter_modules(__path__):
-        if not module.name.startswith("_"):
-            value = importlib.import_module(f"{__name__}.{module.name}").OBJECT_CLASS
-            found[value.name] = value
-    return dict(sorted(found.items()))
+    """Return every class that a module of this package holds, by name, sorted."""
+    values = (value for name in class_modules() for value in vars(importlib.import_module(name)).values())
+    return dict(sorted((each.name, each) for each in values if isinstance(each, ObjectClass)))
 
 
 @cache

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from gensim2.objects.generators.rigid.blueprint import RigidBlueprint, RigidClass
 from gensim2.objects.generators.rigid.parts import (
     BLACK,
     LEAF,
     STEEL,
     STEM,
     WHITE,
+    RigidBlueprint,
+    RigidClass,
     blade,
     can,
     carton,

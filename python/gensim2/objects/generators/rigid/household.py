@@ -6,12 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from gensim2.objects.generators.rigid.blueprint import RigidBlueprint, RigidClass
 from gensim2.objects.generators.rigid.parts import (
     BLACK,
     STEEL,
     WHITE,
     WOOD,
+    RigidBlueprint,
+    RigidClass,
     along_x,
     blade,
     centred,

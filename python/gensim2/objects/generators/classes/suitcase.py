@@ -1,11 +1,12 @@
-"""A hard suitcase, standing upright: its lid is the front, its hinge at the bottom, its handle on top."""
+"""A suitcase that lies flat. It is pushed, or its lid opens."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
 from gensim2.objects.shapes import Array, Solid, box, path, rounded_box, tray
 
@@ -56,3 +57,42 @@ def draw(rng: np.random.Generator) -> Suitcase:
     shell += path(handle, 0.005, c.BLACK, 8)
     hinge = np.array([0, -top, gap])
     return Suitcase(shell, lid, hinge, np.array([0, top + overhang, lip]), np.array([0, top + 0.026, z]))
+
+
+def move(rng: np.random.Generator) -> Blueprint:
+    case = draw(rng)
+    pushed = c.pushed(case.shell + case.lid, 0.12, "the midpoint of the near edge of the suitcase", case.edge)
+    # It lies on its back, its top towards the robot: away is down in the model frame.
+    return replace(pushed, joint_axis=(0, -1, 0), object_axis="y")
+
+
+def with_its_lid_up(rng: np.random.Generator) -> Blueprint:
+    """One that stands open, its lid on the far side."""
+    case = draw(rng)
+    lid = c.turned(case.lid, case.hinge, (1, 0, 0), c.between(rng, 0.9, 1.9))
+    near = (0.0, -float(case.hinge[1]), float(case.grip[2]))
+    pushed = c.pushed(case.shell + lid, 0.12, "the midpoint of the near edge of the suitcase", near)
+    return replace(pushed, joint_axis=(0, -1, 0), object_axis="y")
+
+
+MOVE = ObjectClass("suitcase_move", 3, "prismatic", move, (with_its_lid_up,))
+
+
+def rotate(rng: np.random.Generator) -> Blueprint:
+    case = draw(rng)
+    return Blueprint(
+        body=case.shell,
+        moving=case.lid,
+        joint_type="revolute",
+        joint_origin=case.hinge,
+        joint_axis=(1, 0, 0),
+        limits=(0.0, 1.5),
+        keypoints={
+            "articulated_object_head": (case.edge, "the midpoint of the near edge of the suitcase's lid"),
+            "articulated_object_tail": (case.hinge, "the midpoint of the hinge between the suitcase's lid and body"),
+        },
+        object_axis="x",
+    )
+
+
+ROTATE = ObjectClass("suitcase_rotate", 4, "revolute", rotate)

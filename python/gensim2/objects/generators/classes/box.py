@@ -1,4 +1,4 @@
-"""A box with a hinged lid."""
+"""A box with a hinged lid, which opens, or which is pushed."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _trim(
     return [part.visual_only() for part in on_body], [part.visual_only() for part in on_lid]
 
 
-def build(rng: np.random.Generator) -> Blueprint:
+def rotate(rng: np.random.Generator) -> Blueprint:
     width, depth, height = c.between(rng, 0.20, 0.32), c.between(rng, 0.15, 0.21), c.between(rng, 0.07, 0.13)
     wall, plate = c.between(rng, 0.005, 0.010), c.between(rng, 0.006, 0.011)
     overhang = c.between(rng, 0.008, 0.020)
@@ -139,4 +139,14 @@ def build(rng: np.random.Generator) -> Blueprint:
     )
 
 
-OBJECT_CLASS = ObjectClass("box_rotate", 13, "revolute", build)
+ROTATE = ObjectClass("box_rotate", 13, "revolute", rotate)
+
+
+def move(rng: np.random.Generator) -> Blueprint:
+    whole = rotate(rng)
+    low, high = c.bounds(whole.body)
+    head = (0.0, 0.3 * low[1] + 0.7 * high[1], high[2])
+    return c.pushed(c.at(whole, whole.limits[0]), 0.2, "the middle of the box's front, near its upper edge", head)
+
+
+MOVE = ObjectClass("box_move", 1, "prismatic", move)

@@ -1,4 +1,4 @@
-"""A toaster with its lever at the front."""
+"""A toaster. It is pushed, or its lever is pressed down."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
 from gensim2.objects.shapes import Array, Look, Solid, box, rod, rounded_box
 
@@ -67,3 +68,30 @@ def draw(rng: np.random.Generator) -> Toaster:
         loaf = rounded_box((x, high - 0.014, 0), (0.014, 0.028, 1.04 * deep), crust, 0.012, axis=0)
         lever.append(loaf.visual_only())
     return Toaster(body, lever, np.array([0, start + thick / 2, front + 0.002 + 0.6 * reach]), stroke)
+
+
+def move(rng: np.random.Generator) -> Blueprint:
+    toaster = draw(rng)
+    _, high = c.bounds(toaster.body)
+    head = (0.0, high[1] - 0.012, high[2])
+    return c.pushed(toaster.body + toaster.lever, 0.12, "the middle of the upper edge of the toaster's front", head)
+
+
+MOVE = ObjectClass("toaster_move", 10, "prismatic", move)
+
+
+def press(rng: np.random.Generator) -> Blueprint:
+    toaster = draw(rng)
+    return Blueprint(
+        body=toaster.body,
+        moving=toaster.lever,
+        joint_type="prismatic",
+        joint_origin=(0, 0, 0),
+        joint_axis=(0, -1, 0),
+        limits=(0.0, toaster.stroke),
+        keypoints={"articulated_object_head": (toaster.lever_top, "the middle of the toaster's lever")},
+        object_axis="y",
+    )
+
+
+PRESS = ObjectClass("toaster_press", 10, "prismatic", press)

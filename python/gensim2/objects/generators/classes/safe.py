@@ -1,4 +1,4 @@
-"""A safe with a thick hinged door."""
+"""A safe whose door opens, or which is pushed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _wheel(at: np.ndarray, reach: float, radius: float, look: Look) -> list[Soli
     return parts
 
 
-def build(rng: np.random.Generator) -> Blueprint:
+def rotate(rng: np.random.Generator) -> Blueprint:
     width, height, depth = c.between(rng, 0.22, 0.30), c.between(rng, 0.22, 0.32), c.between(rng, 0.19, 0.25)
     wall, door = c.between(rng, 0.014, 0.022), c.between(rng, 0.016, 0.024)
     look = c.pick(rng, (c.PAINTS[5], c.PAINTS[3], c.DARK_METAL, c.STEEL, c.WHITE))
@@ -78,4 +78,14 @@ def build(rng: np.random.Generator) -> Blueprint:
     )
 
 
-OBJECT_CLASS = ObjectClass("safe_rotate", 15, "revolute", build)
+ROTATE = ObjectClass("safe_rotate", 15, "revolute", rotate)
+
+
+def move(rng: np.random.Generator) -> Blueprint:
+    whole = rotate(rng)
+    low, high = c.bounds(whole.moving[:1])  # the door without its handle
+    head = (0.0, 0.25 * low[1] + 0.75 * high[1], high[2])
+    return c.pushed(c.at(whole, whole.limits[0]), 0.25, "the middle of the safe's front, near its upper edge", head)
+
+
+MOVE = ObjectClass("safe_move", 2, "prismatic", move)

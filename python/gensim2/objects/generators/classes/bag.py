@@ -1,4 +1,4 @@
-"""A handbag: a tapered body and a strap."""
+"""A handbag: a tapered body and a strap. It is lifted, pushed, or its strap swings."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
 from gensim2.objects.shapes import Array, Look, Solid, arc, ball, box, convex, loft, path, rod, swept
 
@@ -88,3 +89,36 @@ def draw(rng: np.random.Generator) -> Bag:
     points = arc(hinge, (-1, 0, 0), (0, rise / (span / 2), 0), span / 2, 0.0, np.pi, 8)
     strap = path(points, thick, strap_look, 8)
     return Bag(body, strap, hinge, hinge + np.array([0, rise, 0]), np.array([0, 0.2 * height, depth / 2]))
+
+
+def lift(rng: np.random.Generator) -> Blueprint:
+    bag = draw(rng)
+    return c.lifted(bag.body + bag.strap, bag.top, "the middle of the bag's strap")
+
+
+LIFT = ObjectClass("bag_lift", 2, "prismatic", lift)
+
+
+def move(rng: np.random.Generator) -> Blueprint:
+    bag = draw(rng)
+    return c.pushed(bag.body + bag.strap, 0.12, "the middle of the bag's front, near its upper edge", bag.front)
+
+
+MOVE = ObjectClass("bag_move", 2, "prismatic", move)
+
+
+def swing(rng: np.random.Generator) -> Blueprint:
+    bag = draw(rng)
+    return Blueprint(
+        body=bag.body,
+        moving=bag.strap,
+        joint_type="revolute",
+        joint_origin=bag.hinge,
+        joint_axis=(-1, 0, 0),
+        limits=(-1.3, 1.3),
+        keypoints={"articulated_object_head": (bag.top, "the middle of the bag's strap")},
+        object_axis="x",
+    )
+
+
+SWING = ObjectClass("bag_swing", 2, "revolute", swing)

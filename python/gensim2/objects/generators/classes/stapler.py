@@ -1,4 +1,4 @@
-"""A desk stapler, its front towards +z."""
+"""A desk stapler, its front towards +z. It is pushed, or its arm is pressed down."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
 from gensim2.objects.shapes import Array, Solid, box, convex, rod, rounded_box
 
@@ -57,3 +58,28 @@ def draw(rng: np.random.Generator) -> Stapler:
     )
     tip = np.array([0, y + slope * thick, front - 0.004])
     return Stapler(base, arm, hinge, tip)
+
+
+def move(rng: np.random.Generator) -> Blueprint:
+    stapler = draw(rng)
+    return c.pushed(stapler.base + stapler.arm, 0.2, "the tip of the stapler", stapler.tip)
+
+
+MOVE = ObjectClass("stapler_move", 3, "prismatic", move)
+
+
+def press(rng: np.random.Generator) -> Blueprint:
+    stapler = draw(rng)
+    return Blueprint(
+        body=stapler.base,
+        moving=stapler.arm,
+        joint_type="revolute",
+        joint_origin=stapler.hinge,
+        joint_axis=(-1, 0, 0),
+        limits=(-0.12, 0.3),
+        keypoints={"articulated_object_head": (stapler.tip, "the tip of the stapler's arm")},
+        object_axis="x",
+    )
+
+
+PRESS = ObjectClass("stapler_press", 3, "revolute", press)

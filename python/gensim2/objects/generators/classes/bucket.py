@@ -1,4 +1,4 @@
-"""A bucket with a wire handle."""
+"""A bucket with a wire handle. It is lifted, pushed, or its handle swings."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
 from gensim2.objects.shapes import Array, Solid, arc, ball, cone, path, rod, tube
 
@@ -101,3 +102,47 @@ def pail(rng: np.random.Generator) -> Bucket:
         ends = np.array([grip, 0, 0])
         handle.append(rod(crown - ends, crown + ends, thick + 0.004, c.pick(rng, (c.BLACK, *c.WOODS)), 10))
     return Bucket(body, handle, hinge, crown, np.array([0, top - 0.01, wide]), height)
+
+
+def lift(rng: np.random.Generator) -> Blueprint:
+    bucket = draw(rng)
+    above = bucket.top + np.array([0, 0.05, 0.05])
+    extra = {"articulated_object_above": (above, "the point above the bucket from which to drop an object into it")}
+    return c.lifted(bucket.body + bucket.handle, bucket.top, "the middle of the bucket's handle", extra)
+
+
+LIFT = ObjectClass("bucket_lift", 5, "prismatic", lift)
+
+
+def move(rng: np.random.Generator) -> Blueprint:
+    bucket = draw(rng)
+    folded = c.turned(bucket.handle, bucket.hinge, (-1, 0, 0), 1.3)
+    return c.pushed(bucket.body + folded, 0.25, "the nearest point of the bucket's rim", bucket.front)
+
+
+MOVE = ObjectClass("bucket_move", 2, "prismatic", move)
+
+
+def _swinging(bucket: Bucket) -> Blueprint:
+    return Blueprint(
+        body=bucket.body,
+        moving=bucket.handle,
+        joint_type="revolute",
+        joint_origin=bucket.hinge,
+        joint_axis=(-1, 0, 0),
+        limits=(-1.45, 1.45),
+        keypoints={"articulated_object_head": (bucket.top, "the middle of the bucket's handle")},
+        object_axis="x",
+    )
+
+
+def swing(rng: np.random.Generator) -> Blueprint:
+    return _swinging(draw(rng))
+
+
+def swinging_pail(rng: np.random.Generator) -> Blueprint:
+    """A pail, whose wire is hinged below its rim."""
+    return _swinging(pail(rng))
+
+
+SWING = ObjectClass("bucket_swing", 26, "revolute", swing, (swinging_pail,))

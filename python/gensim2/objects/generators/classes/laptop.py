@@ -1,4 +1,4 @@
-"""A laptop with a hinged screen."""
+"""A laptop whose screen opens, or which is pushed."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _desktop(rng: np.random.Generator, middle: Vec3, width: float, depth: float)
     return parts
 
 
-def build(rng: np.random.Generator) -> Blueprint:
+def rotate(rng: np.random.Generator) -> Blueprint:
     width, depth = c.between(rng, 0.27, 0.34), c.between(rng, 0.185, 0.225)
     base, plate = c.between(rng, 0.012, 0.022), c.between(rng, 0.005, 0.009)
     look = c.pick(rng, (c.STEEL, c.DARK_METAL, c.WHITE, c.BLACK))
@@ -111,4 +111,17 @@ def build(rng: np.random.Generator) -> Blueprint:
     )
 
 
-OBJECT_CLASS = ObjectClass("laptop_rotate", 44, "revolute", build)
+ROTATE = ObjectClass("laptop_rotate", 44, "revolute", rotate)
+
+
+def move(rng: np.random.Generator) -> Blueprint:
+    whole = rotate(rng)
+    low, high = c.bounds(whole.body)
+    head = (0.0, 0.3 * low[1] + 0.7 * high[1], high[2])
+    # Half of them are pushed with the screen up, as one makes room on a desk.
+    share = 0.9 if c.extra(rng).random() < 0.7 else 0.0
+    screen = whole.limits[0] + share * (whole.limits[1] - whole.limits[0])
+    return c.pushed(c.at(whole, screen), 0.25, "the middle of the laptop's near edge", head)
+
+
+MOVE = ObjectClass("laptop_move", 3, "prismatic", move)
