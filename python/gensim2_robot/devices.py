@@ -90,6 +90,10 @@ class ArmDriver(Protocol):
         """Stop at once by the arm's own means, and take no more targets until it is begun anew."""
         ...
 
+    def close(self) -> None:
+        """Give up what it holds."""
+        ...
+
 
 class CameraDriver(Protocol):
     """Cameras. Nothing here waits.
@@ -104,6 +108,10 @@ class CameraDriver(Protocol):
 
     def poll(self) -> Sequence[CameraFrame]:
         """Pictures that came since the last call, oldest first."""
+        ...
+
+    def close(self) -> None:
+        """Give up what they hold."""
         ...
 
 

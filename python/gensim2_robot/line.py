@@ -53,8 +53,21 @@ class Mind(Protocol):
         ...
 
     @property
+    def is_ready(self) -> bool:
+        """Whether the controller is made."""
+        ...
+
+    @property
     def is_alive(self) -> bool:
         """Whether there is still a controller."""
+        ...
+
+    def fail(self, fault: str) -> None:
+        """Fail from now on."""
+        ...
+
+    def close(self) -> None:
+        """Give up what it holds."""
         ...
 
 

@@ -46,41 +46,14 @@ class Journal(Protocol):
     def clocks(self, time: float, late: float, ages: dict[str, float]) -> None: ...
 
 
-class NoJournal:
-    """Writes nothing down."""
-
-    trouble: str | None = None
-
-    def state(self, state: ArmState) -> None:
-        """Nothing."""
-
-    def frame(self, frame: CameraFrame) -> None:
-        """Nothing."""
-
-    def sent(self, time: float, sent: Sent, gripper: float) -> None:
-        """Nothing."""
-
-    def question(self, time: float, question: Question) -> None:
-        """Nothing."""
-
-    def answer(self, time: float, answer: ControllerAnswer) -> None:
-        """Nothing."""
-
-    def change(self, time: float, state: str, reason: str) -> None:
-        """Nothing."""
-
-    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
-        """Nothing."""
-
-
 class Journals:
-    """Several journals as one; the trouble of any is its trouble.
+    """Several journals as one; the first trouble of any is its trouble. Without any, nothing is written down.
 
     Args:
         several: that are told, in this order.
     """
 
-    def __init__(self, several: Sequence[Journal]) -> None:
+    def __init__(self, several: Sequence[Journal] = ()) -> None:
         self._several = tuple(several)
 
     @property

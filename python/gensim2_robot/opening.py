@@ -33,12 +33,12 @@ from gensim2_robot.config import SIMULATED, SOFTWARE, LineConfig
 from gensim2_robot.devices import ArmDriver, ArmState
 from gensim2_robot.eyes import PIXELS
 from gensim2_robot.faults import Fault, FullDisk
-from gensim2_robot.line import Line
-from gensim2_robot.log import Journal, Journals, NoJournal
+from gensim2_robot.line import Line, Mind
+from gensim2_robot.log import Journal, Journals
 from gensim2_robot.log_messages import About
 from gensim2_robot.mind import MindSpec, looked_at
 from gensim2_robot.real import ByHand, ProcessCameras, open_arm, open_cameras
-from gensim2_robot.session import Devices, OpenMind
+from gensim2_robot.session import Devices
 from gensim2_robot.watch import Watch, WatchRules
 
 REMOTE = "gensim2.policy.remote.client:RemoteController"
@@ -60,6 +60,9 @@ class DryArm:
     def stand(self) -> None:
         """Stop all the same."""
         self._driver.stand()
+
+    def close(self) -> None:
+        """Leave the driver to its owner."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +181,7 @@ def opened(
     log: Path | None = None,
     watching: Sequence[Journal] = (),
     seed: int | None = None,
-    mind: OpenMind | None = None,
+    mind: Mind | None = None,
     pace: float | None = None,
     interrupted: Sequence[int] = (),
 ) -> Iterator[Opened]:
@@ -243,17 +246,11 @@ def opened(
             devices.mind,
             Watch(rules, serials),
             devices.clock,
-            _journal([*journals, *watching]),
+            Journals([*journals, *watching]),
             pace=pace or prepared.profile.control_hz * config.speed,
         )
         line.commands = []
         yield Opened(line, devices, about, disk)
-
-
-def _journal(several: Sequence[Journal]) -> Journal:
-    if not several:
-        return NoJournal()
-    return several[0] if len(several) == 1 else Journals(several)
 
 
 def _serials(cameras: tuple[Camera, ...], real: ProcessCameras | None) -> Mapping[str, str]:
@@ -304,7 +301,7 @@ def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
     return controller_for(policy, given)
 
 
-def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None, interrupted: Sequence[int]) -> Devices:
+def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: Mind | None, interrupted: Sequence[int]) -> Devices:
     from gensim2_robot.local import LocalArm, LocalCameras, LocalMind
     from gensim2_robot.simulated import SimulatedCameras, SimulatedWorld
 
@@ -324,7 +321,7 @@ def _in_processes(
     prepared: Prepared,
     spec: MindSpec,
     seed: int,
-    mind: OpenMind | None,
+    mind: Mind | None,
     played: ProcessCameras | None,
     interrupted: Sequence[int],
 ) -> Devices:
@@ -348,7 +345,7 @@ def _in_processes(
     return Devices(arm, seeing, mind, MachineClock(), arm, failing)
 
 
-def _real(prepared: Prepared, spec: MindSpec, cameras: ProcessCameras, mind: OpenMind | None) -> Devices:
+def _real(prepared: Prepared, spec: MindSpec, cameras: ProcessCameras, mind: Mind | None) -> Devices:
     from gensim2_robot.processes import ProcessMind
 
     with contextlib.ExitStack() as giving_up:

@@ -65,39 +65,6 @@ class SceneStage(Protocol):
         ...
 
 
-class OpenArm(ArmDriver, Protocol):
-    """An arm that holds something open."""
-
-    def close(self) -> None:
-        """Give up what it holds."""
-        ...
-
-
-class OpenCameras(CameraDriver, Protocol):
-    """Cameras that hold something open."""
-
-    def close(self) -> None:
-        """Give up what they hold."""
-        ...
-
-
-class OpenMind(Mind, Protocol):
-    """A controller that is being made, and can be made to fail."""
-
-    @property
-    def is_ready(self) -> bool:
-        """Whether it is made."""
-        ...
-
-    def fail(self, fault: str) -> None:
-        """Fail from now on."""
-        ...
-
-    def close(self) -> None:
-        """Give up what it holds."""
-        ...
-
-
 @dataclass
 class Devices:
     """All that a line goes between.
@@ -108,9 +75,9 @@ class Devices:
         failing: makes a device fail by the first word of a fault; real ones fail by themselves.
     """
 
-    arm: OpenArm
-    cameras: OpenCameras
-    mind: OpenMind
+    arm: ArmDriver
+    cameras: CameraDriver
+    mind: Mind
     clock: Clock
     stage: SceneStage
     failing: Mapping[str, Callable[[str], None]] = field(default_factory=dict)

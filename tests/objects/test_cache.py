@@ -57,7 +57,7 @@ WAYS: tuple[Change, ...] = (
 
 
 @pytest.mark.parametrize("way", WAYS, ids=("gone", "flipped", "pipe", "empty", "cut"))
-@pytest.mark.parametrize("name", ["instance.json", "hulls.npz", "mobility.urdf", "files.json", "visual/link_0.glb"])
+@pytest.mark.parametrize("name", ["instance.json", "mobility.urdf", "files.json", "visual/link_0.glb"])
 def test_a_damaged_object_is_made_again(
     filled: tuple[Path, Path], name: str, way: Change, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

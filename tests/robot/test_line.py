@@ -21,7 +21,7 @@ from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.faults import Fault
 from gensim2_robot.limits import Sent
 from gensim2_robot.line import Line
-from gensim2_robot.log import NoJournal
+from gensim2_robot.log import Journals
 from gensim2_robot.log_messages import SentMessage
 from gensim2_robot.log_reader import messages, replay
 from gensim2_robot.mind import Begin, ControllerAnswer, Question
@@ -187,10 +187,11 @@ class Script:
         return self._rest(self._clock.now() - self._begun)
 
 
-class Noted(NoJournal):
+class Noted(Journals):
     """Keeps the gripper of every command."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.grippers: list[float] = []
 
     def sent(self, time: float, sent: Sent, gripper: float) -> None:

@@ -14,7 +14,7 @@ from gensim2_robot.arm_limits import CYCLE, ArmLimits
 from gensim2_robot.clocks import SimulatedClock
 from gensim2_robot.devices import CameraFrame
 from gensim2_robot.line import FRESH_CYCLES, PERIOD_CYCLES, Line, phase_shift
-from gensim2_robot.log import NoJournal
+from gensim2_robot.log import Journals
 from gensim2_robot.simulated import simulated_cameras
 from gensim2_robot.watch import Watch
 
@@ -77,7 +77,7 @@ class Given:
 def test_pictures_of_a_set_that_was_not_complete_are_forgotten_with_their_episode() -> None:
     cameras, still = Given(), Still()
     arm = LimitedArm(still, ArmLimits.of(Still.profile))  # type: ignore[arg-type]
-    line = Line(arm, cameras, still, Watch(), SimulatedClock(), NoJournal(), pace=20.0)  # type: ignore[arg-type]
+    line = Line(arm, cameras, still, Watch(), SimulatedClock(), Journals(), pace=20.0)  # type: ignore[arg-type]
     cameras.give(0)
     line.cycle()
     line.forget()

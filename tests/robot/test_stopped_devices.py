@@ -27,7 +27,7 @@ from gensim2_robot import opening, processes, real, session
 from gensim2_robot.drivers.streamed import DriverError
 from gensim2_robot.limits import Sent
 from gensim2_robot.live import PATIENT
-from gensim2_robot.log import NoJournal
+from gensim2_robot.log import Journals
 from gensim2_robot.pipes import MAX_WAITING, DeviceGoneError
 from gensim2_robot.processes import ENDING, KILLED, DeviceProcess
 from gensim2_robot.run import run
@@ -76,10 +76,11 @@ def at_start(monkeypatch: pytest.MonkeyPatch, device: str, number: signal.Signal
     monkeypatch.setattr(DeviceProcess, "__init__", hit)
 
 
-class After(NoJournal):
+class After(Journals):
     """Calls something once, when so many commands were sent that move the arm."""
 
     def __init__(self, count: int, what: Callable[[], None]) -> None:
+        super().__init__()
         self._left, self._what = count, what
 
     def sent(self, time: float, sent: Sent, gripper: float) -> None:

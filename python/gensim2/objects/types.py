@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import PlainSerializer, PlainValidator
 
 from gensim2.core.errors import InputError
 
@@ -21,7 +22,12 @@ class MissingFileError(AssetError):
     """A file that an object names is not there."""
 
 
-Array = npt.NDArray[np.float64]
+#: An array of numbers; in JSON nested lists.
+Array = Annotated[
+    npt.NDArray[np.float64],
+    PlainValidator(lambda values: np.array(values, dtype=np.float64)),
+    PlainSerializer(lambda values: values.tolist()),
+]
 
 
 def joint_motion(kind: str, axis: Array, value: npt.ArrayLike, origin: Array | None = None) -> Array:

@@ -13,25 +13,26 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from filelock import FileLock
+from pydantic import TypeAdapter
 
 import gensim2
-from gensim2.core.errors import InputError
+from gensim2.core.errors import InputError, one_line
 from gensim2.core.files import cache_dir, write_atomic
 from gensim2.core.foreign.limits import MAX_OBJECT
 from gensim2.objects.library.folder import ObjectFolder
-from gensim2.objects.types import ArticulatedObject, AssetError, Keypoint, MovingJoint, Placement
+from gensim2.objects.types import ArticulatedObject, AssetError, RigidObject
 
 Array = npt.NDArray[np.float64]
 
-SCHEMA_VERSION = 1
-MANIFEST = "files.json"
+MANIFEST, INSTANCE, URDF = "files.json", "instance.json", "mobility.urdf"
 #: What readers of NumPy's archives raise where bytes were flipped or are missing.
 DAMAGE = (
     OSError,
@@ -59,6 +60,9 @@ SHARED_MODULES = (
     "gensim2.objects.placement",
     "gensim2.objects.shapes",
 )
+
+
+_Model = TypeVar("_Model", ArticulatedObject, RigidObject)
 
 
 def file_name(word: str) -> str:
@@ -132,7 +136,12 @@ def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> Articulated
     Raises:
         InputError: the cache folder cannot be written to.
     """
-    return read_instance(folder_once(key, lambda folder: write_instance(folder, make(folder))))
+
+    def write(folder: Path) -> None:
+        write_model(folder / INSTANCE, replace(make(folder), urdf=Path(URDF)))  # the folder is renamed afterwards
+
+    folder = folder_once(key, write)
+    return replace(read_model(folder / INSTANCE, ArticulatedObject), urdf=folder / URDF)
 
 
 def folder_once(key: str, make: Callable[[Path], None]) -> Path:
@@ -193,91 +202,19 @@ def _unwritable(folder: Path, reason: str) -> InputError:
     return InputError(f"the cache: {reason}", file=folder, remedy=remedy)
 
 
-def write_instance(folder: Path, instance: ArticulatedObject) -> None:
-    """Write everything but the URDF and its meshes."""
-    joint, placement = instance.joint, instance.placement
-    np.savez(folder / "hulls.npz", **join_hulls([hull for hulls in instance.hulls.values() for hull in hulls]))
-    value = {
-        "schema_version": SCHEMA_VERSION,
-        "asset_class": instance.asset_class,
-        "id": instance.id,
-        "source": instance.source,
-        "joint": {
-            "name": joint.name,
-            "type": joint.type,
-            "child_link": joint.child_link,
-            "origin": joint.origin.tolist(),
-            "axis": joint.axis.tolist(),
-            "lower": joint.lower,
-            "upper": joint.upper,
-            "friction": joint.friction,
-            "damping": joint.damping,
-            "T_root_child": joint.T_root_child.tolist(),
-        },
-        "keypoints": {
-            name: {"link": k.link, "position": k.position.tolist(), "description": k.description}
-            for name, k in instance.keypoints.items()
-        },
-        "T_link_object": instance.T_link_object.tolist(),
-        "object_axis": instance.object_axis,
-        "hulls": {link: len(hulls) for link, hulls in instance.hulls.items()},
-        "placement": {"position": placement.position.tolist(), "quaternion": placement.quaternion.tolist()},
-        "default_openness": instance.default_openness,
-        "mass": instance.mass,
-        "license": instance.license,
-        "content_hash": instance.content_hash,
-        "warnings": list(instance.warnings),
-    }
-    (folder / "instance.json").write_text(json.dumps(value, indent=1, allow_nan=False) + "\n")
+def write_model(file: Path, model: ArticulatedObject | RigidObject) -> None:
+    """Write the values of an object as JSON."""
+    file.write_bytes(TypeAdapter(type(model)).dump_json(model, indent=1) + b"\n")
 
 
-def read_instance(folder: Path) -> ArticulatedObject:
-    """Read a prepared object.
+def read_model(file: Path, kind: type[_Model]) -> _Model:
+    """Read what :func:`write_model` wrote.
 
     Raises:
-        InputError: the folder is damaged.
+        AssetError: the file is damaged.
     """
     try:
-        value = json.loads((folder / "instance.json").read_text())
-        with np.load(folder / "hulls.npz") as data:
-            pieces = split_hulls(data["points"], data["sizes"])
-        hulls, taken = {}, 0
-        for link, count in value["hulls"].items():
-            hulls[link] = tuple(pieces[taken : taken + count])
-            taken += count
-        joint, placement = value["joint"], value["placement"]
-        return ArticulatedObject(
-            asset_class=value["asset_class"],
-            id=value["id"],
-            source=value["source"],
-            urdf=folder / "mobility.urdf",
-            joint=MovingJoint(
-                name=joint["name"],
-                type=joint["type"],
-                child_link=joint["child_link"],
-                origin=np.array(joint["origin"]),
-                axis=np.array(joint["axis"]),
-                lower=joint["lower"],
-                upper=joint["upper"],
-                friction=joint["friction"],
-                damping=joint["damping"],
-                T_root_child=np.array(joint["T_root_child"]),
-            ),
-            keypoints={
-                name: Keypoint(k["link"], np.array(k["position"]), k["description"])
-                for name, k in value["keypoints"].items()
-            },
-            T_link_object=np.array(value["T_link_object"]),
-            object_axis=value["object_axis"],
-            hulls=hulls,
-            placement=Placement(np.array(placement["position"]), np.array(placement["quaternion"])),
-            default_openness=value["default_openness"],
-            mass=value["mass"],
-            license=value["license"],
-            content_hash=value["content_hash"],
-            warnings=tuple(value["warnings"]),
-        )
-    except (AttributeError, IndexError, TypeError, *DAMAGE) as error:
-        raise InputError(
-            f"damaged cache entry: {error}", file=folder, remedy="remove that folder; it is made again"
-        ) from error
+        return TypeAdapter(kind).validate_json(file.read_bytes())
+    except (OSError, ValueError, TypeError) as error:
+        remedy = "delete this folder; it will be made again"
+        raise AssetError(f"is damaged: {one_line(str(error))}", file=file.parent, remedy=remedy) from error

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.core.foreign.limits import MAX_OBJ
 from gensim2.core.foreign.tree import shortened
-from gensim2.objects.library.cache import DAMAGE, cached_hulls, file_name, folder_once, join_hulls, split_hulls
+from gensim2.objects.library.cache import cached_hulls, file_name, folder_once, read_model, write_model
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.meshes import listed, read_obj
 from gensim2.objects.library.prepare import write_hull, write_visual
@@ -38,7 +37,7 @@ from gensim2.objects.types import (
     Source,
 )
 
-SCHEMA_VERSION = 2
+FILE = "rigid.json"
 #: Tilt (rad) after which an object that stands on its foot would fall over; with less it is laid down.
 STEADY = np.radians(10)
 #: Tilt (rad) with which an object still counts as upright: scanned feet are not level.
@@ -193,64 +192,34 @@ def prepare(key: str, model: RigidModel) -> RigidObject:
             write_hull(folder / f"hull_{i}.obj", hull)
         if model.meshes:
             write_visual(folder / "visual.glb", list(model.meshes))
-        np.savez(folder / "hulls.npz", **join_hulls(hulls))
-        value = {
-            "schema_version": SCHEMA_VERSION,
-            "asset_class": model.asset_class,
-            "source": model.source,
-            "mass": body.mass,
-            "center_of_mass": body.center.tolist(),
-            "inertia": body.inertia.tolist(),
-            "friction": model.friction,
-            "keypoints": {
-                name: {"position": np.asarray(position).tolist(), "description": description}
-                for name, (position, description) in model.keypoints.items()
-            },
-            "placement": {"position": resting.position.tolist(), "quaternion": resting.quaternion.tolist()},
-            "grip": {"point": grip.point.tolist(), "axis": grip.axis.tolist(), "width": grip.width},
-            "license": model.license,
-            "content_hash": model.content_hash,
-            "warnings": list(model.warnings),
-        }
-        (folder / "rigid.json").write_text(json.dumps(value, indent=1, allow_nan=False) + "\n")
+        made = RigidObject(
+            asset_class=model.asset_class,
+            source=model.source,
+            folder=Path(),  # the folder is renamed afterwards
+            hulls={BODY: tuple(hulls)},
+            mass=body.mass,
+            center_of_mass=body.center,
+            inertia=body.inertia,
+            friction=model.friction,
+            keypoints={name: Keypoint(BODY, np.asarray(at), said) for name, (at, said) in model.keypoints.items()},
+            placement=resting,
+            grip=grip,
+            license=model.license,
+            content_hash=model.content_hash,
+            warnings=tuple(model.warnings),
+        )
+        write_model(folder / FILE, made)
 
     return read(folder_once(key, make))
 
 
 def read(folder: Path) -> RigidObject:
-    """A prepared object.
+    """Read a prepared object.
 
     Raises:
         AssetError: the folder is damaged.
     """
-    try:
-        value: dict[str, Any] = json.loads((folder / "rigid.json").read_text())
-        with np.load(folder / "hulls.npz") as data:
-            hulls = tuple(split_hulls(data["points"], data["sizes"]))
-        grip, placement = value["grip"], value["placement"]
-        return RigidObject(
-            asset_class=value["asset_class"],
-            source=value["source"],
-            folder=folder,
-            hulls={BODY: hulls},
-            mass=value["mass"],
-            center_of_mass=np.array(value["center_of_mass"]),
-            inertia=np.array(value["inertia"]),
-            friction=value["friction"],
-            keypoints={
-                name: Keypoint(BODY, np.array(point["position"]), point["description"])
-                for name, point in value["keypoints"].items()
-            },
-            placement=Placement(np.array(placement["position"]), np.array(placement["quaternion"])),
-            grip=Grip(np.array(grip["point"]), np.array(grip["axis"]), grip["width"]),
-            license=value["license"],
-            content_hash=value["content_hash"],
-            warnings=tuple(value["warnings"]),
-        )
-    except (AttributeError, IndexError, TypeError, *DAMAGE) as error:
-        raise AssetError(
-            f"is damaged: {error}", file=folder, remedy="delete this folder; it will be made again"
-        ) from error
+    return replace(read_model(folder / FILE, RigidObject), folder=folder)
 
 
 DENSITY = 500.0
