@@ -1,7 +1,7 @@
 """Damage to folders of objects, drawn by a seed, and what the readers make of it.
 
-``python tests/fuzz/objects.py 3000`` runs as many in a row and says how they ended; ``--assets DIR`` starts from real
-objects too, ``--decompose`` takes them apart for good (minutes, and no limit on the time).
+``python tests/fuzz/objects.py --inputs 3000`` runs as many in a row and says how they ended; ``--assets DIR`` starts
+from real objects too, ``--decompose`` takes them apart for good (minutes, and no limit on the time).
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def rough_hulls(body: Pieces, moving: Pieces, motion: Motion) -> PairHulls:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; 1 where one input is neither accepted nor refused in one line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("count", type=int)
+    parser.add_argument("--inputs", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first input")
     parser.add_argument("--assets", default=os.environ.get("GENSIM2_ASSETS"))
@@ -142,7 +142,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not options.decompose:
             released.decompose_pair = rough_hulls
         good = bases(Path(name) / "good", options.assets)
-        for number in range(options.first, options.first + options.count):
+        for number in range(options.first, options.first + options.inputs):
             generator = np.random.default_rng([options.seed, number])
             scratch = Path(name) / "scratch"
             scratch.mkdir()
@@ -156,7 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 slowest = max(slowest, *(v.seconds for v in found.values()))
             shutil.rmtree(scratch)
             shutil.rmtree(Path(name) / "cache" / "hulls", ignore_errors=True)
-    print(f"{options.count} inputs, {faults} faults, slowest {slowest:.2f} s: {dict(sorted(ended.items()))}")
+    print(f"{options.inputs} inputs, {faults} faults, slowest {slowest:.2f} s: {dict(sorted(ended.items()))}")
     return 1 if faults else 0
 
 
