@@ -334,7 +334,7 @@ def test_whether_a_run_is_the_same_is_decided_in_one_place() -> None:
         "gensim2/design/llm/store.py",
     }
     for name in (
-        "gensim2/data/folder.py",
+        "gensim2/data/queue.py",
         "gensim2/data/runfolder.py",
         "gensim2/policy/dagger.py",
         "gensim2/policy/experiments/running.py",
