@@ -18,14 +18,14 @@ from gensim2.core.errors import InputError, Stopped
 from gensim2.core.progress import ConsoleProgress, Progress
 from gensim2_robot.cli.robot_options import (
     SCENES,
-    Line,
-    Log,
+    LineOptions,
+    LogOptions,
     Minutes,
     Move,
     Pixels,
     Port,
     Share,
-    View,
+    ViewOptions,
     line_of,
     moves,
     pixels_of,
@@ -131,7 +131,7 @@ def _show_trials(result: dict[str, Any]) -> None:
     line(f"table: {Path(result['out']) / 'table.md'}")
 
 
-@command(Move, Line, *SCENES, View, Port, show=_show_trials)
+@command(Move, LineOptions, *SCENES, ViewOptions, Port, show=_show_trials)
 def trial(
     protocol: Annotated[str, Option(metavar="TASK|FILE.yaml")],
     *,
@@ -261,7 +261,7 @@ def _run(progress: Progress, given: dict[str, Any], **beside: Any) -> dict[str, 
     return result if result["state"] == "idle" else Ending(result)
 
 
-@command(Move, Minutes, Log, Line, *SCENES, View, Port, show=_show)
+@command(Move, Minutes, LogOptions, LineOptions, *SCENES, ViewOptions, Port, show=_show)
 def run(
     task: str,
     *,
@@ -288,7 +288,7 @@ def run(
     return _run(progress, given, dry=not moves(given, move), faults=failing)
 
 
-@command(Minutes, Log, Line, *SCENES, View, Port, name="dry-run", show=_show)
+@command(Minutes, LogOptions, LineOptions, *SCENES, ViewOptions, Port, name="dry-run", show=_show)
 def dry_run(task: str, *, progress: Progress, **given: Any) -> dict[str, Any] | Ending:
     """Do the same as run, but send nothing to the arm.
 
@@ -297,7 +297,7 @@ def dry_run(task: str, *, progress: Progress, **given: Any) -> dict[str, Any] | 
     return _run(progress, {**given, "task": task}, dry=True)
 
 
-@command(Log, Line, *SCENES, Port)
+@command(LogOptions, LineOptions, *SCENES, Port)
 def view(task: str, *, no_clouds: bool = False, **given: Any) -> None:
     """Show in the browser what the cameras and the arm report.
 

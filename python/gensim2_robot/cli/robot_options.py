@@ -14,11 +14,11 @@ from gensim2.core.errors import InputError
 Pixels = Annotated[str, Option(metavar="WIDTHxHEIGHT")]
 Share = Annotated[float, click.FloatRange(0.01, 1.0)]
 
-#: Shared options of a line, beside :class:`Line`: the scenes follow from them.
+#: Shared options of a line, beside :class:`LineOptions`: the scenes follow from them.
 SCENES = ("library", "seed", *(each for each in SCENE if each != "redraw"))
 
 
-class Line:
+class LineOptions:
     """Options of an arm, its cameras and its controller.
 
     Attributes:
@@ -79,7 +79,7 @@ class Port:
     port: Annotated[int, click.IntRange(1, 65535)] = 8080
 
 
-class View:
+class ViewOptions:
     """Option of a page in the browser.
 
     Attributes:
@@ -99,7 +99,7 @@ class Minutes:
     minutes: Annotated[float, click.FloatRange(0.0, 1e4, min_open=True)] = 1.0
 
 
-class Log:
+class LogOptions:
     """Options of the log of a run.
 
     Attributes:
