@@ -177,7 +177,7 @@ def learn(
     for name, count in (("objects", objects), ("generated", generated)):
         if count is not None:
             check_counts(**{name: count})
-    Execution(workers)
+    execution = Execution(workers)
     devices = read_devices(device)
     controls = CONTROLS if controls is None else read_controls(controls)
     if policy not in HEADS:
@@ -262,9 +262,11 @@ def learn(
             asked = [named[one.spec.name] for one in group]
             if record.is_of_plans:
                 own = [one for one in beside if one.spec.name in [each.spec.name for each in group]]
-                taught, trained = teach_by_plans(group, own, begun, again, folder, out, record, how, workers, progress)
+                taught, trained = teach_by_plans(
+                    group, own, begun, again, folder, out, record, how, execution, progress
+                )
             else:
-                taught, trained = teach_by_episodes(group, asked, folder, out, record, how, workers, progress)
+                taught, trained = teach_by_episodes(group, asked, folder, out, record, how, execution, progress)
             measured = evaluate_policy(
                 folder,
                 [*known, *asked],

@@ -13,6 +13,7 @@ import torch
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_json
+from gensim2.core.processes import Execution
 from gensim2.core.progress import NullProgress, Progress
 from gensim2.perception import ObservationSpec
 from gensim2.policy.checkpoint import PolicyCheckpoint
@@ -94,10 +95,9 @@ def teach_by_plans(
     out: Path,
     record: LearnRecord,
     how: How,
-    workers: int,
+    execution: Execution,
     progress: Progress,
 ) -> tuple[dict[str, int], TrainResult]:
-    from gensim2.core.processes import Execution
     from gensim2.rollout.runner import EpisodeRunner
 
     planned, spent = list[Planned](), 0.0
@@ -109,7 +109,7 @@ def teach_by_plans(
     for (one, _), count in zip(parts, objects, strict=True):
         of_task[one.spec.name] += count
     limit, (config, training, spec, device) = DATA_SHARE * 60.0 * record.minutes / len(group), how
-    with EpisodeRunner(group[0].scene.options, Execution(workers), progress) as evaluator:
+    with EpisodeRunner(group[0].scene.options, execution, progress) as evaluator:
         if again:
             planned, spent = plan_again(again, spec, folder, evaluator.executor, seed=record.seed, progress=progress)
         known = len(planned)
@@ -158,7 +158,7 @@ def teach_by_episodes(
     out: Path,
     record: LearnRecord,
     how: How,
-    workers: int,
+    execution: Execution,
     progress: Progress,
 ) -> tuple[dict[str, int], TrainResult]:
     from gensim2.data.collection import collect
@@ -184,12 +184,12 @@ def teach_by_episodes(
             objects=record.objects,
             out=data,
             seed=record.seed,
-            workers=workers,
+            workers=execution.workers,
             resume=True,
             listener=_CollectionProgress(progress),
             **scene,
         )
-        rendered = render(data, spec=spec, workers=workers, resume=True, progress=progress)
+        rendered = render(data, spec=spec, workers=execution.workers, resume=True, progress=progress)
         record.data_cpu_s[key] = spent + collected.cpu_s + rendered.cpu_s
         write_json(out / LEARN_JSON, record.model_dump(mode="json"))
     for task in collected.status.tasks:
