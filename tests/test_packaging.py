@@ -106,9 +106,10 @@ def test_api_pages_are_built_without_a_warning(tmp_path: Path) -> None:
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The wheel of each distribution, by name."""
     folder = tmp_path_factory.mktemp("wheels")
-    # The same profile and interpreter as the set-up's, so that nothing is compiled twice.
+    # As `make wheels` builds them: a wheel that is not made of its source distribution lacks the Python files of
+    # gensim2-kpam, which lie outside its folder.
     environment = {"CARGO_TARGET_DIR": str(ROOT / "target"), **os.environ, "VIRTUAL_ENV": sys.prefix}
-    maturin = [Path(sys.executable).with_name("maturin"), "build", "--quiet", "--release", "--out", folder]
+    maturin = [Path(sys.executable).with_name("maturin"), "build", "--quiet", "--release", "--sdist", "--out", folder]
     for project in (ROOT, ROOT / "crates/python"):
         subprocess.run(maturin, cwd=project, check=True, env=environment)
     # setuptools leaves files beside the sources.

@@ -1,0 +1,1 @@
+"""Commands of ``gensim2 robot``."""
