@@ -194,7 +194,7 @@ class Episode:
         attempts: where several were allowed, all that were made from this start, in order; everything else is of one of
             them (:mod:`gensim2.rollout.run`).
         disturbed_at: control step at which it was disturbed; None where it was not.
-        index: place of the episode in its log or data set; -1 outside of one. A log keeps it beside the record.
+        index: place of the episode in its log or data set; -1 outside of one. Comparisons of episodes ignore it.
         episode_digest: digest of the episode's file; None where no file was kept.
     """
 
@@ -218,7 +218,7 @@ class Episode:
     start: list[FiniteFloat] = field(default_factory=list)
     attempts: list[AttemptRecord] = field(default_factory=list)
     disturbed_at: Annotated[int, Field(ge=0)] | None = None
-    index: Annotated[int, Field(ge=0)] = -1
+    index: Annotated[int, Field(ge=0)] = field(default=-1, compare=False)
     episode_digest: str | None = None
 
     def at(self, index: int, episode_digest: str | None = None) -> Episode:

@@ -10,12 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from gensim2.core.foreign.limits import LARGEST_VALUE, LONGEST_TEXT, MAX_KEYPOINTS
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.urdf import plain_name
-from gensim2.objects.meshwork.convexes import surface_samples
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import AssetError, Keypoint
 
@@ -199,6 +197,11 @@ def read_keypoints(
         link, kind, axis, hulls: moving link, joint type, unit joint axis and collision hulls in the link's frame.
         warnings: takes a line where a rule had to stand in.
     """
+    # Here, because whoever only names objects needs no SciPy.
+    from scipy.spatial import cKDTree
+
+    from gensim2.objects.meshwork.convexes import surface_samples
+
     points = {name: scale * point for name, point in info.keypoints.items()}
     if all(name in COLOURS for name in points):
         surface = cKDTree(np.concatenate([surface_samples(hull) for hull in hulls]))
