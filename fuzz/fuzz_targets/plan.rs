@@ -81,7 +81,7 @@ struct Whole {
     budgets: [u8; 4],
     flags: u8,
     let_go: Option<Number>,
-    window: Option<(u8, u8)>,
+    window: Option<(u8, u8, Option<Number>)>,
     resume: Option<u8>,
 }
 
@@ -237,11 +237,12 @@ fn options(whole: &Whole, n: usize) -> Options {
     let limits = |i: usize| whole.limits[i].map(|l| first(n, l));
     let labels = ["start", "pre_1", "pre_0", "actuation", "post_0", "post_1", "let_go", "end"];
     let label = |k: u8| labels[k as usize % labels.len()].to_owned();
-    let window = |(from, to): (u8, u8)| ContactWindow {
+    let window = |(from, to, depth): (u8, u8, Option<Number>)| ContactWindow {
         links: vec!["hand".to_owned()],
         bodies: vec!["thing0".to_owned()],
         from: label(from),
         to: label(to),
+        depth: depth.map(Number::value),
     };
     let mut options = Options::default();
     options.velocity_scale = if flag(3) { 1.0 } else { whole.scales[0].value() };
