@@ -139,8 +139,10 @@ enum kpam_status kpam_trajectory_sample_into(const struct kpam_trajectory *traje
                                              double *velocity,
                                              double *acceleration);
 
-// Makes the fastest stop within the limits of velocity, acceleration and jerk from the state at time `t` on, along the
-// motion's own path. It begins at `t`.
+// Makes a stop from the state at time `t` (s) on, along the motion's own path: at every place it brakes as hard as the
+// limits of velocity, acceleration and jerk allow. It begins at `t`. Where no such stop keeps the limits, as right before the
+// motion turns back, every joint stops by itself as soon as it can, which may lead off the path. The stop may need more
+// torque than the motion; nothing checks it for collisions off the path.
 //
 // # Safety
 // `trajectory` is null or a motion that was not freed; `out` may be written.
