@@ -146,10 +146,17 @@ def on_problems(problems: Path, assets: Path | None, every: int, jerk_factor: fl
     print(f"    duration {np.median(seconds):.2f} s (median), in {np.mean(stops):.2f} pieces from rest to rest")
 
 
-def ruckig_seconds(begin: Array, end: Array, acceleration: Array, jerk: Array) -> float:
-    """Duration of Ruckig's motion between two rests, all joints in phase where their limits allow it."""
+def ruckig_seconds(
+    begin: Array, end: Array, acceleration: Array, jerk: Array, rates: tuple[Array, Array] | None = None
+) -> float:
+    """Return the duration of Ruckig's motion to rest at ``end``.
+
+    From rest all joints move in phase where their limits allow it. ``rates`` are the start's velocity and acceleration.
+    """
     question = ruckig.InputParameter(len(begin))
     question.current_position, question.target_position = begin.tolist(), end.tolist()
+    if rates is not None:
+        question.current_velocity, question.current_acceleration = rates[0].tolist(), rates[1].tolist()
     question.max_velocity = VELOCITY.tolist()
     question.max_acceleration, question.max_jerk = acceleration.tolist(), jerk.tolist()
     question.synchronization = ruckig.Synchronization.Phase
@@ -157,6 +164,24 @@ def ruckig_seconds(begin: Array, end: Array, acceleration: Array, jerk: Array) -
     if ruckig.Ruckig(len(begin)).calculate(question, found) not in (ruckig.Result.Working, ruckig.Result.Finished):
         return float("nan")
     return float(found.duration)
+
+
+def from_moving_states(count: int, seed: int) -> None:
+    """Print the durations of motions from random moving states to rest over Ruckig's, limit by limit."""
+    print("duration from random moving states over Ruckig's:")
+    for acceleration, jerk in GENTLE:
+        label = "Franka's" if acceleration is ACCELERATION else f"({acceleration[0]:g}, {jerk[0]:g})"
+        ratios = []
+        for index in range(count):
+            draw = rng(seed, "moving states", index)
+            ends = draw.uniform(-2.0, 2.0, (2, 7))
+            gain = draw.uniform(-1.0, 1.0, 7) * np.minimum(acceleration, 0.9 * np.sqrt(jerk * VELOCITY))
+            velocity = draw.uniform(-1.0, 1.0, 7) * (VELOCITY - 0.5 * gain**2 / jerk)
+            motion, _ = kpam.retime(
+                ends, VELOCITY, acceleration, jerk, start_velocity=velocity, start_acceleration=gain
+            )
+            ratios.append(motion.duration / ruckig_seconds(ends[0], ends[1], acceleration, jerk, (velocity, gain)))
+        show(label, ratios)
 
 
 def worst_share(motion: kpam.Trajectory, acceleration: Array, jerk: Array) -> float:
@@ -218,6 +243,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.problems is not None:
             on_problems(options.problems, options.assets, options.every, jerk_factor)
     at_gentle_limits(options.paths, options.seed)
+    from_moving_states(10 * options.paths, options.seed)
     return 0
 
 
