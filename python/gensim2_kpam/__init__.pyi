@@ -543,6 +543,9 @@ class Motion:
         """Limits ("acceleration", "jerk") that neither the options nor the URDF give, so that plain ones are assumed:
         ``limits`` or lists of them say better. Empty where there is no motion."""
     @property
+    def warnings(self) -> list[str]:
+        """Sentences for a user: limits that are assumed and for which joints, and links that are never checked."""
+    @property
     def cpu_ms(self) -> float:
         """CPU time of planning (ms)."""
 

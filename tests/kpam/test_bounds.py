@@ -224,7 +224,10 @@ def test_limits_of_which_nothing_is_said_are_plain_and_told(panda: kpam.Robot, r
 
     assumed = planned()
     assert assumed.assumed_limits == ["acceleration", "jerk"]
-    assert any("10 rad/s^2, 5,000 rad/s^3" in warning for warning in assumed.warnings)
+    for name, value in (("acceleration", r"10 rad/s^2"), ("jerk", r"5,000 rad/s^3")):
+        told = next(warning for warning in assumed.warnings if f"{name} are assumed" in warning)
+        assert value in told
+        assert "panda_joint1" in told
     assert duration(assumed) == duration(planned(limits="plain")) != duration(planned(limits="panda"))
     assert planned(limits="plain").assumed_limits == planned(limits="panda").assumed_limits == []
     assert planned(acceleration_limits=[5.0] * 9).assumed_limits == ["jerk"]

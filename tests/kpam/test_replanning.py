@@ -33,7 +33,10 @@ def between(draw: np.random.Generator, count: int) -> list[kpam.Body]:
 
 @pytest.mark.parametrize("rate", [5, 10, 20, 50])
 @pytest.mark.parametrize("count", [0, 5])
-def test_replanning_arrives_as_soon_as_the_motion_planned_once(panda: kpam.Robot, rate: int, count: int) -> None:
+@pytest.mark.parametrize("knows_motion", [True, False])
+def test_replanning_arrives_as_soon_as_the_motion_planned_once(
+    panda: kpam.Robot, rate: int, count: int, *, knows_motion: bool
+) -> None:
     draw, tried = np.random.default_rng(3), 0
     while tried < 3:
         scene = kpam.Scene(panda, between(draw, count))
@@ -48,13 +51,21 @@ def test_replanning_arrives_as_soon_as_the_motion_planned_once(panda: kpam.Robot
                 break
             assert now < 2 * once.duration
             q = motion.sample(now)[0]
-            found = scene.plan_to(q, GOAL, **state(motion, now), warm_start=motion)
+            found = scene.plan_to(q, GOAL, **state(motion, now), warm_start=motion if knows_motion else None)
             assert found.trajectory is not None, found.reason
             motion = motion.splice(found.trajectory, now)
         assert motion.times[-1] <= 1.10 * once.duration
         np.testing.assert_allclose(motion.sample(motion.times[-1])[0], GOAL, atol=1e-9)
         rows = [motion.sample(t)[0] for t in np.linspace(0.0, motion.times[-1], 200)]
         assert not kpam.Scene(panda, scene.bodies).in_collision(rows).any()
+
+
+def test_motions_name_the_limits_that_are_assumed(panda: kpam.Robot) -> None:
+    scene = kpam.Scene(panda)
+    told = scene.plan_to(Q_START, GOAL).warnings
+    assert any("acceleration are assumed (10 rad/s^2 or m/s^2) for panda_joint1" in warning for warning in told)
+    assert any("jerk are assumed (5,000 rad/s^3 or m/s^3)" in warning for warning in told)
+    assert not any("assumed" in warning for warning in scene.plan_to(Q_START, GOAL, limits="panda").warnings)
 
 
 def test_keypoint_plans_arrive_at_any_rate(panda: kpam.Robot) -> None:
@@ -104,12 +115,13 @@ def test_a_start_that_cannot_be_stopped_is_refused(panda: kpam.Robot) -> None:
     refused = kpam.Scene(panda).plan_to(q, Q_START, start_velocity=velocity)
     assert (refused.status, refused.trajectory) == ("cannot_stop", None)
     assert "panda_joint1" in refused.reason
+    assert f"past its upper limit {panda.upper[0]:.4f}" in refused.reason
     with pytest.raises(kpam.ProblemError, match="start_velocity"):
         kpam.Scene(panda).plan_to(Q_START, GOAL, start_velocity=[0.1])
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-3])
-@pytest.mark.parametrize("deadline_ms", [0.3, 1.0, 3.0, 10.0, 100.0])
+@pytest.mark.parametrize("deadline_ms", [0.3, 1.0, 3.0, 10.0, 100.0, 1000.0])
 def test_deadlines_are_met_at_any_speed(panda: kpam.Robot, scale: float, deadline_ms: float) -> None:
     scene = kpam.Scene(panda, between(np.random.default_rng(1), 5))
     scene.plan_to(Q_START, GOAL)
@@ -124,8 +136,14 @@ def test_deadlines_are_met_at_any_speed(panda: kpam.Robot, scale: float, deadlin
         cpu = found.cpu_ms if isinstance(found.cpu_ms, float) else found.cpu_ms["total"]
         return cpu + 1e3 * (time.thread_time() - begun)
 
+    once = scene.plan_to(Q_START, GOAL, velocity_scale=scale).trajectory
+    assert once is not None
+    now = 0.3 * once.duration
+    q = once.sample(now)[0]
+    moving = state(once, now)
     asks = (
         lambda: scene.plan_to(Q_START, GOAL, velocity_scale=scale, deadline_ms=deadline_ms),
+        lambda: scene.plan_to(q, GOAL, **moving, velocity_scale=scale, deadline_ms=deadline_ms),
         lambda: kpam.plan(question, deadline_ms=deadline_ms),
     )
     for ask in asks:

@@ -1,5 +1,7 @@
 //! Acceleration and jerk limits where neither the options nor the URDF give any: few URDFs do.
 
+use gensim2_geometry::Robot;
+
 use crate::ProblemError;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::options::{LimitSet, Options};
@@ -9,7 +11,8 @@ use crate::timing::{Braking, Envelope};
 const ACCELERATION: f64 = 10.0;
 const JERK: f64 = 5000.0;
 /// The same in words.
-pub(crate) const ASSUMED: &str = "10 rad/s^2, 5,000 rad/s^3";
+const ASSUMED_ACCELERATION: &str = "10 rad/s^2 or m/s^2";
+const ASSUMED_JERK: &str = "5,000 rad/s^3 or m/s^3";
 /// As Franka publishes them for the Panda.
 const PANDA_ACCELERATION: [f64; 7] = [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0];
 const PANDA_JERK: [f64; 7] = [7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10_000.0, 10_000.0];
@@ -58,14 +61,43 @@ pub(crate) fn default_limits(model: &Model, options: &Options) -> (Row, Row) {
 
 /// Names of the limits that nothing is known of and that are assumed.
 pub(crate) fn assumed_limits(model: &Model, options: &Options) -> Vec<String> {
+    unknown_limits(model, options).into_iter().map(|(name, _)| name.to_owned()).collect()
+}
+
+/// Limits that nothing is known of, and the variables that lack them.
+fn unknown_limits(model: &Model, options: &Options) -> Vec<(&'static str, Vec<usize>)> {
     let known = [
         ("acceleration", &options.acceleration_limits, &model.acceleration),
         ("jerk", &options.jerk_limits, &model.jerk),
     ];
-    let open = known.into_iter().filter(|(_, list, own)| {
-        options.limits.is_none() && list.is_none() && own[..model.n()].iter().any(|v| v.is_infinite())
-    });
-    open.map(|(name, ..)| name.to_owned()).collect()
+    let lacking = known.into_iter().filter(|(_, list, _)| options.limits.is_none() && list.is_none());
+    let open = lacking.map(|(name, _, own)| (name, (0..model.n()).filter(|v| own[*v].is_infinite()).collect()));
+    open.filter(|(_, joints): &(_, Vec<usize>)| !joints.is_empty()).collect()
+}
+
+/// What a user should know of any motion of a robot: which limits are assumed, and which links are never checked.
+pub(crate) fn warnings(robot: &Robot, model: &Model, options: &Options) -> Vec<String> {
+    let mut out = Vec::new();
+    for (name, variables) in unknown_limits(model, options) {
+        let joint = |v: &usize| robot.joints()[model.map().indices()[*v]].name();
+        let joints: Vec<_> = variables.iter().map(joint).collect();
+        let assumed = if name == "jerk" { ASSUMED_JERK } else { ASSUMED_ACCELERATION };
+        out.push(format!(
+            "limits on {name} are assumed ({assumed}) for {}; set {name}_limits, or limits for a known arm",
+            joints.join(", ")
+        ));
+    }
+    let unchecked = robot.unchecked_pairs();
+    if !unchecked.is_empty() {
+        let links = robot.links();
+        let names: Vec<_> =
+            unchecked.iter().map(|(a, b)| format!("{} and {}", links[*a].name(), links[*b].name())).collect();
+        out.push(format!(
+            "never checked against each other, for they overlap at the middle of all joint ranges and no SRDF says whether they may: {}",
+            names.join(", ")
+        ));
+    }
+    out
 }
 
 /// Refuses the limits of an arm of seven joints for one that has not seven.

@@ -122,22 +122,3 @@ fn a_free_motion_goes_on_past_what_is_in_the_way_of_the_stop() {
         assert!(found.trajectory().is_none(), "{resume}: {}", found.reason);
     }
 }
-
-#[test]
-fn in_contact_a_motion_begins_once_the_start_has_stopped() {
-    let mut options = slow();
-    options.contact_speed = Some(0.1);
-    let question = problem(None, options, None);
-    let former = plan(&question);
-    let now = halfway(&former, 1);
-    let mut start = state(&former, now);
-    (start[1], start[2]) = (vec![0.0, 0.3, 0.0], vec![0.0; 3]);
-    let found = go_on(&question, &former, now, &start, "post_0");
-    assert_eq!(found.status(), Status::Solved, "{}", found.reason);
-    let motion = found.trajectory().unwrap();
-    for k in 0..=2000 {
-        let at = motion.sample(now + (motion.end() - now) * f64::from(k) / 2000.0);
-        let speed = at.velocity[0].hypot(at.velocity[1]);
-        assert!(speed < 0.1005 || at.velocity[0].abs() < 1e-9, "{:?}", at.velocity);
-    }
-}

@@ -87,6 +87,12 @@ impl PyMotion {
         self.0.as_ref().map_or_else(|_| Vec::new(), |m| m.assumed_limits.clone())
     }
 
+    /// Sentences for a user: limits that are assumed for which joints, and links that are never checked.
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        self.0.as_ref().map_or_else(|_| Vec::new(), |m| m.warnings.clone())
+    }
+
     /// CPU time of planning (ms).
     #[getter]
     fn cpu_ms(&self) -> f64 {

@@ -1,13 +1,35 @@
 //! Why a motion ends before its end.
 
+use nalgebra::Vector3;
+
 use super::Lack;
 use crate::world::Hit;
+
+/// The place at which the hand cannot follow its path any further.
+#[derive(Debug, Clone)]
+pub(super) struct PathEnd {
+    /// What is left of the path of the hand's origin (m, base frame).
+    pub left: Vector3<f64>,
+    /// Joint nearest to a limit, if it is at one: name, "lower" or "upper", limit, and unit.
+    pub limit: Option<(String, &'static str, f64, &'static str)>,
+}
+
+impl PathEnd {
+    fn told(&self) -> String {
+        let [x, y, z] = [self.left.x, self.left.y, self.left.z];
+        let left = format!("({x:.3}, {y:.3}, {z:.3}) m of it, base frame, are left");
+        match &self.limit {
+            Some((joint, end, limit, unit)) => format!("{left}, and {joint} is at its {end} limit, {limit:.4} {unit}"),
+            None => format!("{left}; no joint is at a limit: the arm is stretched or singular there"),
+        }
+    }
+}
 
 /// Why a candidate's motion ends before its end. Keyframes are numbered in time.
 #[derive(Debug, Clone)]
 pub(super) enum Failure {
-    /// The hand cannot follow the path to this keyframe beyond this fraction.
-    Unreachable { keyframe: usize, fraction: f64 },
+    /// The hand cannot follow the path to this keyframe beyond this fraction; what keeps it from that.
+    Unreachable { keyframe: usize, fraction: f64, end: PathEnd },
     /// The motion begins deeper inside something than the problem allows.
     Inside { keyframe: usize, hit: Hit },
     /// Something is in the way on the path to this keyframe.
@@ -48,8 +70,13 @@ impl Failure {
     /// One sentence for a person; `label` names keyframes.
     pub fn reason(&self, label: impl Fn(usize) -> String) -> String {
         match self {
-            Self::Unreachable { keyframe, fraction } => {
-                format!("{} is out of reach: the hand gets {:.0} % of the way", label(*keyframe), 100.0 * fraction)
+            Self::Unreachable { keyframe, fraction, end } => {
+                let told = end.told();
+                format!(
+                    "{} is out of reach: the hand gets {:.0} % of the way; {told}",
+                    label(*keyframe),
+                    100.0 * fraction
+                )
             }
             Self::Inside { hit, .. } => inside(hit),
             Self::Blocked { keyframe, hit } => {

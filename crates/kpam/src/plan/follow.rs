@@ -1,12 +1,17 @@
 //! The hand's paths before and after one actuation pose, followed.
 
+use gensim2_geometry::{JointKind, Pose};
+
 use super::attempt::Attempt;
-use super::failure::Failure;
+use super::failure::{Failure, PathEnd};
 use super::planner::Planner;
-use crate::hand_path::Followed;
+use crate::hand_path::{Followed, LIMIT_MARGIN};
 use crate::model::Row;
 use crate::motion::motions;
 use crate::world::{Margins, State, Way, World, even, travel_along, travel_over};
+
+/// A joint this near to a limit (rad or m) is what ends a path: a step of the hand moves it as far.
+const AT_LIMIT: f64 = 10.0 * LIMIT_MARGIN;
 
 impl Planner<'_> {
     /// The motion from one actuation pose as far as the arm follows the hand's paths. `one_of_many` are looked at
@@ -148,7 +153,8 @@ impl Planner<'_> {
         for i in (self.entry..act).rev() {
             let Followed { mut waypoints, fraction } = self.follower.follow(&out.motions.paths[i], &at, true);
             if fraction < 1.0 {
-                out.failure = Some(Failure::Unreachable { keyframe: i, fraction });
+                let end = self.path_end(&waypoints, &out.motions.paths[i].at(0.0));
+                out.failure = Some(Failure::Unreachable { keyframe: i, fraction, end });
                 return;
             }
             waypoints.reverse();
@@ -183,12 +189,30 @@ impl Planner<'_> {
             travel = out.travel[i].last().copied().unwrap_or(travel);
             out.paths[i] = waypoints;
             if fraction < 1.0 {
-                out.failure = Some(Failure::Unreachable { keyframe: i + 1, fraction });
+                let end = self.path_end(&out.paths[i], &out.motions.paths[i].at(1.0));
+                out.failure = Some(Failure::Unreachable { keyframe: i + 1, fraction, end });
                 out.after = (i - act, fraction);
                 return;
             }
             out.after.0 = i - act + 1;
         }
+    }
+
+    /// What keeps the hand from `goal` at the last of some waypoints.
+    fn path_end(&mut self, waypoints: &[Row], goal: &Pose) -> PathEnd {
+        let x = waypoints.last().copied().unwrap_or_else(|| self.model.start());
+        let left = goal.translation.vector - self.follower.hand(&x).translation.vector;
+        let joints = self.problem.robot.joints();
+        let limits = (0..self.model.n())
+            .flat_map(|v| [(v, "lower", self.model.lower[v]), (v, "upper", self.model.upper[v])])
+            .map(|(v, end, limit)| ((x[v] - limit).abs(), v, end, limit));
+        let nearest = limits.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(off, ..)| *off < AT_LIMIT);
+        let limit = nearest.map(|(_, v, end, limit)| {
+            let joint = &joints[self.model.map().indices()[v]];
+            let unit = if joint.kind() == JointKind::Prismatic { "m" } else { "rad" };
+            (joint.name().to_owned(), end, limit, unit)
+        });
+        PathEnd { left, limit }
     }
 
     /// Takes the motion as many whole turns back, in joints without limits, as it begins beyond half a turn from the

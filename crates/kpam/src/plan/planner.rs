@@ -7,7 +7,7 @@ use super::trials::Trials;
 use super::{Collision, Lack, Plan, Request, refused};
 use crate::actuation::Candidate;
 use crate::cancel::end_of;
-use crate::default_limits::{ASSUMED, assumed_limits};
+use crate::default_limits::{assumed_limits, warnings};
 use crate::hand_path::Follower;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::options::Timing;
@@ -191,21 +191,7 @@ impl<'p> Planner<'p> {
         out.cost = Some(cheapest.cost);
         out.start_overlap = self.world.start_overlap;
         out.assumed_limits = assumed_limits(self.model, &self.problem.options);
-        if !out.assumed_limits.is_empty() {
-            let names = out.assumed_limits.join(" and ");
-            out.warnings
-                .push(format!("limits on {names} are assumed ({ASSUMED}); options.limits or lists of them say better"));
-        }
-        let unchecked = self.problem.robot.unchecked_pairs();
-        if !unchecked.is_empty() {
-            let links = self.problem.robot.links();
-            let names: Vec<_> =
-                unchecked.iter().map(|(a, b)| format!("{} and {}", links[*a].name(), links[*b].name())).collect();
-            out.warnings.push(format!(
-                "never checked against each other, for they overlap at the middle of all joint ranges and no SRDF says whether they may: {}",
-                names.join(", ")
-            ));
-        }
+        out.warnings.extend(warnings(&self.problem.robot, self.model, &self.problem.options));
         if out.start_overlap > 0.0 {
             if let Some(hit) = self.world.start_hit.as_ref().filter(|_| solved) {
                 out.reason

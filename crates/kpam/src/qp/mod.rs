@@ -85,13 +85,8 @@ fn dot(n: usize, a: &Row, b: &Row) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::timing::testing::row;
     use proptest::prelude::*;
-
-    fn row(values: &[f64]) -> Row {
-        let mut out = [0.0; MAX_JOINTS];
-        out[..values.len()].copy_from_slice(values);
-        out
-    }
 
     #[test]
     fn a_corner_is_found_by_both() {

@@ -154,6 +154,7 @@ pub(crate) fn keeps(limits: &Limits, room: [&Row; 2], nodes: &[Node]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::super::spline::Spline;
+    use super::super::testing::row;
     use super::super::time_scaling::Method;
     use super::super::trajectory::Builder;
     use super::super::{stop::stop, to_rest};
@@ -161,12 +162,6 @@ mod tests {
     use crate::joint_map::JointMap;
     use crate::model::MAX_JOINTS;
     use proptest::prelude::*;
-
-    fn row(values: &[f64]) -> Row {
-        let mut out = [0.0; MAX_JOINTS];
-        out[..values.len()].copy_from_slice(values);
-        out
-    }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(100))]

@@ -162,10 +162,15 @@ impl Limits {
     /// A moving average over `w` leaves bounds on velocity and acceleration as they are, and turns an acceleration within
     /// `a` into one whose rate is within `2 a / w`. It moves a joint by at most `a w^2 / 24`.
     pub(crate) fn averaged(&self) -> Option<(f64, Self)> {
+        self.averaged_within(AVERAGING_DEVIATION)
+    }
+
+    /// Likewise with a greatest deviation (rad or m) of its own.
+    pub(crate) fn averaged_within(&self, most: f64) -> Option<(f64, Self)> {
         let rows = 0..self.joints;
         let width = rows.clone().map(|v| 2.0 * self.acceleration[v] / self.jerk[v]).fold(0.0, f64::max);
         let deviation = rows.clone().map(|v| self.acceleration[v] * width * width / 24.0).fold(0.0, f64::max);
-        if deviation > AVERAGING_DEVIATION {
+        if deviation > most {
             return None;
         }
         let mut out = *self;

@@ -5,12 +5,16 @@
 //! average over a short window bounds the jerk ([`limits`]). Where jerk limits are too low for a short window, jerk is
 //! bounded along the path ([`smooth`]): S-curves on straight ones ([`profile`]), a third-order optimum on others
 //! ([`third_order`]). Velocity limits may depend on the position ([`envelope`]), and torques have limits where the masses
-//! are known ([`torque`]). A start under way leaves along its own line ([`start_transition`], [`stop`]).
+//! are known ([`torque`]). A start under way is led to rest ([`state_to_state`], [`stop`]),
+//! or goes over to another motion on its way ([`going_over`]).
 
 mod barrier;
 mod blend;
+mod brake;
+mod by_length;
 mod conic;
 mod envelope;
+mod going_over;
 mod grid;
 mod limits;
 mod motion;
@@ -19,10 +23,11 @@ mod reachability;
 mod retime;
 mod smooth;
 mod spline;
-mod start_transition;
 mod state_to_state;
 mod stop;
 mod stream;
+#[cfg(test)]
+pub(crate) mod testing;
 mod third_order;
 mod time_scaling;
 mod torque;
@@ -31,6 +36,7 @@ mod trajectory;
 pub(crate) use blend::{Blend, keeps};
 pub use envelope::Braking;
 pub(crate) use envelope::Envelope;
+pub(crate) use going_over::{gone_over, to_state};
 pub use limits::Limits;
 pub(crate) use motion::Node;
 pub use retime::{RetimeOptions, Retimed, retime};

@@ -1,15 +1,19 @@
 //! Retiming of given waypoints.
 
 use super::blend::keeps;
+use super::going_over::{gone_over, to_state};
 use super::limits::Limits;
+use super::motion::Node;
 use super::spline::Spline;
-use super::start_transition::{Start, StartTransition, append, start_transitions, turn, unit};
 use super::state_to_state::to_rest;
-use super::stop::{CannotStop, can_stop};
+use super::stop::{CannotStop, can_stop, stop};
 use super::time_scaling::Method;
 use super::trajectory::{Builder, Refusal, Trajectory};
-use crate::model::{JointMap, MAX_JOINTS};
+use crate::model::{JointMap, MAX_JOINTS, Row};
 use crate::{Cancel, ProblemError};
+
+/// States before the second waypoint at which a motion from a start under way may go over to one from rest.
+const STATES: usize = 24;
 
 /// Options of a retiming beside waypoints and limits.
 #[derive(Debug, Clone, Default)]
@@ -39,14 +43,14 @@ pub struct RetimeOptions {
 pub struct Retimed {
     /// The motion; it begins at the start time.
     pub trajectory: Trajectory,
-    /// When it passes each waypoint (s). A start under way that does not move towards the second waypoint leaves the
-    /// path at first, and joins it there.
+    /// When it passes each waypoint (s). From a start under way the motion leaves the path at first, and joins it no later
+    /// than at the second waypoint.
     pub times: Vec<f64>,
 }
 
 /// The fastest motion found along the cubic spline through joint waypoints, within velocity, acceleration and jerk
 /// limits, at rest at the stops and at the end. From a start under way to one other waypoint it is the fastest that there is,
-/// on no path.
+/// on no path; through several it is the fastest found to a motion along the path before the second waypoint, and that.
 ///
 /// Velocity and acceleration are those of the time-optimal motion on the path; the jerk limits add a moving average,
 /// which takes a joint off the path, and off a waypoint that it passes, by at most 1e-4 rad (or m). Where that would be
@@ -103,84 +107,141 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
     }
     let optional =
         |field: &str, list: &Option<Vec<f64>>| list.as_ref().map_or(Ok([0.0; MAX_JOINTS]), |l| finite(field, l));
-    let start = Start {
-        position: first,
-        velocity: optional("start_velocity", &options.start_velocity)?,
-        acceleration: optional("start_acceleration", &options.start_acceleration)?,
-    };
+    let start = [
+        first,
+        optional("start_velocity", &options.start_velocity)?,
+        optional("start_acceleration", &options.start_acceleration)?,
+    ];
     let (lower, upper) = match &options.position_limits {
         Some((lower, upper)) => (row("position_limits[0]", lower)?, row("position_limits[1]", upper)?),
         None => ([f64::NEG_INFINITY; MAX_JOINTS], [f64::INFINITY; MAX_JOINTS]),
     };
     let mut builder = Builder::new(*limits, options.method, options.start_time).cancelled_by(options.cancel.clone());
-    // A goal alone binds no path.
-    if let ([_, goal], true) = (points.as_slice(), options.slowest.is_empty()) {
-        let moving = start.velocity.iter().chain(&start.acceleration).any(|v| *v != 0.0);
-        let check = |e: CannotStop| ProblemError::new(format!("start_velocity[{}]", e.joint), e.reason);
-        if moving {
-            let Start { position, velocity, acceleration } = &start;
-            can_stop(limits, &lower, &upper, position, velocity, acceleration).map_err(check)?;
-            builder.admit(position, velocity, acceleration);
-            let nodes = to_rest(builder.limits(), position, velocity, acceleration, goal);
-            if keeps(builder.limits(), [&lower, &upper], &nodes) {
-                builder.append_nodes(&nodes);
-                let trajectory = builder.build(&JointMap::each(joints, &start.position[..joints]));
-                let times = vec![trajectory.start(), trajectory.end()];
-                return Ok(Retimed { trajectory, times });
-            }
-        }
-    }
-    let mut found = start_transitions(&mut builder, &start, &lower, &upper)
-        .map_err(|e| ProblemError::new(format!("start_velocity[{}]", e.joint), e.reason))?;
-    let transition = found.swap_remove(0);
-    append(&mut builder, &transition, &start);
     let mut stops = options.stops.clone();
     stops.push(last);
     stops.sort_unstable();
     stops.dedup();
     stops.retain(|s| *s > 0);
-    let slowest = |from: usize, to: usize| options.slowest.get(from..to).unwrap_or_default();
-    let mut times = vec![options.start_time];
-    let mut from = 0;
-    let refused = |refusal: Refusal| match refusal {
-        Refusal::Cancelled => ProblemError::new("retime", "was cancelled"),
-        _ if limits.envelope.is_some() => {
-            let message =
-                "lead past a place where a joint may not move on, or cannot be driven from the start's velocity";
-            ProblemError::new("waypoints", message)
-        }
-        _ => ProblemError::new("waypoints", "cannot be driven from the velocity at the start"),
+    let course = Course { points: &points, stops: &stops, slowest: &options.slowest };
+    let moving = start.iter().skip(1).flatten().any(|v| *v != 0.0);
+    if !moving {
+        return course.from_rest(builder, first);
+    }
+    let [position, velocity, acceleration] = &start;
+    let check = |e: CannotStop| ProblemError::new(format!("start_velocity[{}]", e.joint), e.reason);
+    can_stop(limits, &lower, &upper, position, velocity, acceleration).map_err(check)?;
+    builder.admit(position, velocity, acceleration);
+    let resting = stop(builder.limits(), position, velocity, acceleration);
+    let whole = |mut builder: Builder, nodes: &[Node]| {
+        builder.append_nodes(nodes);
+        let trajectory = builder.build(&JointMap::each(joints, &start[0][..joints]));
+        let times = if last > 0 { vec![trajectory.start(), trajectory.end()] } else { vec![trajectory.start()] };
+        Ok(Retimed { trajectory, times })
     };
-    for stop in stops {
-        let tail = &points[from + 1..=stop];
-        let mut way = vec![if from == 0 { transition.rest() } else { points[from] }];
-        let mut velocity = [0.0; MAX_JOINTS];
-        let mut least = vec![0.0; 0];
-        if from == 0
-            && let StartTransition::Line { begin, brake, .. } = &transition
-        {
-            match turn(&builder, &transition, [&lower, &upper], &tail[0], |_| tail.to_vec(), |_| true) {
-                Some(turned) => {
-                    velocity = transition.velocity();
-                    way = turned.waypoints;
-                    way.truncate(turned.turn);
-                    least.resize(way.len() - 1, 0.0);
-                }
-                None => {
-                    let line = Spline::through(joints, &[*begin, *brake], None);
-                    let _ = builder.push(&line, &[], &transition.velocity(), None, &[]).map_err(refused)?;
-                }
+    match points.as_slice() {
+        [_] => return whole(builder, &resting),
+        // A goal alone binds no path.
+        [_, goal] if options.slowest.is_empty() => {
+            let nodes = to_rest(builder.limits(), position, velocity, acceleration, goal);
+            if keeps(builder.limits(), [&lower, &upper], &nodes) {
+                return whole(builder, &nodes);
             }
         }
-        least.extend_from_slice(slowest(from, stop));
-        let marks: Vec<usize> = (0..tail.len()).map(|k| way.len() + k).collect();
-        way.extend_from_slice(tail);
-        let tangent = unit(joints, &velocity);
-        let path = Spline::through(joints, &way, velocity.iter().any(|v| *v != 0.0).then_some(&tangent));
-        times.extend(builder.push(&path, &least, &velocity, None, &marks).map_err(refused)?);
-        from = stop;
+        _ => {}
     }
-    Ok(Retimed { trajectory: builder.build(&JointMap::each(joints, &start.position[..joints])), times })
+    course.under_way(&builder, &start, [&lower, &upper], &resting)
+}
+
+/// Waypoints of a motion, where it stops, and least times between them.
+struct Course<'a> {
+    points: &'a [Row],
+    stops: &'a [usize],
+    slowest: &'a [f64],
+}
+
+impl Course<'_> {
+    /// The motion from rest at `first`, in place of the first waypoint, through the others.
+    fn from_rest(&self, mut builder: Builder, first: Row) -> Result<Retimed, ProblemError> {
+        let limits = *builder.limits();
+        let joints = limits.joints();
+        let refused = |refusal: Refusal| match refusal {
+            Refusal::Cancelled => ProblemError::new("retime", "was cancelled"),
+            _ if limits.envelope.is_some() => {
+                ProblemError::new("waypoints", "lead past a place where a joint may not move on")
+            }
+            _ => ProblemError::new("waypoints", "cannot be driven within the limits"),
+        };
+        let mut times = vec![builder.now()];
+        let mut from = 0;
+        for stop in self.stops {
+            let mut way = self.points[from..=*stop].to_vec();
+            if from == 0 {
+                way[0] = first;
+            }
+            let marks: Vec<usize> = (1..way.len()).collect();
+            let slowest = self.slowest.get(from..*stop).unwrap_or_default();
+            let path = Spline::through(joints, &way, None);
+            times.extend(builder.push(&path, slowest, &[0.0; MAX_JOINTS], None, &marks).map_err(refused)?);
+            from = *stop;
+        }
+        Ok(Retimed { trajectory: builder.build(&JointMap::each(joints, &first[..joints])), times })
+    }
+
+    /// The soonest motion from a start under way: it goes over, before the second waypoint, to a motion from rest at the
+    /// start, at the place from which the start may have come, or at the place where it would stop.
+    fn under_way(
+        &self,
+        builder: &Builder,
+        start: &[Row; 3],
+        room: [&Row; 2],
+        resting: &[Node],
+    ) -> Result<Retimed, ProblemError> {
+        let limits = builder.limits();
+        let rest = resting[resting.len() - 1].position;
+        let mut back = start[0];
+        for v in 0..limits.joints() {
+            back[v] -= rest[v] - start[0][v];
+        }
+        let least = self.slowest.first().copied().unwrap_or(0.0);
+        let mut refused = ProblemError::new("waypoints", "cannot be driven from the state at the start");
+        let mut soonest: Option<(f64, Vec<Node>, f64, Retimed)> = None;
+        for first in [start[0], back, rest] {
+            let along = match self.from_rest(builder.clone(), first) {
+                Ok(along) => along,
+                Err(e) => {
+                    refused = e;
+                    continue;
+                }
+            };
+            let (begin, pass) = (along.times[0], along.times[1]);
+            let mut best: Option<(f64, Vec<Node>, f64)> = None;
+            for k in 0..=STATES {
+                let time = begin + (pass - begin) * k as f64 / STATES as f64;
+                let lead = if k == 0 && first == rest {
+                    Some(resting.to_vec())
+                } else {
+                    to_state(limits, start, &along.trajectory.moving_with_rates(time))
+                };
+                let Some(lead) = lead.filter(|nodes| keeps(limits, room, nodes)) else { continue };
+                let late = lead[lead.len() - 1].time - (time - begin);
+                let end = along.trajectory.end() + late;
+                let is_slow = pass + late - begin >= least;
+                if is_slow && best.as_ref().is_none_or(|(other, ..)| end < *other) {
+                    best = Some((end, lead, time));
+                }
+            }
+            if let Some((end, lead, time)) = best
+                && soonest.as_ref().is_none_or(|(other, ..)| end < *other)
+            {
+                soonest = Some((end, lead, time, along));
+            }
+        }
+        let Some((_, lead, time, along)) = soonest else { return Err(refused) };
+        let late = lead[lead.len() - 1].time - (time - along.times[0]);
+        let mut times = vec![along.times[0]];
+        times.extend(along.times.iter().skip(1).map(|t| t + late));
+        Ok(Retimed { trajectory: gone_over(limits, &lead, &along.trajectory, time), times })
+    }
 }
 
 #[cfg(test)]
@@ -395,6 +456,35 @@ mod tests {
         assert!(time(vec![0.9, 0.18]) < rest - 0.08);
         assert!(time(vec![0.8, -0.3]) < rest);
         assert!(time(vec![-0.8, 0.0]) > rest);
+    }
+
+    #[test]
+    fn a_motion_is_taken_up_again_on_its_way_through_several_waypoints() {
+        for (a, j) in [(10.0, 5000.0), (8.0, 300.0), (5.0, 50.0)] {
+            let limits = Limits::new(&[1.5; 2], &[a; 2], &[j; 2]).unwrap();
+            let waypoints = vec![vec![0.0, 0.0], vec![0.8, 0.5], vec![1.5, -0.2], vec![2.0, 0.4]];
+            let once = retime(&waypoints, &limits, &RetimeOptions::default()).unwrap();
+            for share in [0.1, 0.3, 0.5, 0.7] {
+                let now = share * once.times[1];
+                let state = once.trajectory.sample(now);
+                let mut rest = waypoints.clone();
+                rest[0] = state.position;
+                let options = RetimeOptions {
+                    start_velocity: Some(state.velocity),
+                    start_acceleration: Some(state.acceleration),
+                    start_time: now,
+                    ..RetimeOptions::default()
+                };
+                let found = retime(&rest, &limits, &options).unwrap();
+                let left = once.trajectory.end() - now;
+                let taken = found.trajectory.end() - now;
+                assert!(taken <= 1.06 * left, "{taken} and not {left} from {share}, ({a}, {j})");
+                for (time, waypoint) in found.times.iter().zip(&rest) {
+                    let at = found.trajectory.sample(*time).position;
+                    assert!((0..2).all(|v| (at[v] - waypoint[v]).abs() < 2e-4), "{at:?} {waypoint:?}");
+                }
+            }
+        }
     }
 
     #[test]

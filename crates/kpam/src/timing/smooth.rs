@@ -279,16 +279,11 @@ fn curved(
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::row;
     use super::*;
 
-    fn row(values: [f64; 3]) -> Row {
-        let mut out = [0.0; MAX_JOINTS];
-        out[..3].copy_from_slice(&values);
-        out
-    }
-
     fn bent() -> Spline {
-        Spline::through(2, &[row([0.0, 0.0, 0.0]), row([1.0, 0.6, 0.0]), row([1.5, 1.8, 0.0])], None)
+        Spline::through(2, &[row(&[0.0, 0.0, 0.0]), row(&[1.0, 0.6, 0.0]), row(&[1.5, 1.8, 0.0])], None)
     }
 
     /// Velocity along the path's tangent at its start, at a share of the limits there, and ds/dt.
@@ -314,7 +309,7 @@ mod tests {
     #[test]
     fn a_start_that_is_too_fast_brakes_to_the_pace() {
         let limits = Limits::new(&[1.0; 2], &[5.0; 2], &[50.0; 2]).unwrap();
-        let line = Spline::through(2, &[row([0.0; 3]), row([1.0, 0.5, 0.0]), row([2.0, 1.0, 0.0])], None);
+        let line = Spline::through(2, &[row(&[0.0; 3]), row(&[1.0, 0.5, 0.0]), row(&[2.0, 1.0, 0.0])], None);
         for path in [bent(), line] {
             let (velocity, speed) = start(&limits, &path, 0.8);
             let slow = 0.3 * speed;
@@ -343,7 +338,7 @@ mod tests {
         for (acceleration, jerk) in [(10.0, 300.0), (5.0, 50.0), (2.0, 10.0)] {
             let limits = Limits::new(&[2.0; 3], &[acceleration; 3], &[jerk; 3]).unwrap();
             let time = |bend: f64| {
-                let waypoints = [row([0.0; 3]), row([0.5, 0.25 + bend, -0.1]), row([1.0, 0.5, -0.2])];
+                let waypoints = [row(&[0.0; 3]), row(&[0.5, 0.25 + bend, -0.1]), row(&[1.0, 0.5, -0.2])];
                 let path = Spline::through(3, &waypoints, None);
                 let (nodes, ..) = drive(&limits, &path, &[], &[0.0; MAX_JOINTS], None, None).unwrap();
                 nodes[nodes.len() - 1].time

@@ -274,13 +274,8 @@ fn second_derivatives(joints: usize, knots: &[f64], y: &mut [Row], tangent: Opti
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::row;
     use super::*;
-
-    fn row(values: &[f64]) -> Row {
-        let mut out = [0.0; MAX_JOINTS];
-        out[..values.len()].copy_from_slice(values);
-        out
-    }
 
     #[test]
     fn it_meets_waypoints_and_tangent_and_is_twice_differentiable() {

@@ -193,15 +193,10 @@ pub(crate) fn to_rest(limits: &Limits, position: &Row, velocity: &Row, accelerat
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::row;
     use super::*;
     use crate::model::MAX_JOINTS;
     use proptest::prelude::*;
-
-    fn row(values: &[f64]) -> Row {
-        let mut out = [0.0; MAX_JOINTS];
-        out[..values.len()].copy_from_slice(values);
-        out
-    }
 
     /// Least time by brute force: two phases of acceleration and a stop on a grid of switching times.
     fn by_search(state: State, goal: f64, most: Most) -> f64 {

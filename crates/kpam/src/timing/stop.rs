@@ -17,9 +17,6 @@ pub struct CannotStop {
     pub reason: String,
 }
 
-/// An acceleration is ramped to zero in no less than this (s): shorter ramps are lost in rounding.
-const SHORTEST: f64 = 1e-8;
-
 /// A phase of constant jerk: its duration (s) and the jerk.
 pub(super) type Phase = (f64, f64);
 
@@ -36,13 +33,7 @@ pub(super) fn go_on([position, velocity, acceleration]: State, jerk: f64, t: f64
 
 /// Phases that take a joint's acceleration away.
 fn settling(acceleration: f64, jerk: f64) -> [Phase; 3] {
-    settling_in(acceleration.abs() / jerk, acceleration)
-}
-
-/// Phases that take it away in a given time.
-fn settling_in(time: f64, acceleration: f64) -> [Phase; 3] {
-    let jerk = if time > 0.0 { -acceleration / time } else { 0.0 };
-    [(time, jerk), (0.0, 0.0), (0.0, 0.0)]
+    [(acceleration.abs() / jerk, -acceleration.signum() * jerk), (0.0, 0.0), (0.0, 0.0)]
 }
 
 /// Phases that bring a joint to rest in the least time.
@@ -64,8 +55,13 @@ pub(super) fn stopping(velocity: f64, acceleration: f64, most: f64, jerk: f64) -
     [((acceleration + peak).max(0.0) / jerk, -side * jerk), (held.max(0.0), 0.0), (peak / jerk, side * jerk)]
 }
 
-/// Nodes of a motion of constant jerk phases, one list a joint, at every change of any joint's phase.
+/// Nodes of a motion of constant jerk phases to rest, one list a joint, at every change of any joint's phase.
 pub(super) fn nodes(limits: &Limits, start: &[State], phases: &[impl AsRef<[Phase]>]) -> Vec<Node> {
+    nodes_to(limits, start, phases, true)
+}
+
+/// Likewise; where the motion does not end at rest, a joint whose phases end earlier, by rounding, keeps its acceleration.
+pub(super) fn nodes_to(limits: &Limits, start: &[State], phases: &[impl AsRef<[Phase]>], rests: bool) -> Vec<Node> {
     let mut times: Vec<f64> = vec![0.0];
     for joint in phases {
         let mut t = 0.0;
@@ -89,7 +85,8 @@ pub(super) fn nodes(limits: &Limits, start: &[State], phases: &[impl AsRef<[Phas
                     whole += duration;
                 }
                 if *time >= whole {
-                    state = go_on([state[0], state[1], 0.0], 0.0, left);
+                    let gain = if rests { 0.0 } else { state[2] };
+                    state = go_on([state[0], state[1], gain], 0.0, left);
                 }
                 [position[v], velocity[v], acceleration[v]] = state;
             }
@@ -119,22 +116,6 @@ pub(crate) fn stop(limits: &Limits, position: &Row, velocity: &Row, acceleration
     out
 }
 
-/// The motion in which all joints lose their accelerations together, as soon as they can, and go on evenly. A joint that
-/// would gain too much speed by then loses its own at once.
-pub(crate) fn settle(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row) -> Vec<Node> {
-    let joints = 0..limits.joints();
-    let least = joints.clone().map(|v| acceleration[v].abs() / limits.jerk[v]).fold(0.0, f64::max);
-    let time = if least > 0.0 { least.max(SHORTEST) } else { 0.0 };
-    let phases: Vec<_> = joints
-        .map(|v| {
-            let fits = (velocity[v] + 0.5 * time * acceleration[v]).abs() <= limits.velocity[v];
-            let own = if acceleration[v] == 0.0 { 0.0 } else { (acceleration[v].abs() / limits.jerk[v]).max(SHORTEST) };
-            settling_in(if fits { time } else { own }, acceleration[v])
-        })
-        .collect();
-    nodes(limits, &states(limits.joints(), position, velocity, acceleration), &phases)
-}
-
 /// Whether some motion from this state keeps every joint within its limits. Braking as hard as a joint can takes it
 /// least far, so where that leaves the limits, every motion does.
 ///
@@ -153,14 +134,21 @@ pub(crate) fn can_stop(
         let gain = acceleration[v];
         let speed = limits.settled_speed(v, velocity[v], gain);
         if !Limits::keeps(speed, limits.velocity[v]) {
-            return fail(v, format!("its speed comes to {speed:.4}, past its limit {:.4}", limits.velocity[v]));
+            return fail(
+                v,
+                format!("its velocity comes to {speed:.4} rad/s (or m/s), past its limit {:.4}", limits.velocity[v]),
+            );
         }
         if let Some(most) = limits.envelope.and_then(|e| e.exceeded(v, position[v], velocity[v])) {
-            let reason = format!("its speed {:.4} is past {most:.4}, its limit where it is", velocity[v].abs());
+            let reason =
+                format!("its velocity {:.4} rad/s (or m/s) is past {most:.4}, its limit where it is", velocity[v]);
             return fail(v, reason);
         }
         if !Limits::keeps(gain, limits.acceleration[v]) {
-            let reason = format!("its acceleration {gain:.4} is past its limit {:.4}", limits.acceleration[v]);
+            let reason = format!(
+                "its acceleration {gain:.4} rad/s^2 (or m/s^2) is past its limit {:.4}",
+                limits.acceleration[v]
+            );
             return fail(v, reason);
         }
     }
@@ -179,8 +167,11 @@ pub(crate) fn can_stop(
         for pair in motion.windows(2) {
             let (least, most) = range(limits.joints(), v, &pair[0], &pair[1]);
             if least < low - TOLERANCE || most > high + TOLERANCE {
-                let past = if least < low - TOLERANCE { least } else { most };
-                let reason = format!("braking as hard as it can takes it to {past:.4}, past [{low:.4}, {high:.4}]");
+                let (past, end, limit) =
+                    if least < low - TOLERANCE { (least, "lower", low) } else { (most, "upper", high) };
+                let reason = format!(
+                    "braking as hard as it can takes it to {past:.4} rad (or m), past its {end} limit {limit:.4}"
+                );
                 return fail(v, reason);
             }
         }
@@ -207,9 +198,6 @@ mod tests {
             let row = |x: f64| [x; MAX_JOINTS];
             let nodes = stop(&limits, &row(0.3), &row(v), &row(a));
             prop_assert!((nodes[nodes.len() - 1].position[0] - state[0]).abs() < 1e-9);
-            let settled = settle(&limits, &row(0.3), &row(v), &row(a));
-            let last = settled[settled.len() - 1].velocity[0];
-            prop_assert!((last - (v + 0.5 * a * a.abs() / jerk)).abs() < 1e-9);
         }
     }
 

@@ -6,7 +6,6 @@ use super::limits::Limits;
 use super::motion::{Node, Piece};
 use super::smooth;
 use super::spline::Spline;
-use super::stop;
 use super::time_scaling::{Method, drive, stretch};
 use super::torque::{Dynamics, SAMPLED};
 use crate::checked::checked_when_read;
@@ -46,6 +45,10 @@ const WAYPOINT_STEP: f64 = 0.1;
 /// take less than is found to be just enough.
 const ROUNDS: usize = 8;
 const AIM: f64 = 0.999;
+
+/// Most that a moving average takes a joint off a path that is not binding (rad or m). Motions along it are found in a
+/// tenth of the time that it takes to bound the jerk on the path.
+const OFF: f64 = 2e-3;
 
 /// Why a path could not be appended.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -100,6 +103,12 @@ impl Builder {
         self
     }
 
+    /// Lets the moving average take joints off a path by up to [`OFF`]: for motions that need not keep to their path.
+    pub fn off_path(mut self) -> Self {
+        self.averaged = self.limits.averaged_within(OFF);
+        self
+    }
+
     fn refusal(&self) -> Refusal {
         if self.cancel.as_ref().is_some_and(Cancel::is_cancelled) { Refusal::Cancelled } else { Refusal::TooSharp }
     }
@@ -131,33 +140,6 @@ impl Builder {
             let piece = Piece::plain(self.now, self.limits.joints(), nodes);
             self.overloaded |= self.dynamics.as_ref().is_some_and(|d| d.share(&piece) > SAMPLED);
             self.append(piece);
-        }
-    }
-
-    /// Appends a motion that brings the acceleration to zero; returns the position and velocity at its end.
-    pub fn settle(&mut self, position: &Row, velocity: &Row, acceleration: &Row) -> (Row, Row) {
-        let nodes = stop::settle(&self.limits, position, velocity, acceleration);
-        self.append_nodes(&nodes);
-        nodes.last().map_or((*position, *velocity), |n| (n.position, n.velocity))
-    }
-
-    /// Start of a path that goes on from a position at a velocity: averaging looks that far ahead.
-    pub fn ahead(&self, position: &Row, velocity: &Row) -> Row {
-        let mut out = *position;
-        for v in 0..self.limits.joints() {
-            out[v] += 0.5 * self.width() * velocity[v];
-        }
-        out
-    }
-
-    /// Time (s) in which all joints together come to rest along a line, from a velocity.
-    pub fn braking_time(&self, velocity: &Row) -> f64 {
-        match &self.averaged {
-            Some((_, before)) => {
-                let time = |v: usize| velocity[v].abs() / before.acceleration[v];
-                (0..self.limits.joints()).map(time).fold(0.0, f64::max)
-            }
-            None => smooth::along(&self.limits, velocity).ramp_time(1.0),
         }
     }
 

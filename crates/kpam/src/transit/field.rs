@@ -14,6 +14,9 @@ use crate::{Cancel, Scene};
 /// Distances (weighted, m) between the configurations of an edge that are looked at.
 pub(super) const RESOLUTION: f64 = 0.05;
 
+/// Factor by which the edges of a way that is to be driven are checked more finely.
+const FINER: f64 = 4.0;
+
 /// Things that were in the way last are looked at first: so many of them.
 const LATEST: usize = 6;
 
@@ -191,6 +194,15 @@ impl<'s> Field<'s> {
             }
         }
         None
+    }
+
+    /// Whether the edges of a way are free, checked more finely than those of a search.
+    pub fn is_way_free(&mut self, way: &[Row]) -> bool {
+        let usual = self.resolution;
+        self.resolution = usual / FINER;
+        let stands = way.windows(2).all(|edge| !self.is_over() && self.is_edge_free(&edge[0], &edge[1]));
+        self.resolution = usual;
+        stands
     }
 
     /// Whether configurations along the straight edge from `a`, which is free, to `b` are free, that included. They are

@@ -17,7 +17,7 @@ use std::time::Instant;
 use gensim2_geometry::{Needs, Other};
 
 use crate::cancel::end_of;
-use crate::default_limits::assumed_limits;
+use crate::default_limits::{assumed_limits, warnings};
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::timing::{Builder, Dynamics, Limits, Method, Spline, can_stop, stop};
 use crate::world::{Compiled, TOUCH};
@@ -47,8 +47,6 @@ const SHORTEST: usize = 1000;
 const PLAIN: usize = 250;
 /// Edges are looked at this many times finer at the most.
 const FINEST: f64 = 8.0;
-/// Factor by which the remaining edges are checked more finely.
-const FINER: f64 = 4.0;
 
 /// Plans a motion from `q_start` (one entry a joint) to rest at one of the goals, the easiest to reach. Joints that do not
 /// move the hand stay where they are: goals have the values of `q_start` for them. The motion begins at rest, or in the
@@ -213,13 +211,29 @@ impl Transit<'_> {
             near.sort_by(|a, b| a.bodies.cmp(&b.bodies).then(a.distance.total_cmp(&b.distance)));
             near.dedup_by(|b, a| a.bodies == b.bodies);
             let corners = way.iter().map(|x| self.full(x)).collect();
-            let assumed_limits = assumed_limits(self.model, &self.options.limits());
-            Motion { trajectory, goal: number, corners, nearer: near, checks: field.checks, assumed_limits }
+            let limits = self.options.limits();
+            Motion {
+                trajectory,
+                goal: number,
+                corners,
+                nearer: near,
+                checks: field.checks,
+                assumed_limits: assumed_limits(self.model, &limits),
+                warnings: warnings(self.scene.robot(), self.model, &limits),
+            }
         };
         let soonest = self.at_once(&mut field, &open, |close| nearer(&[&at_start, close], margin));
         if let Some((trajectory, k)) = soonest {
             let (number, goal, close) = &open[k];
             return Ok(told_of(&field, trajectory, &[self.state[0], *goal], *number, close));
+        }
+        if self.is_moving {
+            let asked = |goal: &Row| open.iter().find(|g| g.1 == *goal).map(|g| nearer(&[&at_start, &g.2], margin));
+            if let Some((trajectory, way)) = self.around(&mut field, &goals, &pace, asked)
+                && let Some((number, _, close)) = open.iter().find(|g| Some(&g.1) == way.last())
+            {
+                return Ok(told_of(&field, trajectory, &way, *number, close));
+            }
         }
         let begin = self.beginning(&mut field);
         let (mut left, mut breach) = (self.options.samples, None);
@@ -244,11 +258,7 @@ impl Transit<'_> {
             // Where a way that is pulled tight cannot be driven, the looser one may.
             let taut = shorten::tauten(&mut field, &path, &pace);
             for path in taut.iter().chain(std::iter::once(&path)) {
-                let usual = field.resolution;
-                field.resolution = usual / FINER;
-                let stands = path.windows(2).all(|edge| !field.is_over() && field.is_edge_free(&edge[0], &edge[1]));
-                field.resolution = usual;
-                if !stands {
+                if !field.is_way_free(path) {
                     continue;
                 }
                 let needs = nearer(&[&at_start, close], margin);

@@ -5,10 +5,12 @@ use gensim2_geometry::Needs;
 
 use super::field::Field;
 use super::rounding::Rounding;
-use super::{Close, Stuck, Transit};
+use super::sweep::Sweep;
+use super::tree::{self, Manner};
+use super::{Close, Stuck, Transit, shorten};
 use crate::Trajectory;
 use crate::model::{MAX_JOINTS, Row};
-use crate::timing::{Blend, Node, Spline, keeps, to_rest};
+use crate::timing::{Blend, Builder, Node, Spline, distance, gone_over, keeps, to_rest, to_state};
 
 /// Difference of two states (rad or m, and their rates) that are the same.
 const SAME: f64 = 1e-6;
@@ -16,6 +18,20 @@ const SAME: f64 = 1e-6;
 const SAVES: f64 = 1e-6;
 /// Places of the first edge of a way that a motion goes to at the most.
 const PLACES: usize = 4;
+/// Searches for ways past what is in the way of a start under way, the samples of each, and how many of the ways are
+/// driven. One search alone finds now this way and now another from one plan to the next, and a motion that changes its
+/// mind does not arrive.
+const WAYS: usize = 8;
+const SAMPLES: usize = 500;
+const DRIVEN: usize = 3;
+/// Configurations that are looked at before no further way is searched for.
+const CHECKS: u64 = 6000;
+/// States of a motion that another one may go over to.
+const STATES: usize = 40;
+/// Configurations of a motion that goes over to it that are looked at first.
+const LOOKS: usize = 16;
+/// Motions that are proven for each motion that they go over to, at the most.
+const PROOFS: usize = 6;
 
 /// State of the moving joints: position, velocity and acceleration.
 pub(super) type State = [Row; 3];
@@ -76,6 +92,128 @@ impl Transit<'_> {
             }
         }
         None
+    }
+
+    /// The soonest motion found past what is in the way of a start under way, with its corners: ways from the start
+    /// position, the quickest few of them driven.
+    pub(super) fn around(
+        &self,
+        field: &mut Field<'_>,
+        goals: &[Row],
+        pace: &Row,
+        needs: impl Fn(&Row) -> Option<Needs>,
+    ) -> Option<(Trajectory, Vec<Row>)> {
+        let mut ways: Vec<(f64, Vec<Row>)> = Vec::new();
+        let first = field.checks;
+        for attempt in 0..WAYS {
+            if field.is_over() || (!ways.is_empty() && field.checks - first > CHECKS) {
+                break;
+            }
+            let manner = if attempt == 0 { Manner::Plain } else { Manner::Thorough };
+            let seed = self.options.seed + attempt;
+            let samples = self.options.samples.min(SAMPLES);
+            let Some(mut way) = tree::search(field, &self.state[0], goals, samples, seed, manner) else { continue };
+            shorten::shorten(field, &mut way, pace, seed);
+            if let Some(taut) = shorten::tauten(field, &way, pace) {
+                way = taut;
+            }
+            if field.is_way_free(&way) {
+                ways.push((self.effort(pace, &way), way));
+            }
+        }
+        ways.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut soonest: Option<(Trajectory, Vec<Row>)> = None;
+        for (_, way) in ways.into_iter().take(DRIVEN) {
+            let needs = way.last().and_then(&needs)?;
+            if let Ok(motion) = self.going_over(field, &way, &needs)
+                && soonest.as_ref().is_none_or(|(other, _)| motion.end() < other.end())
+            {
+                soonest = Some((motion, way));
+            }
+        }
+        soonest
+    }
+
+    /// Estimate of the time along a way, with what it takes to turn into it.
+    fn effort(&self, pace: &Row, way: &[Row]) -> f64 {
+        let n = self.model.n();
+        let edges: f64 = way.windows(2).map(|edge| shorten::effort(n, pace, &edge[0], &edge[1])).sum();
+        let first = distance(n, &way[0], &way[1]).max(f64::MIN_POSITIVE);
+        let along = |v: usize| (way[1][v] - way[0][v]) / first;
+        let speed = (0..n).map(|v| self.state[1][v] * along(v)).sum::<f64>().max(0.0);
+        let turn = |v: usize| (self.state[1][v] - speed * along(v)).abs() / self.limits.acceleration[v];
+        edges + (0..n).map(turn).fold(0.0, f64::max)
+    }
+
+    /// The soonest free motion from the start under way that goes over to a motion along corners, from rest at the start
+    /// position, while that is under way.
+    fn going_over(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
+        let n = self.model.n();
+        let mut sweep = self.sweep(needs, field);
+        let mut stuck = Stuck::Untimed;
+        let mut rounding = Rounding::new(corners);
+        while let Some((path, ..)) = rounding.next(field, n, self.model) {
+            let mut builder = self.builder().off_path();
+            if builder.push(&path, &[], &[0.0; MAX_JOINTS], None, &[]).is_err() {
+                break;
+            }
+            let along = builder.clone().build(self.model.map());
+            match self.gone_over_to(field, &mut sweep, &builder, &along) {
+                Ok(motion) => return Ok(motion),
+                Err(Stuck::Over) => return Err(Stuck::Over),
+                Err(breach) => stuck = breach,
+            }
+            if corners.len() < 3 {
+                break;
+            }
+            rounding.tighten();
+        }
+        Err(stuck)
+    }
+
+    /// The soonest free motion that goes over to another one while that is under way.
+    fn gone_over_to(
+        &self,
+        field: &mut Field<'_>,
+        sweep: &mut Sweep<'_>,
+        builder: &Builder,
+        along: &Trajectory,
+    ) -> Result<Trajectory, Stuck> {
+        let (start, whole) = (along.start(), along.end() - along.start());
+        let mut found: Vec<(f64, Vec<Node>, f64)> = Vec::new();
+        for k in 1..STATES {
+            if field.is_over() {
+                return Err(Stuck::Over);
+            }
+            let time = start + whole * k as f64 / STATES as f64;
+            let Some(lead) = to_state(&self.limits, &self.state, &along.moving_with_rates(time)) else { continue };
+            found.push((lead[lead.len() - 1].time + along.end() - time, lead, time));
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (mut stuck, mut proofs) = (Stuck::Untimed, 0);
+        for (_, lead, time) in found {
+            if field.is_over() {
+                return Err(Stuck::Over);
+            }
+            if !keeps(&self.limits, [&self.model.lower, &self.model.upper], &lead) {
+                continue;
+            }
+            let motion = gone_over(&self.limits, &lead, along, time);
+            let part = lead[lead.len() - 1].time / LOOKS as f64;
+            let looks: Vec<Row> = (1..=LOOKS).map(|k| motion.moving(start + part * k as f64)).collect();
+            if field.blocked_at(&looks).is_some() || !builder.bears(&motion) {
+                continue;
+            }
+            match self.proven(field, sweep, &motion) {
+                Ok(()) => return Ok(motion),
+                Err(breach) => stuck = breach,
+            }
+            proofs += 1;
+            if proofs == PROOFS {
+                break;
+            }
+        }
+        Err(stuck)
     }
 
     /// The motion from a start under way along corners: to a place of the first edge, and from there on along a rounded curve,

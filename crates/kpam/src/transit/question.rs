@@ -114,6 +114,8 @@ pub struct Motion {
     /// Limits ("acceleration", "jerk") of which neither the options nor the URDF say anything, so that plain ones are
     /// assumed.
     pub assumed_limits: Vec<String>,
+    /// What a user should know: limits that are assumed for which joints, and links that are never checked.
+    pub warnings: Vec<String>,
 }
 
 checked_when_read!(Motion);
