@@ -123,8 +123,9 @@ def test_a_start_that_cannot_be_stopped_is_refused(panda: kpam.Robot) -> None:
 @pytest.mark.parametrize("scale", [1.0, 1e-3])
 @pytest.mark.parametrize("deadline_ms", [0.3, 1.0, 3.0, 10.0, 100.0, 1000.0])
 def test_deadlines_are_met_at_any_speed(panda: kpam.Robot, scale: float, deadline_ms: float) -> None:
-    scene = kpam.Scene(panda, between(np.random.default_rng(1), 5))
-    scene.plan_to(Q_START, GOAL)
+    draw = np.random.default_rng(1)
+    scenes = (kpam.Scene(panda, between(draw, 5)) for _ in itertools.count())
+    scene = next(scene for scene in scenes if scene.plan_to(Q_START, GOAL).trajectory is not None)
     question = problem(panda, options={"velocity_scale": scale})
     kpam.plan(question)
 
