@@ -134,6 +134,7 @@ def test_out_of_reach_is_said(panda: kpam.Robot) -> None:
     far = config(post_actuation_motions=[["translate_z", -0.05], *["move-forward"] * 8])
     whole = kpam.plan(problem(panda, config=far))
     assert whole.status == "unreachable"
+    assert "m of it, base frame, are left; no joint is at a limit" in whole.reason
     assert whole.trajectory is None
     assert 0 < whole.reached_fraction < 1
     part = kpam.plan(problem(panda, config=far, options={"allow_partial": True}))

@@ -13,6 +13,7 @@ mod blend;
 mod brake;
 mod by_length;
 mod conic;
+mod course;
 mod envelope;
 mod going_over;
 mod grid;
