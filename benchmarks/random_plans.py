@@ -20,7 +20,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[1]))
+sys.path += [str(Path(__file__).parents[1] / folder) for folder in (".", "tests/common")]
 
 from recheck import answer_of, recheck
 from tests.kpam.random_problems import arm_problem

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-sys.path.append(str(Path(__file__).parents[1]))
+sys.path += [str(Path(__file__).parents[1] / folder) for folder in (".", "tests/common")]
 
 from random_plans import wheel_robots
 from tests.kpam.random_problems import Solid, robot_of
