@@ -193,9 +193,9 @@ def main() -> int:
         arguments.json.write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n")
     bad = any(row.arrived < row.problems or max(row.ratios) > MOST or row.jump > 1e-6 for row in rows)
     for rate in arguments.rates:
-        of_rate = [row for row in rows if row.rate == rate]
-        arrived, count = sum(row.arrived for row in of_rate), sum(row.problems for row in of_rate)
-        ratios = [ratio for row in of_rate for ratio in row.ratios] or [np.inf]
+        same = [row for row in rows if row.rate == rate]
+        arrived, count = sum(row.arrived for row in same), sum(row.problems for row in same)
+        ratios = [ratio for row in same for ratio in row.ratios] or [np.inf]
         within = sum(ratio <= MOST for ratio in ratios)
         print(f"{rate:4.0f} Hz: {arrived} of {count} arrive, {within} within {MOST} times once; most {max(ratios):.3f}")
     return 1 if bad else 0
