@@ -184,7 +184,7 @@ def test_wheel_works_away_from_the_clone(wheels: dict[str, Path], tmp_path: Path
 
 
 def test_robots_are_a_distribution_of_their_own(wheels: dict[str, Path], tmp_path: Path) -> None:
-    # The environment of the tests has both distributions; what is on the path first counts.
+    # The test environment has both distributions installed; the first one on the path is imported.
     site = str(tmp_path / "site")
     script = (
         "from importlib.metadata import Distribution\n"

@@ -91,7 +91,7 @@ class ArmDriver(Protocol):
         ...
 
     def close(self) -> None:
-        """Give up what it holds."""
+        """Release the resources."""
         ...
 
 

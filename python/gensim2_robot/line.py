@@ -67,7 +67,7 @@ class Mind(Protocol):
         ...
 
     def close(self) -> None:
-        """Give up what it holds."""
+        """Release the resources."""
         ...
 
 

@@ -34,7 +34,7 @@ GOAL_EVERY = 10
 FORCE_CYCLES = 5
 """Over which the force is the mean: contacts of a simulation are impulses."""
 LAG = 0.4
-"""Seconds by which an arm lags that is told to."""
+"""Delay (s) of a simulated arm with the fault `arm-lagging`."""
 _MODES: Mapping[str, ArmMode] = {"arm-reflex": "reflex", "arm-refusing": "refusing", "arm-at-limit": "at-limit"}
 """Mode that an arm reports under each fault."""
 
@@ -155,7 +155,7 @@ class SimulatedWorld:
         return self._env.is_finite and is_stable(measured) and all_hold(self.task.success, measured), rests
 
     def close(self) -> None:
-        """Give up what it holds."""
+        """Release the resources."""
         self._env.close()
 
     def _hold_here(self, gripper: float) -> None:

@@ -135,7 +135,7 @@ class Queue:
         )
 
     def run(self, evaluator: EpisodeRunner) -> Status:
-        """Run what is not done; leave the data set complete, with its report."""
+        """Run the missing episodes, then mark the data set as complete and write its report."""
         self._evaluator = evaluator
         try:
             whole = self._read()

@@ -45,7 +45,7 @@ class Body(Protocol):
         ...
 
     def close(self) -> None:
-        """Give up what it holds."""
+        """Release the resources."""
         ...
 
 

@@ -301,7 +301,7 @@ class HeadlessEnv(SceneAccessMixin):
         return self._pictures.colors
 
     def close(self) -> None:
-        """Give up what it holds beside the scene."""
+        """Release the resources that do not belong to the scene."""
         if self._pictures is not None:
             self._pictures.close()
             self._pictures = None

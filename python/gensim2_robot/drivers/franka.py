@@ -146,7 +146,7 @@ class PandaPyArm(StreamedArm):
         except RuntimeError as error:  # whatever libfranka has to say
             raise DriverError(f"{host}: {error}") from error
         self._controller: Any = None
-        # Between two motions the library reads a state itself, which must not be while one comes to its end.
+        # Between motions the library reads the state itself; the lock keeps it from reading during a stop.
         self._reading = threading.Lock()
         self.start()
 

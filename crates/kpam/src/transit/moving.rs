@@ -94,8 +94,8 @@ impl Transit<'_> {
         None
     }
 
-    /// The soonest motion found past what is in the way of a start under way, with its corners: ways from the start
-    /// position, the quickest few of them driven.
+    /// Return the earliest-ending motion around the obstacles from a start in motion, with its corners. Several paths are
+    /// searched from the start position, and the quickest few are timed and proven.
     pub(super) fn around(
         &self,
         field: &mut Field<'_>,

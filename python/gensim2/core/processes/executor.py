@@ -29,7 +29,7 @@ class WorkerStartError(GenSim2Error):
 
 @dataclass(frozen=True)
 class Job:
-    """Arguments of one call, and the number by which the caller knows it."""
+    """One call of a function: its arguments, and an index that the caller chose."""
 
     index: int
     arguments: tuple[Any, ...]

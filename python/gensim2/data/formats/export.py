@@ -119,7 +119,7 @@ def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Pro
 def _frames(
     dataset: DataSet, chosen: Chosen, observations: bool, table: SeenTable, progress: Progress
 ) -> Iterator[Frames]:
-    """Those of every episode, one at a time."""
+    """Yield the frames of one episode after another."""
     profile = robot(dataset.record.scene.robot)
     seen: set[bool] = set()
     for store, rows in chosen:
