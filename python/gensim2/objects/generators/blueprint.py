@@ -28,7 +28,6 @@ class Blueprint:
         limits: lower and upper joint value in rad or m; openness 0 and 1.
         keypoints: name to (position in metres, description). A name that contains ``base`` belongs to the body, any
             other to the moving link.
-        object_axis: axis that "rotate" motions turn about.
     """
 
     body: list[Solid]
@@ -38,7 +37,12 @@ class Blueprint:
     joint_axis: Vec3
     limits: tuple[float, float]
     keypoints: dict[str, tuple[Vec3, str]]
-    object_axis: Literal["x", "y", "z"] = "x"
+
+    @property
+    def object_axis(self) -> Literal["x", "y", "z"]:
+        """Axis of the model frame along which the joint turns or slides; "rotate" motions turn about it."""
+        axes: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
+        return axes[int(np.argmax(np.abs(self.joint_axis)))]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from gensim2.objects.generators.blueprint import Blueprint
 from gensim2.objects.shapes import Array, Look, Solid, Vec3, ball, box, loft, pose, ring, rod, rotation
 
 Rng = np.random.Generator
+Keypoint = tuple[Vec3, str]
 
 # Renderers without an environment to reflect show metal as grey, so metals are only a third metallic.
 CHROME = Look((0.88, 0.89, 0.91, 1), 0.35, 0.18)
@@ -154,36 +155,57 @@ def bounds(parts: list[Solid]) -> tuple[Array, Array]:
     return points.min(axis=0), points.max(axis=0)
 
 
+def hinged(
+    body: list[Solid], moving: list[Solid], hinge: Vec3, axis: Vec3, limits: tuple[float, float], **keypoints: Keypoint
+) -> Blueprint:
+    """Return an object whose moving parts turn about the line through ``hinge`` along ``axis``.
+
+    ``keypoints`` are named without their prefix ``articulated_object_``.
+    """
+    return Blueprint(body, moving, "revolute", hinge, axis, limits, _named(keypoints))
+
+
+def sliding(
+    body: list[Solid], moving: list[Solid], axis: Vec3, limits: tuple[float, float], **keypoints: Keypoint
+) -> Blueprint:
+    """Return an object whose moving parts slide along ``axis``; ``keypoints`` as in ``hinged``."""
+    return Blueprint(body, moving, "prismatic", (0, 0, 0), axis, limits, _named(keypoints))
+
+
+def upright_lid(
+    body: list[Solid],
+    lid: list[Solid],
+    hinge: Vec3,
+    widest: float,
+    head: Keypoint,
+    tail: Keypoint,
+    **keypoints: Keypoint,
+) -> Blueprint:
+    """Return a box or laptop whose lid stands upright at joint value zero and is shut a quarter turn below.
+
+    ``lid``, ``head`` and ``tail`` are given with the lid shut.
+    """
+    axis, shut = (-1.0, 0.0, 0.0), -np.pi / 2
+    moved = {
+        name: (turned_point(at, hinge, axis, -shut), words) for name, (at, words) in (("head", head), ("tail", tail))
+    }
+    return hinged(body, turned(lid, hinge, axis, -shut), hinge, axis, (shut, widest), **moved, **keypoints)
+
+
 def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | None = None) -> Blueprint:
-    """A whole object that slides away from the robot.
+    """Return a whole object that slides away from the robot.
 
     ``head``: where to push; by default the middle of the front's upper half.
     """
     low, high = bounds(parts)
     where = ((low[0] + high[0]) / 2, low[1] + 0.7 * (high[1] - low[1]), high[2]) if head is None else head
-    return Blueprint(
-        body=[],
-        moving=parts,
-        joint_type="prismatic",
-        joint_origin=(0, 0, 0),
-        joint_axis=(0, 0, -1),
-        limits=(0.0, stroke),
-        keypoints={"articulated_object_head": (where, description)},
-        object_axis="z",
-    )
+    return sliding([], parts, (0, 0, -1), (0.0, stroke), head=(where, description))
 
 
-def lifted(
-    parts: list[Solid], head: Vec3, description: str, extra: dict[str, tuple[Vec3, str]] | None = None
-) -> Blueprint:
-    """A whole object that is lifted straight up by ``head``; ``extra`` keypoints move with it."""
-    return Blueprint(
-        body=[],
-        moving=parts,
-        joint_type="prismatic",
-        joint_origin=(0, 0, 0),
-        joint_axis=(0, 1, 0),
-        limits=(0.0, 0.2),
-        keypoints={"articulated_object_head": (head, description), **(extra or {})},
-        object_axis="y",
-    )
+def lifted(parts: list[Solid], head: Vec3, description: str, **keypoints: Keypoint) -> Blueprint:
+    """Return a whole object that is lifted straight up by ``head``; other ``keypoints`` move with it."""
+    return sliding([], parts, (0, 1, 0), (0.0, 0.2), head=(head, description), **keypoints)
+
+
+def _named(keypoints: dict[str, Keypoint]) -> dict[str, Keypoint]:
+    return {f"articulated_object_{name}": keypoint for name, keypoint in keypoints.items()}

@@ -109,15 +109,8 @@ MOVE = ObjectClass("bag_move", 2, "prismatic", move)
 
 def swing(rng: np.random.Generator) -> Blueprint:
     bag = draw(rng)
-    return Blueprint(
-        body=bag.body,
-        moving=bag.strap,
-        joint_type="revolute",
-        joint_origin=bag.hinge,
-        joint_axis=(-1, 0, 0),
-        limits=(-1.3, 1.3),
-        keypoints={"articulated_object_head": (bag.top, "the middle of the bag's strap")},
-        object_axis="x",
+    return c.hinged(
+        bag.body, bag.strap, bag.hinge, (-1, 0, 0), (-1.3, 1.3), head=(bag.top, "the middle of the bag's strap")
     )
 
 

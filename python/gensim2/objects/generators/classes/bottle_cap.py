@@ -39,18 +39,14 @@ def build(rng: np.random.Generator) -> Blueprint:
         angle = k * np.pi / 6
         x, z = (throat + 0.003) * np.cos(angle), (throat + 0.003) * np.sin(angle)
         moving.append(rod((x, base, z), (x, base + 0.9 * cap, z), 0.001, cap_look, 6).visual_only())
-    return Blueprint(
-        body=body,
-        moving=moving,
-        joint_type="revolute",
-        joint_origin=(0, base, 0),
-        joint_axis=(0, 1, 0),
-        limits=(-np.pi / 2, np.pi / 2),
-        keypoints={
-            "articulated_object_head": ((wing, base + cap / 2, 0), "the tip of the wing of the bottle's cap"),
-            "articulated_object_tail": ((0, base + cap, 0), "the middle of the bottle's cap"),
-        },
-        object_axis="y",
+    return c.hinged(
+        body,
+        moving,
+        (0, base, 0),
+        (0, 1, 0),
+        (-np.pi / 2, np.pi / 2),
+        head=((wing, base + cap / 2, 0), "the tip of the wing of the bottle's cap"),
+        tail=((0, base + cap, 0), "the middle of the bottle's cap"),
     )
 
 

@@ -111,31 +111,16 @@ def rotate(rng: np.random.Generator) -> Blueprint:
     body += trimmed
     lid += on_lid
 
-    # As with most released boxes, the lid stands upright at joint value zero and is shut at a quarter turn below it.
-    axis, shut = (-1.0, 0.0, 0.0), -np.pi / 2
     head, tail = (0, top + GAP + plate / 2, reach), (0, top + GAP, back)
-    return Blueprint(
-        body=body,
-        moving=c.turned(lid, origin, axis, -shut),
-        joint_type="revolute",
-        joint_origin=origin,
-        joint_axis=axis,
-        limits=(shut, tilt - 0.15),
-        keypoints={
-            "articulated_object_head": (
-                c.turned_point(head, origin, axis, -shut),
-                "the midpoint of the front edge of the box lid",
-            ),
-            "articulated_object_tail": (
-                c.turned_point(tail, origin, axis, -shut),
-                "the midpoint of the hinge between the box lid and the body",
-            ),
-            "articulated_object_inside_base": (
-                (0, top + 0.06, 0),
-                "the point from which to drop an object into the box",
-            ),
-        },
-        object_axis="x",
+    # Most released boxes are also shut at a quarter turn below joint value zero.
+    return c.upright_lid(
+        body,
+        lid,
+        origin,
+        tilt - 0.15,
+        (head, "the midpoint of the front edge of the box lid"),
+        (tail, "the midpoint of the hinge between the box lid and the body"),
+        inside_base=((0, top + 0.06, 0), "the point from which to drop an object into the box"),
     )
 
 

@@ -107,8 +107,8 @@ def pail(rng: np.random.Generator) -> Bucket:
 def lift(rng: np.random.Generator) -> Blueprint:
     bucket = draw(rng)
     above = bucket.top + np.array([0, 0.05, 0.05])
-    extra = {"articulated_object_above": (above, "the point above the bucket from which to drop an object into it")}
-    return c.lifted(bucket.body + bucket.handle, bucket.top, "the middle of the bucket's handle", extra)
+    inlet = (above, "the point above the bucket from which to drop an object into it")
+    return c.lifted(bucket.body + bucket.handle, bucket.top, "the middle of the bucket's handle", above=inlet)
 
 
 LIFT = ObjectClass("bucket_lift", 5, "prismatic", lift)
@@ -124,15 +124,13 @@ MOVE = ObjectClass("bucket_move", 2, "prismatic", move)
 
 
 def _swinging(bucket: Bucket) -> Blueprint:
-    return Blueprint(
-        body=bucket.body,
-        moving=bucket.handle,
-        joint_type="revolute",
-        joint_origin=bucket.hinge,
-        joint_axis=(-1, 0, 0),
-        limits=(-1.45, 1.45),
-        keypoints={"articulated_object_head": (bucket.top, "the middle of the bucket's handle")},
-        object_axis="x",
+    return c.hinged(
+        bucket.body,
+        bucket.handle,
+        bucket.hinge,
+        (-1, 0, 0),
+        (-1.45, 1.45),
+        head=(bucket.top, "the middle of the bucket's handle"),
     )
 
 

@@ -49,17 +49,12 @@ def build(rng: np.random.Generator) -> Blueprint:
         ),
         rod((0, base + 0.001, 0.1 * depth), (0, base + stroke, 0.1 * depth), 0.6 * button, metal).visual_only(),
     ]
-    return Blueprint(
-        body=body,
-        moving=moving,
-        joint_type="prismatic",
-        joint_origin=(0, 0, 0),
-        joint_axis=(0, -1, 0),
-        limits=(0.0, stroke - 0.001),
-        keypoints={
-            "articulated_object_head": ((0, base + stroke + 0.012, 0.1 * depth), "the middle of the button's top"),
-        },
-        object_axis="y",
+    return c.sliding(
+        body,
+        moving,
+        (0, -1, 0),
+        (0.0, stroke - 0.001),
+        head=((0, base + stroke + 0.012, 0.1 * depth), "the middle of the button's top"),
     )
 
 

@@ -13,16 +13,7 @@ GAP = 0.003
 
 def _hung(body: list[Solid], leaf: list[Solid], hinge: Vec3, edge: Vec3) -> Blueprint:
     """A leaf on an upright hinge at its left."""
-    return Blueprint(
-        body=body,
-        moving=leaf,
-        joint_type="revolute",
-        joint_origin=hinge,
-        joint_axis=(0, 1, 0),
-        limits=(0.0, 1.4),
-        keypoints={"articulated_object_head": (edge, "the middle of the door's free edge")},
-        object_axis="y",
-    )
+    return c.hinged(body, leaf, hinge, (0, 1, 0), (0.0, 1.4), head=(edge, "the middle of the door's free edge"))
 
 
 def build(rng: np.random.Generator) -> Blueprint:

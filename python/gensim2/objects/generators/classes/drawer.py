@@ -20,18 +20,13 @@ def knob(at: np.ndarray, end: np.ndarray, radius: float, look: Look) -> list[Sol
 
 def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, inside: np.ndarray, stroke: float) -> Blueprint:
     """A drawer that slides ``stroke`` metres towards the front, taken at ``head``."""
-    return Blueprint(
-        body=body,
-        moving=drawer,
-        joint_type="prismatic",
-        joint_origin=(0, 0, 0),
-        joint_axis=(0, 0, 1),
-        limits=(0.0, stroke),
-        keypoints={
-            "articulated_object_head": (head, "the middle of the drawer's handle"),
-            "articulated_object_inside": (inside, "the point inside the drawer to put an object"),
-        },
-        object_axis="z",
+    return c.sliding(
+        body,
+        drawer,
+        (0, 0, 1),
+        (0.0, stroke),
+        head=(head, "the middle of the drawer's handle"),
+        inside=(inside, "the point inside the drawer to put an object"),
     )
 
 

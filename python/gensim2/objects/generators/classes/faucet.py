@@ -16,19 +16,15 @@ def _with_lever(
     body: list[Solid], lever: list[Solid], base: Vec3, start: Vec3, tip: Vec3, under_spout: Vec3
 ) -> Blueprint:
     """A lever from ``start`` to ``tip`` that turns about the upright axis through ``base``."""
-    return Blueprint(
-        body=body,
-        moving=lever,
-        joint_type="revolute",
-        joint_origin=base,
-        joint_axis=(0, -1, 0),
-        limits=(-1.2, 1.2),
-        keypoints={
-            "articulated_object_head": (tip, "the tip of the faucet's lever"),
-            "articulated_object_tail": (start, "the point where the faucet's lever meets its joint"),
-            "articulated_object_bottom_base": (under_spout, "the point under the faucet's spout"),
-        },
-        object_axis="y",
+    return c.hinged(
+        body,
+        lever,
+        base,
+        (0, -1, 0),
+        (-1.2, 1.2),
+        head=(tip, "the tip of the faucet's lever"),
+        tail=(start, "the point where the faucet's lever meets its joint"),
+        bottom_base=(under_spout, "the point under the faucet's spout"),
     )
 
 

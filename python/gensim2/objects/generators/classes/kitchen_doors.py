@@ -72,15 +72,13 @@ def fold_down_door(
 
 def fold_down(body: list[Solid], door: list[Solid], hinge: Vec3, head: np.ndarray, what: str) -> Blueprint:
     """The blueprint of an appliance whose door folds down by a quarter turn."""
-    return Blueprint(
-        body=body,
-        moving=door,
-        joint_type="revolute",
-        joint_origin=hinge,
-        joint_axis=(1, 0, 0),
-        limits=(0.0, np.pi / 2 - 0.03),
-        keypoints={"articulated_object_head": (head, f"the middle of the handle of the {what}'s door")},
-        object_axis="x",
+    return c.hinged(
+        body,
+        door,
+        hinge,
+        (1, 0, 0),
+        (0.0, np.pi / 2 - 0.03),
+        head=(head, f"the middle of the handle of the {what}'s door"),
     )
 
 

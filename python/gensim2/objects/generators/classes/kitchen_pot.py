@@ -37,16 +37,7 @@ def build(rng: np.random.Generator) -> Blueprint:
     lid.append(rod((0, foot, 0), (0, foot + stem, 0), 0.4 * knob, grip_look, 8))
     middle = np.array([0, foot + stem, 0])
     lid.append(ball(middle, (knob, 0.6 * knob, knob), grip_look))
-    return Blueprint(
-        body=body,
-        moving=lid,
-        joint_type="prismatic",
-        joint_origin=(0, 0, 0),
-        joint_axis=(0, 1, 0),
-        limits=(0.0, lift),
-        keypoints={"articulated_object_head": (middle, "the middle of the knob on the pot's lid")},
-        object_axis="y",
-    )
+    return c.sliding(body, lid, (0, 1, 0), (0.0, lift), head=(middle, "the middle of the knob on the pot's lid"))
 
 
 OBJECT_CLASS = ObjectClass("kitchen_pot", 3, "prismatic", build)

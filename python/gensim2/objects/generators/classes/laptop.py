@@ -83,31 +83,15 @@ def rotate(rng: np.random.Generator) -> Blueprint:
         for k in range(int(detail.integers(2, 5))):
             port = (s * width / 2, -0.1 * base, back + 0.04 + 0.018 * k)
             body.append(box(port, (0.0008, 0.30 * base, 0.011), c.BLACK, 0.0).visual_only())
-    # The screen stands upright at joint value zero.
-    axis, shut = (-1.0, 0.0, 0.0), -np.pi / 2
     head, tail = (0, height, back + 0.001 + length), (0, top + GAP, back + 0.001)
-    return Blueprint(
-        body=body,
-        moving=c.turned(lid, origin, axis, -shut),
-        joint_type="revolute",
-        joint_origin=origin,
-        joint_axis=axis,
-        limits=(shut, widest),
-        keypoints={
-            "articulated_object_head": (
-                c.turned_point(head, origin, axis, -shut),
-                "the midpoint of the far edge of the laptop's screen",
-            ),
-            "articulated_object_tail": (
-                c.turned_point(tail, origin, axis, -shut),
-                "the midpoint of the hinge between the laptop's screen and its keyboard",
-            ),
-            "articulated_object_surface_base": (
-                (0, top + 0.06, 0.1 * depth),
-                "the point above the laptop's keyboard",
-            ),
-        },
-        object_axis="x",
+    return c.upright_lid(
+        body,
+        lid,
+        origin,
+        widest,
+        (head, "the midpoint of the far edge of the laptop's screen"),
+        (tail, "the midpoint of the hinge between the laptop's screen and its keyboard"),
+        surface_base=((0, top + 0.06, 0.1 * depth), "the point above the laptop's keyboard"),
     )
 
 

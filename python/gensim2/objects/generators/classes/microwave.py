@@ -65,21 +65,17 @@ def build(rng: np.random.Generator) -> Blueprint:
         shape += c.bar_handle(at, length, "y", reach, 0.006, metal)
     else:
         shape += c.flat_handle(at, length, "y", reach, 0.013, metal)
-    return Blueprint(
-        body=body,
-        moving=shape,
-        joint_type="revolute",
-        joint_origin=origin,
-        joint_axis=(0, -1, 0),
-        limits=(0.0, np.pi / 2),
-        keypoints={
-            "articulated_object_head": (at, "the middle of the microwave's door handle"),
-            "articulated_object_inside_base": (
-                (left + cavity / 2, -0.1 * height, 0),
-                "the point inside the microwave to put an object",
-            ),
-        },
-        object_axis="y",
+    return c.hinged(
+        body,
+        shape,
+        origin,
+        (0, -1, 0),
+        (0.0, np.pi / 2),
+        head=(at, "the middle of the microwave's door handle"),
+        inside_base=(
+            (left + cavity / 2, -0.1 * height, 0),
+            "the point inside the microwave to put an object",
+        ),
     )
 
 

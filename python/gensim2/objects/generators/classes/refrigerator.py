@@ -37,18 +37,14 @@ def _food(
 
 def _with_door(body: list[Solid], door: list[Solid], hinge: Vec3, handle: Vec3, inside: Vec3) -> Blueprint:
     """A door on an upright hinge at its left."""
-    return Blueprint(
-        body=body,
-        moving=door,
-        joint_type="revolute",
-        joint_origin=hinge,
-        joint_axis=(0, -1, 0),
-        limits=(0.0, 1.4),
-        keypoints={
-            "articulated_object_head": (handle, "the middle of the refrigerator's door handle"),
-            "articulated_object_inside_base": (inside, "the point inside the refrigerator to place an object"),
-        },
-        object_axis="y",
+    return c.hinged(
+        body,
+        door,
+        hinge,
+        (0, -1, 0),
+        (0.0, 1.4),
+        head=(handle, "the middle of the refrigerator's door handle"),
+        inside_base=(inside, "the point inside the refrigerator to place an object"),
     )
 
 

@@ -63,18 +63,14 @@ def rotate(rng: np.random.Generator) -> Blueprint:
             (right + 0.004, y * height + 0.02, front + GAP),
         )
         body.append(rod(foot, tip, 0.006, metal).visual_only())
-    return Blueprint(
-        body=body,
-        moving=shape,
-        joint_type="revolute",
-        joint_origin=origin,
-        joint_axis=(0, 1, 0),
-        limits=(0.0, np.pi / 2),
-        keypoints={
-            "articulated_object_head": (at, "the middle of the safe's door handle"),
-            "articulated_object_inside_base": ((0, 0, 0), "the point inside the safe to put an object"),
-        },
-        object_axis="y",
+    return c.hinged(
+        body,
+        shape,
+        origin,
+        (0, 1, 0),
+        (0.0, np.pi / 2),
+        head=(at, "the middle of the safe's door handle"),
+        inside_base=((0, 0, 0), "the point inside the safe to put an object"),
     )
 
 

@@ -70,15 +70,13 @@ MOVE = ObjectClass("stapler_move", 3, "prismatic", move)
 
 def press(rng: np.random.Generator) -> Blueprint:
     stapler = draw(rng)
-    return Blueprint(
-        body=stapler.base,
-        moving=stapler.arm,
-        joint_type="revolute",
-        joint_origin=stapler.hinge,
-        joint_axis=(-1, 0, 0),
-        limits=(-0.12, 0.3),
-        keypoints={"articulated_object_head": (stapler.tip, "the tip of the stapler's arm")},
-        object_axis="x",
+    return c.hinged(
+        stapler.base,
+        stapler.arm,
+        stapler.hinge,
+        (-1, 0, 0),
+        (-0.12, 0.3),
+        head=(stapler.tip, "the tip of the stapler's arm"),
     )
 
 

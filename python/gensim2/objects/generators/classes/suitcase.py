@@ -63,7 +63,7 @@ def move(rng: np.random.Generator) -> Blueprint:
     case = draw(rng)
     pushed = c.pushed(case.shell + case.lid, 0.12, "the midpoint of the near edge of the suitcase", case.edge)
     # It lies on its back, its top towards the robot: away is down in the model frame.
-    return replace(pushed, joint_axis=(0, -1, 0), object_axis="y")
+    return replace(pushed, joint_axis=(0, -1, 0))
 
 
 def with_its_lid_up(rng: np.random.Generator) -> Blueprint:
@@ -72,7 +72,7 @@ def with_its_lid_up(rng: np.random.Generator) -> Blueprint:
     lid = c.turned(case.lid, case.hinge, (1, 0, 0), c.between(rng, 0.9, 1.9))
     near = (0.0, -float(case.hinge[1]), float(case.grip[2]))
     pushed = c.pushed(case.shell + lid, 0.12, "the midpoint of the near edge of the suitcase", near)
-    return replace(pushed, joint_axis=(0, -1, 0), object_axis="y")
+    return replace(pushed, joint_axis=(0, -1, 0))
 
 
 MOVE = ObjectClass("suitcase_move", 3, "prismatic", move, (with_its_lid_up,))
@@ -80,18 +80,14 @@ MOVE = ObjectClass("suitcase_move", 3, "prismatic", move, (with_its_lid_up,))
 
 def rotate(rng: np.random.Generator) -> Blueprint:
     case = draw(rng)
-    return Blueprint(
-        body=case.shell,
-        moving=case.lid,
-        joint_type="revolute",
-        joint_origin=case.hinge,
-        joint_axis=(1, 0, 0),
-        limits=(0.0, 1.5),
-        keypoints={
-            "articulated_object_head": (case.edge, "the midpoint of the near edge of the suitcase's lid"),
-            "articulated_object_tail": (case.hinge, "the midpoint of the hinge between the suitcase's lid and body"),
-        },
-        object_axis="x",
+    return c.hinged(
+        case.shell,
+        case.lid,
+        case.hinge,
+        (1, 0, 0),
+        (0.0, 1.5),
+        head=(case.edge, "the midpoint of the near edge of the suitcase's lid"),
+        tail=(case.hinge, "the midpoint of the hinge between the suitcase's lid and body"),
     )
 
 

@@ -48,24 +48,20 @@ def build(rng: np.random.Generator) -> Blueprint:
     mark = box((0, 0.3 * rocker_h, z + thick), (0.003, 0.014, 0.001), c.PAINTS[1], 0.0)
     moving.append(mark.visual_only())
     moving.append(c.hoop((0, -0.3 * rocker_h, z + thick), (0, 0, 1), 0.006, 0.001, c.PAINTS[1]))
-    return Blueprint(
-        body=body,
-        moving=moving,
-        joint_type="revolute",
-        joint_origin=(0, 0, z),
-        joint_axis=(-1, 0, 0),
-        limits=(-tilt, tilt),
-        keypoints={
-            "articulated_object_head": (
-                (0, 0.42 * rocker_h, z + thick),
-                "the upper end of the rocker, pressed to turn the light on",
-            ),
-            "articulated_object_tail": (
-                (0, -0.42 * rocker_h, z + thick),
-                "the lower end of the rocker, pressed to turn the light off",
-            ),
-        },
-        object_axis="x",
+    return c.hinged(
+        body,
+        moving,
+        (0, 0, z),
+        (-1, 0, 0),
+        (-tilt, tilt),
+        head=(
+            (0, 0.42 * rocker_h, z + thick),
+            "the upper end of the rocker, pressed to turn the light on",
+        ),
+        tail=(
+            (0, -0.42 * rocker_h, z + thick),
+            "the lower end of the rocker, pressed to turn the light off",
+        ),
     )
 
 

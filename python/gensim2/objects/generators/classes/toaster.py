@@ -82,15 +82,12 @@ MOVE = ObjectClass("toaster_move", 10, "prismatic", move)
 
 def press(rng: np.random.Generator) -> Blueprint:
     toaster = draw(rng)
-    return Blueprint(
-        body=toaster.body,
-        moving=toaster.lever,
-        joint_type="prismatic",
-        joint_origin=(0, 0, 0),
-        joint_axis=(0, -1, 0),
-        limits=(0.0, toaster.stroke),
-        keypoints={"articulated_object_head": (toaster.lever_top, "the middle of the toaster's lever")},
-        object_axis="y",
+    return c.sliding(
+        toaster.body,
+        toaster.lever,
+        (0, -1, 0),
+        (0.0, toaster.stroke),
+        head=(toaster.lever_top, "the middle of the toaster's lever"),
     )
 
 

@@ -60,17 +60,13 @@ def build(rng: np.random.Generator) -> Blueprint:
     for s in (-1, 1):
         pin = np.array([s * 0.5 * radius, y + 0.002, back])
         body.append(rod(pin - np.array([0.012, 0, 0]), pin + np.array([0.012, 0, 0]), 0.005, metal).visual_only())
-    return Blueprint(
-        body=body,
-        moving=shape,
-        joint_type="revolute",
-        joint_origin=(0, y, back),
-        joint_axis=(-1, 0, 0),
-        limits=(0.0, 1.45),
-        keypoints={
-            "articulated_object_head": ((0, y + lid / 2, reach), "the midpoint of the front edge of the toilet's lid")
-        },
-        object_axis="x",
+    return c.hinged(
+        body,
+        shape,
+        (0, y, back),
+        (-1, 0, 0),
+        (0.0, 1.45),
+        head=((0, y + lid / 2, reach), "the midpoint of the front edge of the toilet's lid"),
     )
 
 

@@ -52,17 +52,13 @@ def build(rng: np.random.Generator) -> Blueprint:
         body.append(box((0, bottom + 0.012, front), (0.07, 0.016, 0.008), c.DARK_METAL).visual_only())
         body.append(box((0, bottom + 0.012, front + 0.012), (0.05, 0.008, 0.03), c.BLACK).visual_only())
     reach = front + overhang
-    return Blueprint(
-        body=body,
-        moving=shape,
-        joint_type="revolute",
-        joint_origin=(0, y, back - 0.002),
-        joint_axis=(-1, 0, 0),
-        limits=(0.0, 1.5),
-        keypoints={
-            "articulated_object_head": ((0, y + 0.005, reach), "the midpoint of the front edge of the trash can's lid"),
-        },
-        object_axis="x",
+    return c.hinged(
+        body,
+        shape,
+        (0, y, back - 0.002),
+        (-1, 0, 0),
+        (0.0, 1.5),
+        head=((0, y + 0.005, reach), "the midpoint of the front edge of the trash can's lid"),
     )
 
 

@@ -55,21 +55,17 @@ def build(rng: np.random.Generator) -> Blueprint:
     at = np.array([0.86 * radius, y0, face + door + reach])
     shape += c.flat_handle(at, 0.070, "y", reach, 0.013, metal)
     origin = np.array([-radius - 0.004, y0, face])
-    return Blueprint(
-        body=body,
-        moving=shape,
-        joint_type="revolute",
-        joint_origin=origin,
-        joint_axis=(0, -1, 0),
-        limits=(0.0, 1.7),
-        keypoints={
-            "articulated_object_head": (at, "the middle of the handle at the edge of the machine's door"),
-            "articulated_object_tail": (
-                origin + np.array([0.006, 0, door / 2]),
-                "the middle of the hinge between the machine's door and body",
-            ),
-        },
-        object_axis="y",
+    return c.hinged(
+        body,
+        shape,
+        origin,
+        (0, -1, 0),
+        (0.0, 1.7),
+        head=(at, "the middle of the handle at the edge of the machine's door"),
+        tail=(
+            origin + np.array([0.006, 0, door / 2]),
+            "the middle of the hinge between the machine's door and body",
+        ),
     )
 
 

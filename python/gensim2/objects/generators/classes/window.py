@@ -76,15 +76,8 @@ def push(rng: np.random.Generator) -> Blueprint:
     for s in (-1, 1):
         track = (0, s * (frame.height / 2 + 0.001), frame.deep / 2 + 0.001)
         body.append(box(track, (frame.width, 0.004, 0.002), frame.metal, 0.0).visual_only())
-    return Blueprint(
-        body=body,
-        moving=pane,
-        joint_type="prismatic",
-        joint_origin=(0, 0, 0),
-        joint_axis=(1, 0, 0),
-        limits=(0.0, half - 0.012),
-        keypoints={"articulated_object_head": (at, "the middle of the handle by which the window slides")},
-        object_axis="x",
+    return c.sliding(
+        body, pane, (1, 0, 0), (0.0, half - 0.012), head=(at, "the middle of the handle by which the window slides")
     )
 
 
@@ -101,21 +94,17 @@ def rotate(rng: np.random.Generator) -> Blueprint:
     at = np.array([0.5 * span - 0.012, 0.0, z + frame.sash / 2 + 0.030])
     pane += c.bar_handle(at, 0.09, "y", 0.030, 0.005, frame.metal)
     hinge = np.array([left, 0.0, z - frame.sash / 2])
-    return Blueprint(
-        body=body,
-        moving=pane,
-        joint_type="revolute",
-        joint_origin=hinge,
-        joint_axis=(0, -1, 0),
-        limits=(0.0, 1.4),
-        keypoints={
-            "articulated_object_head": (at, "the middle of the handle at the free edge of the window"),
-            "articulated_object_tail": (
-                hinge + np.array([0.004, 0, frame.sash / 2]),
-                "the midpoint of the joint between the window and its frame",
-            ),
-        },
-        object_axis="y",
+    return c.hinged(
+        body,
+        pane,
+        hinge,
+        (0, -1, 0),
+        (0.0, 1.4),
+        head=(at, "the middle of the handle at the free edge of the window"),
+        tail=(
+            hinge + np.array([0.004, 0, frame.sash / 2]),
+            "the midpoint of the joint between the window and its frame",
+        ),
     )
 
 
