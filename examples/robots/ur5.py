@@ -12,6 +12,7 @@ from gensim2.robots import (
     RobotProfile,
     Simulation,
     SlidingGripper,
+    finger_keypoints,
     mounted,
     read_description,
     robot_folder,
@@ -51,16 +52,7 @@ def ur5() -> RobotProfile:
         ),
         reset_qpos=(-0.272, -1.783, 1.947, -1.669, -1.589, -0.272, 0.04, 0.04),
         base_position=(-0.615, 0.0, 0.0),
-        tool_keypoints={
-            "tool_head": np.array([0.0, 0.0, 0.105]),
-            "tool_tail": np.array([0.0, 0.0, 0.075]),
-            "tool_side": np.array([0.0, 0.053, 0.105]),
-        },
-        tool_keypoint_descriptions={
-            "tool_head": "the middle point between the two finger tips",
-            "tool_tail": "the middle point between the two finger bases",
-            "tool_side": "the tip of the right finger",
-        },
+        tool_keypoints=finger_keypoints(tip=0.105, side=0.053),
         reach=0.85,
         footprint=Footprint(base_half=0.1, hand_half=0.12, hand_drop=0.02),
         simulation=Simulation(

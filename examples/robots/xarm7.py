@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
-
 import gensim2
 from gensim2.robots import (
     Footprint,
@@ -13,6 +11,7 @@ from gensim2.robots import (
     RobotProfile,
     Simulation,
     SlidingGripper,
+    finger_keypoints,
     mounted,
     read_description,
     robot_folder,
@@ -54,16 +53,7 @@ def xarm7() -> RobotProfile:
         ),
         reset_qpos=(0.0, -0.197, 0.0, 0.891, 0.0, 1.157, 0.0, 2.0, 0.04, 0.04, 0.0, 0.0),
         base_position=(-0.615, 0.0, 0.0),
-        tool_keypoints={
-            "tool_head": np.array([0.0, 0.0, 0.125]),
-            "tool_tail": np.array([0.0, 0.0, 0.095]),
-            "tool_side": np.array([0.0, 0.053, 0.125]),
-        },
-        tool_keypoint_descriptions={
-            "tool_head": "the middle point between the two finger tips",
-            "tool_tail": "the middle point between the two finger bases",
-            "tool_side": "the tip of the right finger",
-        },
+        tool_keypoints=finger_keypoints(tip=0.125, side=0.053),
         reach=0.65,
         footprint=Footprint(base_half=0.1, hand_half=0.12, hand_drop=0.02),
         simulation=Simulation(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -168,9 +169,7 @@ def solve_motions(
 
 def motion_summary(records: Sequence[Mapping[str, Any]]) -> MotionSummary:
     """Summarize records of :func:`solve_motions`."""
-    statuses: dict[str, int] = {}
-    for record in records:
-        statuses[record["status"]] = statuses.get(record["status"], 0) + 1
+    statuses = dict(Counter[str](record["status"] for record in records))
     solved = [record for record in records if record["status"] == "solved"]
 
     def figure(values: Sequence[float], share: float) -> float:

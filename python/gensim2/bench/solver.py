@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import resource
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -196,9 +197,7 @@ def solve_problems(
 
 def summary_of(records: list[dict[str, Any]]) -> BenchSummary:
     """Summarize output lines."""
-    statuses: dict[str, int] = {}
-    for record in records:
-        statuses[record["status"]] = statuses.get(record["status"], 0) + 1
+    statuses = dict(Counter[str](record["status"] for record in records))
     times = {
         part: np.array([record["cpu_ms"][part] for record in records]) for part in ("actuation", "trajectory", "total")
     }

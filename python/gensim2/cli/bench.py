@@ -21,39 +21,34 @@ def _json_lines(result: dict[str, Any]) -> str:
     return json_lines(result["records"])
 
 
-def _show(result: dict[str, Any]) -> None:
-    summary = result["summary"]
-    statuses = ", ".join(f"{status} {count}" for status, count in summary["statuses"].items())
-    table(
-        ("what", "value"),
-        [
-            ("problems", str(summary["problems"])),
-            ("statuses", statuses),
-            ("with an actuation pose", str(summary["with_actuation"])),
-            ("warnings", str(summary["warnings"])),
-            ("actuation, CPU ms, median", f"{summary['cpu_ms_actuation']:.3f}"),
-            ("trajectory, CPU ms, median", f"{summary['cpu_ms_trajectory']:.3f}"),
-            ("plan, CPU ms, median", f"{summary['cpu_ms_total']:.3f}"),
-            ("plan, CPU ms, 99th percentile", f"{summary['cpu_ms_total_p99']:.3f}"),
-            ("peak memory, MB", f"{summary['peak_memory_mb']:.0f}"),
-        ],
-    )
+def _show_summary(**rows: tuple[str, str]) -> Callable[[dict[str, Any]], None]:
+    """Return a function that shows fields of a summary; each of ``rows`` names a field, its label and its format."""
+
+    def show(result: dict[str, Any]) -> None:
+        summary = result["summary"]
+        statuses = ", ".join(f"{status} {count}" for status, count in summary["statuses"].items())
+        head = [("problems", str(summary["problems"])), ("statuses", statuses)]
+        rest = [(label, format(summary[field], form)) for field, (label, form) in rows.items()]
+        table(("what", "value"), [*head, *rest])
+
+    return show
 
 
-def _show_motion(result: dict[str, Any]) -> None:
-    summary = result["summary"]
-    statuses = ", ".join(f"{status} {count}" for status, count in summary["statuses"].items())
-    table(
-        ("what", "value"),
-        [
-            ("problems", str(summary["problems"])),
-            ("statuses", statuses),
-            ("CPU ms, median", f"{summary['cpu_ms_median']:.3f}"),
-            ("CPU ms, 95th percentile", f"{summary['cpu_ms_p95']:.3f}"),
-            ("duration of motions, s, median", f"{summary['duration_median']:.3f}"),
-            ("length of ways, rad, median", f"{summary['length_median']:.3f}"),
-        ],
-    )
+_show_problems = _show_summary(
+    with_actuation=("with an actuation pose", "d"),
+    warnings=("warnings", "d"),
+    cpu_ms_actuation=("actuation, CPU ms, median", ".3f"),
+    cpu_ms_trajectory=("trajectory, CPU ms, median", ".3f"),
+    cpu_ms_total=("plan, CPU ms, median", ".3f"),
+    cpu_ms_total_p99=("plan, CPU ms, 99th percentile", ".3f"),
+    peak_memory_mb=("peak memory, MB", ".0f"),
+)
+_show_motions = _show_summary(
+    cpu_ms_median=("CPU ms, median", ".3f"),
+    cpu_ms_p95=("CPU ms, 95th percentile", ".3f"),
+    duration_median=("duration of motions, s, median", ".3f"),
+    length_median=("length of paths, rad, median", ".3f"),
+)
 
 
 def _show_policy(result: dict[str, Any]) -> None:
@@ -76,7 +71,7 @@ def _show_times(
     table((*heads, *(f"{stage}, ms: p50 p95 (CPU)" for stage in stages)), rows, title=title)
 
 
-@command(show=_show, text=_json_lines)
+@command(show=_show_problems, text=_json_lines)
 def solver(
     *,
     problems: File,
@@ -106,7 +101,7 @@ def solver(
     return {"records": records, "summary": summary_of(records).to_dict()}
 
 
-@command(show=_show_motion, text=_json_lines)
+@command(show=_show_motions, text=_json_lines)
 def motion(
     *,
     problems: File,

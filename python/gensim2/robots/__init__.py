@@ -12,6 +12,7 @@ from gensim2.robots.profile import (
     RobotFiles,
     RobotProfile,
     Simulation,
+    finger_keypoints,
 )
 from gensim2.robots.registry import load_robot, register_robot, robot, robot_key, robot_names
 
@@ -29,6 +30,7 @@ __all__ = [
     "RobotProfile",
     "Simulation",
     "SlidingGripper",
+    "finger_keypoints",
     "load_robot",
     "mounted",
     "read_description",

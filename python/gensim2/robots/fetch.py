@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from math import pi
 
-import numpy as np
-
 from gensim2.robots.description import stored
 from gensim2.robots.fixed_base import fixed_base, never_touching
 from gensim2.robots.gripper import SlidingGripper
 from gensim2.robots.maniskill import robot_folder
-from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfile, Simulation
+from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfile, Simulation, finger_keypoints
 
 TORSO_HEIGHT = 0.38
 """Metres of the torso's 0.386: the shoulder stands 0.57 m above the table, the torso's overhang clear of it."""
@@ -75,16 +73,7 @@ def fetch() -> RobotProfile:
         ),
         reset_qpos=(0.0, -1.04, 0.0, 2.04, 0.0, 0.570796, 0.0, 0.05, 0.05),
         base_position=(-0.7, 0.0, -0.6),
-        tool_keypoints={
-            "tool_head": np.array([0.0, 0.0, FINGERTIP]),
-            "tool_tail": np.array([0.0, 0.0, FINGERTIP - 0.03]),
-            "tool_side": np.array([0.0, 0.064, FINGERTIP]),
-        },
-        tool_keypoint_descriptions={
-            "tool_head": "the middle point between the two finger tips",
-            "tool_tail": "the middle point between the two finger bases",
-            "tool_side": "the tip of the right finger",
-        },
+        tool_keypoints=finger_keypoints(tip=FINGERTIP, side=0.064),
         reach=0.77,
         simulation=Simulation(
             agent="fetch_fixed_base", arm=JointDrive(1e3, 1e2, 100.0), gripper=JointDrive(1e3, 1e2, 100.0)

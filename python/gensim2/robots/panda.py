@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from gensim2.robots.gripper import SlidingGripper
 from gensim2.robots.maniskill import robot_folder
-from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfile, Simulation
+from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfile, Simulation, finger_keypoints
 
 
 def panda_files() -> RobotFiles:
@@ -38,16 +36,7 @@ def panda() -> RobotProfile:
         ),
         reset_qpos=(0.0, -0.32, 0.0, -2.61799, 0.0, 2.23, 0.785398, 0.04, 0.04),
         base_position=(-0.615, 0.0, 0.0),
-        tool_keypoints={
-            "tool_head": np.array([0.0, 0.0, 0.105]),
-            "tool_tail": np.array([0.0, 0.0, 0.075]),
-            "tool_side": np.array([0.0, 0.053, 0.105]),
-        },
-        tool_keypoint_descriptions={
-            "tool_head": "the middle point between the two finger tips",
-            "tool_tail": "the middle point between the two finger bases",
-            "tool_side": "the tip of the right finger",
-        },
+        tool_keypoints=finger_keypoints(tip=0.105, side=0.053),
         reach=0.75,
         simulation=Simulation(
             agent="panda", arm=JointDrive(1e3, 1e2, 100.0), gripper=JointDrive(1e3, 1e2, 100.0), tendons=True

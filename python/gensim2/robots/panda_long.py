@@ -10,7 +10,7 @@ import numpy as np
 from gensim2.robots.description import read_description, stored
 from gensim2.robots.gripper import SlidingGripper
 from gensim2.robots.panda import panda, panda_files
-from gensim2.robots.profile import JointDrive, RobotFiles, RobotProfile, Simulation
+from gensim2.robots.profile import JointDrive, RobotFiles, RobotProfile, Simulation, finger_keypoints
 
 FINGER_X, FINGER_Y, FINGER_Z = (-0.014, 0.014), (-0.009, 0.031), (0.0, 0.1176)
 """Bounds (m) of a finger in its link's frame, y away from the other one: in the hand's frame, 4 cm open, they are x
@@ -71,11 +71,7 @@ def panda_long() -> RobotProfile:
         name="panda_long",
         files=panda_long_files,
         gripper=replace(short.gripper, closed=0.0),
-        tool_keypoints={
-            "tool_head": np.array([0.0, 0.0, 0.165]),
-            "tool_tail": np.array([0.0, 0.0, 0.075]),
-            "tool_side": np.array([0.0, 0.045, 0.165]),
-        },
+        tool_keypoints=finger_keypoints(tip=0.165, side=0.045, base=0.075),
         simulation=Simulation(
             agent="panda_long",
             arm=JointDrive(1e3, 2e2, UNLIMITED),

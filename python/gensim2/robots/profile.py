@@ -22,6 +22,27 @@ DEFAULT_ROBOT = "panda"
 """Name of the robot where no other one is named."""
 
 
+FINGER_KEYPOINTS = {
+    "tool_head": "the middle point between the two finger tips",
+    "tool_tail": "the middle point between the two finger bases",
+    "tool_side": "the tip of the right finger",
+}
+"""Tool keypoints of a gripper with two fingers."""
+
+
+def finger_keypoints(tip: float, side: float, base: float | None = None) -> dict[str, Array]:
+    """Return the tool keypoints of a gripper with two fingers, (3,) each in the hand frame, m.
+
+    Args:
+        tip: height of the fingertips above the hand's origin, m.
+        side: distance of the open right finger from the middle, m.
+        base: height of the finger bases, m; None: 3 cm below the tips.
+    """
+    base = tip - 0.03 if base is None else base
+    places = ((0.0, 0.0, tip), (0.0, 0.0, base), (0.0, side, tip))
+    return {name: np.array(place) for name, place in zip(FINGER_KEYPOINTS, places, strict=True)}
+
+
 def _no_options() -> kpam.Options:
     """Options of a solver that knows nothing of the robot but its URDF."""
     return {}
@@ -136,14 +157,15 @@ class RobotProfile:
         gripper: what opens and closes.
         reset_qpos: (n,) all active joints at the start of an episode.
         base_position: (3,) of its base in the world, m.
-        tool_keypoints: (3,) each, m in the hand frame; ``tool_head``, ``tool_tail``, ``tool_side``.
-        tool_keypoint_descriptions: what a person or a language model is told of them.
+        tool_keypoints: (3,) each, m in the hand frame; ``tool_head``, ``tool_tail``, ``tool_side``. See
+            :func:`finger_keypoints`.
         reach: horizontal distance (m) from the base within which the hand, pointing down, reaches the table.
         footprint: what it covers of the table at rest.
         simulation: what stands for its motors in a simulation.
         base_quaternion: (4,) of its base in the world, (w, x, y, z).
         control_hz: rate of its actions.
         cameras: that its links carry, beside the fixed ones.
+        tool_keypoint_descriptions: descriptions of the tool keypoints for people and language models.
         solver: options of every planning problem: limits that no URDF holds, the joints' weights, the box of the hand's
             origin at the actuation pose.
     """
@@ -157,13 +179,13 @@ class RobotProfile:
     reset_qpos: tuple[float, ...]
     base_position: tuple[float, float, float]
     tool_keypoints: Mapping[str, Array]
-    tool_keypoint_descriptions: Mapping[str, str]
     reach: float
     footprint: Footprint
     simulation: Simulation
     base_quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     control_hz: int = 20
     cameras: tuple[MountedCamera, ...] = ()
+    tool_keypoint_descriptions: Mapping[str, str] = field(default_factory=FINGER_KEYPOINTS.copy)
     solver: kpam.Options = field(default_factory=_no_options)
 
     @cached_property

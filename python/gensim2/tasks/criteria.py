@@ -8,6 +8,7 @@ joint left in between, and where a rigid object is, by the origin of its frame, 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -25,11 +26,27 @@ NEAR = 0.05
 SCALE = 0.3
 """Distance (m) over which progress towards a point falls off."""
 
+ROLES = ("object", "articulated", "rigid", "support")
+"""Fields of criteria that name objects."""
+
 Threshold = Annotated[float, Field(gt=0, lt=1)]
 
 
-class _Criterion(BaseModel):
+class _Criterion(BaseModel, ABC):
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names of the objects that the criterion concerns."""
+        return tuple(getattr(self, role) for role in ROLES if role in type(self).model_fields)
+
+    @abstractmethod
+    def holds(self, measured: Measurement) -> bool:
+        """Return whether the criterion holds; it never does if a measured value is NaN."""
+
+    @abstractmethod
+    def progress(self, measured: Measurement) -> float:
+        """Return progress towards the criterion from 0 to 1; 1 if it holds."""
 
 
 class ArticulatedOpen(_Criterion):
@@ -39,17 +56,10 @@ class ArticulatedOpen(_Criterion):
     object: str
     threshold: Threshold = OPEN
 
-    @property
-    def objects(self) -> tuple[str, ...]:
-        """Names of the objects that it is about."""
-        return (self.object,)
-
     def holds(self, measured: Measurement) -> bool:
-        """Whether it holds; NaN never does."""
         return measured.openness[self.object] > self.threshold
 
     def progress(self, measured: Measurement) -> float:
-        """Return how near it is to holding, 0 to 1: 1 where it holds."""
         return _share(measured.openness[self.object] / self.threshold)
 
 
@@ -60,17 +70,10 @@ class ArticulatedClosed(_Criterion):
     object: str
     threshold: Threshold = CLOSED
 
-    @property
-    def objects(self) -> tuple[str, ...]:
-        """Names of the objects that it is about."""
-        return (self.object,)
-
     def holds(self, measured: Measurement) -> bool:
-        """Whether it holds; NaN never does."""
         return measured.openness[self.object] < self.threshold
 
     def progress(self, measured: Measurement) -> float:
-        """Return how near it is to holding, 0 to 1: 1 where it holds."""
         return _share((1.0 - measured.openness[self.object]) / (1.0 - self.threshold))
 
 
@@ -88,17 +91,10 @@ class ArticulatedBetween(_Criterion):
             raise ValueError("low must be less than high")
         return self
 
-    @property
-    def objects(self) -> tuple[str, ...]:
-        """Names of the objects that it is about."""
-        return (self.object,)
-
     def holds(self, measured: Measurement) -> bool:
-        """Whether it holds; NaN never does."""
         return self.low < measured.openness[self.object] < self.high
 
     def progress(self, measured: Measurement) -> float:
-        """Return how near it is to holding, 0 to 1: 1 where it holds."""
         openness = measured.openness[self.object]
         return _share(min(openness / self.low, (1.0 - openness) / (1.0 - self.high)))
 
@@ -110,17 +106,10 @@ class RigidLifted(_Criterion):
     rigid: str
     height: Threshold = NEAR
 
-    @property
-    def objects(self) -> tuple[str, ...]:
-        """Names of the objects that it is about."""
-        return (self.rigid,)
-
     def holds(self, measured: Measurement) -> bool:
-        """Whether it holds; NaN never does."""
         return float(measured.poses[self.rigid][2] - measured.start_positions[self.rigid][2]) > self.height
 
     def progress(self, measured: Measurement) -> float:
-        """Return how near it is to holding, 0 to 1: 1 where it holds."""
         return _share(float(measured.poses[self.rigid][2] - measured.start_positions[self.rigid][2]) / self.height)
 
 
@@ -133,13 +122,7 @@ class RigidMoved(_Criterion):
     direction: Literal["away", "closer", "left", "right"]
     distance: Threshold = NEAR
 
-    @property
-    def objects(self) -> tuple[str, ...]:
-        """Names of the objects that it is about."""
-        return (self.rigid,)
-
     def holds(self, measured: Measurement) -> bool:
-        """Whether it holds; NaN never does."""
         along, across = self._way(measured)
         return bool(along > self.distance and abs(across) < along / 2)
 
@@ -149,7 +132,6 @@ class RigidMoved(_Criterion):
         return {"away": (x, y), "closer": (-x, y), "left": (y, x), "right": (-y, x)}[self.direction]
 
     def progress(self, measured: Measurement) -> float:
-        """Return how near it is to holding, 0 to 1: 1 where it holds."""
         along, across = self._way(measured)
         return _share((along - max(0.0, abs(across) - along / 2)) / self.distance)
 
@@ -164,23 +146,28 @@ class RigidOnRigid(_Criterion):
     threshold: Threshold = NEAR
     height: Threshold = 2 * NEAR
 
-    @property
-    def objects(self) -> tuple[str, ...]:
-        """Names of the objects that it is about."""
-        return (self.rigid, self.support)
-
     def holds(self, measured: Measurement) -> bool:
-        """Whether it holds; NaN never does."""
         x, y, z = (measured.poses[self.rigid] - measured.poses[self.support])[:3]
         return math.hypot(x, y) < self.threshold and bool(z < self.height)
 
     def progress(self, measured: Measurement) -> float:
-        """Return how near it is to holding, 0 to 1: 1 where it holds."""
         x, y, z = (measured.poses[self.rigid] - measured.poses[self.support])[:3]
         return nearness(math.hypot(max(0.0, math.hypot(x, y) - self.threshold), max(0.0, z - self.height)))
 
 
-class DistanceArticulatedRigid(_Criterion):
+class _Distance(_Criterion):
+    def holds(self, measured: Measurement) -> bool:
+        return self._excess(measured) < 0.0
+
+    def progress(self, measured: Measurement) -> float:
+        return nearness(self._excess(measured))
+
+    @abstractmethod
+    def _excess(self, measured: Measurement) -> float:
+        """Return by how much (m) a horizontal distance exceeds the threshold; negative below it."""
+
+
+class DistanceArticulatedRigid(_Distance):
     """The measured points of an articulated and a rigid object are within ``threshold`` (m), horizontally."""
 
     type: Literal["distance_articulated_rigidbody"] = "distance_articulated_rigidbody"
@@ -188,62 +175,30 @@ class DistanceArticulatedRigid(_Criterion):
     rigid: str
     threshold: Threshold = NEAR
 
-    @property
-    def objects(self) -> tuple[str, ...]:
-        """Names of the objects that it is about."""
-        return (self.articulated, self.rigid)
-
-    def holds(self, measured: Measurement) -> bool:
-        """Whether it holds; NaN never does."""
-        between = measured.point(self.articulated)[:2] - measured.point(self.rigid)[:2]
-        return math.hypot(*between) < self.threshold
-
-    def progress(self, measured: Measurement) -> float:
-        """Return how near it is to holding, 0 to 1: 1 where it holds."""
-        between = measured.point(self.articulated)[:2] - measured.point(self.rigid)[:2]
-        return nearness(math.hypot(*between) - self.threshold)
+    def _excess(self, measured: Measurement) -> float:
+        return math.hypot(*(measured.point(self.articulated)[:2] - measured.point(self.rigid)[:2])) - self.threshold
 
 
-class DistanceGripperRigid(_Criterion):
+class DistanceGripperRigid(_Distance):
     """Any keypoint of the gripper is within ``threshold`` (m) of the rigid object's measured point, horizontally."""
 
     type: Literal["distance_gripper_rigidbody"] = "distance_gripper_rigidbody"
     rigid: str
     threshold: Threshold = NEAR
 
-    @property
-    def objects(self) -> tuple[str, ...]:
-        """Names of the objects that it is about."""
-        return (self.rigid,)
-
-    def holds(self, measured: Measurement) -> bool:
-        """Whether it holds; NaN never does."""
-        return _from_gripper(measured, self.rigid) < self.threshold
-
-    def progress(self, measured: Measurement) -> float:
-        """Return how near it is to holding, 0 to 1: 1 where it holds."""
-        return nearness(_from_gripper(measured, self.rigid) - self.threshold)
+    def _excess(self, measured: Measurement) -> float:
+        return _from_gripper(measured, self.rigid) - self.threshold
 
 
-class DistanceGripperArticulated(_Criterion):
+class DistanceGripperArticulated(_Distance):
     """Any keypoint of the gripper is within ``threshold`` (m) of the articulated object's point, horizontally."""
 
     type: Literal["distance_gripper_articulated"] = "distance_gripper_articulated"
     articulated: str
     threshold: Threshold = NEAR
 
-    @property
-    def objects(self) -> tuple[str, ...]:
-        """Names of the objects that it is about."""
-        return (self.articulated,)
-
-    def holds(self, measured: Measurement) -> bool:
-        """Whether it holds; NaN never does."""
-        return _from_gripper(measured, self.articulated) < self.threshold
-
-    def progress(self, measured: Measurement) -> float:
-        """Return how near it is to holding, 0 to 1: 1 where it holds."""
-        return nearness(_from_gripper(measured, self.articulated) - self.threshold)
+    def _excess(self, measured: Measurement) -> float:
+        return _from_gripper(measured, self.articulated) - self.threshold
 
 
 OF_GRIPPER = (DistanceGripperRigid, DistanceGripperArticulated)

@@ -29,7 +29,39 @@ GRIP_SPEED, GRIP_FORCE = 0.05, 30.0
 """m/s and N of the hand."""
 
 
-class FrankaArm(StreamedArm):
+class _FrankaHand(StreamedArm):
+    """A Panda or an FR3 whose hand both libraries move in the same way.
+
+    Attributes:
+        hand: the library's gripper, or None.
+        width: largest distance between the fingers, m.
+    """
+
+    hand: Any = None
+    width = 0.0
+
+    def _grip(self, command: float) -> None:
+        if self.hand is None:
+            return
+        if command < 0.0:
+            self.hand.grasp(0.0, GRIP_SPEED, GRIP_FORCE, epsilon_outer=1.0)
+        else:
+            self.hand.move(0.5 * (command + 1.0) * self.width, GRIP_SPEED)
+
+    def _measured(self, state: Any, ended: Exception | None, stopped: bool) -> tuple[Array, Array, float, ArmMode]:
+        """Return positions (7,), velocities (7,), the external force (N) and the mode of a libfranka state.
+
+        Raises:
+            DriverError: the motion ended with ``ended`` although the arm did not stop itself.
+        """
+        if ended is not None and not stopped:
+            raise DriverError(f"the motion has ended: {ended}") from ended
+        force = float(np.linalg.norm(finite(state.O_F_ext_hat_K, 3, "what presses on it")))
+        q, v = finite(state.q, 7, "where it stands"), finite(state.dq, 7, "how it moves")
+        return q, v, force, "reflex" if stopped else "ready"
+
+
+class FrankaArm(_FrankaHand):
     """A Panda or an FR3 with its hand: joint impedance about the streamed positions.
 
     A wheel of ``franky-control`` speaks one version of the arm's server: the one on PyPI that of an FR3 with system 5.9
@@ -58,7 +90,9 @@ class FrankaArm(StreamedArm):
             self._robot: Any = franky.Robot(
                 host, default_torque_threshold=TORQUES, default_force_threshold=FORCES, realtime_config=config
             )
-            self._hand: Any = franky.Gripper(host) if gripper else None
+            if gripper:
+                self.hand = franky.Gripper(host)
+                self.width = self.hand.max_width
         except (franky.NetworkException, franky.IncompatibleVersionException, franky.RealtimeException) as error:
             raise DriverError(f"{host}: {error}") from error
         self._motion: Any = None
@@ -73,11 +107,7 @@ class FrankaArm(StreamedArm):
                 ended = error
         state = self._robot.state  # afterwards, so that it knows of the reflex that ended the motion
         stopped = state.robot_mode in (self._franky.RobotMode.Reflex, self._franky.RobotMode.UserStopped)
-        if ended is not None and not stopped:
-            raise DriverError(f"the motion has ended: {ended}") from ended
-        force = float(np.linalg.norm(finite(state.O_F_ext_hat_K, 3, "what presses on it")))
-        q, v = finite(state.q, 7, "where it stands"), finite(state.dq, 7, "how it moves")
-        return q, v, force, "reflex" if stopped else "ready"
+        return self._measured(state, ended, stopped)
 
     def _write(self, q: Array, v: Array) -> None:
         if self._motion is None:
@@ -96,19 +126,11 @@ class FrankaArm(StreamedArm):
             # Takes the place of what runs, where stop() would end it with an exception.
             self._robot.move(self._franky.TorqueStopMotion(), asynchronous=True)
 
-    def _grip(self, command: float) -> None:
-        if self._hand is None:
-            return
-        if command < 0.0:
-            self._hand.grasp(0.0, GRIP_SPEED, GRIP_FORCE, epsilon_outer=1.0)
-        else:
-            self._hand.move(0.5 * (command + 1.0) * self._hand.max_width, GRIP_SPEED)
-
     def _disconnect(self) -> None:
         self._motion = None
 
 
-class PandaPyArm(StreamedArm):
+class PandaPyArm(_FrankaHand):
     """A Panda or an FR3 with its hand: the library's joint impedance about the streamed positions.
 
     A wheel of ``panda-python`` speaks one version of the arm's server: the one on PyPI the newest; those of others come
@@ -135,14 +157,13 @@ class PandaPyArm(StreamedArm):
         self._controllers: Any = controllers
         self._stopped = (libfranka.RobotMode.kReflex, libfranka.RobotMode.kUserStopped)
         config = libfranka.RealtimeConfig.kEnforce if enforce_realtime else libfranka.RealtimeConfig.kIgnore
-        self._hand: Any = None
         try:
             self._panda: Any = panda_py.Panda(host, realtime_config=config)
             torques, forces = [TORQUES] * 7, [FORCES] * 6
             self._panda.get_robot().set_collision_behavior(torques, torques, forces, forces)
             if gripper:
-                self._hand = libfranka.Gripper(host)
-                self._width: float = self._hand.read_once().max_width
+                self.hand = libfranka.Gripper(host)
+                self.width = self.hand.read_once().max_width
         except RuntimeError as error:  # whatever libfranka has to say
             raise DriverError(f"{host}: {error}") from error
         self._controller: Any = None
@@ -160,11 +181,7 @@ class PandaPyArm(StreamedArm):
                 self._panda.stop_controller()  # which it takes for running yet: it would give the last state for ever
             state = self._panda.get_state()  # afterwards, so that it knows of the reflex that ended the motion
         stopped = state.robot_mode in self._stopped
-        if ended is not None and not stopped:
-            raise DriverError(f"the motion has ended: {ended}") from ended
-        force = float(np.linalg.norm(finite(state.O_F_ext_hat_K, 3, "what presses on it")))
-        q, v = finite(state.q, 7, "where it stands"), finite(state.dq, 7, "how it moves")
-        return q, v, force, "reflex" if stopped else "ready"
+        return self._measured(state, ended, stopped)
 
     def _write(self, q: Array, v: Array) -> None:
         if self._controller is None:
@@ -181,14 +198,6 @@ class PandaPyArm(StreamedArm):
             self._controller = None
             with self._reading:
                 self._panda.stop_controller()
-
-    def _grip(self, command: float) -> None:
-        if self._hand is None:
-            return
-        if command < 0.0:
-            self._hand.grasp(0.0, GRIP_SPEED, GRIP_FORCE, epsilon_outer=1.0)
-        else:
-            self._hand.move(0.5 * (command + 1.0) * self._width, GRIP_SPEED)
 
     def _disconnect(self) -> None:
         self._controller = None

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import nn
 
-from gensim2.policy.heads.actions import ACTION, EXTRA, ActionScale
-from gensim2.policy.heads.decoder import DecodingHead
+from gensim2.policy.heads.actions import ACTION
+from gensim2.policy.heads.decoder import ActionHead, DecodingHead
 
 if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
@@ -33,34 +33,19 @@ class TransformerHead(DecodingHead):
         return self.decoder(empty, tokens.new_zeros(len(tokens)), tokens)
 
 
-class ChunkHead(nn.Module):  # type: ignore[misc]
-    """MLP from the readout to all actions of a chunk at once.
-
-    Args:
-        config: of the policy.
-        arm: m, number of the arm's joints.
-        features: not looked at.
-    """
-
-    wants_features = False
-    noise: tuple[int, ...] = ()
+class ChunkHead(ActionHead):
+    """MLP from the readout to all actions of a chunk at once; arguments as of ``ActionHead``."""
 
     def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:
-        super().__init__()
-        self.scale = ActionScale(config.horizon, arm)
-        size = (config.horizon, arm + EXTRA)
+        super().__init__(config, arm, features)
         self.mlp = nn.Sequential(
             nn.Linear(config.width, config.hidden),
             nn.GELU(),
             nn.Linear(config.hidden, config.hidden),
             nn.GELU(),
-            nn.Linear(config.hidden, size[0] * size[1]),
-            nn.Unflatten(-1, size),
+            nn.Linear(config.hidden, self.size[0] * self.size[1]),
+            nn.Unflatten(-1, self.size),
         )
-
-    def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Set the scale of actions."""
-        self.scale.fit(batch)
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
         """Return the mean absolute error of normalized chunks."""

@@ -60,13 +60,13 @@ def sinusoids(level: torch.Tensor, width: int) -> torch.Tensor:
     return torch.cat([torch.sin(angles), torch.cos(angles)], -1)
 
 
-class DecodingHead(nn.Module):  # type: ignore[misc]
-    """Base of heads whose decoder looks at the trunk's tokens.
+class ActionHead(nn.Module):  # type: ignore[misc]
+    """Base of heads that predict chunks of normalized actions.
 
     Args:
-        config: of the policy.
+        config: configuration of the policy.
         arm: m, number of the arm's joints.
-        features: not looked at.
+        features: unused.
     """
 
     wants_features = False
@@ -76,8 +76,15 @@ class DecodingHead(nn.Module):  # type: ignore[misc]
         super().__init__()
         self.size = (config.horizon, arm + EXTRA)
         self.scale = ActionScale(config.horizon, arm)
-        self.decoder = ActionDecoder(config, arm)
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
         """Set the scale of actions."""
         self.scale.fit(batch)
+
+
+class DecodingHead(ActionHead):
+    """Base of heads whose decoder attends to the trunk's tokens; arguments as of ``ActionHead``."""
+
+    def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:
+        super().__init__(config, arm, features)
+        self.decoder = ActionDecoder(config, arm)
