@@ -1,7 +1,7 @@
-"""Policies that map a sentence, a point cloud and the robot's state to motion (docs/guides/chunk_policies.md).
+"""Policies that map an instruction, a point cloud and the robot's state to motion (docs/guides/chunk_policies.md).
 
-A :class:`PolicyConfig` says which encoders, trunk and head; :func:`train` learns from data sets; a
-:class:`PolicyCheckpoint` is a folder; a :class:`PolicyController` acts in the loop that runs every controller.
+A :class:`PolicyConfig` selects encoders, trunk and head; :func:`train` trains on data sets and writes a
+:class:`PolicyCheckpoint` folder; a :class:`PolicyController` runs the checkpoint in a rollout.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Named arrays in one compressed file, whole or not there at all."""
+"""Read and write named arrays in one compressed ``.npz`` file, which is replaced atomically."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from gensim2.core.foreign.library import read_by_library
 from gensim2.core.foreign.tree import TooLargeError, megabytes, open_regular, why
 
 MAX_BYTES = 2**28
-"""Of the arrays of one file in memory: 64 of the largest clouds have 50 MB."""
+"""Largest total size of one file's arrays in memory, bytes; 64 of the largest point clouds take 50 MB."""
 
 MAX_MEMBERS = 100
 
 _OVERHEAD = MAX_MEMBERS * 2**16
-"""Bytes of a file besides the numbers: a header has at most 64 KiB."""
+"""Bytes that a file may take beyond its array data; one numpy header has at most 64 KiB."""
 _MAX_HEADER = 1000
-"""Characters of a header that are parsed: numpy writes 118, and Python's parser fails on deeply nested ones."""
+"""Longest array header that is parsed, characters. numpy writes 118; Python's parser fails on deeply nested text."""
 _REMEDY = "remove it and make it again"
 
 Arrays = dict[str, npt.NDArray[Any]]
 Expected = tuple[type[np.generic], tuple[int | None, ...]]
-"""Type and shape of an array, None for any length of an axis."""
+"""Data type and shape of an array; None in the shape allows any length of that axis."""
 
 
 def write_arrays(path: Path, arrays: Mapping[str, npt.ArrayLike]) -> None:
-    """Write arrays by name; the folder is made where it is not there.
+    """Write arrays by name, and create the folder if it is missing.
 
     Raises:
-        WriteError: the folder cannot be written to, or is full.
+        WriteError: the folder cannot be written to, or the disk is full.
     """
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **{name: np.asarray(values) for name, values in arrays.items()})  # type: ignore[arg-type]
@@ -50,13 +50,14 @@ def write_arrays(path: Path, arrays: Mapping[str, npt.ArrayLike]) -> None:
 
 
 def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
-    """Read what :func:`write_arrays` wrote; nothing is unpickled, and sizes are compared before memory is taken.
+    """Read a file of :func:`write_arrays`, without unpickling and with all sizes checked before memory is allocated.
 
     Args:
-        max_bytes: limit of all arrays in memory together.
+        path: the ``.npz`` file.
+        max_bytes: largest total size of the arrays in memory.
 
     Raises:
-        InputError: the file is not there, is damaged, or is too large.
+        InputError: the file is missing, damaged, or too large.
     """
     try:
         with open_regular(path) as stream:
@@ -98,15 +99,15 @@ def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
 
 
 def require_shapes(arrays: Arrays, expected: Mapping[str, Expected], path: Path) -> None:
-    """Refuse arrays that are missing, or of another type or shape.
+    """Check that all expected arrays exist with the right data type and shape.
 
     Args:
-        arrays: of a file.
-        expected: types and shapes that they must have; first axes are equally long.
-        path: of the file.
+        arrays: the arrays that were read.
+        expected: data type and shape by array name; all first axes must have the same length.
+        path: file name for the error message.
 
     Raises:
-        InputError: names the first.
+        InputError: an array is missing or wrong; the message names the first such array.
     """
     rows = None
     for name, (kind, shape) in expected.items():

@@ -1,4 +1,4 @@
-"""Further attempts of a closed-loop policy: a hand that is stuck retraces its path and starts again."""
+"""Retries within an episode: when the hand is stuck, it retraces its path and the policy starts again."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from gensim2.robots import RobotProfile
 Action = npt.NDArray[np.float32]
 
 ATTEMPTS = 4
-"""Number of attempts in an episode, by default."""
+"""Default number of attempts in an episode."""
 STILL, STILL_SECONDS = 0.02, 1.5
-"""Largest change of a joint target (rad) or of the gripper command that counts as no motion, and the time without
-motion (s) after which the hand counts as stuck: more than twice the time that fingers take to close."""
+"""The hand counts as stuck after ``STILL_SECONDS`` seconds in which no joint target (rad) and no gripper command
+changed
+by more than ``STILL``. The time is more than twice what the fingers need to close.
+"""
 RESTS = 6
-"""Control steps at rest at the start of the path before another attempt."""
+"""Control steps that the arm waits at the start of its path before the next attempt."""
 
 
 class Attempts:
-    """Record of the actions of an episode, which says when another attempt is due.
+    """Record the actions of an episode and decide when to start another attempt.
 
     Args:
-        profile: the robot.
         max_attempts: number of attempts in an episode, the first included.
     """
 
@@ -38,23 +39,24 @@ class Attempts:
 
     @staticmethod
     def check(max_attempts: int) -> None:
-        """Refuse a number of attempts that is out of range.
+        """Check the number of attempts.
 
         Raises:
-            InputError: it does not lie in 1..1000.
+            InputError: ``max_attempts`` is outside 1..1000.
         """
         if not 1 <= max_attempts <= 1000:
             raise InputError(f"must lie in 1..1000, is {max_attempts}", field="attempts")
 
     def is_due(self, observation: Observation) -> bool:
-        """Whether the hand is stuck and holds nothing, and an attempt is left."""
+        """Return whether the hand is stuck without a grasped object and another attempt is allowed."""
         width, command = np.asarray(observation[GRIPPER])
         waits = self._still >= self._patience and len(self._way) > RESTS
         return waits and self._begun < self._max and not holds(width, command)
 
     def again(self) -> list[Action]:
-        """Start another attempt: return the actions that retrace the path backwards, (m + 1,) each, gripper unchanged
-        until the start is reached.
+        """Start another attempt and return the actions (m + 1,) that retrace the path; the gripper command changes only
+        at
+        the start.
         """
         assert self._last is not None
         begin = self._way[0]
@@ -64,11 +66,14 @@ class Attempts:
         return [*back, *[begin] * RESTS]
 
     def goes_on(self) -> None:
-        """Treat the actions that follow as the policy's own, not as a way back."""
+        """Record the following actions as the policy's own again, not as part of the retraced path."""
         self._backs_off = False
 
     def follow(self, action: Action) -> None:
-        """Count the steps without motion by the commanded targets: a hand that presses never reaches its own."""
+        """Record an action and count steps without motion.
+
+        Commanded targets are compared, not measured joints: an arm that presses on something never reaches its targets.
+        """
         last = self._last
         moves = last is None or bool(np.abs(action[: self._arm] - last[: self._arm]).max() > STILL)
         if not moves and last is not None and abs(float(action[self._arm] - last[self._arm])) <= STILL:

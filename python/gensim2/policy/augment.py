@@ -1,4 +1,4 @@
-"""Augmentation of batches: jitter and dropout of points, shifted colours, yaw, and perturbed arm joints."""
+"""Augment batches: point jitter, point dropout, colour shift, yaw, and noise on the arm's joints."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 OFF = 0.5
 """Share of samples whose arm joints are perturbed."""
 HOLDS_COMMAND, HOLDS_WIDTH = 0.9, 0.004
-"""Gripper command below which the fingers may press, and distance of the pads (m) above which they then hold an object;
-a wide object is held with a command slightly below open."""
+"""The fingers may hold an object if the gripper command is below ``HOLDS_COMMAND`` and the pads are more than
+``HOLDS_WIDTH`` (m) apart. The command for a wide object is only slightly below open.
+"""
 
 
 def augmented(
@@ -29,13 +30,14 @@ def augmented(
 ) -> dict[str, torch.Tensor]:
     """Augment a batch by point dropout, jitter, colour shift and yaw.
 
-    Dropped points are replaced by others of the same cloud: the number of points stays. Every sample drops a share of
-    its own, up to ``dropout``.
+    Dropped points are replaced by copies of other points of the same cloud, so the number of points stays the same.
+    Each sample drops its own random share of points, up to ``training.dropout``.
 
     Args:
-        seen: by column, (B, T, ...), base frame.
-        generator: on the tensors' device.
-        ordered: points are known by their place in the list: none is dropped.
+        seen: observation columns (B, T, ...), base frame.
+        training: strength of each augmentation.
+        generator: random generator on the tensors' device.
+        ordered: the network identifies points by their index, so none is dropped.
     """
     found = dict(seen)
     cloud = seen[CLOUD]
@@ -61,11 +63,11 @@ def augmented(
 
 
 def holds(width: Any, command: Any) -> Any:
-    """Whether the fingers may hold an object; of one hand, or of several as arrays.
+    """Return whether the fingers may hold an object; works elementwise on arrays.
 
     Args:
-        width: distance of the pads, m.
-        command: the gripper's last, -1 to 1.
+        width: distance of the finger pads, m.
+        command: last gripper command, -1 to 1.
     """
     return (command < HOLDS_COMMAND) & (width > HOLDS_WIDTH)
 
@@ -73,17 +75,19 @@ def holds(width: Any, command: Any) -> Any:
 def off_its_way(
     batch: Mapping[str, torch.Tensor], profile: RobotProfile, training: TrainConfig, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
-    """Perturb the arm's joints in half of the samples and correct the relative targets so that they lead back (noise
-    injection, Ke et al. 2021).
+    """Perturb the arm's joints in half of the samples; the targets then lead back to the path (noise injection, Ke et
+    al.
+    2021).
 
-    Joints get normal noise with a standard deviation of up to ``arm_noise``, the same in all frames; the tool's pose
-    follows by forward kinematics, and targets stay the same in the base frame. Samples in which the hand may hold an
-    object are left alone, as the object would have moved along.
+    Joints get normal noise with a standard deviation of up to ``arm_noise``, the same in all frames of a sample. The
+    tool
+    pose follows by forward kinematics, and the absolute targets stay the same. Samples in which the hand may hold an
+    object are not perturbed, because the object would have moved as well.
 
     Args:
-        batch: columns (B, T, ...) in the base frame of clouds without the robot, and targets relative to the joints.
-        profile: of the robot.
-        generator: on the tensors' device.
+        batch: columns (B, T, ...) in the base frame; clouds without the robot's points; targets relative to the joints.
+        training: ``arm_noise`` is the largest standard deviation, rad.
+        generator: random generator on the tensors' device.
     """
     found = dict(batch)
     state, fingers, m = batch[STATE], batch[GRIPPER][:, -1], profile.arm_size

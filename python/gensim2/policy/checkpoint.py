@@ -1,7 +1,7 @@
-"""Checkpoints: a folder with ``config.json`` and weights as safetensors; nothing in it is code.
+"""Checkpoints: a folder with ``config.json`` and weights as safetensors, and no executable content.
 
-``config.json`` names the file of weights and its digest, and is replaced last: a reader sees the old checkpoint or the
-new one.
+``config.json`` names the file of weights and its digest and is written last, so a reader sees either the old or the
+new checkpoint.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ VERSION = 1
 MAX_WEIGHTS = 8 * 2**30  # bytes
 
 BUILTIN = "builtin"
-"""Word for the policy that comes with the package: keyposes of the suite's single-step tasks."""
+"""Name of the checkpoint that comes with the package: keypose policies for the suite's single-step tasks."""
 
 _REMEDY = f"give the folder of a policy that `gensim2 learn` or `train` made, or {BUILTIN!r}"
 _NETWORK, _TABLE = "network.", "sentences"
 
 
 def checkpoint_folder(place: Path | str) -> Path:
-    """Return the folder of a checkpoint: the package's own for the word ``"builtin"``, else ``place`` itself.
+    """Return a checkpoint's folder; ``"builtin"`` is the package's own checkpoint.
 
-    A path is a folder, whatever its name: ``./builtin`` and ``Path("builtin")`` are the caller's own.
+    Paths such as ``./builtin`` and ``Path("builtin")`` are always the caller's own folder.
     """
     return Path(__file__).parent / BUILTIN if place == BUILTIN else Path(place)
 
 
 class CheckpointError(InputError):
-    """A checkpoint cannot be used: it is damaged, of another version, or not for this."""
+    """A checkpoint is damaged, has another version, or does not fit the robot, the task or the command."""
 
 
 class DataRecord(BaseModel):
@@ -56,11 +56,11 @@ class DataRecord(BaseModel):
 
     Attributes:
         digest: of all episodes and their observations.
-        tasks: names.
-        episodes, frames: counts; of scenes that were planned and not simulated a frame each.
+        tasks: names of the tasks.
+        episodes, frames: how many were used; a scene that was planned but not simulated counts as one frame.
         folders: names of the data sets.
-        noisy: episodes of them in which noise was on what the arm was sent.
-        relabels: frames of the policy's own episodes that the planner labelled, beside the episodes'.
+        noisy: number of episodes recorded with noise on the arm's commands.
+        relabels: number of further frames, from the policy's own rollouts, that the planner labelled.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -75,12 +75,12 @@ class DataRecord(BaseModel):
 
 
 class ActionSpec(BaseModel):
-    """Meaning of a policy's output.
+    """Format of a policy's output.
 
     Attributes:
-        kind: ``joint-relative``: chunks of (m + 2) numbers (:mod:`gensim2.policy.heads.actions`); ``keypose``.
+        kind: ``joint-relative``: chunks of (m + 2) numbers (:mod:`gensim2.policy.heads.actions`); or ``keypose``.
         arm: m, number of the arm's joints.
-        control_hz: rate of the actions.
+        control_hz: rate of the actions, Hz.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -98,7 +98,7 @@ class _Weights(BaseModel):
 
 
 class _Record(BaseModel):
-    """``config.json``."""
+    """Content of ``config.json``."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -117,7 +117,7 @@ class _Record(BaseModel):
 
 
 class _Version(BaseModel):
-    """The fields of ``config.json`` that every version has."""
+    """Fields of ``config.json`` that exist in every version."""
 
     model_config = ConfigDict(extra="allow", strict=True)
 
@@ -127,19 +127,19 @@ class _Version(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class PolicyCheckpoint:
-    """A trained policy with all that it takes to run it.
+    """A trained policy with everything needed to run it.
 
     Attributes:
-        network: with its weights; after :meth:`load` in evaluation mode, on the CPU.
-        robot: name of the profile.
-        action: what the output means.
-        observation: what it looks at.
-        sentences: those that were trained on, in the order of the table.
-        table: (S, ...) rows of the sentences (:func:`gensim2.policy.text.prepare`).
-        data: what it was trained on.
-        training: how.
-        step: gradient steps that were taken.
-        versions: of the packages that made it.
+        network: the network with its weights; :meth:`load` returns it on the CPU in evaluation mode.
+        robot: name of the robot profile.
+        action: format of the output.
+        observation: observations that the policy needs.
+        sentences: instructions of the training data, in the order of ``table``.
+        table: (S, ...) encoded instructions (:func:`gensim2.policy.text.prepare`).
+        data: record of the training data.
+        training: training settings.
+        step: number of gradient steps taken.
+        versions: versions of the packages used for training.
     """
 
     network: PolicyNetwork
@@ -155,11 +155,11 @@ class PolicyCheckpoint:
 
     @property
     def config(self) -> PolicyConfig:
-        """Of the network."""
+        """Configuration of the network."""
         return self.network.config
 
     def save(self, folder: Path) -> None:
-        """Write the checkpoint, whole or not at all.
+        """Write the checkpoint atomically.
 
         Raises:
             WriteError: the folder cannot be written to.
@@ -193,11 +193,14 @@ class PolicyCheckpoint:
 
     @staticmethod
     def load(folder: Path | str) -> PolicyCheckpoint:
-        """Read a checkpoint; ``"builtin"`` is the package's own.
+        """Read a checkpoint.
+
+        Args:
+            folder: its folder, or ``"builtin"`` for the package's own.
 
         Raises:
-            CheckpointError: it is damaged, or another version of gensim2 wrote it.
-            InputError: there is none in the folder, or a field of its ``config.json`` cannot be so.
+            CheckpointError: the checkpoint is damaged, or another version of gensim2 wrote it.
+            InputError: the folder has no checkpoint, or ``config.json`` has an invalid field.
         """
         folder = checkpoint_folder(folder)
         file = folder / CONFIG_JSON
@@ -233,11 +236,11 @@ class PolicyCheckpoint:
         )
 
     def require_robot(self, robot: str, folder: Path | str) -> None:
-        """Refuse to run another robot.
+        """Check that the policy was trained for a robot.
 
         Raises:
-            CheckpointError: the policy is for another one.
-            InputError: it is for one that this process does not know.
+            CheckpointError: the policy is for another robot.
+            InputError: the policy's own robot is not registered in this process.
         """
         if robot != self.robot:
             robot_key(self.robot)
@@ -245,13 +248,14 @@ class PolicyCheckpoint:
             raise CheckpointError(message, file=folder, field="robot", remedy=f"use --robot {self.robot}")
 
     def require_text_model(self, given: str | None, folder: Path | str) -> None:
-        """Refuse to load a text encoder that nothing but the checkpoint names.
+        """Refuse text encoders that only the checkpoint names, so that a checkpoint cannot choose what is downloaded.
 
         Args:
             given: folder or hub name that the user gave.
+            folder: the checkpoint's folder, for the message.
 
         Raises:
-            CheckpointError: its encoder is neither one that gensim2 names nor the given one.
+            CheckpointError: the encoder is neither built into gensim2 nor ``given``.
         """
         if self.config.text in PRETRAINED and self.config.text_model not in (CLIP, SENTENCE, given):
             message = f"names the weights {self.config.text_model!r}, which a checkpoint alone does not load"
@@ -259,10 +263,10 @@ class PolicyCheckpoint:
             raise CheckpointError(message, file=folder, field="policy.text_model", remedy=remedy)
 
     def row_of(self, sentence: str, folder: Path | str) -> torch.Tensor:
-        """Return a sentence's row of the table, (1, ...).
+        """Return the encoded instruction (1, ...) of a sentence.
 
         Raises:
-            CheckpointError: it was not trained on.
+            CheckpointError: the policy was not trained on the sentence.
         """
         if sentence in self.sentences:
             index = self.sentences.index(sentence)
@@ -273,7 +277,7 @@ class PolicyCheckpoint:
 
 
 def _check_agreement(record: _Record, config: PolicyConfig, observation: ObservationSpec, file: Path) -> None:
-    """Refuse a ``config.json`` whose parts contradict each other."""
+    """Check that the parts of ``config.json`` agree with each other."""
     of_keyposes = config.head == "keypose"
     contradictions = {
         "action.kind": (record.action.kind == "keypose") is not of_keyposes,
@@ -288,7 +292,7 @@ def _check_agreement(record: _Record, config: PolicyConfig, observation: Observa
 
 
 def _read_weights(path: Path, config: PolicyConfig, record: _Record) -> tuple[PolicyNetwork, torch.Tensor]:
-    """Return the network with its weights, in evaluation mode, and the table of the sentences."""
+    """Return the network with its weights, in evaluation mode, and the table of encoded instructions."""
     from gensim2.policy.network import PolicyNetwork
     from gensim2.policy.text import check_table, table_shape
 
@@ -307,7 +311,7 @@ def _read_weights(path: Path, config: PolicyConfig, record: _Record) -> tuple[Po
 
 
 def unknown_sentence(policy: PolicyCheckpoint, sentence: str, folder: Path | str) -> CheckpointError:
-    """The error of a sentence that a policy was not trained on."""
+    """Return the error for a sentence that a policy was not trained on."""
     message = f"was not trained on the sentence {sentence!r}"
     remedy = f"train on the task; it knows {', '.join(policy.data.tasks)}"
     return CheckpointError(message, file=folder, field="sentences", remedy=remedy)

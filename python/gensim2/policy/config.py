@@ -1,4 +1,4 @@
-"""Configuration of a policy and of its training: two frozen values, from YAML, from flags, in every checkpoint."""
+"""Settings of a policy and of its training, from YAML files, flags and checkpoints."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ ENCODERS = ("mlp", "pointnet", "pointnext", "state")
 PRETRAINED = ("clip", "sentence")
 TEXTS = ("none", "small", *PRETRAINED)
 CLIP = "openai/clip-vit-base-patch32"
-"""Name on Hugging Face's hub."""
+"""Name of the text encoder on the Hugging Face hub."""
 SENTENCE = "sentence-transformers/all-MiniLM-L6-v2"
-"""Name on Hugging Face's hub of a small encoder of sentences."""
+"""Name of a small sentence encoder on the Hugging Face hub."""
 HEADS = ("chunk", "transformer", "diffusion", "flow", "keypose")
 FRAMES = ("turned", "base")
 OF_KEYPOSES = ("ways", "hears", "spread_points")
-"""Settings that only the keypose head has."""
+"""Settings that apply to the keypose head only."""
 
 
 @dataclass(frozen=True)
 class PolicyConfig(Settings):
-    """Architecture of a policy and what it sees. The attributes are documented by their ``help``."""
+    """Architecture and inputs of a policy. Each attribute's ``help`` documents it."""
 
     of_what: ClassVar[str] = "policy settings"
 
@@ -97,13 +97,13 @@ class PolicyConfig(Settings):
 
     @property
     def source(self) -> Source:
-        """Source of the clouds that its encoder reads (:class:`~gensim2.perception.CloudSettings`)."""
+        """Source of the point clouds that the encoder reads (:class:`~gensim2.perception.CloudSettings`)."""
         return "keypoints" if self.encoder == "state" else "depth"
 
 
 @dataclass(frozen=True)
 class TrainConfig(Settings):
-    """Settings of training. The attributes are documented by their ``help``."""
+    """Settings of training. Each attribute's ``help`` documents it."""
 
     of_what: ClassVar[str] = "training settings"
 
@@ -142,10 +142,14 @@ class TrainConfig(Settings):
 
 
 def read_config(path: Path, **flags: Any) -> tuple[PolicyConfig, TrainConfig]:
-    """Return both configurations from one YAML file, whose fields may be of either; ``flags`` win.
+    """Return both configurations from one YAML file, which may have fields of either.
+
+    Args:
+        path: the YAML file.
+        flags: fields that take precedence over the file.
 
     Raises:
-        InputError: the file cannot be read, or a field is unknown or cannot be so; names file and field.
+        InputError: the file cannot be read, or a field is unknown or invalid; names file and field.
     """
     from gensim2.core.yaml_files import read_yaml  # here: `gensim2 --help` needs the flags and no YAML
 
@@ -153,10 +157,10 @@ def read_config(path: Path, **flags: Any) -> tuple[PolicyConfig, TrainConfig]:
 
 
 def configs(values: dict[str, Any], *, file: str | None = None) -> tuple[PolicyConfig, TrainConfig]:
-    """Return both configurations from plain data, whose fields may be of either.
+    """Return both configurations from plain data, which may have fields of either.
 
     Raises:
-        InputError: a field is unknown or cannot be so; names it.
+        InputError: a field is unknown or invalid.
     """
     training = {each.name for each in fields(TrainConfig)}
     policy = PolicyConfig.of({name: value for name, value in values.items() if name not in training}, file=file)

@@ -1,4 +1,4 @@
-"""Ablations of the observed point cloud: blank, or from another scene."""
+"""Ablate the observed point cloud: blank it, or replace it by the cloud of another scene."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from gensim2.perception import Observation
 from gensim2.policy.array_file import read_arrays, require_shapes, write_arrays
 
 CLOUDS = "clouds.npz"
-"""Clouds of scenes that were trained on, beside a checkpoint."""
+"""File beside a checkpoint with clouds of training scenes."""
 MAX_CLOUDS = 64
 MAX_BYTES = 2**26
-"""Bytes of their file: 64 clouds of the most points have 47 MB."""
+"""Largest size of that file's arrays, bytes; 64 of the largest clouds take 47 MB."""
 
 Sees = Literal["all", "nothing", "other"]
-"""Ablation of the cloud: none, all points at the base's origin, or the cloud of another scene."""
+"""Point cloud that a policy gets: its own, all points at the base's origin, or the cloud of another scene."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class Shuffled:
     """Clouds of other scenes.
 
     Attributes:
-        points: (S, N, 3) m in the base frame.
-        colours: (S, N, 3).
+        points: (S, N, 3), m, base frame.
+        colours: (S, N, 3), 0 to 255.
     """
 
     points: npt.NDArray[np.float32]
@@ -38,10 +38,10 @@ class Shuffled:
 
     @staticmethod
     def of(folder: Path) -> Shuffled:
-        """Those beside a checkpoint.
+        """Read the clouds beside a checkpoint.
 
         Raises:
-            InputError: there are none, or their file is damaged.
+            InputError: the file of clouds is missing or damaged.
         """
         path, remedy = folder / CLOUDS, "train the policy again"
         if not path.exists():
@@ -55,7 +55,7 @@ class Shuffled:
         return Shuffled(points, colours)
 
     def save(self, folder: Path) -> None:
-        """Write them beside a checkpoint.
+        """Write the clouds beside a checkpoint.
 
         Raises:
             WriteError: the folder cannot be written to.
@@ -65,11 +65,11 @@ class Shuffled:
 
 @dataclass(frozen=True)
 class Sight:
-    """Ablation of a policy's observations.
+    """Ablation of a policy's point clouds.
 
     Attributes:
-        sees: ``"all"``, or the ablation.
-        others: clouds of other scenes, for ``"other"``.
+        sees: ``"all"`` for no ablation, or the ablation's name.
+        others: clouds of other scenes; only for ``"other"``.
     """
 
     sees: Sees
@@ -77,19 +77,17 @@ class Sight:
 
     @staticmethod
     def of(sees: Sees, folder: Path) -> Sight:
-        """Ablation of a policy, with the clouds beside its checkpoint.
+        """Return an ablation, with the clouds beside the checkpoint if it needs them.
 
         Raises:
-            InputError: there is no such ablation, or there are no clouds.
+            InputError: the ablation is unknown, or the clouds are missing.
         """
         if sees not in get_args(Sees):
             raise InputError(f"must be one of {', '.join(get_args(Sees))}, is {sees!r}", field="sees")
         return Sight(sees, Shuffled.of(folder) if sees == "other" else None)
 
     def altered(self, observation: Observation, seed: int) -> Observation:
-        """Return the observation with its cloud replaced: all points at the base's origin, or the cloud of a scene
-        drawn by the episode's seed.
-        """
+        """Return the observation with its cloud ablated; the episode's seed selects the cloud of another scene."""
         if self.sees == "all":
             return observation
         cloud = observation.cloud

@@ -1,4 +1,4 @@
-r"""A trained policy as a controller of the loop that runs every controller.
+r"""Run a trained chunk policy as a controller.
 
 gensim2 evaluate CloseBox --controller gensim2.policy.controller:PolicyController \
     --controller-args '{"checkpoint": "DIR"}'
@@ -37,30 +37,30 @@ Action = npt.NDArray[np.float32]
 
 
 class PolicyController:
-    """Executes chunks of a policy: the first ``execute`` actions of each, then it looks again.
+    """Run the first ``execute`` actions of each predicted chunk, then observe and predict again.
 
-    It is done (None) where the first action of a fresh chunk is marked as behind the end. A hand that stands still
-    while no action of a chunk is marked so, and holds nothing, has failed: it goes back the way it came and begins
-    again.
+    The episode ends when the first action of a new chunk is marked as past the end. If the hand stands still without a
+    grasped object before that, the attempt has failed: the arm retraces its path and the policy starts again.
 
     Args:
-        checkpoint: folder.
-        execute: actions of a chunk that are executed; None: as the policy was configured.
-        attempts: times that it begins, at most.
-        denoise_steps: of diffusion and flow; None: as configured.
-        unknown_sentences: ``refuse`` those that were not trained on, or ``embed`` them by the text encoder.
-        text_model: folder or hub name of that encoder's weights, where gensim2 does not name them itself.
-        sees: a control, where it is not ``"all"``.
-        says: by a task's sentence what the policy is told in its place.
-        threads: of PyTorch.
+        checkpoint: folder of the checkpoint.
+        execute: number of actions of a chunk to execute; None: as configured in the checkpoint.
+        attempts: largest number of attempts in an episode.
+        denoise_steps: number of denoising steps of diffusion and flow heads; None: as configured.
+        unknown_sentences: ``refuse`` instructions that were not in the training data, or ``embed`` them with the text
+            encoder.
+        text_model: folder or hub name of the text encoder's weights, if gensim2 does not know them.
+        sees: ablation of the point cloud; ``"all"`` for none.
+        says: maps a task's instruction to the instruction that the policy gets instead.
+        threads: number of PyTorch threads.
 
     Raises:
-        InputError: the checkpoint cannot be used, or an argument cannot be so.
+        InputError: the checkpoint cannot be used, or an argument is invalid.
     """
 
     @staticmethod
     def depends_on(checkpoint: str, sees: Sees = "all", **_: object) -> list[Path]:
-        """Files that say what it does beside its source: they name the weights by their digest."""
+        """Return the files that determine the controller's behaviour; they contain the digest of the weights."""
         return [Path(checkpoint) / CONFIG_JSON, *([Path(checkpoint) / CLOUDS] if sees == "other" else [])]
 
     def __init__(
@@ -100,22 +100,25 @@ class PolicyController:
 
     @property
     def config(self) -> PolicyConfig:
-        """Of the policy."""
+        """Configuration of the policy."""
         return self._policy.config
 
     @property
     def observation_spec(self) -> ObservationSpec:
-        """Spec of its next observation: that of its training where it plans a chunk, or the robot alone while it
-        executes one, for which no rays are cast; a policy with a history sees all in between, too.
+        """Observations needed at the next step.
+
+        While a chunk is executed only the robot's own state is needed, so no cloud is rendered. A policy with a history
+        needs
+        every observation in full.
         """
         executes = bool(self._plan) and self._policy.config.history == 1
         return PROPRIOCEPTIVE if executes else self._policy.observation
 
     def reset(self, observation: Observation, seed: int) -> None:
-        """Begin an episode.
+        """Start an episode.
 
         Raises:
-            CheckpointError: the robot is another one, or the sentence was not trained on.
+            CheckpointError: the policy is for another robot, or was not trained on the instruction.
         """
         torch.set_num_threads(self._threads)
         check_robot(self._policy.robot, observation, self._folder)
@@ -130,14 +133,15 @@ class PolicyController:
         self._step, self._ends = observation.step, False
 
     def act(self, observation: Observation) -> Action | None:
-        """Return the next action, (m + 1,); None: done."""
+        """Return the next action (m + 1,), or None at the end of the episode."""
         if observation.step > self._step + 1:  # it was not asked while the scene settled
             self._past.clear()
             self._plan = []
         self._step = observation.step
         looks = observation.cloud is not None
         if not looks and not self._plan and self._acted:
-            # It was not asked for a while in the middle of a chunk: the arm stays, and it looks at the next step.
+            # The controller was not asked for some steps in the middle of a chunk. The arm waits for one step so that
+            # the next observation has a cloud.
             arm = np.asarray(observation[STATE], dtype=np.float32)[: self._policy.action.arm]
             return np.append(arm, np.float32(observation.gripper_command))
         if looks or not self._plan:
@@ -156,7 +160,7 @@ class PolicyController:
         return action
 
     def _actions(self, observation: Observation) -> list[Action]:
-        """The actions to execute before the next look; none where the episode is over."""
+        """Return the actions to execute before the next prediction; an empty list ends the episode."""
         network, arm = self._policy.network, self._policy.action.arm
         with torch.no_grad():
             chunk = network(self._batch(), self._noise())[0].numpy()

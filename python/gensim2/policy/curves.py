@@ -1,4 +1,4 @@
-"""Curves of a training: a line of JSON a point always, TensorBoard where it is installed."""
+"""Write the training curves as JSON lines, and to TensorBoard if it is installed."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ MAX_BYTES = 2**30
 
 
 class _Point(BaseModel):
-    """Values at a step."""
-
     model_config = ConfigDict(extra="allow", allow_inf_nan=False)
     __pydantic_extra__: dict[str, float]
 
@@ -29,11 +27,11 @@ class _Point(BaseModel):
 
 
 class Curves:
-    """Points of the curves in ``curves.jsonl``, and in ``tensorboard/`` where that is installed.
+    """Training curves in ``curves.jsonl``, and in ``tensorboard/`` if TensorBoard is installed.
 
     Args:
-        folder: of both.
-        step: that the training goes on from: points behind it are of steps that are taken again, and are dropped.
+        folder: folder of both.
+        step: step from which training resumes; later points are dropped, because these steps are repeated.
     """
 
     def __init__(self, folder: Path, step: int) -> None:
@@ -60,10 +58,10 @@ class Curves:
 
 
 def read_curves(folder: Path) -> list[dict[str, Any]]:
-    """Return the points of a training's folder, in order; an unfinished last line is left out.
+    """Return the points in a training folder in order, without an incomplete last line.
 
     Raises:
-        InputError: the file cannot be read, or a line is no point.
+        InputError: the file cannot be read, or a line is not a valid point.
     """
     path, remedy = folder / CURVES, "delete the file"
     try:

@@ -1,4 +1,4 @@
-"""Rounds of training: roll the policy out, let the planner label where it came to, train on with these labels too."""
+"""DAgger: roll the policy out, let the planner label the states it reached, and train on with these labels."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from gensim2.rollout.counted_objects import with_objects
 from gensim2.rollout.inputs import TaskInput, read_task_inputs
 
 PURPOSE = "policy/relabels"
-"""Of the scenes' seeds, which so are those of no demonstration and no evaluation."""
+"""Purpose of the seeds of relabelled scenes, which differ from those of demonstrations and evaluations."""
 ROUNDS = "rounds"
-"""Folder of the policies before the last one, and of the labels."""
+"""Folder of the earlier rounds' policies and labels."""
 EPISODES = 20
-"""Of each task and round."""
+"""Default number of episodes for each task and round."""
 
 
 class _Rounds(RunSettings):
@@ -50,25 +50,27 @@ def train_rounds(
     assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> TrainResult:
-    """Train on demonstrations, then in each round on, from the weights before, with relabels beside them.
+    """Train on demonstrations, then repeat with the planner's labels of the policy's own rollouts (DAgger).
+
+    Each round starts from the weights of the round before and trains on the demonstrations and all labels so far.
 
     Args:
         source: demonstrations.
-        folders: of the data sets that they are of: scenes of the same tasks and objects are drawn, of other seeds.
+        folders: their data sets, which determine tasks and objects of the new scenes; the scenes' seeds are new.
         policy, training: as for :func:`~gensim2.policy.train.train_policy`; every round takes all steps.
-        out: folder of the last checkpoint; ``rounds/`` holds those before it and the labels.
-        rounds: how many.
-        episodes: of each task and round that the policy is rolled out in.
-        start, resume, device: as there.
+        out: folder of the last checkpoint; ``rounds/`` has the earlier ones and the labels.
+        rounds: number of rounds after the first training.
+        episodes: number of rollouts for each task and round.
+        start, resume, device: as for :func:`~gensim2.policy.train.train_policy`.
         workers: simulator processes.
-        assets: where the objects are now; None: where they were.
-        progress: listener.
+        assets: folder of the objects; None: the folder recorded in the data sets.
 
     Returns:
-        The last training, with the steps and the CPU time of all of them; roll-outs come on top.
+        The last training, with the steps and the CPU time of all trainings. The rollouts' CPU time is not included.
 
     Raises:
-        InputError: a task has several steps or no joint, ``out`` holds a policy of no or other rounds, or as there.
+        InputError: a task has several steps or no joint, ``out`` has a policy of other rounds, or an argument is
+            invalid as for :func:`~gensim2.policy.train.train_policy`.
         NotRunError: some episodes could not be run.
     """
     _check_free(out, resume, rounds)
@@ -104,7 +106,7 @@ def train_rounds(
 
 
 def _check_free(out: Path, resume: bool, rounds: int) -> None:
-    """Refuse a folder whose policy the last round could not replace, before the first one."""
+    """Refuse, before the first round, an output folder that the last round could not replace."""
     if not holds_training(out):
         return
     begun = (out / ROUNDS / "0" / TRAINING / STATE_JSON).exists()
@@ -124,7 +126,7 @@ def _relabel(
     workers: int,
     progress: Progress,
 ) -> Relabels:
-    """Labels of one task of one data set in one round, made once: in ``path``, by the policy in ``folder``."""
+    """Return the labels of one task and round, from ``path`` if they exist already."""
     from gensim2.core.processes import Execution, Job, results
     from gensim2.rollout.runner import EpisodeRunner
 
@@ -144,7 +146,7 @@ def _relabel(
 
 
 def _inputs(dataset: DataSet, tasks: Sequence[str]) -> list[TaskInput]:
-    """The tasks of a data set with the strategies that its episodes were made by."""
+    """Return the tasks of a data set with the strategies that made its episodes."""
     record, found = dataset.record, []
     for name in dataset.tasks:
         if name in tasks:

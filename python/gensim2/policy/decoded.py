@@ -1,4 +1,4 @@
-"""Episodes of data sets, decoded once into arrays that are mapped into memory."""
+"""Decode the episodes of data sets once into memory-mapped arrays."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ from gensim2.rollout.record import Episode
 Array = npt.NDArray[Any]
 
 FILES = {XYZ: "xyz", RGB: "rgb", ACTION: "actions", **{column: column for column in STORED}}
-"""Names of the files in the cache, by array."""
+"""File names in the cache, by array."""
 
 VERSION = 1
-"""Of the folder's layout; part of its name."""
+"""Version of the cache's layout, which is part of its folder's name."""
 
 
 @dataclass(frozen=True)
 class DecodedEpisode:
-    """One episode in the arrays.
+    """Position of one episode in the arrays.
 
     Attributes:
-        task, language: its name and its sentence.
-        first: number of its first frame; frames of T steps are T + 1, the last one behind the last action.
-        steps: T.
+        task, language: name and instruction of the task.
+        first: row of its first frame.
+        steps: T, number of actions; the episode has T + 1 frames, the last one after the last action.
     """
 
     task: str
@@ -52,16 +52,16 @@ class DecodedEpisode:
 
 @dataclass(frozen=True)
 class DecodedData:
-    """All episodes that held of some data sets.
+    """All successful episodes of some data sets.
 
     Attributes:
-        robot: name of the profile.
-        observation: what was rendered.
+        robot: name of the robot profile.
+        observation: rendered observations.
         episodes: in order.
-        arrays: one row a frame: ``pointcloud/xyz`` (0.1 mm, int16), ``pointcloud/rgb`` (uint8), the columns of
-            proprioception and ``action`` (float32; those that were meant where noise was on what was sent; an
-            episode's last one is repeated). Mapped, not read.
-        record: for checkpoints.
+        arrays: memory-mapped, one row for each frame: ``pointcloud/xyz`` (0.1 mm, int16), ``pointcloud/rgb`` (uint8),
+            the columns of proprioception and ``action`` (float32). An episode's last action is repeated. If noise was
+            added to the commands, ``action`` has the commands without noise.
+        record: record of the data for checkpoints.
     """
 
     robot: str
@@ -84,16 +84,17 @@ class _Row:
 
 
 def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Progress = NULL_PROGRESS) -> DecodedData:
-    """Return the episodes that held and were rendered, from the cache folder if they were decoded before.
+    """Return the successful, rendered episodes, from the cache if they were decoded before.
 
     Args:
-        folders: of rendered data sets; of one that was rendered in part the listener is told how much is left out. An
-            episode that several of them hold counts once.
-        tasks: names; none: all.
+        folders: rendered data sets; episodes that are not rendered are left out and reported to ``progress``. An
+            episode
+            that occurs in several data sets counts once.
+        tasks: names of the tasks; empty for all.
 
     Raises:
-        InputError: a data set cannot be read or was not rendered, robots or observations differ, there is no such
-            task, or a number is not finite; names the file.
+        InputError: a data set cannot be read or was not rendered, robots or observations differ, a task is unknown, or
+            a number is not finite; names the file.
     """
     sets = [DataSet.open(folder) for folder in folders]
     if not sets:
@@ -156,7 +157,7 @@ def _rows(sets: Sequence[DataSet], tasks: Sequence[str]) -> Iterator[_Row]:
 
 
 def _once(rows: Sequence[_Row]) -> list[_Row]:
-    """Return each episode once; where one of its copies was rendered, that one."""
+    """Return each episode once, preferring a rendered copy."""
     found: dict[tuple[str, str, str | None], _Row] = {}
     for each in rows:
         key = (each.store.name, each.language, each.row.episode_digest)
@@ -166,7 +167,7 @@ def _once(rows: Sequence[_Row]) -> list[_Row]:
 
 
 def _digest(rows: Sequence[_Row], robot: str, spec: ObservationSpec) -> str:
-    """Of the episodes, their sentences and what was rendered of them."""
+    """Return a digest of the episodes, their instructions and the observation settings."""
     found = hashlib.sha256(json.dumps([robot, spec.to_dict()], sort_keys=True).encode())
     for each in rows:
         found.update(f"{each.store.name}\n{each.language}\n{each.row.episode_digest}\n".encode())
@@ -181,7 +182,7 @@ def _episodes(rows: Sequence[_Row]) -> Iterator[DecodedEpisode]:
 
 
 def _whole(place: Path, episodes: Sequence[DecodedEpisode]) -> bool:
-    """Whether the folder has all arrays at their full length: after a power cut files may be missing or short."""
+    """Return whether all cached arrays have their full length; after a power cut files may be missing or short."""
     frames = episodes[-1].first + episodes[-1].steps + 1
     try:
         found = [np.load(place / f"{file}.npy", mmap_mode="r") for file in FILES.values()]
@@ -218,7 +219,7 @@ def _remove(place: Path) -> None:
 
 
 def _read(each: _Row, spec: ObservationSpec) -> dict[str, Array]:
-    """The rows of one episode."""
+    """Return the rows of one episode."""
     path = each.store.observation_path(each.row.index)
     seen = read_observation(path, each.row.episode_digest)
     spec.require(spec_of_file(seen.description, path), str(path), of="the rest of the data")

@@ -1,4 +1,4 @@
-"""Demonstrations as a source of training batches."""
+"""Draw training batches from demonstrations."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 
 class Demonstrations:
-    """Frames of episodes that held, drawn evenly by task, with the chunk of actions from each on.
+    """Frames of successful episodes with the chunk of actions that follows each; all tasks are drawn equally often.
 
-    Frames in which arm and fingers wait at either end of an episode are not drawn.
+    Frames in which arm and fingers wait at the start or the end of an episode are left out.
 
     Args:
         data: decoded episodes.
-        config: of the policy: history and horizon.
+        config: settings of the policy, which give history and horizon.
     """
 
     def __init__(self, data: DecodedData, config: PolicyConfig) -> None:
@@ -72,18 +72,23 @@ class Demonstrations:
         return len(self._first)
 
     def draw(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
-        """Return a batch of random frames: a task, then a frame of it, each as likely as any other."""
+        """Return a batch of random frames: first a random task, then a random frame of that task."""
         task = rng.integers(len(self._frames), size=size)
         share = rng.random(size)
         rows = [self._frames[t][int(s * len(self._frames[t]))] for t, s in zip(task, share, strict=True)]
         return self.batch(np.array(rows))
 
     def batch(self, rows: npt.NDArray[np.int64]) -> dict[str, torch.Tensor]:
-        """Return the batch of frames by number: columns (B, T, ...), ``sentence``, ``action``, and the next keyframes
-        where the policy is told them.
+        """Return the batch of the given frames.
 
-        Frames before an episode's first are its first one. Behind the last frame that it teaches the arm stays, and
-        the end is marked.
+        Args:
+            rows: (B,) frame numbers.
+
+        Returns:
+            Columns (B, T, ...), ``sentence``, ``action``, and the next keyframes if the policy uses them. Before an
+            episode's first frame the history repeats that frame. After the last trained frame the arm's target stays
+            and the
+            end is marked.
         """
         back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
         seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])
@@ -97,19 +102,19 @@ class Demonstrations:
         return batch if self._keyframes is None else {**batch, **self._ahead(rows, self._keyframes[rows])}
 
     def some_clouds(self, max_clouds: int) -> Shuffled:
-        """Clouds of the first frames of episodes evenly through the data."""
+        """Return the clouds of the first frames of up to ``max_clouds`` episodes, evenly spaced through the data."""
         firsts = np.unique(self._first)
         rows = firsts[np.unique(np.linspace(0, len(firsts) - 1, max_clouds).astype(np.int64))]
         return Shuffled(from_steps(self._arrays[XYZ][rows]), np.array(self._arrays[RGB][rows]))
 
     def _taught(self, first: int, length: int) -> npt.NDArray[np.bool_]:
-        """(T,) frames that an episode teaches."""
+        """Return which frames (T,) of an episode are used for training."""
         own = slice(first, first + length)
         widths = self._arrays[GRIPPER][own, 0]
         return taught_frames(self._arrays[ACTION][own, : self.action.arm], widths, self.action.control_hz)
 
     def _find_keyframes(self, firsts: npt.NDArray[np.int64], lengths: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """(F, K) rows of the next keyframes behind each frame."""
+        """Return the rows (F, K) of the next keyframes after each frame."""
         found = np.empty((len(self._first), self._config.keyframes), dtype=np.int64)
         for first, length in zip(firsts, lengths, strict=True):
             own = slice(first, first + length)
@@ -118,7 +123,7 @@ class Demonstrations:
         return found
 
     def _ahead(self, rows: npt.NDArray[np.int64], keys: npt.NDArray[np.int64]) -> dict[str, torch.Tensor]:
-        """The tool at rows ``keys`` (B, K), in the frame that it has at ``rows`` (B,)."""
+        """Return the tool poses at rows ``keys`` (B, K) in the tool frame at ``rows`` (B,)."""
         now = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][rows]))
         then = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][keys]))
         R = matrix_of_quaternion(now[:, 3:])
@@ -128,7 +133,7 @@ class Demonstrations:
         }
 
     def _chunks(self, rows: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
-        """(B, H, m + 2) (:mod:`gensim2.policy.heads.actions`)."""
+        """Return the action chunks (B, H, m + 2) of :mod:`gensim2.policy.heads.actions`."""
         arm = self.action.arm
         ahead = rows[:, None] + np.arange(self._config.horizon)
         last = self._last[rows][:, None]

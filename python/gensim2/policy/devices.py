@@ -1,4 +1,4 @@
-"""Devices of a training, by their names."""
+"""Select the devices of a training."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from gensim2.core.errors import InputError
 
 
 def read_devices(names: str) -> tuple[torch.device, ...]:
-    """Return the devices of a training; the first holds its state.
+    """Return the devices of a training; the first one has the optimizer's state.
 
     Args:
-        names: ``"auto"``, the first GPU where there is one, or names of PyTorch's with commas: ``"cuda:0,cuda:1"``.
+        names: ``"auto"`` for the first GPU or else the CPU, or PyTorch device names separated by commas, such as
+            ``"cuda:0,cuda:1"``.
 
     Raises:
-        InputError: one cannot be used, or they are CPUs and GPUs.
+        InputError: a device cannot be used, or CPUs and GPUs are mixed.
     """
     if names == "auto":
         return (torch.device("cuda" if torch.cuda.is_available() else "cpu"),)
@@ -36,10 +37,10 @@ def read_devices(names: str) -> tuple[torch.device, ...]:
 
 
 def share_of(batch: int, devices: Sequence[torch.device]) -> int:
-    """Return the samples of a batch that each device takes.
+    """Return the number of samples that each device takes of a batch.
 
     Raises:
-        InputError: the batch is no multiple of their number.
+        InputError: the batch is not a multiple of the number of devices.
     """
     share, left = divmod(batch, len(devices))
     if left:

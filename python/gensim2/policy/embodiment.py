@@ -1,4 +1,4 @@
-"""Whether a controller is shown the robot that its policy is for."""
+"""Check that a controller runs on the robot that its policy was trained for."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ if TYPE_CHECKING:
     from gensim2.perception import Observation
 
 FARTHEST = 0.02
-"""Metres by which the tool may stand off where the joints of the policy's robot would have it."""
+"""Largest accepted distance (m) between the tool's observed position and its position by the policy robot's kinematics.
+"""
 
 
 def check_robot(name: str, observation: Observation, folder: Path) -> None:
-    """Refuse a robot whose tool does not stand where the joints of the policy's robot would have it.
+    """Check that the observed tool position agrees with the kinematics of the policy's robot.
 
     Args:
-        name: of the policy's robot.
-        observation: of the robot that is there.
-        folder: of the checkpoint, for the message.
+        name: name of the policy's robot.
+        observation: observation of the present robot.
+        folder: folder of the checkpoint, for the message.
 
     Raises:
-        CheckpointError: it does not, or has another number of joints.
+        CheckpointError: the positions differ, or the number of joints does.
     """
     profile = robot(name)
     state: Any = np.asarray(observation[STATE], dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Policies measured beside their controls: the same scenes, the same loop, the same verdicts."""
+"""Evaluate a policy and its control experiments on the same scenes with the same success criteria."""
 
 from __future__ import annotations
 
@@ -21,22 +21,27 @@ from gensim2.rollout.run import Stop
 from gensim2.rollout.worker import chain
 
 Control = Literal["blind", "shuffled", "no-op", "expert"]
-"""Controls beside a policy: the policy with all points at the origin, the policy with clouds of other scenes, an arm
-that stands still, and the planner with the whole scene before it (privileged)."""
+"""Control experiments beside a policy: the policy with all points at the origin, the policy with clouds of other
+scenes,
+an arm that stands still, and the planner with full knowledge of the scene.
+"""
 CONTROLS: tuple[Control, ...] = get_args(Control)
 
 CONTROL_EPISODES = 30
-"""Episodes of each task that a control is measured by, the first of the policy's own."""
+"""Default number of episodes of each task for a control experiment; their scenes are the policy's first ones."""
 
 KEYPOSE, CHUNKS = "gensim2.policy.keypose.controller:KeyposeController", "gensim2.policy.controller:PolicyController"
 NO_OP = "gensim2.policy.no_op:NoOpPolicy"
 
 
 def read_controls(given: str | Sequence[str]) -> tuple[Control, ...]:
-    """Controls by their names, or by ``all``, ``none``, or names with commas between them.
+    """Return control experiments by name.
+
+    Args:
+        given: names, or a string: ``all``, ``none``, or names separated by commas.
 
     Raises:
-        InputError: there is no such control.
+        InputError: a name is unknown.
     """
     if isinstance(given, str):
         if given in ("all", "none"):
@@ -50,11 +55,11 @@ def read_controls(given: str | Sequence[str]) -> tuple[Control, ...]:
 
 @dataclass(frozen=True)
 class PolicyResult:
-    """A policy and its controls.
+    """Results of a policy and its control experiments.
 
     Attributes:
-        policy: the policy's own table.
-        controls: tables of its controls, by name; the expert has one a task.
+        policy: results of the policy.
+        controls: results of the control experiments by name; the expert has one result for each task.
     """
 
     policy: EvaluationResult
@@ -62,22 +67,22 @@ class PolicyResult:
 
     @property
     def cpu_s(self) -> float:
-        """CPU seconds of all of them."""
+        """Total CPU time of the policy and its controls, s."""
         others = (each for several in self.controls.values() for each in several)
         return self.policy.cpu_s + sum(each.cpu_s for each in others)
 
     def mean_of(self, control: str, task: str) -> float | None:
-        """Share of a control's episodes that held; None where it was not run."""
+        """Return a control's success rate on a task; None if it was not run."""
         found = self.rows(control).get(task)
         return None if found is None else float(found["held_mean"])
 
     def control_episodes(self, task: str) -> int:
-        """Episodes of a task that each control was measured by; 0 where none was."""
+        """Return the number of episodes of a task that each control ran; 0 for none."""
         counts = (found[task]["episodes"] for found in map(self.rows, self.controls) if task in found)
         return max(counts, default=0)
 
     def rows(self, control: str) -> dict[str, dict[str, Any]]:
-        """Rows of a control's table by task, without the records."""
+        """Return a control's results by task, without the records of the episodes."""
         found = {}
         for each in self.controls.get(control, ()):
             for row in each.rows:
@@ -87,18 +92,18 @@ class PolicyResult:
         return found
 
     def to_dict(self) -> dict[str, Any]:
-        """The policy's table with ``controls``: by name a row a task."""
+        """Return the policy's results as plain data, with the controls' rows by name under ``controls``."""
         controls = {name: list(self.rows(name).values()) for name in self.controls}
         told = {**self.policy.to_dict(), "schema_version": SCHEMA_VERSION}
         return {**told, "controls": controls, "cpu_s": round(self.cpu_s, 3)}
 
 
 def policy_controller(checkpoint: Path | str, **arguments: Any) -> ControllerSpec:
-    """The controller of a checkpoint, whatever its head.
+    """Return the controller of a checkpoint, for any kind of head.
 
     Args:
         checkpoint: folder, or ``"builtin"``.
-        arguments: of the controller, beside it.
+        arguments: further arguments of the controller.
 
     Raises:
         InputError: the checkpoint cannot be used.
@@ -113,14 +118,13 @@ def _controller(policy: PolicyCheckpoint, folder: Path, arguments: Mapping[str, 
 
 
 def controller_for(checkpoint: Path | str, given: TaskInput) -> ControllerSpec:
-    """The controller of a checkpoint that knows a task and its robot.
+    """Return the controller of a checkpoint and check that it fits a task and its robot.
 
     Args:
         checkpoint: folder, or ``"builtin"``.
-        given: the task.
 
     Raises:
-        InputError: the checkpoint cannot be used, or was trained on another robot or other sentences.
+        InputError: the checkpoint cannot be used, or was trained for another robot or other instructions.
     """
     folder = checkpoint_folder(checkpoint)
     policy = PolicyCheckpoint.load(folder)
@@ -147,20 +151,20 @@ def evaluate_policy(
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[EvaluationArguments],
 ) -> PolicyResult:
-    """Measure a policy and its controls.
+    """Evaluate a policy and its control experiments.
 
     Args:
-        checkpoint: its folder, or ``"builtin"``.
-        controls: which, as :func:`read_controls` takes them.
-        control_episodes: of each task; at most ``episodes``.
-        arguments: of the policy's controller, beside its checkpoint.
-        out: folder; each control has one in it.
+        checkpoint: folder, or ``"builtin"``.
+        controls: control experiments, as for :func:`read_controls`.
+        control_episodes: episodes of each task for a control; at most ``episodes``.
+        arguments: further arguments of the policy's controller.
+        out: output folder; each control gets a folder in it.
         tasks, episodes, stop, data, videos, seed, runs, resume, progress, scene: as for
             :func:`~gensim2.evaluation.evaluate`.
 
     Raises:
         CheckpointError: the checkpoint cannot be used with this robot or these tasks.
-        InputError, NotRunError: there is no such control, the checkpoint has no clouds for ``"shuffled"``, or as
+        InputError, NotRunError: a control is unknown, the checkpoint has no clouds for ``"shuffled"``, or as for
             :func:`~gensim2.evaluation.evaluate`.
     """
     controls, names = read_controls(controls), [tasks] if isinstance(tasks, str) else list(tasks)

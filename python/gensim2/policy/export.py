@@ -1,4 +1,4 @@
-"""Policies for other programs: a graph by ``torch.export``, or ONNX."""
+"""Export policies for other programs, by ``torch.export`` or as ONNX."""
 
 from __future__ import annotations
 
@@ -26,15 +26,11 @@ FORMATS: tuple[Format, ...] = get_args(Format)
 NOISE, OUTPUT = "noise", "action"
 
 TOLERANCE = 1e-5
-"""Largest difference, relative to 1 + the size of the number, that an export may have."""
+"""Largest accepted error of an exported value v, relative to 1 + abs(v)."""
 
 
 class Exported(nn.Module):  # type: ignore[misc]
-    """A network with tensors for inputs: ``cloud``, ``proprio``, then ``text`` and ``noise`` where it takes them.
-
-    Args:
-        network: whose.
-    """
+    """A network with tensor inputs: ``cloud``, ``proprio``, then ``text`` and ``noise`` if the network uses them."""
 
     def __init__(self, network: PolicyNetwork) -> None:
         super().__init__()
@@ -46,14 +42,14 @@ class Exported(nn.Module):  # type: ignore[misc]
             self.names.append(NOISE)
 
     def forward(self, *given: torch.Tensor) -> torch.Tensor:
-        """Return what the policy does."""
+        """Return the policy's output."""
         batch = dict(zip(self.names, given, strict=True))
         noise = batch.pop(NOISE) if NOISE in batch else given[0].new_zeros(len(given[0]), 0)
         return self.network(batch, noise)
 
 
 def example_inputs(checkpoint: PolicyCheckpoint, seed: int = 0) -> dict[str, torch.Tensor]:
-    """Return inputs of one decision, drawn around the mean of the training data."""
+    """Return random inputs of one prediction, around the mean of the training data."""
     network, config = checkpoint.network, checkpoint.config
     generator = torch.Generator().manual_seed(seed)
     arm, points = checkpoint.action.arm, checkpoint.observation.cloud.points
@@ -71,24 +67,24 @@ def example_inputs(checkpoint: PolicyCheckpoint, seed: int = 0) -> dict[str, tor
 
 
 def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
-    """Write a policy's network, for one decision at a time, run it, and say how far it is from the original.
+    """Write a policy's network for batches of one, and compare its output with the original.
 
-    Beside the file stands ``<name>.json``: names and shapes of the inputs, sentences, observation spec, action. Inputs
-    are those of :class:`~gensim2.policy.frames.Inputs`: turning clouds and poses into the policy's frame is left to
-    whoever runs it. For a keypose policy the file also has ``points_order``: the rows of the observed cloud in the
-    order in which the network takes them, and ``classes``: the meaning of the classes in its output, the last ``null``
-    for "done".
+    ``<name>.json`` is written beside the file, with names and shapes of the inputs, instructions, observation spec and
+    action format. Inputs are those of :class:`~gensim2.policy.frames.Inputs`; the user transforms clouds and poses into
+    the policy's frame. For a keypose policy the JSON file also has ``points_order``, the order in which the network
+    takes
+    the rows of the observed cloud, and ``classes``, the meaning of its output classes (the last, ``null``, is "done").
 
     Args:
-        folder: of the checkpoint.
-        out: file.
+        folder: folder of the checkpoint.
+        out: file to write.
         to: format.
 
     Returns:
         ``file``, ``format``, ``inputs``, ``difference``.
 
     Raises:
-        InputError: there is no such format, the checkpoint cannot be used, or the file is not the same function within
+        InputError: the format is unknown, the checkpoint cannot be used, or the exported output differs by more than
             1e-5.
         MissingExtraError: a package is not installed.
     """
@@ -134,7 +130,7 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
 
 
 def exported(file: Path, to: Format) -> Callable[[dict[str, torch.Tensor]], torch.Tensor]:
-    """Return an exported policy as a function of its inputs by name."""
+    """Load an exported policy and return it as a function of its inputs by name."""
     if to == "torch":
         module = torch.export.load(io.BytesIO(file.read_bytes())).module()
         return lambda inputs: module(*inputs.values())

@@ -1,8 +1,9 @@
 r"""Inputs of the network from observations, in a frame that turns with the robot's first joint.
 
-The first joint of a robot such as the Panda turns about the z axis of its base. Turning cloud and tool pose by
-:math:`R_z(-q_1)` and leaving :math:`q_1` itself out makes the inputs invariant to a yaw of scene and robot about that
-axis; actions relative to the present joints are invariant as well. What was learned of one yaw holds exactly of all.
+The first joint of a robot such as the Panda turns about the z axis of its base. Clouds and tool poses are rotated by
+:math:`R_z(-q_1)` and :math:`q_1` itself is left out, so the inputs do not change if scene and robot are rotated
+together about that axis. Actions are relative to the present joints and do not change either. The policy therefore
+behaves identically at any yaw.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from gensim2.robots import RobotProfile
 
 SEEN = (CLOUD, STATE, VELOCITY, TOOL_POSE, GRIPPER)
-"""Columns of an observation that a policy is made for; (B, T, ...) as a batch of T frames, the last the present one."""
+"""Observation columns that a policy uses, (B, T, ...) with T frames of which the last is the present one."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +34,8 @@ class Inputs:
     Attributes:
         cloud: (B, T, N, C): x, y, z (m), then with ``colour`` red, green, blue (0 to 1), then with ``tool_frame`` the
             point in the tool's frame (m).
-        proprio: (B, T, P): with ``joints`` the arm's (of the first one what it has turned until the present frame),
-            with ``velocity`` their velocities, the tool's position and 6-D rotation, the gripper's width and last
-            command.
+        proprio: (B, T, P): with ``joints`` the arm's joints, of which the first is relative to the present frame; with
+            ``velocity`` their velocities; the tool's position and 6-D rotation; the gripper's width and last command.
     """
 
     cloud: torch.Tensor
@@ -43,27 +43,27 @@ class Inputs:
 
 
 def cloud_size(config: PolicyConfig) -> int:
-    """C, numbers a point."""
+    """Return C, the number of channels of a point."""
     return 3 + 3 * config.colour + 3 * config.tool_frame
 
 
 def proprio_size(config: PolicyConfig, arm: int) -> int:
-    """P, numbers of proprioception, of a robot whose arm has ``arm`` joints."""
+    """Return P, the size of proprioception, for an arm with ``arm`` joints."""
     return arm * (config.joints + config.velocity) + 3 + 6 + 2
 
 
 def turn_matrix(angle: torch.Tensor) -> torch.Tensor:
-    """(..., 3, 3) rotations about z by ``angle`` (...), rad."""
+    """Return the rotation matrices (..., 3, 3) about z for angles (...) in rad."""
     c, s, zero, one = torch.cos(angle), torch.sin(angle), torch.zeros_like(angle), torch.ones_like(angle)
     rows = [torch.stack(row, -1) for row in ((c, -s, zero), (s, c, zero), (zero, zero, one))]
     return torch.stack(rows, -2)
 
 
 def policy_frame(state: torch.Tensor, config: PolicyConfig) -> torch.Tensor:
-    """(B, 3, 3) rotation of base coordinates into the policy's frame, ``R_policy_base``.
+    """Return the rotation ``R_policy_base`` (B, 3, 3) from the base frame into the policy's frame.
 
     Args:
-        state: (B, T, n) joints; the last frame is the present one.
+        state: (B, T, n) joints, rad; the last frame is the present one.
     """
     angle = -state[:, -1, 0] if config.frame == "turned" else torch.zeros_like(state[:, -1, 0])
     return turn_matrix(angle)
@@ -73,8 +73,8 @@ def inputs_of(seen: Mapping[str, torch.Tensor], config: PolicyConfig, arm: int) 
     """Return the network's inputs.
 
     Args:
-        seen: by column (``SEEN``), (B, T, ...), base frame.
-        arm: number of the arm's joints, the first of the state.
+        seen: observation columns (``SEEN``), (B, T, ...), base frame.
+        arm: number of the arm's joints, which come first in the state.
     """
     state = seen[STATE]
     R = policy_frame(state, config)
@@ -102,15 +102,15 @@ def tool_in(proprio: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Return position (B, 3), m, and rotation (B, 3, 3) of the tool in the policy's frame.
 
     Args:
-        proprio: (B, P), as :class:`Inputs` has it.
+        proprio: (B, P), as in :class:`Inputs`.
     """
     return proprio[:, -11:-8], matrix_of_six(proprio[:, -8:-2])
 
 
 def yawed(seen: Mapping[str, torch.Tensor], angle: torch.Tensor) -> dict[str, torch.Tensor]:
-    """Return what would be seen if scene and robot were turned by ``angle`` (B,) about the base's z axis.
+    """Return the observation of the scene and robot rotated by ``angle`` (B,), rad, about the base's z axis.
 
-    Actions relative to the present joints are the same; absolute ones differ by the angle in the first joint.
+    Actions relative to the present joints are unchanged; in absolute actions the first joint differs by the angle.
     """
     R = turn_matrix(angle)
     found = dict(seen)
@@ -129,10 +129,10 @@ def yawed(seen: Mapping[str, torch.Tensor], angle: torch.Tensor) -> dict[str, to
 
 
 def check_turns(profile: RobotProfile, config: PolicyConfig) -> None:
-    """Refuse the turned frame for a robot whose first joint does not turn it about the z axis of its base.
+    """Check that a robot can use the ``turned`` frame: its first joint must turn it about the z axis of its base.
 
     Raises:
-        InputError: it does not; names the remedy.
+        InputError: the first joint does not; names the remedy.
     """
     if config.frame != "turned":
         return

@@ -1,4 +1,4 @@
-"""Batches as the network takes them, and the gradients of a share of one."""
+"""Prepare batches for the network and compute the gradients of a share of a batch."""
 
 from __future__ import annotations
 
@@ -19,16 +19,13 @@ if TYPE_CHECKING:
 
 
 class GradientStep:
-    """Gradients of a network on its device: of the samples that it draws in a step, all of a batch or a share.
+    """Gradients of a network on its device, for all samples of a step or for one share of them.
 
     Args:
-        network: whose gradients are taken.
-        source: of batches.
-        config: of the network.
-        training: how; ``amp`` says whether a GPU computes in bfloat16.
-        table: of the sentences, on the network's device.
-        size: samples that are drawn in a step.
-        number: of the share; shares of other numbers draw other samples.
+        training: training settings; ``amp`` enables bfloat16 on a GPU.
+        table: encoded instructions, on the network's device.
+        size: number of samples in a step.
+        number: index of the share; each share draws other samples.
     """
 
     def __init__(
@@ -48,7 +45,7 @@ class GradientStep:
         self._bfloat16 = training.amp and table.device.type == "cuda"
 
     def __call__(self, step: int) -> float:
-        """Leave the gradients of a step with the parameters; return the loss."""
+        """Compute the gradients of a step into the parameters and return the loss."""
         draw = rng(self._training.seed, self._purpose, step)
         where = self._table.device
         generator = torch.Generator(where).manual_seed(int(draw.integers(2**62)))
@@ -69,7 +66,7 @@ def training_batch(
     training: TrainConfig | None = None,
     generator: torch.Generator | None = None,
 ) -> dict[str, torch.Tensor]:
-    """Return inputs and targets on the table's device; augmented where ``training`` says how."""
+    """Return inputs and targets on the table's device, augmented if ``training`` and ``generator`` are given."""
     drawn = {name: value.to(table.device, non_blocking=True) for name, value in source.draw(draw, size).items()}
     if training is not None and generator is not None:
         if training.arm_noise > 0:

@@ -1,4 +1,4 @@
-"""Heatmaps over the points of a cloud: a place is the mean of the points, each with an offset, by how hot they are."""
+"""Heatmaps over the points of a cloud: a place is the weighted mean of the points plus an offset at each point."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import torch
 
 WIDTH = 0.02
-"""Metres about a place within which points are to be hot."""
+"""Standard deviation (m) of the target heatmap around a place."""
 OFFSET = 0.1
-"""Metres in a unit of an offset."""
+"""Length (m) of one unit of an offset."""
 
 
 def fourier_features(positions: torch.Tensor, bands: Sequence[float]) -> list[torch.Tensor]:
@@ -24,18 +24,18 @@ def places_of(points: torch.Tensor, logits: torch.Tensor, offsets: torch.Tensor)
 
     Args:
         points: (B, N, 3), m.
-        logits: (B, N, K) of the weights.
+        logits: (B, N, K) logits of the weights.
         offsets: (B, N, K, 3), in units of ``OFFSET``.
     """
     return (logits.softmax(1)[..., None] * (points[:, :, None] + OFFSET * offsets)).sum(1)
 
 
 def heat_loss(points: torch.Tensor, logits: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
-    """Return the cross-entropy (B, K) of heatmaps against what they are to be for ``places`` (B, K, 3).
+    """Return the cross-entropy (B, K) of heatmaps against Gaussians around ``places``.
 
     Args:
         points: (B, N, 3), m.
-        logits: (B, N, K).
+        logits: (B, N, K) logits of the heatmaps.
         places: (B, K, 3), m.
     """
     away = (points[:, :, None] - places[:, None]).square().sum(-1)

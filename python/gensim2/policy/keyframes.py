@@ -1,4 +1,4 @@
-"""Keyframes of demonstrations: where the hand stands still on its way (James and Davison 2022, C2F-ARM)."""
+"""Keyframes of demonstrations: frames in which the hand nearly stands still (James and Davison 2022, C2F-ARM)."""
 
 from __future__ import annotations
 
@@ -7,26 +7,27 @@ import numpy.typing as npt
 from scipy.signal import find_peaks
 
 KEY_POSITIONS, KEY_ROTATIONS = "keyframe_positions", "keyframe_rotations"
-"""Names of targets, (B, K, 3) m and (B, K, 3, 3): the tool at its next keyframes, in the frame that it has now. NaN
-where nothing is known of them."""
+"""Names of targets (B, K, 3), m, and (B, K, 3, 3): the tool's pose at its next keyframes, in its present frame. NaN if
+unknown.
+"""
 REST = 0.3
-"""Rad/s of the fastest joint's target below which the arm counts as standing still, where it is slowest."""
+"""Speed (rad/s) of the fastest joint's target below which a slow moment of the arm counts as a keyframe."""
 APART = 5
-"""Control steps between two keyframes at least."""
+"""Smallest number of control steps between two keyframes."""
 MOVES = 0.1
-"""Rad/s of the fastest joint's target above which the arm moves."""
+"""Speed (rad/s) of the fastest joint's target above which the arm counts as moving."""
 BEFORE, BEHIND = 1, 3
-"""Control steps before an arm sets off and behind its coming to its end that still teach something."""
+"""Control steps before the arm starts to move, and after it has stopped, that are still used for training."""
 FINGERS = 1e-3
-"""Metres in a control step by which the distance of the pads changes where the fingers move."""
+"""Change of the finger distance (m) in a control step above which the fingers count as moving."""
 
 
 def keyframes(actions: npt.NDArray[np.float32], control_hz: float) -> npt.NDArray[np.int64]:
-    """Return the numbers of an episode's keyframes, rising; the last one is where the arm has come to its end.
+    """Return the frame numbers of an episode's keyframes in order; the last one is where the arm has stopped.
 
     Args:
         actions: (T, m) targets of the arm's joints, rad.
-        control_hz: actions a second.
+        control_hz: control rate, Hz.
     """
     speed = _speed(actions, control_hz)
     moving = np.flatnonzero(speed > MOVES)
@@ -41,16 +42,16 @@ def keyframes(actions: npt.NDArray[np.float32], control_hz: float) -> npt.NDArra
 def taught_frames(
     actions: npt.NDArray[np.float32], widths: npt.NDArray[np.float32], control_hz: float
 ) -> npt.NDArray[np.bool_]:
-    """Return which frames are worth learning from, (T,).
+    """Return which frames (T,) are used for training.
 
-    Where nothing moves before the arm sets off, and where it rests until a judge has seen enough, all frames look the
-    same and a policy would learn to wait. Frames in which the fingers close before that are kept: an episode begins in
-    them.
+    Before the arm starts, and after it has stopped, all frames look alike and would teach the policy to wait, so they
+    are
+    left out. Frames at the start in which the fingers move are kept.
 
     Args:
         actions: (T, m) targets of the arm's joints, rad.
-        widths: (T,) distance of the pads, m.
-        control_hz: actions a second.
+        widths: (T,) distance of the finger pads, m.
+        control_hz: control rate, Hz.
     """
     speed = _speed(actions, control_hz)
     moving = np.flatnonzero(speed > MOVES)
@@ -64,9 +65,9 @@ def taught_frames(
 
 
 def next_keyframes(keys: npt.NDArray[np.int64], frames: int, count: int) -> npt.NDArray[np.int64]:
-    """Return the numbers of the next keyframes behind each frame, (frames, count); the last one, again, where none is.
+    """Return the next keyframes after each frame, (frames, count); the last keyframe is repeated.
 
-    A keyframe is at hand until a step before it.
+    A keyframe counts as next until one step before it.
     """
     first = np.searchsorted(keys, np.arange(frames) + 1, side="right")
     found: npt.NDArray[np.int64] = keys[np.minimum(first[:, None] + np.arange(count), len(keys) - 1)]
@@ -74,6 +75,6 @@ def next_keyframes(keys: npt.NDArray[np.int64], frames: int, count: int) -> npt.
 
 
 def _speed(actions: npt.NDArray[np.float32], control_hz: float) -> npt.NDArray[np.float32]:
-    """(T - 1,) rad/s of the fastest joint's target."""
+    """Return the speed (T - 1,), rad/s, of the fastest joint's target."""
     found: npt.NDArray[np.float32] = np.abs(np.diff(actions, axis=0)).max(1, initial=0.0) * control_hz
     return found

@@ -1,4 +1,4 @@
-"""Time from an observation to an action, by stage, of every head."""
+"""Measure the time from an observation to an action, by stage, for every kind of head."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from gensim2.sim import HeadlessEnv
 
 TASK = "CloseBox"
 WARM_UP = 10
-"""First decisions that are not measured."""
+"""Number of first decisions that are not measured."""
 
 
 class Stopwatch:
     """Times repeated passes through the same stages.
 
     Args:
-        stages: names, in order; ``total`` comes on top.
+        stages: names of the stages in order; ``total`` is added.
     """
 
     def __init__(self, *stages: str) -> None:
@@ -43,21 +43,21 @@ class Stopwatch:
         return len(self._passes)
 
     def begin(self) -> None:
-        """Begin a pass, dropping one that was not kept."""
+        """Start a pass, and discard an unfinished one."""
         self._marks = []
         self.mark()
 
     def mark(self) -> None:
-        """End a stage, and begin the next."""
+        """End the present stage and start the next one."""
         self._marks.append((time.perf_counter(), time.process_time()))
 
     def keep(self) -> None:
-        """Keep the pass, each of whose stages has ended."""
+        """Record a finished pass."""
         marks = np.array(self._marks)
         self._passes.append(np.vstack([np.diff(marks, axis=0), marks[-1:] - marks[:1]]))
 
     def percentiles(self, warm_up: int) -> dict[str, dict[str, float]]:
-        """Return milliseconds by stage: ``p50`` and ``p95`` of wall time, ``cpu`` time on median.
+        """Return milliseconds by stage: ``p50`` and ``p95`` of wall time, and the median ``cpu`` time.
 
         Args:
             warm_up: number of first passes that are left out.
@@ -73,14 +73,14 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class Latency:
-    """Milliseconds of wall time of one kind of policy.
+    """Latency of one kind of policy, ms of wall time.
 
     Attributes:
-        encoder, head, points, device: what was run; the weights are fresh, which costs the same.
+        encoder, head, points, device: the network, with fresh weights, which take the same time.
         parameters: number of weights.
-        p50, p95: by stage: ``observation`` (rays, cloud, proprioception), ``inputs`` (the policy's frame),
-            ``network``, ``total``.
-        cpu: the same stages, CPU time on median.
+        p50, p95: percentiles by stage: ``observation`` (rays, cloud, proprioception), ``inputs`` (transform into the
+            policy's frame), ``network``, ``total``.
+        cpu: median CPU time of the same stages.
     """
 
     encoder: str
@@ -93,7 +93,6 @@ class Latency:
     cpu: dict[str, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         return dict(vars(self))
 
 
@@ -109,19 +108,19 @@ def measure_latencies(
     settings: dict[str, Any] | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
-    """Measure decisions of batch 1 on a live scene; of a ``keypose`` policy the network alone, without the planner.
+    """Measure decisions of batch size 1 in a live scene; for ``keypose`` only the network, without the planner.
 
     Args:
-        heads, encoders: names; each with each.
-        points: of a cloud.
-        decisions: measured ones, after ``WARM_UP`` that are not.
-        threads: of PyTorch.
-        device: of the network.
+        heads, encoders: names; all combinations are measured.
+        points: number of points in a cloud.
+        decisions: number of measured decisions, after ``WARM_UP`` others.
+        threads: number of PyTorch threads.
+        device: device of the network.
         assets: objects of the scene.
-        settings: of the policies, beside.
+        settings: further policy settings.
 
     Returns:
-        ``rows`` of :class:`Latency`, ``threads``, ``decisions``, ``load`` (of the machine, when it began).
+        ``rows`` of :class:`Latency`, ``threads``, ``decisions``, and the machine's ``load`` at the start.
     """
     kinds = []
     for encoder in encoders:

@@ -1,4 +1,4 @@
-"""``learn.json``, the record of a ``gensim2 learn`` run: its arguments, and step counts and data cost so far."""
+"""``learn.json``, the record of a ``gensim2 learn`` run: its arguments, step counts and data cost."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from gensim2.scenes.config import SceneRecord
 LEARN_JSON = "learn.json"
 LOCK = ".learn.lock"
 DATA_FIELDS = ("tasks", "multi_task", "seed", "objects", "generated", "scene", "noise", "verify")
-"""Fields that determine the demonstrations of a policy, what is seen in them apart."""
+"""Fields that determine the demonstrations of a policy, apart from the observation spec."""
 REFUSED = "give a folder that gensim2 learn has made"
 
 
 class LearnRecord(RunSettings):
-    """``learn.json``: the arguments of a run, which a resumed run must repeat.
+    """Content of ``learn.json``: the arguments of a run, which a resumed run must repeat.
 
     Attributes:
-        minutes: of CPU for data and training.
-        objects: number of generated ones of each class to learn from; None: the ``instances`` of ``scene``.
-        generated: number of generated ones of each class beside those of ``scene``.
-        verify: leave scenes out whose plans fail in physics.
-        noise: of the cameras; None: their depth is exact.
-        text, text_model: encoder of the sentences of a policy of several tasks, and its weights, that were asked for.
-        settings: of network and training that were asked for.
-        start: folder of the policy that goes on, with the digest of its ``config.json``; None: from nothing.
-        demonstrations_of: folder of another run whose demonstrations were taken along.
-        steps: gradient steps by policy folder, decided when its training began.
-        data_cpu_s: CPU seconds of the data by policy folder, those of the other run included.
-        episodes: demonstrations of each task by policy folder, of policies of action chunks.
+        minutes: CPU minutes for data and training.
+        objects: number of generated training objects of each class; None: the ``instances`` of ``scene``.
+        generated: number of generated objects of each class in addition to those of ``scene``.
+        verify: leave out scenes whose plans fail in simulation.
+        noise: depth noise of the cameras; None for exact depth.
+        text, text_model: requested text encoder of a policy of several tasks, and its weights.
+        settings: requested network and training settings.
+        start: folder of the policy to start from, with the digest of its ``config.json``; None: train from scratch.
+        demonstrations_of: folder of another run whose demonstrations were copied.
+        steps: gradient steps by policy folder, fixed when its training started.
+        data_cpu_s: CPU time of the data by policy folder, s, including copied demonstrations.
+        episodes: demonstrations of each task by policy folder, for policies of action chunks.
     """
 
     FREE = frozenset({"steps", "data_cpu_s", "episodes", "demonstrations_of", "start"})
@@ -69,7 +69,7 @@ class LearnRecord(RunSettings):
     episodes: dict[str, Annotated[int, Field(ge=0)]] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences, where a policy to start from may lie in a folder that was moved."""
+        """Yield the differences to another record; the policy to start from may have been moved to another folder."""
         yield from super().differences(now)
         was, given = ((each.start or (None, None))[1] for each in (self, now))
         yield from differing("start", was, given)
@@ -82,25 +82,25 @@ class LearnRecord(RunSettings):
 
     @property
     def is_of_plans(self) -> bool:
-        """Whether its policies are keypose policies, taught by plans; others are taught by episodes."""
+        """Return whether the policies are keypose policies, which train on plans; others train on episodes."""
         return self.policy == "keypose"
 
     @property
     def observation(self) -> ObservationSpec:
-        """Observation spec of its policies.
+        """Return the observation spec of the policies.
 
         Raises:
-            InputError: a setting is unknown, or cannot be so.
+            InputError: a setting is unknown or invalid.
         """
         noise = None if self.noise is None else DepthNoise(**self.noise)  # type: ignore[arg-type]
         return observation_of(learn_configs(self.policy, self.settings)[0], noise)
 
 
 class LearnFolder(ResumableFolder[LearnRecord]):
-    """Folder of a run, under a lock of its own: the trainings in it lock their folders, too.
+    """Folder of a run, with its own lock, because the trainings in it lock their folders as well.
 
     Raises:
-        InputError: the folder holds a run and ``resume`` is false, or one with other arguments, or another policy.
+        InputError: the folder has a run and ``resume`` is false, a run with other arguments, or another policy.
     """
 
     def __init__(self, out: Path, record: LearnRecord, resume: bool) -> None:
@@ -115,10 +115,10 @@ class LearnFolder(ResumableFolder[LearnRecord]):
 
 
 def check_demonstrations(other: Path, record: LearnRecord) -> None:
-    """Refuse another run whose demonstrations differ from those that this one would make.
+    """Refuse another run's demonstrations if they differ from those that this run would make.
 
     Raises:
-        InputError: the folder holds no run, or one with other arguments; names the field.
+        InputError: the folder has no run, or a run with other arguments; names the field.
     """
     there = read_record(other / LEARN_JSON, LearnRecord, REFUSED)
     if there.is_of_plans is not record.is_of_plans:
@@ -134,17 +134,18 @@ def check_demonstrations(other: Path, record: LearnRecord) -> None:
 
 
 def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) -> None:
-    """Copy the demonstrations of a policy from ``record.demonstrations_of``, where there are none yet; of episodes that
-    are to be seen otherwise, the episodes alone.
+    """Copy a policy's demonstrations from ``record.demonstrations_of`` if there are none yet.
+
+    Only the episodes are copied, not their rendered observations, if the observation spec differs.
 
     Args:
-        record: of the run; what they cost is counted in it.
-        key: folder of the policy in ``out``, and in the other run.
-        folder: the same, whole.
-        out: of the run.
+        record: record of the run, to which the demonstrations' cost is added.
+        key: the policy's folder relative to ``out`` and to the other run.
+        folder: the policy's folder as a full path.
+        out: folder of the run.
 
     Raises:
-        InputError: they are not there.
+        InputError: the other run has no demonstrations.
     """
     if record.demonstrations_of is None or (folder / DATA).exists():
         return

@@ -1,4 +1,4 @@
-"""Settings of ``gensim2 learn``: defaults of each kind of policy, changes from a file, and the observation spec."""
+"""Settings of ``gensim2 learn``: defaults for each kind of policy, changes from a file, and the observation spec."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from gensim2.policy.starting import SPEC, with_noise
 CHUNK_SPEC = ObservationSpec.of({"points": 256, "candidates": 2048, "robot": "none"})
 """Observations of a policy of action chunks: the scene without the robot."""
 CHUNK_POLICY = PolicyConfig(keyframes=3, seen_points=192)
-"""Network of a policy of action chunks; its head is what was asked for."""
+"""Network settings of a policy of action chunks; the user chooses the head."""
 CHUNK_TRAINING = TrainConfig(arm_noise=0.06, threads=1)
 KNOWN_POINTS = 64
-"""Of a cloud of keypoints and corners: more than the objects of any task of the library have."""
+"""Number of points in a cloud of keypoints and corners; no task of the library has more."""
 OF_CHUNKS = (
     "history",
     "stride",
@@ -36,7 +36,9 @@ OF_CHUNKS = (
     "colour_jitter",
     "arm_noise",
 )
-"""Settings that policies taught by plans do not have: they see one uncoloured cloud in the turned frame."""
+"""Settings that only policies of action chunks have. Keypose policies see a single uncoloured cloud in the turned
+frame.
+"""
 ELSEWHERE = {
     "head": "say it with --policy",
     "text": "say it with --text",
@@ -45,21 +47,21 @@ ELSEWHERE = {
     "seed": "say it with --seed",
     "ways": "it is the number of strategies that are taught",
 }
-"""Settings that a run decides, and how."""
+"""Settings that ``gensim2 learn`` sets itself, each with the option that controls it."""
 
 
 def learn_configs(
     policy: str, settings: Mapping[str, Any], *, file: str | None = None
 ) -> tuple[PolicyConfig, TrainConfig]:
-    """Return network and training of a kind of policy.
+    """Return network and training settings for a kind of policy.
 
     Args:
         policy: name of the head.
-        settings: fields of either that are to be otherwise.
-        file: that they are from, for messages.
+        settings: fields of either that differ from the defaults.
+        file: file of the settings, for messages.
 
     Raises:
-        InputError: a field is unknown, cannot be so, is decided by the run, or is of the other kind of policy; names
+        InputError: a field is unknown, invalid, set by ``learn`` itself, or only for the other kind of policy; names
             file and field.
     """
     for name, remedy in ELSEWHERE.items():
@@ -78,10 +80,10 @@ def learn_configs(
 
 
 def observation_of(policy: PolicyConfig, noise: DepthNoise | None) -> ObservationSpec:
-    """Return the observation spec of a policy: clouds of its number of points, of the source that its encoder reads.
+    """Return the observation spec that fits a policy's number of points and its encoder.
 
     Raises:
-        InputError: the noise is of cameras, and it looks through none.
+        InputError: there is camera noise, but the encoder does not read depth clouds.
     """
     spec = SPEC if policy.head == "keypose" else CHUNK_SPEC
     cloud = spec.cloud

@@ -1,4 +1,4 @@
-"""From nothing to a policy that is measured: data, training, evaluation beside its controls, one page."""
+"""``gensim2 learn``: make data, train a policy, evaluate it with its controls, and write a report."""
 
 from __future__ import annotations
 
@@ -39,24 +39,26 @@ from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs
 from gensim2.scenes.config import SceneArguments
 
 SCENES = 2000
-"""Of each task at most; more make hands no more exact in a training of minutes."""
+"""Default for the largest number of scenes of each task; in a training of minutes, more scenes do not make motions more
+accurate.
+"""
 OBJECTS = 200
-"""Generated ones of each class that a keypose policy learns from, where there are as many as are wanted."""
+"""Default number of generated training objects of each class for keypose policies."""
 RESULT_JSON = "result.json"
 VIDEOS = 3
-"""Episodes of each task that are filmed."""
+"""Default number of recorded episodes of each task."""
 
 
 @dataclass(frozen=True)
 class Learned:
-    """One policy.
+    """A learned policy.
 
     Attributes:
-        folder: of its checkpoint.
-        demonstrations: that it was taught by, by task: plans, or episodes.
-        data_cpu_s: CPU seconds that they took.
-        trained: how it went.
-        measured: it and its controls.
+        folder: folder of its checkpoint.
+        demonstrations: number of training plans or episodes by task.
+        data_cpu_s: CPU time of the data, s.
+        trained: result of the training.
+        measured: evaluation of the policy and its controls.
     """
 
     folder: Path
@@ -67,7 +69,7 @@ class Learned:
 
     @property
     def cpu_s(self) -> float:
-        """CPU seconds of data and training."""
+        """CPU time of data and training, s."""
         return self.data_cpu_s + self.trained.cpu_s
 
 
@@ -76,11 +78,11 @@ class LearnResult:
     """Result of ``learn``.
 
     Attributes:
-        out: folder.
-        record: what was asked for.
-        test_instances: word for the objects that it was measured on.
-        seen_objects: those of them, ``class/id``, that it was taught on, too.
-        learned: one policy a task, or one for all.
+        out: output folder.
+        record: arguments of the run.
+        test_instances: name of the set of objects used for evaluation.
+        seen_objects: evaluated objects (``class/id``) that were also used for training.
+        learned: one policy for each task, or one for all.
     """
 
     out: str
@@ -90,7 +92,7 @@ class LearnResult:
     learned: tuple[Learned, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data: ``tasks`` has one entry a task."""
+        """Return the result as plain data; ``tasks`` has one entry for each task."""
         return {
             "schema_version": SCHEMA_VERSION,
             "out": self.out,
@@ -131,46 +133,46 @@ def learn(
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[SceneArguments],
 ) -> LearnResult:
-    """Teach tasks to a policy by the planner, and measure it on objects and seeds that it never saw.
+    """Train policies on demonstrations of the planner, and evaluate them on unseen objects and seeds.
 
     Args:
-        tasks: names of library tasks, or folders that hold task.yaml and strategies/.
-        policy: name of the head: ``"keypose"``, taught by plans, or one of action chunks, taught by episodes.
-        minutes: of CPU for the data and the training of each task; where a GPU trains, what the data leave of them is
-            time by the clock. Evaluation is not bounded.
-        multi_task: one policy for all tasks; its ``--minutes`` are those of all of them together.
-        scenes: most of each task that are planned.
-        episodes, control_episodes: of each task that the policy and each control are measured by.
-        controls: which, as :func:`~gensim2.policy.evaluating.read_controls` takes them; None: all.
-        videos: episodes of each task that are filmed.
-        objects: generated ones of each class to learn from, beyond those that the library lists, drawn by the seed;
-            None: ``instances``, and where that is not given ``OBJECTS``, of real objects those of ``train``.
-        generated: number of generated ones of each class to learn from beside a folder's, by whose numbers the
-            data's time is divided; of plans.
-        verify: leave scenes out whose plans physics refutes; of plans, which are not simulated otherwise.
-        start: folder of a keypose policy of several tasks that ``learn`` left, or ``"builtin"``: the new one begins
-            with its weights and plans, ``tasks`` are added to its own, and all of them are measured. The package's has
-            no plans beside it: some scenes of each of its tasks are planned again, at the cost of ``minutes``.
-        demonstrations: folder of another run of ``learn`` on the same tasks, objects and seed, whose demonstrations are
-            taken along; more are made where their share of ``minutes`` is not spent.
-        noise: of the cameras in all data, with errors of pose, depth and clock drawn each episode; the policy is
-            measured with it, too. None: depth is exact.
-        text: encoder of the sentences, of a policy of several tasks; None: that of ``start``, else ``"small"``.
-        text_model: folder or hub name of its weights, where it is pretrained; None: CLIP's on the hub.
-        settings: of the network and of the training that are to be otherwise than usual, by name
-            (:mod:`gensim2.policy.config`), or a YAML file of them; of a policy that begins with no other's weights.
-        test_instances: objects that the policy is measured on; None: ``new`` where it learns from ``objects``, else,
-            and where ``start`` was taught on listed ones, ``test`` where all classes have such a split, else ``new``.
-        seed: of everything.
-        out: folder; of one policy it is the checkpoint's, of several each has one in it by its task's name.
-        workers: processes that plan and simulate.
-        resume: go on with what the folder holds.
-        device: of the training, as :func:`~gensim2.policy.devices.read_devices` takes it.
-        progress: listener.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`.
+        tasks: names of library tasks, or folders with task.yaml and strategies/.
+        policy: name of the head: ``"keypose"``, trained on plans, or a head of action chunks, trained on episodes.
+        minutes: CPU minutes for data and training of each task. If a GPU trains, the time left by the data counts as
+            wall time. Evaluation time is not limited.
+        multi_task: train one policy for all tasks; ``minutes`` is then the total.
+        scenes: largest number of planned scenes of each task.
+        episodes, control_episodes: evaluation episodes of each task for the policy and for each control.
+        controls: control experiments, as for :func:`~gensim2.policy.evaluating.read_controls`; None: all.
+        videos: number of recorded episodes of each task.
+        objects: number of generated training objects of each class, drawn by the seed, beyond those listed in the
+            library. None: the ``instances`` of ``scene``; if these are not given either, ``OBJECTS`` generated objects,
+                or
+            the training split of real ones.
+        generated: for plans: number of generated training objects of each class in addition to a folder's objects. Both
+            share the data's time in proportion to their numbers.
+        verify: for plans: leave out scenes whose plans fail in simulation; plans are not simulated otherwise.
+        start: folder of a keypose policy of several tasks from ``learn``, or ``"builtin"``. The new policy starts from
+            its weights and plans, learns ``tasks`` in addition, and is evaluated on all tasks. The builtin policy has
+            no
+            plans, so some scenes of its tasks are planned again, which counts towards ``minutes``.
+        demonstrations: folder of another run of ``learn`` with the same tasks, objects and seed, whose demonstrations
+            are copied; more are made if their share of ``minutes`` is not used up.
+        noise: camera noise in all data and in the evaluation, with errors of pose, depth and clock drawn for each
+            episode. None: exact depth.
+        text: text encoder of a policy of several tasks; None: that of ``start``, else ``"small"``.
+        text_model: folder or hub name of the weights of a pretrained text encoder; None: CLIP's on the hub.
+        settings: network and training settings that differ from the defaults, by name
+            (:mod:`gensim2.policy.config`), or a YAML file; not together with ``start``.
+        test_instances: objects for the evaluation. None: ``new`` if the policy learns from ``objects``; otherwise
+            ``test`` if all classes have such a split, else ``new``.
+        out: output folder. A single policy's checkpoint is written into it; several get a folder each, named by task.
+        workers: number of processes that plan and simulate.
+        resume: continue the run in ``out``.
+        device: device of the training, as for :func:`~gensim2.policy.devices.read_devices`.
 
     Raises:
-        InputError: an argument cannot be used, or the folder holds something else.
+        InputError: an argument is invalid, or ``out`` has other content.
         NotRunError: some scenes or episodes could not be run.
     """
     check_counts(scenes=scenes, episodes=episodes, control_episodes=control_episodes)
@@ -219,7 +221,7 @@ def learn(
     together = multi_task or begun is not None
     several = together and (begun is not None or len(given) > 1)
     check_text(text, text_model, [one.spec.description for one in given] if several else (), begun)
-    # Those that it was taught before are measured, too: on none of the objects that it was taught them on.
+    # Earlier tasks are evaluated as well, on objects that were not used to train them.
     before = [] if start is None else taught_before(start, known, seed=seed, **scene)
     listed = [*(given if objects is None else ()), *before]
     if test_instances is None:

@@ -1,4 +1,4 @@
-"""The whole network: encoders, trunk and head behind one configuration."""
+"""The whole network: encoders, trunk and head."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
 
 CLOUD, PROPRIO, TEXT = "cloud", "proprio", "text"
-"""Names of a batch's inputs: (B, T, N, C), (B, T, P) (:class:`~gensim2.policy.frames.Inputs`), and rows of the table of
-sentences (B, ...)."""
+"""Names of a batch's inputs: (B, T, N, C), (B, T, P) (:class:`~gensim2.policy.frames.Inputs`), and encoded instructions
+(B, ...).
+"""
 
 SMALLEST = 1e-2
 """Smallest scale of proprioception, rad or m."""
@@ -31,9 +32,9 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
     """Network of a policy.
 
     Args:
-        config: its architecture.
+        config: architecture.
         arm: m, number of the arm's joints.
-        row: shape of a row of the table of sentences (:func:`~gensim2.policy.text.prepare`).
+        row: shape of an encoded instruction (:func:`~gensim2.policy.text.prepare`).
     """
 
     cloud_mean: torch.Tensor
@@ -61,9 +62,9 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         self.head = make_head(config, arm, self.encoder.feature_width)
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Set all normalization, kept in buffers, from many samples, once before training.
+        """Set all normalization from a large batch, once before training; it is kept in buffers.
 
-        Coordinates have one scale for the three axes, so that distances keep their proportions.
+        All three coordinates share one scale, so distances keep their proportions.
         """
         cloud = batch[CLOUD].flatten(0, -2).double()
         self.cloud_mean.copy_(cloud.mean(0))
@@ -75,11 +76,10 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         self.head.fit(batch)
 
     def context(self, batch: Mapping[str, torch.Tensor], generator: torch.Generator | None = None) -> Context:
-        """Return what the head works from.
+        """Return the inputs of the head.
 
         Args:
-            batch: inputs.
-            generator: in training, of what the pointer looks at.
+            generator: random generator of the pointer's points, in training only.
         """
         cloud = (batch[CLOUD] - self.cloud_mean) / self.cloud_scale
         own = (batch[PROPRIO] - self.proprio_mean) / self.proprio_scale
@@ -130,7 +130,7 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return found
 
     def _any_of(self, points: torch.Tensor, generator: torch.Generator | None) -> torch.Tensor:
-        """(B, P) rows of points (B, N, C): one of each of P stretches that are as long, the middle or a random one."""
+        """Return rows (B, P) of points (B, N, C): one from each of P equal ranges, the middle or a random one."""
         count = points.shape[1]
         looked_at = min(self.config.seen_points, count)
         within = torch.full((len(points), looked_at), 0.5, device=points.device)
@@ -140,7 +140,9 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return rows.long().clamp(max=count - 1)
 
     def _first_look(self, points: torch.Tensor) -> torch.Tensor:
-        """(B, K) rows of points (B, N, 3): the first ``seen_points``, and ``spread_points`` far from each other."""
+        """Return rows (B, K) of points (B, N, 3): the first ``seen_points``, and ``spread_points`` by farthest point
+        sampling.
+        """
         count = points.shape[1]
         rows = torch.arange(min(self.config.seen_points, count), device=points.device).expand(len(points), -1)
         spread = min(self.config.spread_points, count)
@@ -156,12 +158,12 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return loss
 
     def forward(self, batch: Mapping[str, torch.Tensor], noise: torch.Tensor) -> torch.Tensor:
-        """Return what the policy does, (B, ...), of a batch of inputs."""
+        """Return the policy's output (B, ...) for a batch of inputs."""
         return self.head.act(self.context(batch), noise)
 
 
 def fresh_network(config: PolicyConfig, arm: int, row: Sequence[int], seed: int) -> PolicyNetwork:
-    """Return a network whose weights follow from the seed; PyTorch's own generator is left as it was."""
+    """Return a network with weights initialized by the seed; PyTorch's global random state is unchanged."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return PolicyNetwork(config, arm, row)

@@ -1,4 +1,4 @@
-"""Controller that does nothing, as a control."""
+"""A control experiment: a controller that does not move."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from gensim2.robots import OPEN
 from gensim2.rollout.controller import PROPRIOCEPTIVE
 
 STEPS = 20
-"""Control steps for which it holds the arm before it is done."""
+"""Number of control steps before the episode ends."""
 
 
 class NoOpPolicy:
-    """Holds the arm where an episode begins, with open fingers.
+    """Hold the arm at its initial joints with open fingers.
 
     Args:
         arm: number of the arm's joints.
@@ -26,11 +26,11 @@ class NoOpPolicy:
         self._arm = arm
 
     def reset(self, observation: Observation, seed: int) -> None:
-        """Begin an episode."""
+        """Start an episode."""
         self._action = np.append(observation.joint_positions[: self._arm], OPEN).astype(np.float32)
         self._left = STEPS
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
-        """The same action always; None at the end."""
+        """Return the same action at every step, and None at the end."""
         self._left -= 1
         return self._action if self._left >= 0 else None

@@ -1,4 +1,4 @@
-"""Objects that a policy is taught on, and those that it is measured on."""
+"""Training and evaluation objects of a policy."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from gensim2.rollout.inputs import TaskInput, has_instances, read_all_task_input
 
 
 def unseen_instances(given: Sequence[TaskInput]) -> str:
-    """The word for objects that no training on these tasks saw.
+    """Return the name of a set of objects that was not used for training on the given tasks.
 
-    ``test`` where all classes have such, ``test-3`` where it saw ``train-3``, else ``new``.
+    The sets ``test``, the ``test-N`` that belongs to a ``train-N`` used in training, and ``new`` are tried in this
+    order.
 
     Raises:
-        InputError: some class has neither.
+        InputError: no set exists for all classes.
     """
     others = (one.instances.replace("train", "test") for one in given if one.instances.startswith("train-"))
     for word in dict.fromkeys(("test", *others, "new")):
@@ -33,15 +34,14 @@ def unseen_instances(given: Sequence[TaskInput]) -> str:
 
 
 def check_test_instances(tasks: Sequence[str], seed: int, **given: Unpack[RolloutArguments]) -> None:
-    """Check tasks with the objects that a policy is to be measured on.
+    """Check that tasks can be run with the evaluation objects.
 
     Args:
         tasks: names or folders.
-        seed: of the run.
-        given: scene and rollout, with ``instances`` the word for those objects.
+        given: scene and rollout arguments, with ``instances`` the name of the evaluation objects.
 
     Raises:
-        InputError: a task cannot be run on them.
+        InputError: a task cannot be run with them.
     """
     for task in tasks:
         try:
@@ -53,10 +53,10 @@ def check_test_instances(tasks: Sequence[str], seed: int, **given: Unpack[Rollou
 
 
 def shared_objects(given: Sequence[TaskInput], word: str) -> list[str]:
-    """Articulated objects, ``class/id``, that tasks draw from and that ``word`` stands for, too.
+    """Return the articulated objects, ``class/id``, that are used in training and also belong to the set ``word``.
 
     Raises:
-        InputError: a class has no such objects.
+        InputError: a class has no objects in the set.
     """
     found = []
     for one in given:
@@ -68,6 +68,6 @@ def shared_objects(given: Sequence[TaskInput], word: str) -> list[str]:
 
 
 def words(given: Sequence[TaskInput], tasks: str | Sequence[str]) -> dict[str, str]:
-    """The words that a user gave for tasks, names or folders, by the tasks' names."""
+    """Return the names or folders that a user gave for tasks, by task name."""
     named = (tasks,) if isinstance(tasks, str) else tuple(tasks)
     return dict(zip((one.spec.name for one in given), named, strict=True))

@@ -1,4 +1,4 @@
-"""``report.html`` of ``gensim2 learn``: the table, the curves, films, and what went wrong."""
+"""``report.html`` of ``gensim2 learn``: results, training curves, videos, and causes of failures."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 REPORT = "report.html"
 SEEDS = 5
-"""Seeds of a cause that are named."""
+"""Largest number of seeds listed for a cause of failure."""
 NAMED = 3
-"""Tasks of a policy that are named; more are counted."""
+"""Largest number of a policy's tasks that are listed by name; more are only counted."""
 CONTROLS = {"blind_mean": "blind", "shuffled_mean": "shuffled", "no_op_mean": "no-op", "expert_mean": "expert"}
-"""Heads of columns, which are there where they were measured."""
+"""Titles of optional columns, shown if they were measured."""
 _WIDTH, _HEIGHT = 400.0, 100.0
 
 
 def write_page(result: LearnResult) -> Path:
-    """Write the page and return its path.
+    """Write the report and return its path.
 
     Raises:
         WriteError: the folder cannot be written to.
@@ -64,7 +64,7 @@ def write_page(result: LearnResult) -> Path:
 
 
 def _failures(row: TaskRow) -> list[dict[str, Any]]:
-    """Episodes of a task that did not hold, by cause, the most frequent first."""
+    """Return a task's failed episodes by cause, most frequent first."""
     found: dict[str, list[Episode]] = {}
     for episode in row.episodes:
         if not episode.held:
@@ -82,7 +82,7 @@ def _failures(row: TaskRow) -> list[dict[str, Any]]:
 
 
 def _films(row: TaskRow, films: Sequence[str], out: Path) -> list[dict[str, Any]]:
-    """Films of a task with what came of their episodes."""
+    """Return a task's videos with the outcome of their episodes."""
     found = []
     for film in films:
         episode = row.episodes[film_index(Path(film))]
@@ -105,7 +105,7 @@ def _objects(episode: Episode) -> str:
 
 
 def _curve(losses: Sequence[float], steps: int) -> dict[str, Any]:
-    """Corners of a line in a box, the loss from 0 at the bottom to its largest at the top."""
+    """Return the points of a loss curve in its box, with 0 at the bottom and the largest loss at the top."""
     top, last = max(*losses, 1e-9), max(len(losses) - 1, 1)
     corners = ((_WIDTH * n / last, _HEIGHT * (1.0 - loss / top)) for n, loss in enumerate(losses))
     points = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners)

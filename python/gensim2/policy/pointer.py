@@ -1,9 +1,10 @@
-r"""Pointer: where the hand will be at its next keyframes, told by two looks at the cloud; each is a token of the trunk.
+r"""Pointer: predicts the hand's pose at its next keyframes and gives each prediction to the trunk as a token.
 
-A maximum over the points blurs where things are. The first look, at some of the points, makes a heatmap over them for
-each keyframe, whose mean with an offset from each point is a place, :math:`p = \sum_i w_i (x_i + o_i)`. The second
-is at the points of the whole cloud about such a place, with Fourier features of their coordinates, and gives places
-and turns of the hand more exactly. All is in the tool's frame: what an action has to cover is read off at once.
+A maximum over the points loses their positions. The pointer therefore has two stages. The first stage sees a subset of
+the points and predicts, for each keyframe, a heatmap and an offset at each point; their mean
+:math:`p = \sum_i w_i (x_i + o_i)` is the predicted place. The second stage sees the points of the whole cloud near such
+a place, with Fourier features of their coordinates, and refines positions and rotations of the hand. Everything is in
+the tool's frame, so that a prediction is directly the motion that an action has to make.
 """
 
 from __future__ import annotations
@@ -25,28 +26,28 @@ if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
 
 BANDS = (1.0, 2.0, 4.0, 8.0, 16.0)
-"""Fourier features, 1/m."""
+"""Frequencies of the Fourier features, 1/m."""
 NEAR = 96
-"""Points of the second look."""
+"""Number of points in the second stage."""
 LOOKED_AT = 1
-"""Number of the keyframe that the second look is about: the hand often comes to the next one in the air."""
+"""Index of the keyframe around which the second stage looks; the first keyframe is often in free space."""
 NOISE = 0.01
-"""Standard deviation of the second look's origin in training, m."""
+"""Standard deviation (m) of the noise on the second stage's origin in training."""
 METRE, CENTIMETRES = 0.05, 0.1
-"""Scales of positions, m: of a correction, and of a place."""
+"""Scales (m) of position corrections and of places."""
 _FEATURES = 3 + 6 * len(BANDS)
 
 
 @dataclass(frozen=True)
 class Pointed:
-    """Result of both looks, in the tool's frame.
+    """Predictions of both stages, in the tool's frame.
 
     Attributes:
-        tokens: (B, K + 1, D): one a keyframe, and one of the second look.
-        points: (B, P, 3) of the first look, m.
-        logits: (B, P, K) of its heatmaps.
-        places: (B, K, 3) by the first look, m.
-        positions, six: (B, K, 3) m and (B, K, 6) by the second.
+        tokens: (B, K + 1, D) one token for each keyframe, and one of the second stage.
+        points: (B, P, 3) points of the first stage, m.
+        logits: (B, P, K) logits of the heatmaps.
+        places: (B, K, 3) places by the first stage, m.
+        positions, six: (B, K, 3), m, and 6-D rotations (B, K, 6), by the second stage.
     """
 
     tokens: torch.Tensor
@@ -58,11 +59,10 @@ class Pointed:
 
 
 class KeyframePointer(nn.Module):  # type: ignore[misc]
-    """Pointer at the next ``config.keyframes`` keyframes.
+    """Predicts the hand's pose at the next ``config.keyframes`` keyframes.
 
     Args:
-        config: of the policy.
-        features: G, width of a point's feature.
+        features: G, size of a point's feature.
     """
 
     def __init__(self, config: PolicyConfig, features: int) -> None:
@@ -83,7 +83,7 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
 
     @property
     def tokens(self) -> int:
-        """Number of tokens that it gives."""
+        """Number of tokens."""
         return self.keyframes + 1
 
     def forward(
@@ -94,14 +94,14 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
         cloud: torch.Tensor,
         generator: torch.Generator | None = None,
     ) -> Pointed:
-        """Look twice.
+        """Run both stages.
 
         Args:
-            points: (B, P, 3) of the first look in the tool's frame, m.
-            features: (B, P, G) of them.
-            summary: (B, 3 D) of the robot's own state, of the cloud and of the sentence.
-            cloud: (B, N, 3) of the second look, in the tool's frame, m.
-            generator: in training, of the noise on where the second look is at.
+            points: (B, P, 3) points of the first stage in the tool's frame, m.
+            features: (B, P, G) features of these points.
+            summary: (B, 3 D) tokens of the robot's state, the cloud and the instruction.
+            cloud: (B, N, 3) points for the second stage in the tool's frame, m.
+            generator: random generator of the noise on the second stage's origin, in training only.
         """
         inner = nn.functional.gelu(self.of_point(features) + self.of_summary(summary)[:, None])
         logits, offsets = self.heat(inner).unflatten(-1, (self.keyframes, 4)).split((1, 3), -1)
@@ -121,7 +121,7 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
         return Pointed(tokens, points, logits, places, positions, six)
 
     def loss(self, pointed: Pointed, batch: Mapping[str, torch.Tensor]) -> torch.Tensor:
-        """Return the weighted sum of the losses of both looks, of the samples whose keyframes are known."""
+        """Return the weighted loss of both stages over the samples with known keyframes."""
         true, turned = batch[KEY_POSITIONS], batch[KEY_ROTATIONS]
         known = true.isfinite().all(-1).all(-1).to(pointed.places.dtype)  # (B,)
         share = known / known.sum().clamp(min=1.0)
@@ -134,5 +134,5 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
 
 
 def _waves(positions: torch.Tensor) -> torch.Tensor:
-    """(..., 33) Fourier features of positions (..., 3), m."""
+    """Return Fourier features (..., 33) of positions (..., 3), m."""
     return torch.cat([positions / CENTIMETRES, *fourier_features(positions, BANDS)], -1)

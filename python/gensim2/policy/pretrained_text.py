@@ -1,4 +1,4 @@
-"""Sentences embedded by weights that were trained elsewhere: CLIP's text half, or an encoder of whole sentences."""
+"""Embed sentences with pretrained weights: CLIP's text encoder, or a sentence encoder."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from gensim2.policy.config import CLIP, SENTENCE
 
 
 def embeddings(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
-    """(S, E) embeddings of unit length, kept by kind, model and sentence in the cache folder.
+    """Return embeddings (S, E) of unit length, cached by kind, model and sentence.
 
     Args:
-        sentences: S of them.
-        kind: ``"clip"``: the projection of CLIP's text half; ``"sentence"``: the mean of an encoder's tokens, as models
-            of ``sentence-transformers`` are trained (Reimers and Gurevych, Sentence-BERT, 2019).
-        model: folder of weights, or a name on Hugging Face's hub.
+        sentences: S sentences.
+        kind: ``"clip"``: the projection of CLIP's text encoder; ``"sentence"``: the mean of an encoder's tokens, as in
+            ``sentence-transformers`` (Reimers and Gurevych, Sentence-BERT, 2019).
+        model: folder of weights, or a name on the Hugging Face hub.
 
     Raises:
-        InputError: the weights cannot be had.
+        InputError: the weights cannot be loaded.
         MissingExtraError: ``transformers`` is not installed.
     """
     from safetensors.torch import load_file, save_file
@@ -43,7 +43,7 @@ def embeddings(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
 
 
 def _digest(model: str) -> str:
-    """Of the model: its name, and of a folder size and time of its files."""
+    """Return a digest of the model's name or, for a folder, of the size and time of its files."""
     found = hashlib.sha256(model.encode())
     if Path(model).is_dir():
         found = hashlib.sha256(str(Path(model).resolve()).encode())
@@ -69,7 +69,7 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
     load = transformers.CLIPTextModelWithProjection if kind == "clip" else transformers.AutoModel
     text: Any
     try:
-        # A folder of weights may name code of its own, which transformers would offer to run.
+        # A folder of weights may refer to its own code, which transformers would offer to run.
         tokenizer = transformers.AutoTokenizer.from_pretrained(model, trust_remote_code=False)
         text, told = load.from_pretrained(
             model, use_safetensors=True, trust_remote_code=False, output_loading_info=True
@@ -90,6 +90,6 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
 
 
 def _mean(tokens: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-    """(S, E) means of tokens (S, L, E) where the mask (S, L) has them."""
+    """Return the means (S, E) of tokens (S, L, E) under the mask (S, L)."""
     there = mask[..., None].to(tokens.dtype)
     return (tokens * there).sum(1) / there.sum(1)

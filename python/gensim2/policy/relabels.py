@@ -1,9 +1,9 @@
 """DAgger labels: states that the policy visits, each with the planner's actions from there.
 
 At an episode's start the planner chooses a strategy and a hand pose at the contact. Until the object moves, the step is
-planned again every ``EVERY`` control steps from the arm's present state; plans with the same strategy and pose are
-labels. On the last part of the approach, and after it, a new plan would back off and approach again, unlike the
-demonstrations: there are no labels there.
+planned again every ``EVERY`` control steps from the arm's present state. Plans with the same strategy and pose become
+labels. There are no labels in the last part of the approach and after it, because a new plan would back off and
+approach again, unlike the demonstrations.
 """
 
 from __future__ import annotations
@@ -47,8 +47,7 @@ MOVED = 0.02
 NEAR, TURNED = 0.03, 0.3
 """Largest differences (m, rad) of the hand's pose at the contact from that of the episode's first plan."""
 LAST = 0.5
-"""Share of the distance from the approach pose to the contact pose; nearer to the contact the hand counts as on its
-last way."""
+"""Share of the distance from approach pose to contact pose; closer to the contact, no labels are made."""
 SLOW = 0.02
 """Velocity of a finger (m/s) below which it has reached its target."""
 STILL = 1e-3
@@ -65,13 +64,14 @@ _COLUMNS: dict[str, Expected] = {
     GRIPPER: (np.float32, (None, None, 2)),
     ACTION: (np.float32, (None, None, None)),
 }
-"""Arrays of a file of relabels, one row a label."""
+"""Data type and shape of the arrays in a file of labels, which have one row for each label."""
 
 
 def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str, seed: int) -> Arrays:
-    """Roll the policy out on one scene and return its labels; called in a worker.
+    """Roll the policy out in one scene, in a worker process, and return its labels.
 
-    Columns are those of batches: ``frames.SEEN`` (S, T, ...) and ``action`` (S, H, m + 2); {} where there are none.
+    Returns:
+        Columns of batches: ``frames.SEEN`` (S, T, ...) and ``action`` (S, H, m + 2); empty without labels.
 
     Raises:
         InputError: the checkpoint cannot be used.
@@ -124,7 +124,7 @@ def _label(
     observation: Observation,
     horizon: int,
 ) -> npt.NDArray[np.float32] | None:
-    """(H, m + 2): what the planner does from here by the same strategy and pose; None where it would not."""
+    """Return the planner's actions (H, m + 2) from here, or None if its plan has another strategy or contact pose."""
     scene = env.scene_state()
     planned = planner.plan(scene, env.task.steps[0], ways[way], warm_start=began.plan)
     if planned.rank > 0 or not same_pose(began, planned):
@@ -142,7 +142,7 @@ def _label(
 def _from_fingers_on(
     actions: npt.NDArray[np.float32], observation: Observation, profile: RobotProfile
 ) -> npt.NDArray[np.float32]:
-    """The actions of a plan without the wait for the fingers, where these are commanded so already and stand still."""
+    """Return a plan's actions without the initial wait for the fingers if these have already reached their command."""
     arm = profile.arm_size
     fingers = observation.joint_velocities[list(profile.gripper_columns)]
     if abs(observation.gripper_command - float(actions[0, arm])) > STILL or np.abs(fingers).max() > SLOW:
@@ -152,7 +152,7 @@ def _from_fingers_on(
 
 
 def same_pose(one: StepPlan, other: StepPlan) -> bool:
-    """Whether two plans bring the hand to the same pose at the contact."""
+    """Return whether two plans have nearly the same hand pose at the contact."""
     first, second = (_actuation(each) for each in (one, other))
     if first is None or second is None:
         return False
@@ -162,7 +162,7 @@ def same_pose(one: StepPlan, other: StepPlan) -> bool:
 
 
 def _is_on_last_way(began: StepPlan, profile: RobotProfile, q: npt.NDArray[np.float64]) -> bool:
-    """Whether the hand is where a plan approaches the contact from, or nearer to it: another plan would back off."""
+    """Return whether the hand is at or past the approach pose, where a new plan would back off."""
     actuation, approach = _actuation(began), _keyframe(began, "pre_0")
     if actuation is None or approach is None:
         return False
@@ -186,8 +186,8 @@ class Relabels:
     """Labels of one task.
 
     Attributes:
-        language: its sentence.
-        arrays: by the columns of :func:`relabel_episode`.
+        language: instruction of the task.
+        arrays: columns of :func:`relabel_episode`.
     """
 
     language: str
@@ -198,13 +198,13 @@ class Relabels:
 
     @staticmethod
     def of(language: str, episodes: Sequence[Arrays]) -> Relabels:
-        """Those of several episodes."""
+        """Join the labels of several episodes."""
         found = [each for each in episodes if each]
         arrays = {name: np.concatenate([each[name] for each in found]) for name in found[0]} if found else {}
         return Relabels(language, arrays)
 
     def save(self, path: Path) -> None:
-        """Write them, whole or not at all.
+        """Write the labels atomically.
 
         Raises:
             WriteError: the folder cannot be written to.
@@ -213,7 +213,7 @@ class Relabels:
 
     @staticmethod
     def load(path: Path) -> Relabels:
-        """Read them.
+        """Read a file of labels.
 
         Raises:
             InputError: the file is damaged.
@@ -224,11 +224,11 @@ class Relabels:
 
 
 class RelabelledSource:
-    """Demonstrations with relabels of the same tasks beside them.
+    """Demonstrations mixed with labels of the same tasks.
 
     Args:
-        demonstrations: what there was before.
-        relabels: one for each task and round; their sentences are the demonstrations'.
+        demonstrations: the demonstrations.
+        relabels: labels, one file for each task and round, with the demonstrations' instructions.
     """
 
     def __init__(self, demonstrations: Demonstrations, relabels: Sequence[Relabels]) -> None:
@@ -240,7 +240,7 @@ class RelabelledSource:
         self.record = demonstrations.record.model_copy(update={"relabels": count, "digest": self._digest()})
 
     def draw(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
-        """Return a batch: ``SHARE`` of it relabels, each file of them equally likely, the others demonstrations."""
+        """Return a batch with a share ``SHARE`` of labels, all files equally likely, and demonstrations otherwise."""
         few = round(SHARE * size) if self._relabels else 0
         found = self._demonstrations.draw(rng, size - few)
         if not few:
@@ -259,7 +259,7 @@ class RelabelledSource:
         return found
 
     def some_clouds(self, max_clouds: int) -> Any:
-        """Clouds of the demonstrations."""
+        """Return clouds of the demonstrations."""
         return self._demonstrations.some_clouds(max_clouds)
 
     def _digest(self) -> str:

@@ -1,4 +1,4 @@
-"""Data-parallel training: replicas of a network in processes of their own, each with a share of every batch."""
+"""Data-parallel training: replicas of a network in separate processes, each with a share of every batch."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from gensim2.policy.network import PolicyNetwork
 from gensim2.policy.source import Source
 
 PATIENCE_S = 10.0
-"""Seconds that a replica has to end."""
+"""Time limit for a replica to end, s."""
 
 
 class Replicas:
-    """Replicas of a network beside itself.
+    """Replicas of a network in further processes.
 
-    They hold no state: in each step they are given the network's weights, and the mean of all gradients is left with
-    the network, whose optimizer steps. Weights and gradients go through shared memory of the host, whatever the devices
-    are; for networks of a few million weights that takes milliseconds. Each has a copy of the data in its memory.
+    Replicas have no state of their own. In each step they get the network's weights, and the mean of all gradients is
+    written to the network for its optimizer. Weights and gradients pass through shared memory of the host on any
+    device,
+    which takes milliseconds for networks of a few million weights. Each replica has its own copy of the data.
 
     Args:
-        network: that is trained.
         source, config, training: as for :class:`~gensim2.policy.gradient_step.GradientStep`.
-        table: of the sentences, on the CPU.
-        share: samples of a step that each takes.
-        devices: of the replicas; none: there are no others, and nothing is started.
+        table: encoded instructions, on the CPU.
+        share: number of samples of a step for each replica.
+        devices: devices of the replicas; if empty, no process is started.
 
     Attributes:
-        cpu_s: CPU seconds of the replicas' steps so far.
+        cpu_s: CPU time of the replicas' steps so far, s.
 
     Raises:
-        InputError: one cannot be used.
-        WorkerStartError: no process can be started.
+        InputError: a device cannot be used.
+        WorkerStartError: a process cannot be started.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Replicas:
             raise
 
     def begin(self, step: int) -> None:
-        """Let them take the gradients of a step, with the network's weights as they are."""
+        """Start the gradients of a step with the network's present weights."""
         if self._replicas:
             _fill(self._weights, _values(self._network))
         for _, pipe, _ in self._replicas:
@@ -86,13 +86,13 @@ class Replicas:
                 pipe.send(step)
 
     def mean_with(self, loss: float) -> float:
-        """Wait for them, and make the network's gradients the mean of all; return the mean loss.
+        """Wait for the replicas, set the network's gradients to the mean of all, and return the mean loss.
 
         Args:
-            loss: of the network's own share.
+            loss: loss of the network's own share.
 
         Raises:
-            InputError: a replica failed or was killed; the network's weights are as they were.
+            InputError: a replica failed or was killed; the network's weights are unchanged.
         """
         count = 1 + len(self._replicas)
         taught = _taught(self._network)
@@ -107,7 +107,7 @@ class Replicas:
         return loss / count
 
     def _receive(self, number: int) -> tuple[float, float]:
-        """Loss and CPU seconds of a replica's step; zeros once it is ready for the first."""
+        """Return loss and CPU time of a replica's step, or zeros when it is ready for the first step."""
         process, pipe, _ = self._replicas[number]
         try:
             said: tuple[float, float] | str = pipe.recv()
@@ -130,7 +130,6 @@ class Replicas:
         self._end()
 
     def _end(self) -> None:
-        """End all processes."""
         for _, pipe, _ in self._replicas:
             with contextlib.suppress(OSError):
                 pipe.send(None)
@@ -156,7 +155,7 @@ def _replica(
     weights: torch.Tensor,
     gradients: torch.Tensor,
 ) -> None:
-    """Take gradients of the steps that come by the pipe, until it ends or says None."""
+    """Compute gradients for the step numbers received from the pipe, until it closes or sends None."""
     ignore_interrupts()
     for each in (signal.SIGTERM, signal.SIGHUP):  # they reach the whole group; who trains ends its replicas
         signal.signal(each, signal.SIG_IGN)
@@ -181,14 +180,14 @@ def _replica(
 
 
 def _values(network: torch.nn.Module) -> list[torch.Tensor]:
-    """Return the weights and buffers that a replica is given: all but integer counts."""
+    """Return the weights and buffers that replicas get: all floating-point ones."""
     with torch.no_grad():
         every = [*network.parameters(), *network.buffers()]
         return [each.detach() for each in every if each.is_floating_point()]
 
 
 def _taught(network: torch.nn.Module) -> list[torch.nn.Parameter]:
-    """Return the weights that have gradients."""
+    """Return the trainable weights."""
     return [parameter for parameter in network.parameters() if parameter.requires_grad]
 
 
@@ -197,12 +196,12 @@ def _size(tensors: Sequence[torch.Tensor]) -> int:
 
 
 def _parts(flat: torch.Tensor, tensors: Sequence[torch.Tensor]) -> list[torch.Tensor]:
-    """Return views of a flat tensor in the shapes of others, one after the other."""
+    """Return views of a flat tensor in the shapes of the given tensors."""
     parts = flat.split([each.numel() for each in tensors])
     return [part.view_as(each) for part, each in zip(parts, tensors, strict=True)]
 
 
 def _fill(flat: torch.Tensor, tensors: Sequence[torch.Tensor]) -> None:
-    """Copy tensors, one after the other, into a flat one."""
+    """Copy tensors into a flat one."""
     for part, each in zip(_parts(flat, tensors), tensors, strict=True):
         part.copy_(each.detach())

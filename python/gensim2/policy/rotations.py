@@ -1,4 +1,6 @@
-"""Rotations as networks take them: the first two columns of the matrix (Zhou et al. 2019), which is continuous."""
+"""Rotations as inputs and outputs of networks: the first two columns of the matrix, which are continuous (Zhou et al.
+2019).
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,7 @@ import torch
 
 
 def matrix_of_quaternion(quaternion: torch.Tensor) -> torch.Tensor:
-    """(..., 3, 3) of unit quaternions (..., 4), (w, x, y, z)."""
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4), (w, x, y, z)."""
     w, x, y, z = quaternion.unbind(-1)
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -17,12 +19,12 @@ def matrix_of_quaternion(quaternion: torch.Tensor) -> torch.Tensor:
 
 
 def six_of_matrix(matrix: torch.Tensor) -> torch.Tensor:
-    """(..., 6): first column, then second column of rotations (..., 3, 3)."""
+    """Return the first and second column (..., 6) of rotation matrices (..., 3, 3)."""
     return torch.cat([matrix[..., :, 0], matrix[..., :, 1]], -1)
 
 
 def matrix_of_six(six: torch.Tensor) -> torch.Tensor:
-    """(..., 3, 3) rotation that Gram and Schmidt make of two vectors (..., 6) that are not parallel."""
+    """Return rotation matrices (..., 3, 3) by Gram-Schmidt from two vectors (..., 6) that are not parallel."""
     a, b = six[..., :3], six[..., 3:]
     x = torch.nn.functional.normalize(a, dim=-1, eps=1e-8)
     y = torch.nn.functional.normalize(b - (x * b).sum(-1, keepdim=True) * x, dim=-1, eps=1e-8)
@@ -30,6 +32,6 @@ def matrix_of_six(six: torch.Tensor) -> torch.Tensor:
 
 
 def angle_between(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """(...) angles in rad between rotations (..., 3, 3), by the chord, which is accurate for small ones."""
+    """Return angles (...), rad, between rotation matrices (..., 3, 3), accurately for small angles."""
     chord = torch.linalg.matrix_norm(a - b) / (2 * 2**0.5)
     return 2 * torch.asin(chord.clamp(max=1.0))

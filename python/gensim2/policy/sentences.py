@@ -1,4 +1,4 @@
-"""Sentences of an episode: the task's own or a replacement, as a row for the policy's text encoder."""
+"""Instructions of an episode: the task's own or a replacement, encoded for the policy."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from gensim2.policy.checkpoint import PolicyCheckpoint, unknown_sentence
 from gensim2.policy.text import prepare
 
 Unknown = Literal["refuse", "embed"]
-"""Handling of a sentence that was not trained on."""
+"""Handling of instructions that were not in the training data."""
 
 
 def embeds(word: str) -> bool:
-    """Whether unknown sentences are embedded.
+    """Return whether unknown instructions are embedded.
 
     Raises:
-        InputError: the word is none of :data:`Unknown`.
+        InputError: ``word`` is not one of :data:`Unknown`.
     """
     if word not in get_args(Unknown):
         raise InputError(f"must be one of {', '.join(get_args(Unknown))}, is {word!r}", field="unknown_sentences")
@@ -28,10 +28,10 @@ def embeds(word: str) -> bool:
 
 
 def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
-    """Return sentences by the ones that they replace; none where ``says`` is None.
+    """Check replacement instructions, and return them by the instruction that they replace.
 
     Raises:
-        InputError: it is something else than sentences by sentences.
+        InputError: ``says`` does not map strings to strings.
     """
     if says is None:
         return {}
@@ -43,20 +43,22 @@ def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
 def sentence_row(
     policy: PolicyCheckpoint, sentence: str, folder: Path, *, embed: bool, text_model: str | None = None
 ) -> torch.Tensor:
-    """The row (1, ...) of a sentence: of the checkpoint's table, else by its text encoder.
+    """Return an encoded instruction (1, ...), from the checkpoint's table or by its text encoder.
 
-    Action chunks that look at no sentence take any. Keyposes do not: their classes are of tasks.
+    Chunk policies without a text encoder accept any instruction. Keypose policies do not, because their classes belong
+    to
+    tasks.
 
     Args:
-        policy: its checkpoint.
-        sentence: what it is told.
-        folder: of the checkpoint, for errors.
-        embed: whether a sentence that was not trained on is embedded.
-        text_model: weights of the text encoder that the user gave, where gensim2 does not name them itself.
+        policy: the checkpoint.
+        sentence: the instruction.
+        folder: folder of the checkpoint, for errors.
+        embed: whether an unknown instruction is embedded.
+        text_model: weights of the text encoder from the user, if gensim2 does not know them.
 
     Raises:
-        CheckpointError: it was not trained on, and is not to be embedded, or the checkpoint alone names the encoder.
-        InputError: the weights of the text encoder cannot be had.
+        CheckpointError: the instruction is unknown and ``embed`` is false, or only the checkpoint names the encoder.
+        InputError: the weights of the text encoder cannot be loaded.
     """
     looks_at_none = policy.config.text == "none" and policy.action.kind != "keypose"
     if sentence in policy.sentences or looks_at_none:

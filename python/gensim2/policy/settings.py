@@ -1,4 +1,4 @@
-"""Frozen dataclasses of settings that read plain data: one field, one line of help, one range, checked in one place."""
+"""Frozen dataclasses of settings from plain data, with help and range for each field."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def setting(
     low: float | None = None,
     high: float | None = None,
 ) -> Any:
-    """Return a dataclass field with its help and the values that it may have.
+    """Return a dataclass field with its help text and its allowed values.
 
     Args:
-        default: its type is the type of the field; None: a whole number or None.
-        text: help, also of the command-line flag.
-        choices: words that it may be.
+        default: default value, which also determines the type; None stands for an optional integer.
+        text: help text, also of the command-line option.
+        choices: allowed strings.
         low, high: inclusive bounds of a number.
     """
     return field(default=default, metadata={"help": text, "choices": tuple(choices), "low": low, "high": high})
@@ -31,10 +31,10 @@ def setting(
 
 @dataclass(frozen=True)
 class Settings:
-    """Base of a settings dataclass, whose fields are made by :func:`setting`.
+    """Base of settings dataclasses with fields from :func:`setting`.
 
     Raises:
-        InputError: a value is of another type or out of range; names the field.
+        InputError: a value has another type or is out of range; names the field.
     """
 
     of_what: ClassVar[str] = "settings"
@@ -50,7 +50,7 @@ class Settings:
         """Return settings from plain data.
 
         Raises:
-            InputError: a field is unknown, or cannot be so; names ``file`` and the field.
+            InputError: a field is unknown or invalid; names ``file`` and the field.
         """
         known = {each.name for each in fields(cls)}
         for name in values:
@@ -63,7 +63,6 @@ class Settings:
             raise InputError(error.message, file=file, field=error.field, remedy=error.remedy) from error
 
     def to_dict(self) -> dict[str, Any]:
-        """Return them as plain data."""
         return asdict(self)
 
 

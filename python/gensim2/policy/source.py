@@ -1,4 +1,4 @@
-"""Interface of training data: whatever draws batches, from demonstrations or from plans."""
+"""Interface of training data: sources of batches, such as demonstrations or plans."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from gensim2.policy.checkpoint import ActionSpec, DataRecord
 from gensim2.policy.control import Shuffled
 
 SENTENCE = "sentence"
-"""Name of a batch's numbers of sentences, (B,) int64."""
+"""Name of a batch's column of instruction indices, (B,) int64."""
 
 
 class Source(Protocol):
-    """Data that a policy is trained on.
+    """Training data of a policy.
 
     Attributes:
-        robot: name of the profile.
-        action: what the targets mean.
-        observation: what the clouds were made by.
-        sentences: each once.
-        record: what it is, for checkpoints.
+        robot: name of the robot profile.
+        action: format of the targets.
+        observation: observation spec of the clouds.
+        sentences: distinct instructions.
+        record: description of the data for checkpoints.
     """
 
     robot: str
@@ -34,14 +34,18 @@ class Source(Protocol):
     record: DataRecord
 
     def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
-        """Return a batch: columns as they were seen (``frames.SEEN``, (B, T, ...), base frame), ``sentence``, and the
-        head's targets, in the policy's frame.
+        """Return a batch.
 
         Args:
-            rng: draws which samples.
+            rng: random generator that selects the samples.
+            size: B, number of samples.
+
+        Returns:
+            Observation columns (``frames.SEEN``, (B, T, ...), base frame), ``sentence``, and the head's targets in the
+            policy's frame.
         """
         ...
 
     def some_clouds(self, max_clouds: int) -> Shuffled:
-        """Clouds of at most so many scenes, evenly through the data."""
+        """Return clouds of at most ``max_clouds`` scenes, evenly spaced through the data."""
         ...

@@ -1,4 +1,4 @@
-"""Policies that learning goes on from: what they know, and whether more can be added to it."""
+"""Policies as starting points for further learning."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ SPEC = ObservationSpec.of({"points": 1024, "candidates": 4096, "robot": "none"})
 
 
 def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: DepthNoise | None) -> PolicyCheckpoint:
-    """The policy that learning goes on from.
+    """Read the policy that learning starts from, and check that tasks can be added to it.
 
     Args:
-        start: its folder.
-        policy: name of the head that is asked for.
-        given: tasks that are added.
-        noise: of the cameras that is asked for.
+        start: folder of the policy.
+        policy: name of the requested head.
+        given: tasks to add.
+        noise: requested camera noise.
 
     Raises:
-        InputError: it is none of keyposes and several tasks, knows one of the tasks, is of another robot or saw
-            other observations, or cannot be read.
+        InputError: the policy is not a keypose policy of several tasks, already knows one of the tasks, has another
+            robot
+            or other observations, or cannot be read.
     """
     found = PolicyCheckpoint.load(start)
     if policy != "keypose" or found.action.kind != "keypose":
@@ -52,22 +53,21 @@ def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: Dept
 
 
 def with_noise(spec: ObservationSpec, noise: DepthNoise | None) -> ObservationSpec:
-    """Return a spec with this noise."""
+    """Return the spec with the given depth noise."""
     return replace(spec, cloud=replace(spec.cloud, noise=noise))
 
 
 def digest_of_start(start: Path) -> tuple[str, str]:
-    """Return folder and digest of a policy's configuration, as the record of a run that goes on from it holds them."""
+    """Return folder and configuration digest of a policy, for the record of a run that starts from it."""
     return str(start.resolve()), hashlib.sha256(read_input(start / CONFIG_JSON, MAX_RECORD)).hexdigest()
 
 
 def known_tasks(begun: PolicyCheckpoint, assets: Path | str | None, progress: Progress) -> list[str]:
-    """Tasks that a policy knows, of those that the library has and these objects do for.
+    """Return the tasks of a policy that the library has and whose objects are available.
 
     Args:
-        begun: the policy.
         assets: see :class:`~gensim2.scenes.config.SceneArguments`.
-        progress: is told which are left out.
+        progress: progress listener; gets a message for each task that is left out.
     """
     there, library, found = task_names(), open_library(assets), []
     for name in begun.data.tasks:
@@ -80,10 +80,10 @@ def known_tasks(begun: PolicyCheckpoint, assets: Path | str | None, progress: Pr
 
 
 def check_sentences(sentences: Sequence[str]) -> None:
-    """Refuse tasks that one policy could not tell apart.
+    """Refuse several tasks with the same instruction, which a policy could not distinguish.
 
     Raises:
-        InputError: two have one sentence.
+        InputError: two tasks have the same instruction.
     """
     for sentence in sentences:
         if sentences.count(sentence) > 1:
@@ -92,16 +92,16 @@ def check_sentences(sentences: Sequence[str]) -> None:
 
 
 def check_text(text: str | None, model: str | None, sentences: Sequence[str], begun: PolicyCheckpoint | None) -> None:
-    """Refuse a text encoder that a policy cannot have.
+    """Check that a policy can have the requested text encoder.
 
     Args:
-        text: that is asked for; None: that of ``begun``, else ``"small"``.
-        model: its weights; None: not said.
-        sentences: of the tasks that are taught together; none where no sentence is heard.
-        begun: policy that learning goes on from.
+        text: requested encoder; None: that of ``begun``, else ``"small"``.
+        model: requested weights; None for the default.
+        sentences: instructions of the tasks trained together; empty if the policy ignores instructions.
+        begun: policy that learning starts from.
 
     Raises:
-        InputError: no sentence is heard, ``begun`` has another one, or its weights cannot be had.
+        InputError: the policy ignores instructions, ``begun`` has another encoder, or the weights cannot be loaded.
         MissingExtraError: ``transformers`` is not installed.
     """
     if begun is not None:

@@ -1,4 +1,4 @@
-"""Demonstrations and training of one policy of a run of ``learn``, within its minutes."""
+"""Make demonstrations and train one policy of a ``learn`` run within its time budget."""
 
 from __future__ import annotations
 
@@ -38,33 +38,33 @@ if TYPE_CHECKING:
     from gensim2.data.status import Status
 
 DATA_SHARE = 0.4
-"""Of the CPU time, at most, that goes into data."""
+"""Largest share of the CPU time that is used for data."""
 LEAST_STEPS, MAX_STEPS = 20, 10_000
-"""Gradient steps for one task; of several tasks as many times more."""
+"""Largest number of gradient steps for one task; for several tasks it is multiplied by their number."""
 EPISODES, PORTION = 600, 25
-"""Demonstrations of each task at most, and how many are collected before it is asked whether there is time for more."""
+"""Largest number of demonstrations of each task, and number collected before the remaining time is checked again."""
 
 How = tuple[PolicyConfig, TrainConfig, ObservationSpec, str]
-"""Network, training, what is seen, and names of the training's devices."""
+"""Network and training settings, observation spec, and devices of the training."""
 
 
 WARM_UP, PROBES, PROBE_S = 3, 5, 2.0
-"""Steps by which the time of one is measured, at least, and the seconds that they take: the first are slow."""
+"""Smallest number of steps, and smallest total time (s), for measuring the time of a step; the first steps are slow."""
 CPU = torch.device("cpu")
 OVERHEAD = 1.15
-"""Of a step's time, for the optimizer and the averages."""
+"""Factor on a step's time for the optimizer and the averaged weights."""
 
 
 def seconds_a_step(
     source: Source, policy: PolicyConfig, training: TrainConfig, devices: Sequence[torch.device] = (CPU,)
 ) -> float:
-    """Seconds of a gradient step: the median of many on a network that is thrown away.
+    """Return the median time (s) of a gradient step, measured on a temporary network.
 
-    The first ones are not counted: they touch memory for the first time, and take up to four times as long.
+    The first steps are not counted, because they take up to four times as long.
 
     Args:
-        source, policy, training: of the training.
-        devices: that share a batch. CPU seconds of all where they are CPUs, else seconds by the clock.
+        source, policy, training: settings of the training.
+        devices: devices that share a batch. CPU time of all devices on CPUs, wall time otherwise.
     """
     torch.set_num_threads(training.threads or 1)
     ways = len(source.ways) if isinstance(source, PlannedSource) else policy.ways
@@ -172,9 +172,9 @@ def teach_by_episodes(
     config, training, spec, device = how
     collected = None
     while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
-        # The record holds the CPU time and the episodes of earlier calls.
+        # The record has the CPU time and the number of episodes of earlier calls.
         spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
-        # A data set may get no fewer episodes than it was begun with, by --demonstrations or by an interrupted call.
+        # A data set may not get fewer episodes than it was started with, by --demonstrations or by an interrupted call.
         record.episodes[key] = max(_begun_with(data), min(count + PORTION, most) if spent < limit else count)
         tried = record.episodes[key] * len(named)
         progress.start(f"{', '.join(one.spec.name for one in group)}: demonstrations", tried)
@@ -207,28 +207,23 @@ def teach_by_episodes(
 
 
 def _begun_with(data: Path) -> int:
-    """Episodes of each task that a collection was begun with; 0 where there is none."""
+    """Return the number of episodes of each task in an existing data set's record; 0 without a data set."""
     from gensim2.data.dataset import DATASET_JSON, DataSet
 
     return DataSet.open(data).record.episodes if (data / DATASET_JSON).exists() else 0
 
 
 class _CollectionProgress(NullProgress):
-    """Counts the episodes of a collection as steps of a stage that has begun.
-
-    Args:
-        progress: listener.
-    """
+    """Reports the episodes of a collection as steps of a running stage."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress, self._counted = progress, 0
 
     def message(self, text: str) -> None:
-        """Say one line."""
         self._progress.message(text)
 
     def update(self, status: Status) -> None:
-        """Count the episodes that were tried since the last time."""
+        """Advance by the episodes tried since the last update."""
         self._progress.advance(status.tried - self._counted)
         self._counted = status.tried
 
@@ -236,7 +231,7 @@ class _CollectionProgress(NullProgress):
 def _decide_steps(
     record: LearnRecord, key: str, tasks: int, seconds: Callable[[], float], out: Path, progress: Progress
 ) -> None:
-    """Gradient steps for the CPU time that is left, once: a run that is gone on with takes as many."""
+    """Fix the number of gradient steps by the remaining CPU time, once; a resumed run takes the same number."""
     if key not in record.steps:
         left = 60.0 * record.minutes - record.data_cpu_s[key]
         each = seconds()
@@ -248,12 +243,12 @@ def _decide_steps(
 
 
 def _hearing(policy: PolicyConfig, record: LearnRecord, tasks: int) -> PolicyConfig:
-    """The network with its text encoder; of one task the sentence tells nothing."""
+    """Return the network settings with a text encoder if there are several tasks."""
     text = (record.text or "small") if tasks > 1 else "none"
     told = {"text": text, "text_model": record.text_model or policy.text_model}
     return PolicyConfig.of({**policy.to_dict(), **told})
 
 
 def key_of(folder: Path, out: Path) -> str:
-    """Name of a policy in the record of a run: its folder below the run's."""
+    """Return the key of a policy in a run's record: its folder relative to the run's."""
     return str(folder.relative_to(out))

@@ -1,8 +1,8 @@
-"""Text encoders: a sentence becomes one token of the trunk.
+"""Text encoders, which turn an instruction into one token of the trunk.
 
-Each has two parts: :func:`prepare` turns sentences into rows of a table once, without gradients, and a module turns
-rows into tokens. The table of the sentences that were trained on travels with the checkpoint: the weights of a
-pretrained encoder are needed for new sentences only.
+Each encoder has two parts. :func:`prepare` encodes instructions once, without gradients, into rows of a table, and a
+module turns rows into tokens. A checkpoint contains the table of its training instructions, so the weights of a
+pretrained encoder are needed for new instructions only.
 """
 
 from __future__ import annotations
@@ -23,17 +23,19 @@ if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
 
 MAX_EMBEDDING = 16_384
-"""Length of the longest embedding; CLIP's has 512."""
+"""Longest embedding; CLIP's has 512 numbers."""
 WORDS, PIECES, BUCKETS = 24, 12, 2048
-"""Words of a sentence and pieces of a word that the small encoder sees, and rows of its table of pieces."""
+"""Limits of the small encoder: words in an instruction, pieces in a word, and rows of the table of pieces."""
 
 
 def prepare(sentences: Sequence[str], config: PolicyConfig) -> torch.Tensor:
-    """Return one row a sentence: (S, 24, 12) pieces for ``small``, (S, E) embeddings for ``clip`` and ``sentence``,
-    (S, 0) for none.
+    """Return the encoded instructions, one row for each sentence.
+
+    Returns:
+        (S, 24, 12) pieces for ``small``, (S, E) embeddings for ``clip`` and ``sentence``, (S, 0) for ``none``.
 
     Raises:
-        InputError: the weights cannot be had; names folder and remedy.
+        InputError: the weights cannot be loaded; names folder and remedy.
         MissingExtraError: ``transformers`` is not installed.
     """
     if config.text == "none":
@@ -44,12 +46,11 @@ def prepare(sentences: Sequence[str], config: PolicyConfig) -> torch.Tensor:
 
 
 def table_shape(config: PolicyConfig, sentences: int, found: Shape | None) -> Shape:
-    """Return the shape of the table of a policy's sentences (:func:`prepare`).
+    """Return the shape of a policy's table of encoded instructions (:func:`prepare`).
 
     Args:
-        config: of the policy.
-        sentences: S, their number.
-        found: shape of the table in a file: it says the length of pretrained embeddings.
+        sentences: S, number of instructions.
+        found: shape of the table in a file, which gives the length of pretrained embeddings.
     """
     if config.text == "small":
         return Shape("I64", (sentences, WORDS, PIECES))
@@ -60,7 +61,7 @@ def table_shape(config: PolicyConfig, sentences: int, found: Shape | None) -> Sh
 
 
 def check_table(table: torch.Tensor, config: PolicyConfig, file: Path) -> None:
-    """Refuse pieces that the small encoder has no weights of.
+    """Refuse piece numbers that the small encoder has no weights for.
 
     Raises:
         InputError: names the file.
@@ -70,7 +71,8 @@ def check_table(table: torch.Tensor, config: PolicyConfig, file: Path) -> None:
 
 
 def make_text_encoder(config: PolicyConfig, row: Sequence[int]) -> nn.Module | None:
-    """Return the module that makes tokens (B, width) of rows of the table; None where no sentence is looked at.
+    """Return the module that turns rows of the table into tokens (B, width), or None if the policy ignores
+    instructions.
 
     Args:
         row: shape of a row.
@@ -83,9 +85,9 @@ def make_text_encoder(config: PolicyConfig, row: Sequence[int]) -> nn.Module | N
 
 
 def pieces(sentence: str) -> torch.Tensor:
-    """(24, 12) numbers of a sentence's words and their trigrams, 0 where there are none.
+    """Return hashed indices (24, 12) of a sentence's words and their trigrams, 0 as padding.
 
-    Words that were never read share pieces with those that were: "opened" with "open".
+    Unknown words share trigrams with known ones, for example "opened" with "open".
     """
     found = torch.zeros(WORDS, PIECES, dtype=torch.int64)
     words = "".join(c if c.isalnum() else " " for c in sentence.lower()).split()
@@ -99,12 +101,13 @@ def pieces(sentence: str) -> torch.Tensor:
 
 
 class SmallText(nn.Module):  # type: ignore[misc]
-    """Sums of learned pieces a word, their mean and maximum over the words, an MLP; trained with the policy.
+    """Text encoder with learned pieces of words, trained with the policy.
 
-    Some 200,000 parameters at width 192. It knows no word that training did not show, but for shared trigrams.
+    Pieces are averaged over each word; an MLP gets the mean and the maximum over the words. It has about 200,000
+    parameters at width 192. New words are understood only by the trigrams that they share with training words.
 
     Args:
-        width: of the token.
+        width: size of the token.
     """
 
     def __init__(self, width: int, inner: int = 64) -> None:

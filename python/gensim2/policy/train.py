@@ -1,4 +1,4 @@
-"""Training loop of every policy: one loop, whatever the head and the source of data."""
+"""Training loop of all policies, independent of the head and the source of data."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ from gensim2.policy.train_state import STATE_JSON, Identity, TrainState
 from gensim2.robots import robot
 
 FITTED = 1024
-"""Samples that the normalization is taken from."""
+"""Number of samples from which the normalization is computed."""
 
 TRAINING = "training"
-"""Folder of the state and the curves, in that of the checkpoint."""
+"""Folder of training state and curves, inside the checkpoint's folder."""
 
 
 _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
@@ -50,8 +50,8 @@ _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHU
 def deferred_signals() -> Iterator[Callable[[], bool]]:
     """Defer SIGINT, SIGTERM and SIGHUP to the end of the block; yield a function that tells whether one has come.
 
-    A signal inside an optimizer step would interrupt it half done. The first deferred signal is raised again at the
-    end; ignored signals stay ignored. Outside the main thread nothing is deferred.
+    A signal inside an optimizer step would leave it half done. The first deferred signal is raised again at the end.
+    Ignored signals stay ignored. Outside the main thread nothing is deferred.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
@@ -76,14 +76,14 @@ def deferred_signals() -> Iterator[Callable[[], bool]]:
 
 @dataclass(frozen=True)
 class TrainResult:
-    """A training that ended.
+    """Result of a finished training.
 
     Attributes:
-        folder: of the checkpoint.
-        checkpoint: with the averaged weights.
-        loss: mean of the last logged stretch.
-        steps: that were taken in all.
-        cpu_s: CPU seconds of all steps, also of those before a resume.
+        folder: folder of the checkpoint.
+        checkpoint: policy with the averaged weights.
+        loss: mean loss of the last logged interval.
+        steps: total number of steps.
+        cpu_s: CPU time of all steps, s, including those before a resume.
         parameters: number of weights.
     """
 
@@ -95,7 +95,6 @@ class TrainResult:
     parameters: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         data = self.checkpoint.data
         return {
             "schema_version": 1,
@@ -127,22 +126,22 @@ def train_policy(
     device: str = "auto",
     progress: Progress = NULL_PROGRESS,
 ) -> TrainResult:
-    """Train a policy and write its checkpoint, which holds the averaged weights of the last step.
+    """Train a policy and write its checkpoint with the averaged weights of the last step.
 
-    On one CPU model, with one number of threads and of devices, a training that was interrupted and resumed gives the
-    same bytes as one that was not.
+    On the same CPU model, with the same number of threads and devices, an interrupted and resumed training gives the
+    same
+    bytes as an uninterrupted one.
 
     Args:
-        source: of batches.
-        config: of the network; of ``start`` where there is one.
-        training: how.
-        out: folder of the checkpoint; its ``training/`` holds the state and the curves.
-        start: checkpoint to go on from with other data or tasks: its weights and normalization, a fresh optimizer.
-        resume: go on where an interrupted training in ``out`` was.
-        device: as :func:`~gensim2.policy.devices.read_devices` takes it; several share each batch.
+        config: settings of the network; with ``start``, those of the starting policy.
+        out: folder of the checkpoint; ``training/`` in it has state and curves.
+        start: checkpoint whose weights and normalization the training starts from, with a fresh optimizer.
+        resume: continue an interrupted training in ``out``.
+        device: as for :func:`~gensim2.policy.devices.read_devices`; several devices share each batch.
 
     Raises:
-        InputError: settings and data do not go together, ``out`` holds another training, or another process has it.
+        InputError: settings and data do not fit together, ``out`` has another training, or another process uses
+            ``out``.
         KeyboardInterrupt: after a signal, once the state is written.
     """
     with FolderLock(out):
@@ -159,7 +158,7 @@ def _train(
     device: str,
     progress: Progress,
 ) -> TrainResult:
-    """Train, in a folder that no other process has."""
+    """Train in a folder that is already locked."""
     devices = read_devices(device)
     share_of(training.batch, devices)
     if training.threads:
@@ -234,7 +233,7 @@ def _run(
     devices: Sequence[torch.device],
     progress: Progress,
 ) -> float:
-    """Take all steps that are left; return the mean loss of the last stretch."""
+    """Take all remaining steps and return the mean loss of the last logged interval."""
     parameters = [parameter for parameter in state.network.parameters() if parameter.requires_grad]
     curves = Curves(folder, state.step)
     state.network.train()
@@ -285,12 +284,12 @@ def _run(
 
 
 def holds_training(folder: Path) -> bool:
-    """Whether a folder holds a policy, or the state of a training."""
+    """Return whether a folder contains a policy or the state of a training."""
     return (folder / CONFIG_JSON).exists() or (folder / TRAINING / STATE_JSON).exists()
 
 
 def learning_rate(step: int, training: TrainConfig) -> float:
-    """Rate of a step, counted from 0: linear to the peak, then a cosine that would be zero one step after the last."""
+    """Return the learning rate of a step, from 0: linear warm-up, then a cosine to zero one step after the last."""
     warmup = min(training.warmup, training.steps // 2)
     if step < warmup:
         return training.learning_rate * (step + 1) / warmup
@@ -299,7 +298,7 @@ def learning_rate(step: int, training: TrainConfig) -> float:
 
 
 def _optimizer(network: PolicyNetwork, training: TrainConfig) -> torch.optim.AdamW:
-    """AdamW that decays matrices of linear layers alone: no biases, norms, embeddings or places."""
+    """Return AdamW with weight decay on the matrices of linear and convolution layers only."""
     matrices = {id(m.weight) for m in network.modules() if isinstance(m, torch.nn.Linear | torch.nn.Conv1d)}
     groups: tuple[list[torch.nn.Parameter], list[torch.nn.Parameter]] = ([], [])
     for parameter in network.parameters():
@@ -314,7 +313,7 @@ def _optimizer(network: PolicyNetwork, training: TrainConfig) -> torch.optim.Ada
 
 @torch.no_grad()  # type: ignore[untyped-decorator]
 def _average(average: torch.nn.Module, network: torch.nn.Module, decay: float, step: int) -> None:
-    """Move the averages; the first steps count less, so that the fresh weights are forgotten."""
+    """Update the moving averages; the first steps use a smaller decay, so that the initial weights are forgotten."""
     share = 1.0 - min(decay, (1 + step) / (10 + step))
     pairs = list(zip(average.parameters(), network.parameters(), strict=True))
     torch._foreach_lerp_([a for a, _ in pairs], [b for _, b in pairs], share)
@@ -323,7 +322,7 @@ def _average(average: torch.nn.Module, network: torch.nn.Module, decay: float, s
 
 
 def _start_from(network: PolicyNetwork, start: PolicyCheckpoint, source: Source) -> None:
-    """Take the weights and the normalization of a checkpoint."""
+    """Copy the weights and the normalization of a checkpoint."""
     start.require_robot(source.robot, "--from")
     start.observation.require(source.observation, "the data", of="--from")
     if start.action != source.action:
@@ -343,7 +342,7 @@ def _start_from(network: PolicyNetwork, start: PolicyCheckpoint, source: Source)
 
 
 def _identity(source: Source, config: PolicyConfig, training: TrainConfig, start: PolicyCheckpoint | None) -> Identity:
-    """Return everything that the bytes of a training follow from."""
+    """Return all settings and data that determine the result of a training."""
     told = training.to_dict()
     for name in ("save_every", "log_every", "threads"):
         del told[name]

@@ -1,4 +1,4 @@
-"""State of a training on disk: what it takes to go on bit for bit."""
+"""State of a training on disk, from which it resumes bit for bit."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class _Record(RunSettings):
     settings: dict[str, Any] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the settings that differ where the digest of all of them does; earlier versions wrote fewer."""
+        """Yield the settings that differ if the digests do; records of earlier versions have fewer settings."""
         if self.identity == now.identity:
             return
         theirs = json.loads(json.dumps(now.settings))
@@ -54,19 +54,19 @@ class Identity:
     """Settings and data that determine the result of a training.
 
     Attributes:
-        parts: plain data by name: ``"policy"`` and ``"training"`` by setting, the others as they are.
+        parts: plain data by name; ``"policy"`` and ``"training"`` are stored setting by setting, others as a digest.
     """
 
     parts: Mapping[str, Any]
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the parts, in hexadecimal digits."""
+        """SHA-256 of all parts, in hexadecimal digits."""
         return _digest(self.parts)
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings of policy and training, the digest of the data, and those of what else there is."""
+        """Return the settings of policy and training, and the digests of all other parts."""
         others = {
             name: _digest(part) for name, part in self.parts.items() if name not in ("policy", "training", "data")
         }
@@ -86,18 +86,18 @@ def _digest(value: Any) -> str:
 
 @dataclass
 class TrainState:
-    """Weights, their averages, the optimizer's moments, and where the training is.
+    """Weights, averaged weights, optimizer moments, and progress of a training.
 
-    Nothing else has a state: what is drawn in a step follows from the seed and the number of the step.
+    There is no further state: random numbers of a step depend only on the seed and the step number.
 
     Attributes:
-        network: that is trained.
-        average: exponential moving average of its weights; buffers as they are.
+        network: the trained network.
+        average: exponential moving average of its weights; buffers are copied.
         optimizer: AdamW over the network's parameters.
-        step: steps that were taken.
-        cpu_s: CPU seconds that they took.
-        losses: of the steps since the last point of the curves.
-        loss: mean of the last point of the curves; None: there is none, or an earlier version wrote the state.
+        step: number of steps taken.
+        cpu_s: CPU time of these steps, s.
+        losses: losses since the last point of the curves.
+        loss: mean loss at the last point of the curves; None without a point, or in the state of an earlier version.
     """
 
     network: nn.Module
@@ -109,11 +109,11 @@ class TrainState:
     loss: float | None = None
 
     def save(self, folder: Path, identity: Identity) -> None:
-        """Write the state, whole or not at all.
+        """Write the state atomically.
 
         Args:
-            folder: that of the state.
-            identity: everything that the training follows from.
+            folder: folder of the state.
+            identity: settings and data that determine the training.
 
         Raises:
             WriteError: the folder cannot be written to.
@@ -135,10 +135,10 @@ class TrainState:
                 old.unlink()
 
     def load(self, folder: Path, identity: Identity) -> None:
-        """Go on where a state was written.
+        """Load a state to resume from.
 
         Raises:
-            InputError: it is damaged, or of another training or version of gensim2.
+            InputError: the state is damaged, or belongs to another training or version of gensim2.
         """
         record = read_record(folder / STATE_JSON, _Record, _REMEDY)
         record.require_same(self._record(identity, record.file, record.sha256), folder / STATE_JSON)
@@ -164,7 +164,7 @@ class TrainState:
                 if f"{key}.{name}" in parts["optimizer"]
             }
             if moments:
-                # The fused optimizer wants the number of the step where the parameter is, too.
+                # The fused optimizer needs the step number on the parameter's device, too.
                 self.optimizer.state[parameter] = {key: value.to(parameter.device) for key, value in moments.items()}
         self.step, self.cpu_s = record.step, record.cpu_s
         self.losses, self.loss = record.losses, record.loss
@@ -183,7 +183,7 @@ class TrainState:
         )
 
     def _shapes(self, found: Mapping[str, Shape]) -> dict[str, Shape]:
-        """Return the shapes of a state's tensors; a parameter that no step has changed has no moments."""
+        """Return the expected shapes of a state's tensors; a parameter that was never updated has no moments."""
         modules = {"network": self.network, "average": self.average}
         shapes = {
             f"{part}.{name}": Shape.of(value)

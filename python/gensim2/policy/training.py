@@ -1,4 +1,4 @@
-"""``gensim2 train``: demonstrations in, a checkpoint out."""
+"""``gensim2 train``: train a policy on demonstrations and write its checkpoint."""
 
 from __future__ import annotations
 
@@ -27,22 +27,21 @@ def train(
     assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> Any:
-    """Train a policy on the demonstrations of rendered data sets; return a :class:`~gensim2.policy.train.TrainResult`.
+    """Train a policy on rendered data sets and return a :class:`~gensim2.policy.train.TrainResult`.
 
     Args:
-        data: folders.
+        data: folders of the data sets.
         out: folder of the checkpoint.
         config: YAML file of settings (:mod:`gensim2.policy.config`).
-        settings: by name; they win over the file's.
-        tasks: names; none: all of the data.
-        start: checkpoint to go on from, with other data or tasks; its architecture where ``settings`` say no other.
-        resume: go on where an interrupted training in ``out`` was.
-        device: as :func:`~gensim2.policy.devices.read_devices` takes it.
-        dagger: rounds in which the policy is rolled out and the planner labels where it came to
-            (:mod:`gensim2.policy.dagger`); each trains on for as many steps.
-        dagger_episodes: of each task and round.
-        workers: simulator processes of these rounds.
-        assets: where the objects of these rounds are now; None: where they were.
+        settings: settings by name, which take precedence over the file.
+        tasks: names of the tasks; empty for all tasks of the data.
+        start: checkpoint to start from, with other data or tasks; its architecture is used unless ``settings`` differ.
+        resume: continue an interrupted training in ``out``.
+        device: as for :func:`~gensim2.policy.devices.read_devices`.
+        dagger: number of DAgger rounds (:mod:`gensim2.policy.dagger`), each with the same number of gradient steps.
+        dagger_episodes: rollouts of each task and DAgger round.
+        workers: simulator processes of the DAgger rounds.
+        assets: folder of the objects in the DAgger rounds; None: the folder recorded in the data sets.
 
     Raises:
         InputError: a setting, the data or a checkpoint cannot be used.
@@ -92,7 +91,7 @@ def train(
 
 
 def read_flat(path: Path) -> dict[str, Any]:
-    """Return the settings that a file gives, and no others."""
+    """Return only the settings that a file contains."""
     from gensim2.core.yaml_files import read_yaml
 
     read_config(path)

@@ -1,4 +1,4 @@
-"""Pre-LN transformer over all tokens: a readout, the sentence, and for each frame its cloud and its proprioception."""
+"""Pre-LN transformer over a readout token, the instruction, and the cloud and proprioception of each frame."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from torch import nn
 
 
 class Attention(nn.Module):  # type: ignore[misc]
-    """Multi-head attention of tokens to tokens.
+    """Multi-head attention.
 
     Args:
-        width: D of the tokens.
-        heads: that share it.
+        width: D, size of the tokens.
+        heads: number of heads.
     """
 
     def __init__(self, width: int, heads: int) -> None:
@@ -22,7 +22,7 @@ class Attention(nn.Module):  # type: ignore[misc]
         self.out = nn.Linear(width, width)
 
     def forward(self, tokens: torch.Tensor, memory: torch.Tensor) -> torch.Tensor:
-        """Return (B, S, D) of tokens (B, S, D) that look at memory (B, M, D)."""
+        """Return (B, S, D): tokens (B, S, D) attend to memory (B, M, D)."""
         query = self._split(self.query(tokens))
         key, value = (self._split(each) for each in self.key_value(memory).chunk(2, -1))
         seen = nn.functional.scaled_dot_product_attention(query, key, value)
@@ -33,11 +33,11 @@ class Attention(nn.Module):  # type: ignore[misc]
 
 
 class Block(nn.Module):  # type: ignore[misc]
-    """Pre-LN block: attention to itself, to a memory where there is one, and an MLP.
+    """Pre-LN block: self-attention, optional attention to a memory, and an MLP.
 
     Args:
         width, heads: as for :class:`Attention`.
-        memory: whether it looks at a memory.
+        memory: whether the block attends to a memory.
     """
 
     def __init__(self, width: int, heads: int, *, memory: bool = False) -> None:
@@ -59,13 +59,13 @@ class Block(nn.Module):  # type: ignore[misc]
 
 
 class Trunk(nn.Module):  # type: ignore[misc]
-    """The transformer over all tokens.
+    """Transformer over all tokens.
 
     Args:
-        width: D.
-        layers: number of blocks; 0: the tokens as they come.
-        heads: of the attention.
-        places: S, number of tokens, the readout included.
+        width: D, size of the tokens.
+        layers: number of blocks; 0 leaves the tokens unchanged.
+        heads: number of attention heads.
+        places: S, number of tokens, including the readout.
     """
 
     def __init__(self, width: int, layers: int, heads: int, places: int) -> None:
@@ -76,7 +76,7 @@ class Trunk(nn.Module):  # type: ignore[misc]
         self.norm = nn.LayerNorm(width)
 
     def forward(self, tokens: torch.Tensor) -> torch.Tensor:
-        """Return (B, S, D), the readout first, of tokens (B, S - 1, D)."""
+        """Return (B, S, D), the readout first, for tokens (B, S - 1, D)."""
         tokens = torch.cat([self.readout.expand(len(tokens), -1, -1), tokens], 1) + self.places
         for block in self.blocks:
             tokens = block(tokens)

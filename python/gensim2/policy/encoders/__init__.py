@@ -1,4 +1,4 @@
-"""Point encoders: a cloud becomes pooled tokens, and on demand a feature a point."""
+"""Point encoders, which turn a cloud into pooled tokens and, on request, a feature for each point."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _KINDS: dict[str, Any] = {
 
 
 def make_encoder(config: PolicyConfig) -> PointEncoder:
-    """Return the encoder that the configuration names, with fresh weights.
+    """Return the configured encoder with fresh weights.
 
     Raises:
-        InputError: the encoder of states is not told the number of points.
+        InputError: ``config.points`` is missing, which the ``state`` encoder needs.
     """
     more: dict[str, Any] = {"blocks": config.blocks} if config.encoder == "pointnext" else {}
     if config.encoder == "state":

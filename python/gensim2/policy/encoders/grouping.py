@@ -7,13 +7,20 @@ import torch
 
 @torch.no_grad()  # type: ignore[untyped-decorator]
 def farthest_points(points: torch.Tensor, count: int) -> torch.Tensor:
-    """(B, count) int64: farthest point sampling of points (B, N, 3), from the one farthest from the mean on.
+    """Sample ``count`` points by farthest point sampling.
 
-    It starts where no order of the points has a say.
+    Sampling starts at the point farthest from the mean, so the result does not depend on the order of the points.
+
+    Args:
+        points: (B, N, 3).
+        count: number of points to sample.
+
+    Returns:
+        (B, count) int64 indices.
     """
     last = (points - points.mean(1, keepdim=True)).square().sum(-1).argmax(1)
     found, nearest = [last], torch.full_like(points[..., 0], torch.inf)
-    # Axis by axis: sums over the last dimension of three cost ten times as much.
+    # Axis by axis, because sums over a last dimension of length three take ten times as long.
     x, y, z = (each.contiguous() for each in points.unbind(-1))
     for _ in range(count - 1):
         at = last[:, None]
@@ -26,15 +33,23 @@ def farthest_points(points: torch.Tensor, count: int) -> torch.Tensor:
 
 
 def squared_distances(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """(B, M, N) between points (B, M, 3) and (B, N, 3), without cancellation."""
+    """Return squared distances (B, M, N) between points (B, M, 3) and (B, N, 3), without cancellation."""
     return (a[:, :, None] - b[:, None]).square().sum(-1)
 
 
 def ball_query(points: torch.Tensor, centers: torch.Tensor, radius: float, count: int) -> torch.Tensor:
-    """(B, M, count) int64: the ``count`` nearest points (B, N, 3) within ``radius`` of centers (B, M, 3).
+    """Return the nearest points within a radius of each centre.
 
-    Where there are fewer the nearest one is repeated. Taking the nearest, not the first, the order of the points has no
-    say.
+    The nearest points are taken, not the first ones, so the result does not depend on the order of the points.
+
+    Args:
+        points: (B, N, 3).
+        centers: (B, M, 3).
+        radius: in the unit of the points.
+        count: number of points; if fewer are within the radius, the nearest one is repeated.
+
+    Returns:
+        (B, M, count) int64 indices.
     """
     count = min(count, points.shape[1])
     distance, rows = squared_distances(centers, points).topk(count, dim=-1, largest=False, sorted=True)
@@ -42,14 +57,23 @@ def ball_query(points: torch.Tensor, centers: torch.Tensor, radius: float, count
 
 
 def gathered(values: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
-    """(B, ..., C) of values (B, N, C) at rows (B, ...)."""
+    """Return the values (B, ..., C) at rows (B, ...) of ``values`` (B, N, C)."""
     flat = rows.flatten(1)
     found = torch.gather(values, 1, flat[..., None].expand(-1, -1, values.shape[-1]))
     return found.unflatten(1, rows.shape[1:])
 
 
 def interpolated(points: torch.Tensor, known: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
-    """(B, N, C) of values (B, M, C) at known points (B, M, 3): the three nearest, by inverse squared distances."""
+    """Interpolate values from the three nearest known points, weighted by inverse squared distance.
+
+    Args:
+        points: (B, N, 3) points to interpolate at.
+        known: (B, M, 3) points with known values.
+        values: (B, M, C).
+
+    Returns:
+        (B, N, C).
+    """
     distance, rows = squared_distances(points, known).topk(min(3, known.shape[1]), dim=-1, largest=False)
     weights = 1 / distance.clamp(min=1e-10)
     weights = weights / weights.sum(-1, keepdim=True)

@@ -1,4 +1,4 @@
-"""Encoders of MLPs: a maximum over the points (PointNet without its transforms), or the whole state."""
+"""MLP encoders: a maximum over per-point features (PointNet without its transforms), or one MLP on the whole state."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import torch
 from torch import nn
 
 ROWS = 1024
-"""Points that a CPU takes through the layers at once, so that what is between them stays in its cache."""
+"""Number of points that a CPU processes at once, so that intermediate results stay in its cache."""
 
 
 class StateEncoder(nn.Module):  # type: ignore[misc]
-    """MLP 256-256 on all numbers of all points at once; a point's feature is its own beside that of all.
+    """MLP 256-256 on all points of a cloud together; a point's feature is its own beside the pooled one.
 
     Args:
-        channels: C, numbers a point.
+        channels: C, numbers for each point.
         points: N.
     """
 
@@ -45,11 +45,11 @@ class StateEncoder(nn.Module):  # type: ignore[misc]
 class MlpEncoder(nn.Module):  # type: ignore[misc]
     """MLP 64-128-192 with LayerNorm on every point, then the maximum over the points.
 
-    Only points that win in some number of the maximum have a gradient, some 90 of 512. In training they are found
-    without gradients and run again with them: the same value and the same gradient for less than half of the cost.
+    Only the points that attain a maximum have a gradient, about 90 of 512. In training these points are found without
+    gradients and evaluated again with gradients, which gives the same result in less than half of the time.
 
     Args:
-        channels: C, numbers a point.
+        channels: C, numbers for each point.
     """
 
     tokens, width, feature_width = 1, 192, 192
@@ -80,7 +80,7 @@ class MlpEncoder(nn.Module):  # type: ignore[misc]
         return values[of_row, column][:, None]
 
     def _winners(self, points: torch.Tensor) -> torch.Tensor:
-        """(B, F) numbers of the points that win."""
+        """Return the index (B, F) of the point with the maximum of each feature."""
         batch, count, _ = points.shape
         clouds = max(ROWS // count, 1) if points.device.type == "cpu" else batch
         parts = [self.layers(part).max(1).indices for part in points.split(clouds)]  # argmax takes thrice as long
@@ -89,5 +89,5 @@ class MlpEncoder(nn.Module):  # type: ignore[misc]
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the pooled token (B, 1, 192) and the features (B, N, 192)."""
         features = self.layers(points)
-        # amax would look for all points that are as large, and share the gradient among them.
+        # amax would share the gradient among all points that attain the maximum.
         return features.max(1, keepdim=True).values, features

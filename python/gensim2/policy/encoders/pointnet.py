@@ -1,4 +1,4 @@
-"""PointNet (Qi et al. 2017): a transform of the input, a shared MLP with batch normalization, a maximum."""
+"""PointNet (Qi et al. 2017): an input transform, a shared MLP with batch normalization, and a maximum."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from torch import nn
 
 
 class Shared(nn.Module):  # type: ignore[misc]
-    """Linear layer, batch normalization over all points of all clouds, and ReLU; on (..., C)."""
+    """Linear layer, batch normalization over all points of all clouds, and optional ReLU."""
 
     def __init__(self, inner: int, outer: int, *, active: bool = True) -> None:
         super().__init__()
@@ -16,14 +16,14 @@ class Shared(nn.Module):  # type: ignore[misc]
         self.active = active
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
-        """Return (..., outer)."""
+        """Map features (..., inner) to (..., outer)."""
         found = self.linear(values)
         found = self.norm(found.reshape(-1, found.shape[-1])).reshape(found.shape)
         return torch.relu(found) if self.active else found
 
 
 class Transform(nn.Module):  # type: ignore[misc]
-    """The T-Net: a 3 x 3 matrix of a cloud, the identity at first."""
+    """T-Net: predicts a 3 x 3 matrix for each cloud and starts at the identity."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -33,16 +33,16 @@ class Transform(nn.Module):  # type: ignore[misc]
         nn.init.zeros_(self.matrix.bias)
 
     def forward(self, xyz: torch.Tensor) -> torch.Tensor:
-        """Return (B, 3, 3) of coordinates (B, N, 3)."""
+        """Return the matrices (B, 3, 3) for coordinates (B, N, 3)."""
         matrix = self.matrix(self.points(xyz).amax(1)).unflatten(-1, (3, 3))
         return matrix + torch.eye(3, device=xyz.device, dtype=xyz.dtype)
 
 
 class PointNetEncoder(nn.Module):  # type: ignore[misc]
-    """PointNet without the second transform; a point's feature is its own beside that of the cloud.
+    """PointNet without the feature transform; a point's feature is its own beside that of the cloud.
 
     Args:
-        channels: C, numbers a point.
+        channels: C, numbers for each point.
     """
 
     tokens, width, feature_width = 1, 512, 64 + 512

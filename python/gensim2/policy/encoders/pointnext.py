@@ -1,7 +1,4 @@
-"""PointNeXt (Qian et al. 2022): set abstraction with residuals, inverted residual MLPs, offsets relative to the radius.
-
-PointNeXt-S by default, which has no inverted residual blocks. Pure PyTorch.
-"""
+"""PointNeXt (Qian et al. 2022) in pure PyTorch, PointNeXt-S by default."""
 
 from __future__ import annotations
 
@@ -13,18 +10,18 @@ from gensim2.policy.encoders.pointnet import Shared
 
 NEIGHBORS = 32
 RADIUS = 0.3
-"""Of the first stage, in normalized coordinates, whose standard deviation is 1; each stage has 1.5 times as much."""
+"""Radius of the first stage, in normalized coordinates with standard deviation 1; it grows 1.5 times at each stage."""
 WIDTHS = (64, 128, 256, 512)
 STRIDES = (2, 2, 2, 2)
 
 
 class SetAbstraction(nn.Module):  # type: ignore[misc]
-    """Farthest points as centres, MLPs over the neighbours in a ball around each, their maximum, a residual.
+    """Set abstraction: an MLP and a maximum over the neighbours of sampled centres, with a residual connection.
 
     Args:
         inner, outer: number of features of a point, and of a centre.
         stride: ratio of points to centres.
-        radius: radius of the balls.
+        radius: radius of the balls, in normalized coordinates.
     """
 
     def __init__(self, inner: int, outer: int, stride: int, radius: float) -> None:
@@ -37,7 +34,7 @@ class SetAbstraction(nn.Module):  # type: ignore[misc]
         """Sample M centres and pool the features of their neighbours.
 
         Args:
-            xyz: (B, N, 3) points, m.
+            xyz: (B, N, 3) points, normalized.
             features: (B, N, inner) features of the points.
 
         Returns:
@@ -52,11 +49,11 @@ class SetAbstraction(nn.Module):  # type: ignore[misc]
 
 
 class InvertedResidual(nn.Module):  # type: ignore[misc]
-    """InvResMLP: aggregation over the ball, then two layers a point that widen four times, around a residual.
+    """InvResMLP block: a maximum over the neighbours, then an MLP with four times the width, and a residual connection.
 
     Args:
-        width: of the features.
-        radius: of the ball.
+        width: number of features.
+        radius: radius of the balls, in normalized coordinates.
     """
 
     def __init__(self, width: int, radius: float) -> None:
@@ -66,7 +63,7 @@ class InvertedResidual(nn.Module):  # type: ignore[misc]
         self.point = nn.Sequential(Shared(width, 4 * width), Shared(4 * width, width, active=False))
 
     def forward(self, xyz: torch.Tensor, features: torch.Tensor) -> torch.Tensor:
-        """Return features (B, M, width)."""
+        """Return the new features (B, M, width)."""
         rows = ball_query(xyz, xyz, self.radius, NEIGHBORS)
         relative = (gathered(xyz, rows) - xyz[:, :, None]) / self.radius
         found = self.local(torch.cat([relative, gathered(features, rows)], -1)).amax(2)
@@ -74,11 +71,12 @@ class InvertedResidual(nn.Module):  # type: ignore[misc]
 
 
 class PointNextEncoder(nn.Module):  # type: ignore[misc]
-    """PointNeXt-S: a stem of 32, four stages that halve the points and double the width, a last MLP and a maximum.
+    """PointNeXt-S: a stem of width 32, four stages that halve the points and double the width, a final MLP and a
+    maximum.
 
     Args:
-        channels: C, numbers a point.
-        blocks: inverted residual blocks a stage; 0 is PointNeXt-S, more lead to B, L and XL.
+        channels: C, numbers for each point.
+        blocks: inverted residual blocks in each stage; 0 is PointNeXt-S, larger numbers lead to B, L and XL.
     """
 
     tokens, width, feature_width = 1, 512, 32 + 512
@@ -100,8 +98,9 @@ class PointNextEncoder(nn.Module):  # type: ignore[misc]
         return self._run(points)[0]
 
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the pooled token (B, 1, 512) and the features (B, N, 544): of the stem, and of the last stage
-        interpolated to the points."""
+        """Return the pooled token (B, 1, 512) and the features (B, N, 544): the stem's and the last stage's,
+        interpolated.
+        """
         pooled, stem, centers, deep = self._run(points)
         return pooled, torch.cat([stem, interpolated(points[..., :3], centers, deep)], -1)
 

@@ -8,15 +8,15 @@ import torch
 
 
 class PointEncoder(Protocol):
-    """Encoder of normalized points (B, N, C), whose first three numbers are coordinates.
+    """Encoder of normalized points (B, N, C), whose first three channels are coordinates.
 
-    It is a ``torch.nn.Module``, in pure PyTorch, and gives the same for any order of the points, but for that of
-    states, which knows them by it.
+    Encoders are ``torch.nn.Module`` in pure PyTorch. Except for :class:`StateEncoder`, which identifies points by their
+    index, the result does not depend on the order of the points.
 
     Attributes:
-        tokens: K, pooled tokens a cloud.
-        width: F, numbers a token.
-        feature_width: G, numbers a point feature.
+        tokens: K, number of pooled tokens of a cloud.
+        width: F, size of a token.
+        feature_width: G, size of a point's feature.
     """
 
     tokens: int
@@ -28,5 +28,5 @@ class PointEncoder(Protocol):
         ...
 
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the pooled tokens (B, K, F) and a feature of each point (B, N, G), both with gradients."""
+        """Return the pooled tokens (B, K, F) and the features of the points (B, N, G), both with gradients."""
         ...

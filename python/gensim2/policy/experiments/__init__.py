@@ -1,4 +1,4 @@
-"""Experiments: several policies from configurations, measured on seen and unseen objects, on one page."""
+"""Experiments: train several configured policies, evaluate them on seen and unseen objects, and write one report."""
 
 from gensim2.policy.experiments.config import NAMES, Arm, ExperimentConfig, Name, config_of, read_experiment
 from gensim2.policy.experiments.running import run_experiment

@@ -1,4 +1,4 @@
-"""Configurations of experiments: which policies are taught on what, and what they are measured on."""
+"""Configurations of experiments: the training data of each policy and its evaluations."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ Minutes = Annotated[float, Field(gt=0, le=1e4)]
 
 
 class Arm(BaseModel):
-    """One policy of an experiment, trained once a seed.
+    """One policy configuration of an experiment, trained once for each seed.
 
     Attributes:
-        name: of its folder.
-        objects: ``"generated"``, or ``"real"``: those of the folder that the run is given.
-        count: of generated objects of each class that it is taught on, in place of the training split's; where
-            ``objects`` are real, beside it.
-        tasks: names of library tasks, one policy for all of them.
-        minutes_a_task: of CPU for data and training, in place of the experiment's.
-        start: name of an arm before this one, on the same objects: this one's policy begins with its weights and plans,
-            and is taught only the tasks that it does not know; None: from nothing.
+        name: name of the arm and of its folder.
+        objects: ``"generated"``, or ``"real"`` for the objects in the asset folder of the run.
+        count: number of generated training objects of each class; None: the training split. With real objects these
+            are added to the real ones.
+        tasks: names of library tasks; one policy learns all of them.
+        minutes_a_task: CPU minutes for data and training of each task; None: as in the experiment.
+        start: name of an earlier arm with the same objects. This arm starts from its weights and demonstrations, and
+            only learns the tasks that it lacks. None: train from scratch.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -50,33 +50,34 @@ class Arm(BaseModel):
 
     @property
     def is_split(self) -> bool:
-        """Whether it is taught on a split of listed objects, so that seen ones can be told from others."""
+        """Return whether the arm trains on a split of listed objects, so that seen and unseen objects can be
+        distinguished.
+        """
         return self.objects == "real" or self.count is None
 
     def added_to(self, start: Arm | None) -> tuple[str, ...]:
-        """Return the tasks that it is taught, which the arm that it begins with does not know."""
+        """Return the tasks that this arm adds to those of the arm it starts from."""
         return tuple(name for name in self.tasks if start is None or name not in start.tasks)
 
 
 class ExperimentConfig(BaseModel):
-    """An experiment.
+    """Configuration of an experiment.
 
     Attributes:
-        title, about: words of its page.
-        seeds: trainings of each arm.
-        minutes_a_task: of CPU for data and training of a policy, for each of its tasks.
-        scenes: most that are planned of each task.
-        episodes, control_episodes: of each task that a policy and its blind control are measured by.
-        unseen: word for the objects that a training does not see.
-        tenth: of each class's objects, 0 to 9, that the first training of a split does not see; each further training
-            leaves out the next one.
-        transfer: measure policies that were taught on generated objects on real ones, too.
-        text, text_model: encoder of the policies' sentences, and folder or hub name of its weights; None: as
-            :func:`~gensim2.policy.learning.learn` has them.
-        sentences: measure them told the opposite, and told the same in other words, too.
-        untaught: tasks that no arm has, of other classes or of other combinations of these, which they are measured
-            on, too, told what these ask for.
-        arms: in the order of the page.
+        title, about: title and description in the report.
+        seeds: number of trainings of each arm.
+        minutes_a_task: CPU minutes for data and training of each task of a policy.
+        scenes: largest number of planned scenes of each task.
+        episodes, control_episodes: number of evaluation episodes of each task, for the policy and without the cloud.
+        unseen: name of the set of objects that a training does not see.
+        tenth: tenth (0 to 9) of each class's objects that the first training leaves out; each further training leaves
+            out the next one.
+        transfer: also evaluate policies trained on generated objects on real objects.
+        text, text_model: text encoder, and folder or hub name of its weights; None: defaults of
+            :func:`~gensim2.policy.learning.learn`.
+        sentences: also evaluate with the opposite instruction and with paraphrases.
+        untaught: tasks that no arm is trained on, for a further evaluation with their own instructions.
+        arms: policies, in the order of the report.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -121,35 +122,35 @@ class ExperimentConfig(BaseModel):
         return self
 
     def words(self, arm: Arm, number: int) -> tuple[str, str]:
-        """Return the words for the objects that a training of an arm is taught on, and that it never saw.
+        """Return the names of the training objects and of the unseen objects of one training.
 
         Args:
-            arm: the arm.
-            number: of its training, from 0 on.
+            number: index of the training, from 0.
         """
         tenth = (self.tenth + number) % TENTHS if arm.is_split else 0
         behind = f"-{tenth}" if tenth else ""
         return f"train{behind}" if arm.is_split else "all", self.unseen if self.unseen == "new" else f"test{behind}"
 
     def start_of(self, arm: Arm) -> Arm | None:
-        """Return the arm that one begins with."""
+        """Return the arm that ``arm`` starts from, if any."""
         return next((each for each in self.arms if each.name == arm.start), None)
 
 
 def config_of(name: Name, *, small: bool = False) -> ExperimentConfig:
-    """The configuration that comes with the package.
+    """Return a configuration that comes with the package.
 
     Args:
-        small: that of a few minutes.
+        name: name of the experiment.
+        small: the variant that runs in a few minutes.
     """
     return read_experiment(CONFIGS / f"{name}{'_small' if small else ''}.yaml")
 
 
 def read_experiment(path: Path) -> ExperimentConfig:
-    """A configuration from a YAML file.
+    """Read a configuration from a YAML file.
 
     Raises:
-        InputError: it cannot be read, or a field is unknown or cannot be so; names file and field.
+        InputError: the file cannot be read, or a field is unknown or invalid; names file and field.
     """
     from gensim2.core.yaml_files import read_yaml
 

@@ -1,4 +1,4 @@
-"""Figures of an experiment, counted from the episodes of its arms."""
+"""Figures of an experiment, computed from the evaluation episodes of its arms."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from typing import Any, Literal, get_args
 from gensim2.rollout.tally import interval
 
 Kind = Literal["seen", "unseen", "real", "opposite", "rephrased", "untaught", "blind"]
-"""What a policy is measured by: on objects that were taught on, on others, on real ones where it was taught on
-generated ones; on unseen objects told the opposite, and told the same in other words; on
-tasks that no training had; on unseen objects without the cloud."""
+"""Kinds of evaluations: on training objects, on unseen objects, on real objects after training on generated ones; on
+unseen objects with the opposite instruction and with paraphrases; on tasks outside the training; on unseen objects
+without the point cloud.
+"""
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
 @dataclass(frozen=True)
 class Rate:
-    """Episodes that held.
+    """Number of successful episodes.
 
     Attributes:
-        held, episodes: how many of how many.
+        held, episodes: successful episodes, and all episodes.
     """
 
     held: int
@@ -29,30 +30,30 @@ class Rate:
 
     @property
     def mean(self) -> float | None:
-        """Share of episodes that held; None where there were none."""
+        """Success rate; None without episodes."""
         return self.held / self.episodes if self.episodes else None
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % (Wilson); of several tasks, as if all their episodes were draws of one rate."""
+        """95 % Wilson interval of the success rate; episodes of several tasks count as draws from one rate."""
         return interval(self.held, self.episodes)
 
     @staticmethod
     def total(rates: Sequence[Rate]) -> Rate:
-        """All of them as one."""
+        """Return the sum of several counts."""
         return Rate(sum(rate.held for rate in rates), sum(rate.episodes for rate in rates))
 
     def to_dict(self, name: str) -> dict[str, Any]:
-        """``<name>_mean`` and ``<name>_interval``; None where there were no episodes."""
+        """Return ``<name>_mean`` and ``<name>_interval`` as plain data; None without episodes."""
         there = self.episodes > 0
         return {f"{name}_mean": self.mean, f"{name}_interval": list(self.interval) if there else None}
 
 
 def difference(one: Rate, other: Rate) -> tuple[float, tuple[float, float]]:
-    """``one`` minus ``other``, and its 95 % interval (Newcombe 1998, of Wilson's intervals).
+    """Return the difference ``one - other`` of two success rates with its 95 % interval (Newcombe 1998).
 
     Raises:
-        ValueError: one has no episodes.
+        ValueError: one of them has no episodes.
     """
     if one.mean is None or other.mean is None:
         raise ValueError("there are no episodes")
@@ -65,27 +66,26 @@ def difference(one: Rate, other: Rate) -> tuple[float, tuple[float, float]]:
 
 @dataclass(frozen=True)
 class TaskFigures:
-    """One task of one arm, over all seeds.
+    """Figures of one task of an arm over all seeds.
 
     Attributes:
-        name: of the task.
-        rates: by what was measured; what was not is missing.
+        name: name of the task.
+        rates: results by kind of evaluation; kinds without an evaluation are missing.
     """
 
     name: str
     rates: Mapping[Kind, Rate]
 
     def rate(self, kind: Kind) -> Rate:
-        """Rate of one kind; without episodes where nothing was measured."""
+        """Return the result of one kind of evaluation; 0 of 0 episodes if there was none."""
         return self.rates.get(kind, Rate(0, 0))
 
     def as_seen(self) -> TaskFigures:
-        """The same, with what was measured on unseen objects counted as seen: of a task that has no others."""
+        """Return the figures with all episodes counted as seen, for a task whose objects were all trained on."""
         rates = {kind: rate for kind, rate in self.rates.items() if kind not in ("seen", "unseen")}
         return replace(self, rates={**rates, "seen": Rate.total([self.rate("seen"), self.rate("unseen")])})
 
     def to_dict(self, arm: str) -> dict[str, Any]:
-        """Return it as plain data."""
         told = {"name": self.name, "arm": arm}
         for kind in KINDS:
             told |= self.rate(kind).to_dict(kind)
@@ -94,9 +94,9 @@ class TaskFigures:
 
 
 def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
-    """Means over tasks, which have equally many episodes, and what is lost on unseen objects.
+    """Return the mean success rates over tasks and the loss on unseen objects.
 
-    ``said_mean`` is that on unseen objects of the tasks that have an opposite.
+    All tasks count equally. ``said_mean`` is the success rate on unseen objects of the tasks that have an opposite.
     """
     totals = {kind: Rate.total([each.rate(kind) for each in tasks]) for kind in KINDS}
     told: dict[str, Any] = {}
@@ -113,7 +113,7 @@ def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
 
 
 def _less(name: str, tasks: Sequence[TaskFigures], one: Kind, other: Kind) -> dict[str, Any]:
-    """Return the difference of two kinds over the tasks with figures of both."""
+    """Return the difference of two kinds over the tasks that have both."""
     both = [each for each in tasks if each.rate(one).episodes and each.rate(other).episodes]
     first, second = (Rate.total([each.rate(kind) for each in both]) for kind in (one, other))
     found = difference(first, second) if both else None
@@ -124,5 +124,5 @@ def _less(name: str, tasks: Sequence[TaskFigures], one: Kind, other: Kind) -> di
 
 
 def _evaluated(tasks: Sequence[TaskFigures]) -> int:
-    """Episodes on objects that were taught on and on others; neither controls nor other sentences."""
+    """Return the number of episodes on seen and unseen objects, without controls and other instructions."""
     return sum(each.rate(kind).episodes for each in tasks for kind in ("seen", "unseen"))

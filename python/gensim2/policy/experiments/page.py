@@ -1,4 +1,4 @@
-"""``report.html`` of an experiment: its figures with error bars and its tables, from its JSON alone."""
+"""Write an experiment's ``report.html``, with error bars and tables, from its JSON result."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COLOURS: dict[Kind, str] = {
     "blind": "#b0413e",
 }
 APART = 11.0
-"""Pixels between the points of an arm."""
+"""Horizontal distance of the points of an arm, pixels."""
 WORDS: dict[Kind, str] = {
     "seen": "seen",
     "unseen": "unseen",
@@ -33,11 +33,14 @@ WORDS: dict[Kind, str] = {
     "untaught": "untaught tasks",
     "blind": "blind",
 }
-"""Heads of columns."""
+"""Column titles."""
 
 
 def write_page(told: Mapping[str, Any]) -> Path:
-    """Write the page of a result as :meth:`ExperimentResult.to_dict` gives it, and return its path.
+    """Write the report of an experiment and return its path.
+
+    Args:
+        told: result as of :meth:`ExperimentResult.to_dict`.
 
     Raises:
         WriteError: the folder cannot be written to.
@@ -53,14 +56,14 @@ def write_page(told: Mapping[str, Any]) -> Path:
 
 
 def _measured(arms: list[dict[str, Any]]) -> list[Kind]:
-    """Return the kinds that some arm has figures of."""
+    """Return the kinds of evaluations that at least one arm has."""
     return [kind for kind in WORDS if any(arm[f"{kind}_mean"] is not None for arm in arms)]
 
 
 def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
-    """Corners of the figure: a point with its interval for each arm and kind of objects, shares from 0 to 1 upwards.
+    """Return the geometry of the figure: a point with its interval for each arm and kind, rates from 0 to 1 upwards.
 
-    Arms that say how many objects they were taught on stand on a logarithmic axis of that number, others side by side.
+    If all arms state their number of training objects, the horizontal axis is logarithmic in that number.
     """
     counts = [arm["count"] for arm in arms]
     counted = all(count is not None for count in counts) and len(set(counts)) > 1
@@ -85,6 +88,6 @@ def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _up(share: float) -> float:
-    """Height in the picture, whose rows count downwards."""
+    """Return the vertical pixel position of a share; pixel rows count downwards."""
     top = 10.0
     return top + (1.0 - share) * (HEIGHT - BOTTOM - top)

@@ -1,4 +1,4 @@
-"""Runs an experiment: arms are learned by :func:`~gensim2.policy.learning.learn` and measured on seen objects, too."""
+"""Run an experiment: train arms by :func:`~gensim2.policy.learning.learn` and evaluate them."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ SENTENCES = Path(__file__).parent / "sentences.yaml"
 
 
 def opposites(tasks: Sequence[TaskSpec]) -> dict[str, str]:
-    """By a task's sentence that of the task which wants the same joint of the same class at its other end.
+    """Return, for each instruction, the instruction that moves the same joint of the same class the other way.
 
     Args:
-        tasks: of one policy. Scenes of both begin alike, so that the sentence alone tells them apart.
+        tasks: tasks of one policy. Scenes of both directions look alike, so only the instruction distinguishes them.
     """
     ends = {(name, opens): task.description for task in tasks for name, opens in [_end(task)] if name is not None}
     return {sentence: ends[name, not opens] for (name, opens), sentence in ends.items() if (name, not opens) in ends}
 
 
 def _end(task: TaskSpec) -> tuple[str | None, bool]:
-    """Class of the only object of a task and whether its joint is opened; None where that is not the goal."""
+    """Return the class of a task's only object and whether its joint is to open; (None, False) for other goals."""
     things, goal = list(task.objects.values()), task.success
     if len(things) == 1 and len(goal) == 1 and isinstance(goal[0], ArticulatedOpen | ArticulatedClosed):
         return things[0].asset_class, isinstance(goal[0], ArticulatedOpen)
@@ -56,10 +56,12 @@ def _end(task: TaskSpec) -> tuple[str | None, bool]:
 
 
 def rephrased(tasks: Sequence[TaskSpec]) -> list[dict[str, str]]:
-    """Ways to say the sentences of tasks in other words, each by the task's sentence; two where all of them have two.
+    """Return paraphrases of the tasks' instructions, each as a map from the original sentence.
+
+    The number of maps is the smallest number of paraphrases of any task.
 
     Raises:
-        InputError: the package has no other words for one of the sentences.
+        InputError: the package has no paraphrase of an instruction.
     """
     known = read_yaml(SENTENCES)
     for task in tasks:
@@ -72,12 +74,12 @@ def rephrased(tasks: Sequence[TaskSpec]) -> list[dict[str, str]]:
 
 
 class ExperimentRecord(RunSettings):
-    """``experiment.json``: what a run that is gone on with must keep to.
+    """Content of ``experiment.json``: settings that a resumed run must share.
 
     Attributes:
-        config: of the experiment.
-        seed: of the first training of each arm.
-        assets: folder of the real objects, or ``"builtin"``: there are none.
+        config: configuration of the experiment.
+        seed: seed of the first training of each arm.
+        assets: folder of the real objects, or ``"builtin"`` for none.
     """
 
     FREE = frozenset({"config.title", "config.about"})
@@ -89,7 +91,7 @@ class ExperimentRecord(RunSettings):
 
 
 class _Progressed(BaseModel):
-    """Number of trainings that a result file still lacks."""
+    """Number of trainings that are missing in a result file."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -98,15 +100,15 @@ class _Progressed(BaseModel):
 
 @dataclass(frozen=True)
 class ArmResult:
-    """One arm.
+    """Result of one arm.
 
     Attributes:
         arm: its configuration.
         tasks: figures of its tasks.
-        checkpoints: folders, one a training.
-        demonstrations: plans that the policies were taught by, of all trainings.
-        cpu_s: CPU seconds of data and training, of all trainings.
-        before_s: CPU seconds of the arm that it begins with.
+        checkpoints: checkpoint folders, one for each training.
+        demonstrations: number of demonstrations in all trainings.
+        cpu_s: CPU time of data and training in all trainings, s.
+        before_s: CPU time of the arm that it starts from, s.
     """
 
     arm: Arm
@@ -117,7 +119,7 @@ class ArmResult:
     before_s: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data; ``cpu_s`` with those of the arm that it begins with."""
+        """Return the result as plain data; ``cpu_s`` includes the arm that it starts from."""
         return {
             **self.arm.model_dump(mode="json"),
             **summary(self.tasks),
@@ -132,11 +134,11 @@ class ExperimentResult:
     """Result of an experiment.
 
     Attributes:
-        out: folder.
-        record: what was run.
-        arms: in the order of the configuration, those that could be run.
-        skipped: arms, and tasks of arms (``arm/task``), that could not be run, or not on real objects, with the reason.
-        remaining: trainings that are still to be done.
+        out: output folder.
+        record: settings of the run.
+        arms: results in the order of the configuration.
+        skipped: reason by arm or by task of an arm (``arm/task``) that could not be run, or not on real objects.
+        remaining: number of trainings still to be done.
     """
 
     out: str
@@ -146,7 +148,9 @@ class ExperimentResult:
     remaining: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data: means over all tasks of all arms, ``tasks`` with a row a task and arm, ``arms``."""
+        """Return the result as plain data: means over all tasks of all arms, ``tasks`` with a row a task and arm,
+        ``arms``.
+        """
         return {
             "schema_version": SCHEMA_VERSION,
             "out": self.out,
@@ -174,20 +178,19 @@ def run_experiment(
     device: str = "auto",
     progress: Progress = NULL_PROGRESS,
 ) -> ExperimentResult:
-    """Teach and measure every arm of an experiment, and write its page after each training.
+    """Train and evaluate every arm of an experiment, and update its report after each training.
 
     Args:
-        config: what is run.
-        out: folder; ``<arm>/seed-<n>`` is a policy's, with what :func:`~gensim2.policy.learning.learn` leaves.
-        seed: of the first training of each arm; the others follow.
-        assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without one the arms of real objects are left out.
-        workers: processes that plan and simulate.
-        resume: go on with what the folder holds.
-        device: of the trainings, as :func:`~gensim2.policy.devices.read_devices` takes it.
-        progress: listener.
+        config: the experiment.
+        out: output folder; ``<arm>/seed-<n>`` is the folder of a policy, as of :func:`~gensim2.policy.learning.learn`.
+        seed: seed of the first training of each arm; the other seeds follow.
+        assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without real objects their arms are skipped.
+        workers: number of processes that plan and simulate.
+        resume: continue the run in ``out``.
+        device: device of the trainings, as for :func:`~gensim2.policy.devices.read_devices`.
 
     Raises:
-        InputError: an argument cannot be used, the folder holds something else, or no arm can be run.
+        InputError: an argument is invalid, ``out`` has other content, or no arm can be run.
         NotRunError: some scenes or episodes could not be run.
     """
     read_devices(device)
@@ -207,7 +210,7 @@ def run_experiment(
             if (out / RESULT_JSON).exists()
             else total
         )
-        # Seeds outermost, so that a long experiment has a first figure of every arm early.
+        # Seeds are the outer loop so that a long experiment has a first figure of every arm early.
         for done in range(total):
             number, arm = done // len(arms), arms[done % len(arms)]
             progress.message(f"training {done + 1} of {total}: {arm.name}, seed {seed + number}")
@@ -223,12 +226,12 @@ def run_experiment(
 
 
 def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
-    """Arms with those of their tasks that they can be measured of, and why others are left out.
+    """Return the arms with the tasks that can be run, and the reason for each arm or task that cannot.
 
-    What costs nothing is checked here, before anything is taught.
+    This check is cheap and comes before any training.
 
     Raises:
-        InputError: there is no such task, or no other words for one.
+        InputError: a task is unknown, or an instruction has no paraphrase.
     """
     found: list[Arm] = []
     skipped: dict[str, str] = {}
@@ -271,7 +274,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
 
 
 def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
-    """Whether a task that an arm is taught can be taught on any number of generated objects."""
+    """Return whether at least one task that the arm adds has any number of generated objects."""
     assert arm.count is not None
     for name in arm.added_to(record.config.start_of(arm)):
         try:
@@ -283,7 +286,7 @@ def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
 
 
 def without_others(arm: Arm, record: ExperimentRecord) -> frozenset[str]:
-    """Tasks of an arm that have no objects but those that it is taught on: those of rigid ones, one of each class."""
+    """Return the tasks of an arm without unseen objects: those with rigid objects only."""
     library, tasks = open_library(_assets(arm, record)), map(load_task, arm.tasks)
     return frozenset(
         task.name
@@ -293,7 +296,7 @@ def without_others(arm: Arm, record: ExperimentRecord) -> frozenset[str]:
 
 
 def _check_name(arm: Arm, name: str) -> None:
-    """Refuse a name that is no task's."""
+    """Refuse an unknown task name."""
     try:
         load_task(name)
     except InputError as error:
@@ -310,8 +313,8 @@ class _Training:
 
     Attributes:
         learned: its policy.
-        before_s: CPU seconds of the policy that it begins with.
-        tables: what it was measured by.
+        before_s: CPU time of the policy that it starts from, s.
+        tables: evaluations by kind.
     """
 
     learned: Learned
@@ -384,7 +387,7 @@ def _train(
 
 
 def _arm_result(arm: Arm, trained: Mapping[str, Sequence[_Training]], record: ExperimentRecord) -> ArmResult:
-    """Figures of an arm over its trainings so far."""
+    """Return the figures of an arm over its finished trainings."""
     here = trained[arm.name]
     tables: dict[Kind, list[EvaluationResult]] = defaultdict(list)
     for each in here:
@@ -408,7 +411,7 @@ def _arm_result(arm: Arm, trained: Mapping[str, Sequence[_Training]], record: Ex
 
 @dataclass(frozen=True)
 class _Measurement:
-    """Measurement beside that on unseen objects: its folder in the policy's, tasks, objects and sentences."""
+    """An evaluation other than the one on unseen objects."""
 
     kind: Kind
     folder: str
@@ -449,7 +452,7 @@ def _measurements(arm: Arm, record: ExperimentRecord, number: int) -> Iterator[_
 
 
 def _transferred(arm: Arm, record: ExperimentRecord) -> tuple[list[str], dict[str, str]]:
-    """Tasks of an arm of generated objects that are measured on real ones, and why others are not."""
+    """Return the tasks of an arm that are also evaluated on real objects, and the reason for each one that is not."""
     if not record.config.transfer or arm.objects != "generated" or record.assets == BUILTIN:
         return [], {}
     lacking: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""Heads: what makes actions, or keyposes, of the trunk's tokens."""
+"""Heads, which turn the trunk's tokens into actions or keyposes."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _KINDS: dict[str, Any] = {
 
 
 def make_head(config: PolicyConfig, arm: int, features: int) -> Head:
-    """Return the head that the configuration names, with fresh weights.
+    """Return the configured head with fresh weights.
 
     Args:
         arm: m, number of the arm's joints.
-        features: G, width of a point's feature.
+        features: G, size of a point's feature.
     """
     head: Head = _KINDS[config.head](config, arm, features)
     return head

@@ -1,8 +1,8 @@
-"""Action chunks: their columns, and their normalization.
+"""Action chunks: their columns and their normalization.
 
-A chunk is (B, H, m + 2). The first m columns are targets of the arm's joints relative to the present joints, rad or m;
-then the gripper from -1 (closed) to 1 (open); then whether the episode is over by that step, -1 or 1. Relative targets
-do not change when scene and robot are turned about the base.
+A chunk is (B, H, m + 2). The first m columns are targets of the arm's joints relative to the present joints, rad or m.
+Then come the gripper command from -1 (closed) to 1 (open), and a mark that is 1 if the episode has ended by that step
+and -1 otherwise. Relative targets do not change if scene and robot are rotated together about the base.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ import torch
 from torch import nn
 
 ACTION = "action"
-"""Name of the target: (B, H, m + 2) chunks."""
+"""Name of the target: chunks (B, H, m + 2)."""
 
 EXTRA = 2
-"""Columns behind the arm's."""
+"""Number of columns after the arm's."""
 
 SMALLEST = 1e-3
-"""Smallest scale, rad or m: joints that hardly move are not blown up."""
+"""Smallest scale, rad or m, so that the noise of nearly constant joints is not amplified."""
 
 
 class ActionScale(nn.Module):  # type: ignore[misc]
-    """Mean and standard deviation of each number of a chunk but for the gripper and the end, which stay as they are.
+    """Mean and standard deviation of each joint target of a chunk; gripper and end mark are not scaled.
 
-    A chunk's late steps move farther than its early ones: each has a scale of its own.
+    Late steps of a chunk move farther than early ones, so each step has its own scale.
 
     Args:
         horizon, arm: H and m.
@@ -41,13 +41,13 @@ class ActionScale(nn.Module):  # type: ignore[misc]
         self.register_buffer("scale", torch.ones(horizon, arm + EXTRA))
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Set them from many chunks."""
+        """Set mean and scale from a large batch of chunks."""
         chunks = batch[ACTION][..., : self.arm].double()
         self.mean[:, : self.arm] = chunks.mean(0).float()
         self.scale[:, : self.arm] = chunks.std(0, correction=0).clamp(min=SMALLEST).float()
 
     def normalized(self, chunk: torch.Tensor) -> torch.Tensor:
-        """Return chunks of mean 0 and deviation 1."""
+        """Return chunks with mean 0 and standard deviation 1."""
         return (chunk - self.mean) / self.scale
 
     def restored(self, normal: torch.Tensor) -> torch.Tensor:

@@ -1,4 +1,7 @@
-"""Heads that regress a chunk by its mean absolute error: an MLP, or learned queries (as in ACT, without its latent)."""
+"""Heads that regress a chunk with a mean absolute error: an MLP, or a transformer with one query for each step.
+
+The transformer is that of ACT without its latent variable.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +20,12 @@ if TYPE_CHECKING:
 
 
 class TransformerHead(DecodingHead):
-    """Decoder of queries, one a step, that look at the trunk's tokens."""
+    """Transformer decoder with one learned query for each step, which attends to the trunk's tokens."""
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
-        """Return the mean absolute error of normalized chunks."""
         return (self._chunks(context) - self.scale.normalized(batch[ACTION])).abs().mean()
 
     def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
-        """Return chunks (B, H, m + 2)."""
         return self.scale.restored(self._chunks(context))
 
     def _chunks(self, context: Context) -> torch.Tensor:
@@ -48,9 +49,7 @@ class ChunkHead(ActionHead):
         )
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
-        """Return the mean absolute error of normalized chunks."""
         return (self.mlp(context.tokens[:, 0]) - self.scale.normalized(batch[ACTION])).abs().mean()
 
     def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
-        """Return chunks (B, H, m + 2)."""
         return self.scale.restored(self.mlp(context.tokens[:, 0]))

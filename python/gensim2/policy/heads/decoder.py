@@ -1,4 +1,4 @@
-"""Decoder of action chunks: a token a step, attention among the steps and to the trunk's tokens."""
+"""Decoder of action chunks: one token for each step, with attention among the steps and to the trunk's tokens."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ if TYPE_CHECKING:
 
 
 class ActionDecoder(nn.Module):  # type: ignore[misc]
-    """Transformer from a chunk (as it is so far) and a noise level to a chunk.
+    """Transformer that predicts a chunk from a noisy chunk and its noise level.
 
     Args:
-        config: of the policy.
         arm: m, number of the arm's joints.
     """
 
@@ -42,7 +41,7 @@ class ActionDecoder(nn.Module):  # type: ignore[misc]
         """Return chunks (B, H, m + 2).
 
         Args:
-            chunk: (B, H, m + 2) so far, normalized.
+            chunk: (B, H, m + 2) noisy chunk, normalized.
             level: (B,) noise level from 0 (none) to 1.
             tokens: (B, S, D) of the trunk.
         """
@@ -53,7 +52,7 @@ class ActionDecoder(nn.Module):  # type: ignore[misc]
 
 
 def sinusoids(level: torch.Tensor, width: int) -> torch.Tensor:
-    """(B, width) sines and cosines of levels (B,) from 0 to 1, of periods from 2 pi / 1000 to 20 pi."""
+    """Return sines and cosines (B, width) of levels (B,) from 0 to 1, with periods from 2 pi / 1000 to 20 pi."""
     half = width // 2
     rates = torch.exp(torch.linspace(math.log(1000.0), math.log(0.1), half, device=level.device))
     angles = level[:, None] * rates
@@ -78,7 +77,6 @@ class ActionHead(nn.Module):  # type: ignore[misc]
         self.scale = ActionScale(config.horizon, arm)
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Set the scale of actions."""
         self.scale.fit(batch)
 
 

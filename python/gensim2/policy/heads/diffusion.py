@@ -1,8 +1,8 @@
 r"""Heads that denoise a chunk: diffusion (Ho et al. 2020), sampled by DDIM (Song et al. 2021), and rectified flow.
 
 With the share :math:`\bar\alpha_t` of the signal, a noisy chunk is
-:math:`x_t = \sqrt{\bar\alpha_t}\, x_0 + \sqrt{1 - \bar\alpha_t}\,\epsilon`. Predicting :math:`x_0` beats predicting
-:math:`\epsilon` in imitation, and few steps do what many do.
+:math:`x_t = \sqrt{\bar\alpha_t}\, x_0 + \sqrt{1 - \bar\alpha_t}\,\epsilon`. The network predicts :math:`x_0`, which
+works better in imitation learning than predicting :math:`\epsilon` and needs few denoising steps.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ if TYPE_CHECKING:
     from gensim2.policy.heads.protocol import Context
 
 LARGEST = 5.0
-"""Deviations beyond which a predicted chunk is cut off."""
+"""Largest absolute value of a predicted normalized chunk, in standard deviations; larger values are clipped."""
 
 
 class FlowHead(DecodingHead):
-    r"""The velocity of a straight line from noise to the chunk (Lipman et al. 2023; rectified flow).
+    r"""Rectified flow: predicts the velocity of the straight line from noise to the chunk (Lipman et al. 2023).
 
-    :math:`x_t = (1 - t)\,\epsilon + t\, x_0` moves by :math:`x_0 - \epsilon`; Euler's rule integrates from t = 0 to 1.
+    :math:`x_t = (1 - t)\,\epsilon + t\, x_0` has the velocity :math:`x_0 - \epsilon`, which Euler's method integrates
+    from
+    t = 0 to 1.
     """
 
     def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:
@@ -45,7 +47,6 @@ class FlowHead(DecodingHead):
         return (velocity - (chunk - noise)).square().mean()
 
     def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
-        """Return chunks (B, H, m + 2)."""
         chunk = noise
         for step in range(self.steps):
             level = torch.full((len(chunk),), 1 - step / self.steps, device=chunk.device)
@@ -54,7 +55,11 @@ class FlowHead(DecodingHead):
 
 
 def signal_shares(levels: int) -> torch.Tensor:
-    r"""(levels,) float64 :math:`\bar\alpha_t` of the cosine schedule (Nichol and Dhariwal 2021), falling."""
+    r"""Return the signal shares :math:`\bar\alpha_t` (levels,), float64, of the cosine schedule (Nichol and Dhariwal
+    2021).
+
+    The shares decrease with t.
+    """
     t = torch.linspace(0.0, 1.0, levels + 1, dtype=torch.float64)
     f = torch.cos((t + 0.008) / 1.008 * math.pi / 2).square()
     betas = (1 - f[1:] / f[:-1]).clamp(max=0.999)
@@ -62,17 +67,20 @@ def signal_shares(levels: int) -> torch.Tensor:
 
 
 def ddim_levels(levels: int, steps: int) -> list[int]:
-    """Levels of DDIM's steps, from the noisiest, ``levels - 1``, evenly down; the last step leads to no noise."""
+    """Return evenly spaced noise levels for DDIM's steps, starting at the noisiest, ``levels - 1``.
+
+    The last step goes to zero noise.
+    """
     return [levels - 1 - levels * step // steps for step in range(steps)]
 
 
 def ddim_step(noisy: torch.Tensor, clean: torch.Tensor, now: torch.Tensor, then: torch.Tensor) -> torch.Tensor:
-    """Return the chunk of signal share ``then`` of one of share ``now``, deterministically.
+    """Return the less noisy chunk after one deterministic DDIM step.
 
     Args:
-        noisy: of share ``now``.
-        clean: the predicted one.
-        now, then: scalars, 0 to 1.
+        noisy: chunk with signal share ``now``.
+        clean: predicted chunk without noise.
+        now, then: signal shares before and after the step, scalars from 0 to 1.
     """
     noise = (noisy - now.sqrt() * clean) / (1 - now).sqrt()
     return then.sqrt() * clean + (1 - then).sqrt() * noise
@@ -98,7 +106,7 @@ class DiffusionHead(DecodingHead):
         return (self._clean(noisy, level, context) - chunk).square().mean()
 
     def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
-        """Return chunks (B, H, m + 2)."""
+        """Denoise ``noise`` and return chunks (B, H, m + 2)."""
         chunk, levels = noise, ddim_levels(self.levels, self.steps)
         for index, level in enumerate(levels):
             clean = self._clean(chunk, torch.full((len(chunk),), level, device=chunk.device), context)

@@ -1,11 +1,12 @@
-r"""Keypose head: which way, where on the cloud, and the hand's poses about that place; the planner executes them.
+r"""Keypose head: predicts a strategy, a place on the cloud and hand poses about it, for the planner to execute.
 
-Two looks. The first is at some of the points: a class for each strategy of each step (and one for "done"), and for
-a strategy a heatmap over the points whose mean, with an offset from each point, is where the hand acts,
-:math:`p = \sum_i w_i (x_i + o_i)`. The second is at the points about that place, with :math:`p` as the origin and
-Fourier features of their coordinates: it moves :math:`p` and gives the program: positions relative to it, 6-D
-rotations, gripper commands, times. What strategies do is not averaged: each has its own heatmap and program. The two
-looks are trained side by side: the second sees the true place with noise, not what the first one found.
+The network runs in two stages. The first stage sees a subset of the points. It predicts a class for each strategy of
+each task step (and one for "done") and, for a given strategy, a heatmap and an offset at each point. Their mean
+:math:`p = \sum_i w_i (x_i + o_i)` is the place where the hand acts. The second stage sees the points near that place,
+with :math:`p` as the origin and Fourier features of the coordinates. It refines :math:`p` and predicts the program:
+positions relative to the place, 6-D rotations, gripper commands, and times. Strategies are never averaged, because
+each has its own heatmap and program. Both stages are trained together: the second one gets the true place with noise,
+not the first one's prediction.
 """
 
 from __future__ import annotations
@@ -28,34 +29,37 @@ if TYPE_CHECKING:
 
 WAY, POSITIONS, ROTATIONS = "keypose_way", "keypose_positions", "keypose_rotations"
 GRIPPER, SECONDS, FORCE = "keypose_gripper", "keypose_seconds", "keypose_force"
-"""Names of targets: (B,) class, (B, K, 3) m, (B, K, 3, 3), (B, K + 1), (B, K) s, (B,) N. For the class "done", the
-last, the others are not used."""
+"""Names of targets: class (B,), positions (B, K, 3) in m, rotations (B, K, 3, 3), gripper commands (B, K + 1), times
+(B,
+K) in s, force (B,) in N. For "done", the last class, only the class is used.
+"""
 
 ANSWERS = 8
 """Number of the most probable classes whose programs ``act`` returns."""
 BANDS = (2.0, 8.0)
 """Frequencies of the Fourier features, 1/m."""
 NEAR, FAR = 128, 64
-"""Points of the second look: those nearest to the place, and those from the whole cloud."""
+"""Points of the second stage: the nearest ones to the place, and a sample of the whole cloud."""
 NOISE = (0.01, 0.03)
-"""Standard deviations (m) of the noise on the second look's origin in training, half of the samples each: that of a
-place refined once, and of the first look's place."""
+"""Standard deviations (m) of the noise on the second stage's origin in training, for half of the samples each. They
+correspond to the errors of a place refined once and of the first stage's place.
+"""
 ROUNDS = 2
-"""Number of second looks, each about the place that the look before predicted."""
+"""Number of times that the second stage runs, each time around the place that the run before predicted."""
 METRE, CENTIMETRES = 0.05, 0.1
-"""Scales of positions (m)."""
+"""Scales (m) that normalize positions."""
 FORCE_SCALE = 2.0  # N
 SOONEST = 0.02  # s
 
 GROWING = ("way.2.weight", "way.2.bias", "hears.weight", "hears.bias", "of_way.weight")
-"""Weights with a row for each way."""
+"""Names of weights with one row for each class."""
 
 _SIZES = (3, 3 * (KEYPOSES - 1), 6 * KEYPOSES, KEYPOSES + 1, KEYPOSES, 1)
 
 
 @dataclass(frozen=True)
 class Programs:
-    """Programs of the second look; the attributes are as the targets."""
+    """Predictions of the second stage; each attribute has the shape of the target of the same name."""
 
     positions: torch.Tensor
     rotations: torch.Tensor
@@ -65,12 +69,11 @@ class Programs:
 
 
 class KeyposeHead(nn.Module):  # type: ignore[misc]
-    """Head for keypose programs.
+    """Head that predicts keypose programs.
 
     Args:
-        config: of the policy.
-        arm: number of the arm's joints, which poses of the hand do not depend on.
-        features: G, width of a point's feature.
+        arm: number of the arm's joints; unused, because hand poses do not depend on it.
+        features: G, size of a point's feature.
     """
 
     wants_features = True
@@ -97,14 +100,15 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         self.center: torch.Tensor
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Set the mean of the actuation positions."""
+        """Set the mean of the actuation positions from a batch of targets."""
         live = batch[WAY] < self.ways - 1
         if live.any():
             self.center.copy_(batch[POSITIONS][live, ACTUATION].mean(0))
 
     def grown(self, theirs: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-        """Weights of a head with fewer ways as this one's: classes keep their numbers, "done" stays the last, and those
-        in between are this one's own.
+        """Return another head's weights, which has fewer classes, extended to this head's classes.
+
+        The other head's classes keep their indices, "done" stays last, and the new classes keep this head's weights.
         """
         mine = {name: value.clone() for name, value in self.state_dict().items()}
         for name, value in theirs.items():
@@ -115,7 +119,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         return mine
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
-        """Return the weighted sum of the losses of both looks."""
+        """Return the weighted sum of the losses of both stages."""
         way, true = batch[WAY], batch[POSITIONS]
         place = true[:, ACTUATION]
         live = (way < self.ways - 1).to(place.dtype)
@@ -146,8 +150,9 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         return chosen + (each * share).sum()
 
     def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
-        """Return the programs of the most probable classes, (B, ``ANSWERS``, 2 + numbers of a program):
-        probability and number of the way, then the program (:mod:`gensim2.policy.keypose.answers`).
+        """Return the programs of the most probable classes, (B, ``ANSWERS``, 2 + size of a program).
+
+        Each row is the probability, the class index, and the program (:mod:`gensim2.policy.keypose.answers`).
         """
         summary = context.tokens[:, 0]
         logits = self.way(summary)
@@ -175,7 +180,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         return torch.stack(found, 1)
 
     def _first(self, points: torch.Tensor, context: Context, way: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logits of the heatmap (B, N), and the place (B, 3), m."""
+        """Run the first stage: return the heatmap's logits (B, N) and the place (B, 3), m."""
         assert context.features is not None
         told = torch.cat([context.tokens[:, 0], self.of_way(way)], -1)
         inner = nn.functional.gelu(self.of_point(context.features) + self.of_cloud(told)[:, None])
@@ -190,7 +195,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         summary: torch.Tensor,
         generator: torch.Generator | None,
     ) -> Programs:
-        """Predict the program from the points about ``origin`` (B, 3)."""
+        """Run the second stage: predict the program from the points around ``origin`` (B, 3)."""
         about = cloud - origin[:, None]
         count = about.shape[1]
         near = about.square().sum(-1).topk(min(NEAR, count), largest=False).indices
@@ -216,8 +221,10 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
 
 
 def _turned(found: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
-    """(B,) mean squared chord of rotations (B, K, 3, 3), the fingers either way round, the same way in all of a
-    program: a hand with two pads that is turned by half a turn about its z axis does the same.
+    """Return the mean squared rotation error (B,) of rotations (B, K, 3, 3), with the fingers possibly swapped.
+
+    A half turn of a two-finger hand about its z axis changes nothing, but it must be the same in all poses of a
+    program.
     """
     one = (found - true).square().sum((-2, -1)).mean(-1)
     swapped = true * torch.tensor([-1.0, -1.0, 1.0], device=true.device)

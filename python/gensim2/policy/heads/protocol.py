@@ -17,12 +17,12 @@ class Context:
     """Inputs of a head.
 
     Attributes:
-        tokens: (B, S, D) of the trunk, the readout first.
-        cloud: (B, N, 3) coordinates of the present cloud in the policy's frame, m.
-        points: (B, P, 3) those of the points that have features; all where no head wants them.
-        features: (B, P, G) of ``points``; None unless the head wants them.
-        sentence: (B, D) of the sentence alone; None where it is not looked at.
-        pointed: what the pointer says; None where there is none.
+        tokens: (B, S, D) tokens of the trunk, the readout first.
+        cloud: (B, N, 3) present point cloud in the policy's frame, m.
+        points: (B, P, 3) the points that have features; all points if no head needs features.
+        features: (B, P, G) features of ``points``; None if the head does not need them.
+        sentence: (B, D) encoding of the instruction; None if the policy ignores it.
+        pointed: predictions of the pointer; None without a pointer.
     """
 
     tokens: torch.Tensor
@@ -37,15 +37,15 @@ class Head(Protocol):
     """Head of a policy, a ``torch.nn.Module``.
 
     Attributes:
-        wants_features: whether it looks at features of the points.
-        noise: shape, without the batch, of the standard normal numbers that :meth:`act` takes; empty: none.
+        wants_features: whether the head needs features of the points.
+        noise: shape, without the batch, of the standard normal noise that :meth:`act` takes; empty for none.
     """
 
     wants_features: bool
     noise: tuple[int, ...]
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Set the normalization of targets, kept in buffers, from many samples, once before training."""
+        """Set the normalization of targets from a large batch, once before training; it is kept in buffers."""
         ...
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
@@ -53,12 +53,12 @@ class Head(Protocol):
 
         Args:
             batch: targets, in the policy's frame.
-            generator: of everything that is drawn, on the tensors' device.
+            generator: random generator on the tensors' device.
         """
         ...
 
     def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
-        """Return what the policy does, (B, ...), in SI units.
+        """Return the policy's output (B, ...) in SI units.
 
         Args:
             noise: (B, *self.noise) standard normal numbers.

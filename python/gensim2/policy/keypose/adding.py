@@ -1,7 +1,7 @@
-"""Plans of the tasks that a keypose policy knows already, for one that is to know more.
+"""Demonstrations of the tasks that a keypose policy already knows, for training it on further tasks.
 
-``learn`` leaves them beside the policy. The package's own policy comes without: its tasks are planned again, on
-generated objects, which are all that it was taught on.
+``learn`` keeps the demonstrations beside a policy. The package's own policy comes without them; its tasks, which use
+generated objects only, are planned again.
 """
 
 from __future__ import annotations
@@ -31,31 +31,31 @@ if TYPE_CHECKING:
     from gensim2.core.processes import Executor
 
 DATA = "data"
-"""Folder of a learned policy that holds the plans which taught it, a folder a task."""
+"""Folder of a learned policy with the plans that trained it, one folder for each task."""
 BESIDE = ".generated"
-"""End of the name of a second folder of a task, of plans on generated objects beside those of a library."""
+"""Suffix of a task's second folder, for plans on generated objects in addition to a library's objects."""
 REHEARSED = 50
-"""Scenes of a task that are planned again, in some four seconds of CPU, so that a policy forgets little of what it
-knows."""
+"""Number of scenes of a known task that are planned again, so that the policy forgets little; they take about 4 s of
+CPU
+time.
+"""
 REMEDY = "give a folder that gensim2 learn has made"
 
 
 def is_packaged(start: Path) -> bool:
-    """Whether a policy is the package's own."""
+    """Return whether a folder is the package's own policy."""
     return start.resolve() == checkpoint_folder(BUILTIN).resolve()
 
 
 def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpack[SceneArguments]) -> list[TaskInput]:
-    """Tasks of a policy with the listed objects of this library that they were taught on; others are left out.
+    """Return a policy's known tasks that were trained on listed objects of the present library, with these objects.
 
     Args:
-        start: folder of the policy, as ``gensim2 learn`` left it.
+        start: folder of the policy, as left by ``gensim2 learn``.
         known: names of the policy's tasks.
-        seed: of the run.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 
     Raises:
-        InputError: the policy has no plans beside it.
+        InputError: the folder has no plans.
     """
     if is_packaged(start):
         return []
@@ -68,15 +68,15 @@ def taught_before(start: Path, known: Sequence[str], *, seed: int, **scene: Unpa
 
 
 def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]:
-    """Copy the plans that taught a policy to another, and return them in the order of its tasks.
+    """Copy the plans that trained a policy to another policy's folder and return them in the order of the tasks.
 
     Args:
-        start: folder of the policy, as ``gensim2 learn`` left it.
-        folder: of the other.
-        known: names of the policy's tasks.
+        start: folder of the policy, as left by ``gensim2 learn``.
+        folder: folder of the other policy.
+        known: names of the first policy's tasks.
 
     Raises:
-        InputError: the policy has no plans beside it.
+        InputError: the folder has no plans.
     """
     found = []
     for there in (each for name in known for each in _plans(start, name)):
@@ -92,17 +92,15 @@ def take_along(start: Path, folder: Path, known: Sequence[str]) -> list[Planned]
 def tasks_to_plan_again(
     start: Path, begun: PolicyCheckpoint, objects: int, *, seed: int, **scene: Unpack[SceneArguments]
 ) -> list[TaskInput]:
-    """Tasks of the package's policy with generated objects that no library lists; none for any other policy.
+    """Return the tasks of the package's own policy, to be planned again; none for any other policy.
 
     Args:
         start: folder of the policy.
-        begun: the policy.
-        objects: number of each class.
-        seed: of the run.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are not asked for.
+        objects: number of generated objects of each class.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are ignored.
 
     Raises:
-        InputError: the library lacks a strategy that taught the policy.
+        InputError: the library lacks a strategy that the policy was trained with.
     """
     if not is_packaged(start):
         return []
@@ -114,7 +112,7 @@ def tasks_to_plan_again(
 
 
 def _as_taught(one: TaskInput, ways: Sequence[Way], start: Path) -> TaskInput:
-    """The task done by the strategies that taught the policy; the library may have more by now."""
+    """Return the task restricted to the strategies that the policy was trained with."""
     here = [(number, name) for number, step in enumerate(one.spec.steps) for name in step.strategies]
     was = [(way.step, way.name) for way in ways]
     if not set(was) <= set(here) or len({number for number, _ in was}) < len(one.spec.steps):
@@ -140,18 +138,15 @@ def plan_again(
     seed: int,
     progress: Progress,
 ) -> tuple[list[Planned], float]:
-    """Plan some scenes of each task that a policy knows, so that it does not forget them.
+    """Plan scenes of the tasks that a policy already knows, so that it does not forget them.
 
     Args:
         known: the tasks.
-        spec: what is seen.
-        folder: of the policy that is to know more.
+        folder: folder of the policy that is to learn more.
         executor: runs the shards.
-        seed: of the run.
-        progress: listener.
 
     Returns:
-        The plans by task, and the CPU seconds that they took.
+        The plans by task, and the CPU time of planning, s.
     """
     planned = [
         plan_scenes(one, spec, folder / DATA / one.spec.name, executor, seed=seed, scenes=REHEARSED, progress=progress)
@@ -171,18 +166,17 @@ def inputs_beside(
     seed: int,
     **scene: Unpack[SceneArguments],
 ) -> list[TaskInput]:
-    """Tasks with generated objects that no library lists, beside the objects that they are given with.
+    """Return the tasks with generated objects, in addition to the objects of a folder that they use already.
 
     Args:
         tasks: names or folders.
-        given: the same with their objects, a folder's.
-        count: number of generated ones of each class.
-        progress: is told which tasks generated objects do not do for, and why; these are left out.
-        seed: of the run.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are not asked for.
+        given: the same tasks with objects of a folder.
+        count: number of generated objects of each class.
+        progress: progress listener; gets a message for each task that generated objects do not suit.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are ignored.
 
     Raises:
-        InputError: the objects that they are given with are generated ones, or these do for no task.
+        InputError: ``given`` has generated objects already, or generated objects suit no task.
     """
     if any(one.scene.assets == GENERATED for one in given):
         message = "are beside the objects of a folder"
@@ -200,23 +194,22 @@ def inputs_beside(
 
 
 def generated_input(task: str, count: int, *, seed: int, **scene: Unpack[SceneArguments]) -> TaskInput:
-    """A task with generated objects that no library lists.
+    """Return a task with generated objects.
 
     Args:
         task: name or folder.
         count: number of objects of each class.
-        seed: of the run.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are not asked for.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`; its objects are ignored.
 
     Raises:
-        InputError: they do not do for it, or all of its objects are rigid.
+        InputError: generated objects do not suit the task, or all of its objects are rigid.
     """
     generated: dict[str, Any] = {**scene, "assets": GENERATED, "instances": "all"}
     return with_objects(read_task_input(task, seed=seed, **generated), count, seed)
 
 
 def _plans(start: Path, name: str) -> list[Path]:
-    """Folders of plans of a task, that of generated objects beside others last."""
+    """Return the folders of a task's plans, the one for generated objects last."""
     folder = start / DATA / name
     if not folder.is_dir():
         raise InputError("the plans that taught it are not beside it", file=folder, remedy=REMEDY)

@@ -1,4 +1,4 @@
-"""Answers of the keypose head to one observation: ways with their probability, each with its program."""
+"""Predictions of the keypose head: strategies with their probability and program."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ _SHAPES = ((KEYPOSES, 3), (KEYPOSES, 3, 3), (KEYPOSES + 1,), (KEYPOSES,), ())
 
 
 def order_of_points(count: int) -> npt.NDArray[np.int64]:
-    """Return the order, (N,), in which a network is shown the points of a cloud.
+    """Return the order (N,) in which a network sees the points of a cloud.
 
-    It looks for the place at the first of them: a sample of all, the same for every cloud.
+    The first stage of the network uses only the first points. The fixed random order makes them a sample of the cloud.
     """
     return rng(0, "keypose/points").permutation(count)
 
 
 @dataclass(frozen=True)
 class Answer:
-    """One way.
+    """One predicted strategy.
 
     Attributes:
-        way: number of its class.
+        way: index of its class.
         chance: probability, 0 to 1.
-        program: in the base frame; means nothing where the class is "done".
+        program: program in the base frame; meaningless if the class is "done".
     """
 
     way: int
@@ -44,12 +44,12 @@ class Answer:
 
 
 def answers(checkpoint: PolicyCheckpoint, observation: Observation, row: torch.Tensor) -> list[Answer]:
-    """The most probable ways, first the most probable.
+    """Return the most probable strategies, most probable first.
 
     Args:
-        checkpoint: with a keypose head.
-        observation: by its spec.
-        row: (1, ...) of the sentence.
+        checkpoint: policy with a keypose head.
+        observation: observation as of the checkpoint's spec.
+        row: (1, ...) encoded instruction.
     """
     network, config = checkpoint.network, checkpoint.config
     assert isinstance(network.head, KeyposeHead)

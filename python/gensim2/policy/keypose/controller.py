@@ -1,4 +1,4 @@
-"""Controller of keypose policies: looks, lets the network say where and how, plans the motion, looks again."""
+"""Controller of keypose policies: observe, predict a strategy with its hand poses, plan and run the motion, repeat."""
 
 from __future__ import annotations
 
@@ -28,45 +28,56 @@ from gensim2.rollout.controller import PROPRIOCEPTIVE
 Array = npt.NDArray[np.float64]
 
 MAX_LOOKS = 8
-"""Number of looks in an episode for every step of its task."""
+"""Largest number of predictions in an episode, for each step of its task."""
 MAX_TRIES = 2
-"""Number of times that a way is tried before the others."""
+"""Number of times that a strategy is tried before the others."""
 SURE = 0.8
-"""Least probability of "done" at which the episode ends; it is high, as one motion too many does less harm than one too
-few."""
+"""Smallest probability of "done" that ends the episode. It is high because an unnecessary motion does less harm than a
+missing one.
+"""
 SURER = 10.0
-"""Least ratio of the odds of "done" to those at the first look at which the episode ends; nothing was done at the first
-look, so its odds are the bias of the network on this scene."""
+"""Smallest ratio of the odds of "done" to its odds at the first prediction that ends the episode. Nothing has been done
+at
+the first prediction, so its odds measure the network's bias in this scene.
+"""
 UNEXPECTED = 0.15
-"""Factor on a way's probability where its step is neither the one executed last nor the next; the order of steps is
-more certain than their classification."""
+"""Factor on the probability of a strategy whose step is neither the last executed nor the next one. The order of steps
+is
+more reliable than their classification.
+"""
 OVERTRAVEL = 0.03
-"""Distance (m) by which a push is continued beyond its program where the step asks for a joint at an end of its range,
-which the cloud does not show exactly."""
+"""Distance (m) by which a push continues beyond its program if the step moves a joint to an end of its range, which the
+cloud does not show exactly.
+"""
 RELEASES = 0.5
-"""Gripper command above which the fingers hold nothing."""
+"""Gripper command above which the hand holds nothing."""
 HOLDS = 0.1
-"""Force of each finger (N) above which a program grasps an object."""
+"""Finger force (N) in a program above which it grasps an object."""
 EMPTY = 0.003
-"""Distance of the pads (m) below which closed fingers hold nothing."""
+"""Finger distance (m) below which closed fingers hold nothing."""
 
 
 class KeyposeController:
-    """Sees the point cloud, the robot's own state and the sentence; the table is where the robot's profile says.
+    """Run a keypose policy, which uses the point cloud, the robot's state, the instruction and the profile's table
+    height.
 
-    Each look gives ways and programs. The most probable way that was not tried too often is planned and executed open
-    loop: a free motion clear of the cloud, then the hand along its poses. Then the arm goes back to where it looks
-    from, unless the hand holds something, and looks again, until the network says that nothing is left to do.
+    Each prediction gives strategies with programs. The controller plans the most probable strategy that was not tried
+    too
+    often and runs it without feedback: a collision-free motion to the object, then the hand poses of the program. The
+    arm
+    then returns to its rest pose, unless the hand holds an object, and the network predicts again, until it predicts
+    that
+    the task is done.
 
-    Which task the sentence asks for is what the network makes of it: the task whose ways have most of the probability
-    at the first look. Nothing else knows the sentence.
+    The first prediction selects the task of the episode: the one whose strategies have the largest total probability.
 
     Args:
         checkpoint: folder of a policy with a keypose head.
-        sees: a control, where it is not ``"all"``.
-        says: by a task's sentence what the policy is told in its place.
-        unknown_sentences: ``refuse`` those that were not trained on, or ``embed`` them by the text encoder.
-        text_model: folder or hub name of that encoder's weights, where gensim2 does not name them itself.
+        sees: ablation of the point cloud; ``"all"`` for none.
+        says: maps a task's instruction to the instruction that the policy gets instead.
+        unknown_sentences: ``refuse`` instructions that were not in the training data, or ``embed`` them with the text
+            encoder.
+        text_model: folder or hub name of the text encoder's weights, if gensim2 does not know them.
 
     Raises:
         InputError: the checkpoint cannot be used.
@@ -76,7 +87,7 @@ class KeyposeController:
 
     @staticmethod
     def depends_on(checkpoint: str, sees: Sees = "all", **_: object) -> list[Path]:
-        """Files that say what it does beside its source: they name the weights by their digest."""
+        """Return the files that determine the controller's behaviour; they contain the digest of the weights."""
         names = [CONFIG_JSON, WAYS_JSON, *([CLOUDS] if sees == "other" else [])]
         return [checkpoint_folder(checkpoint) / name for name in names]
 
@@ -99,30 +110,32 @@ class KeyposeController:
         self._executor = Executor(self._profile)
         self._arm = list(self._profile.arm_columns)
         self._rows: deque[npt.NDArray[np.float32]] = deque()
-        #: Counts over the episode: looks, free motions (there, and home) by how they were found, programs cut short,
-        #: things lost.
+        #: Counts of the episode: predictions, free motions (to the object, and home) by planning mode, incomplete
+        #: programs, lost objects.
         self.told: Counter[str] = Counter()
 
     @property
     def robot(self) -> str:
-        """Name of the robot that it is for."""
+        """Name of the robot that the policy was trained for."""
         return self._policy.robot
 
     @property
     def sentences(self) -> Collection[str]:
-        """Those that it was trained on."""
+        """Instructions that the policy was trained on."""
         return self._policy.sentences
 
     @property
     def observation_spec(self) -> ObservationSpec:
-        """Spec of its next observation: that of its training, or at the robot alone while it moves."""
+        """Observations needed at the next step: the policy's own for a prediction, only the robot's state while the arm
+        moves.
+        """
         return PROPRIOCEPTIVE if self._rows else self._policy.observation
 
     def reset(self, observation: Observation, seed: int) -> None:
-        """Begin an episode.
+        """Start an episode.
 
         Raises:
-            CheckpointError: the robot is another one, or the sentence was not trained on.
+            CheckpointError: the policy is for another robot, or was not trained on the instruction.
         """
         torch.set_num_threads(1)
         check_robot(self._policy.robot, observation, self._folder)
@@ -139,7 +152,7 @@ class KeyposeController:
         self._seen = self._executor.around.seen(np.zeros((0, 3)), self._home, holds=False)
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
-        """The next action; None: done, or no way is left."""
+        """Return the next action, or None if the task is done or no strategy is left."""
         if self._holds and observation.gripper_width < EMPTY:
             self._lost(observation)
         if not self._rows and (self.told["looks"] >= MAX_LOOKS * self._steps or not self._look(observation)):
@@ -153,12 +166,12 @@ class KeyposeController:
             self._holds = False
         if not self._holds:
             return action
-        # Fingers that have closed on something press as hard as the program says, however far apart it keeps them.
+        # Fingers that have closed on an object press with the program's force at any finger distance.
         command = grip_on(observation.gripper_width, self._force, self._profile)
         return np.append(action[:-1], command).astype(np.float32)
 
     def _look(self, observation: Observation) -> bool:
-        """Plan what comes next; whether there is anything."""
+        """Predict, and plan the next motion; return whether there is one."""
         self.told["looks"] += 1
         seen = self._sight.altered(observation, self._seed)
         if not self._holds:  # what the fingers of an empty hand have done last means nothing
@@ -172,7 +185,7 @@ class KeyposeController:
             self._done_at_first = sum(each.chance for each in found if each.way == len(self._ways))
         for answer in sorted(found, key=self._turn, reverse=True):
             if answer.way == len(self._ways):
-                # Whoever is asked to do something is asked before it is done.
+                # "Done" counts only after the last step was executed.
                 if self._steps in self._expected and self._is_done(answer.chance):
                     return False
                 continue
@@ -181,7 +194,7 @@ class KeyposeController:
         return False
 
     def _hear(self, found: Sequence[Answer]) -> frozenset[int]:
-        """Take the task that the answers to the first look are of most; returns its ways."""
+        """Select the task with the largest total probability and return its strategies."""
         chances: dict[str, float] = defaultdict(float)
         for answer in found:
             if answer.way < len(self._ways):
@@ -194,20 +207,20 @@ class KeyposeController:
         return mine
 
     def _is_done(self, chance: float) -> bool:
-        """Whether nothing is left to do, where that has the probability ``chance``."""
+        """Return whether the probability ``chance`` of "done" ends the episode."""
         first = self._done_at_first
         return chance >= SURE and chance * (1.0 - first) >= SURER * first * (1.0 - chance)
 
     def _step(self, answer: Answer) -> int:
-        """Number of the step that an answer is of; how many there are of "done"."""
+        """Return the task step of an answer; for "done" the number of steps."""
         return self._steps if answer.way == len(self._ways) else self._ways[answer.way].step
 
     def _weight(self, answer: Answer) -> float:
-        """Probability of an answer, less where its step is not the one that is expected."""
+        """Return the probability of an answer, reduced if its step is not an expected one."""
         return answer.chance * (1.0 if self._step(answer) in self._expected else UNEXPECTED)
 
     def _turn(self, answer: Answer) -> tuple[int, float]:
-        """Key by which answers are taken, the greatest first: those tried less often, then the more probable."""
+        """Return the sort key of an answer, largest first: fewer earlier tries, then higher probability."""
         return -(self._tried[answer.way] // MAX_TRIES), self._weight(answer)
 
     def _begin(self, answer: Answer, q: Array, command: float) -> bool:
@@ -236,10 +249,7 @@ class KeyposeController:
         return True
 
     def _lost(self, observation: Observation) -> None:
-        """Go back to where the arm looks from, with open fingers: they have closed on nothing, or it has slipped.
-
-        What took it up is expected next.
-        """
+        """Return home with open fingers after the object was lost; the step that grasped it is expected next."""
         self.told["lost"] += 1
         self._holds, self._expected = False, {self._taking}
         now = observation.joint_positions.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Folder of planned scenes: shards of arrays that are written whole or not at all, and a record of what they are of."""
+"""Planned scenes on disk: shards of arrays, which are written atomically, and a record of their settings."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ if TYPE_CHECKING:
     from gensim2.core.processes import Executor
 
 SHARD = 50
-"""Scenes of a shard."""
+"""Number of scenes in a shard."""
 RECORD = "data.json"
 PURPOSE = "keypose/train"
-"""Of the scenes' seeds, which so are those of no benchmark and no evaluation."""
+"""Purpose of the scenes' seeds, which differ from those of benchmarks and evaluations."""
 
 
 class PlannedRecord(RunSettings):
-    """``data.json``.
+    """Content of ``data.json``.
 
     Attributes:
-        task: its name.
-        language: its sentence.
-        robot: name of the profile.
-        steps, ways: names of the steps, and of the strategies of each.
-        scene: what scenes follow from.
-        observation: what is seen.
-        seed: of the run.
+        task: name of the task.
+        language: its instruction.
+        robot: name of the robot profile.
+        steps, ways: names of the steps, and of the strategies of each step.
+        scene: settings of the scenes.
+        observation: observation spec.
+        seed: seed of the run.
         identity: digest of task, strategies and objects.
-        verified: scenes whose plans physics refutes are left out.
-        to_end: numbers of the steps that ask for a joint at an end of its range.
+        verified: whether scenes were left out whose plans fail in simulation.
+        to_end: indices of the steps that move a joint to an end of its range.
     """
 
     schema_version: Literal[1] = 1
@@ -71,7 +71,7 @@ class PlannedRecord(RunSettings):
 
 
 class _About(BaseModel):
-    """``about`` of a shard."""
+    """Field ``about`` of a shard."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -93,7 +93,7 @@ _SHAPES: dict[str, Expected] = {
     "way": (np.int16, (None,)),
     "seed": (np.int64, (None,)),
 }
-"""Arrays of a shard (:func:`~gensim2.policy.keypose.examples.example`), one row an example."""
+"""Names of a shard's arrays (:func:`~gensim2.policy.keypose.examples.example`), which have one row for each example."""
 
 
 @dataclass(frozen=True)
@@ -101,11 +101,11 @@ class Planned:
     """Contents of a folder of planned scenes.
 
     Attributes:
-        record: what it is of.
-        arrays: by the names of :func:`~gensim2.policy.keypose.examples.example`, one row an example.
-        scenes: that were drawn.
-        failed: scenes in which a step could not be planned, or whose plans physics refuted, by what was said.
-        cpu_s: CPU seconds that they took.
+        record: settings of the scenes.
+        arrays: arrays by name as in :func:`~gensim2.policy.keypose.examples.example`, one row for each example.
+        scenes: number of scenes drawn.
+        failed: number of scenes without a plan for some step, or whose plans failed in simulation, by reason.
+        cpu_s: CPU time, s.
     """
 
     record: PlannedRecord
@@ -116,12 +116,12 @@ class Planned:
 
     @property
     def refuted(self) -> int:
-        """Scenes that physics refuted."""
+        """Return the number of scenes whose plans failed in simulation."""
         return sum(count for why, count in self.failed.items() if why.startswith("refuted"))
 
     @property
     def demonstrations(self) -> int:
-        """Steps that were planned."""
+        """Return the number of planned steps."""
         return int((self.arrays["way"] >= 0).sum())
 
 
@@ -137,21 +137,17 @@ def plan_scenes(
     verify: bool = False,
     progress: Progress = NULL_PROGRESS,
 ) -> Planned:
-    """Draw and plan scenes of a task, going on with what the folder holds.
+    """Draw and plan scenes of a task, and keep the scenes that the folder already has.
 
     Args:
-        given: the task.
-        spec: what is seen.
-        folder: of this task alone.
+        folder: folder for this task only.
         executor: runs the shards; the data do not depend on it.
-        seed: of the run.
-        scenes: most, rounded up to whole shards.
-        cpu_limit: CPU seconds after which no shard is begun.
-        verify: leave out scenes whose plans physics refutes; a scene then takes ten times as long.
-        progress: is advanced a shard.
+        scenes: largest number of scenes, rounded up to whole shards.
+        cpu_limit: CPU time (s) after which no further shard is started.
+        verify: leave out scenes whose plans fail in simulation; a scene then takes ten times as long.
 
     Raises:
-        InputError: the folder holds something else.
+        InputError: the folder has other content.
         NotRunError: a shard could not be made.
     """
     from gensim2.core.processes import Job, results
@@ -201,7 +197,7 @@ def make_shard(
     number: int,
     verify: bool = False,
 ) -> float:
-    """Make one shard and write it; called in a worker. Returns CPU seconds."""
+    """Make and write one shard in a worker process, and return the CPU time, s."""
     from gensim2.policy.keypose.examples import draw
 
     begin = time.process_time()
@@ -221,7 +217,7 @@ def make_shard(
 
 
 def record_of(given: TaskInput, spec: ObservationSpec, seed: int, verify: bool = False) -> PlannedRecord:
-    """Return the record of a folder of scenes that are planned so."""
+    """Return the record of a folder of planned scenes."""
     from gensim2.rollout.identity import digest, listing
 
     classes = sorted({thing.asset_class for thing in given.spec.objects.values()})
@@ -245,15 +241,15 @@ def record_of(given: TaskInput, spec: ObservationSpec, seed: int, verify: bool =
 
 
 def _is_to_end(step: Step) -> bool:
-    """Whether a step asks for nothing but joints at an end of their range."""
+    """Return whether a step is done when joints are at an end of their range, and nothing else is required."""
     return bool(step.done) and all(isinstance(each, ArticulatedOpen | ArticulatedClosed) for each in step.done)
 
 
 def read_planned(folder: Path) -> Planned:
-    """Everything that a folder holds.
+    """Read a folder of planned scenes.
 
     Raises:
-        InputError: it holds no planned scenes, or a file is damaged.
+        InputError: the folder has no planned scenes, or a file is damaged.
     """
     record = read_record(folder / RECORD, PlannedRecord, "make the data again, in a new folder")
     found, scenes, failed, cpu_s = [], 0, Counter[str](), 0.0
@@ -275,7 +271,7 @@ def read_planned(folder: Path) -> Planned:
 
 
 def _check_classes(record: PlannedRecord, arrays: Mapping[str, npt.NDArray[Any]], folder: Path) -> None:
-    """Refuse examples of steps or strategies that the record does not have."""
+    """Refuse examples of steps or strategies that are not in the record."""
     ways = [len(names) for names in record.ways]
     for step, way in set(zip(arrays["step"].tolist(), arrays["way"].tolist(), strict=True)):
         if way != -1 and not (step in range(len(ways)) and way in range(ways[step])):

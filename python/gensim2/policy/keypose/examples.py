@@ -1,4 +1,4 @@
-"""Examples of keypose programs: scenes that are drawn, looked at and planned, and never simulated."""
+"""Training examples of keypose programs from scenes that are rendered and planned but not simulated."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from gensim2.tasks.strategies import Strategies
 Example = dict[str, npt.NDArray[Any]]
 
 OTHER_OPENNESS = 0.3
-"""Share of scenes in which a step's joint stands anywhere: as a hand may leave it that has failed or is done."""
+"""Share of scenes in which a step's joint starts at a random position, as after a failed or a finished attempt."""
 MAX_TOUCHING = 1
-"""Worst rank of a plan that is taught: whole, if need be with a touch on the way to the actuation pose."""
+"""Worst rank of a plan that is used for training: complete, with contact allowed on the way to the actuation pose."""
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """Result of one scene.
+    """Examples from one scene.
 
     Attributes:
-        examples: arrays by the names of :func:`example`, one dict a step that was planned, and one of the end.
-        failed: why a step was left out, or the whole scene: the planner's status, or what physics said; None where all
-            were planned.
+        examples: arrays by the names of :func:`example`; one example for each planned step and one for "done".
+        failed: reason why a step or the whole scene was left out (planner status or failure in simulation); None if
+            everything was planned.
     """
 
     examples: tuple[Example, ...]
@@ -56,15 +56,14 @@ def draw(
     only: Mapping[str, Sequence[str]] | None = None,
     verify: bool = False,
 ) -> Drawn:
-    """Draw a scene, and plan its steps one after the other on what the plans before them foresee.
+    """Draw a scene and plan its steps in order, each from the state that the earlier plans predict.
 
     Args:
-        scene: what it follows from beside the seed.
-        strategies: of the task, plain data.
-        spec: what is seen.
-        seed: of the scene.
-        only: strategies that are planned with, by step; others are left alone. None: all.
-        verify: execute the plans in physics, and leave the scene out where the task is not held then.
+        scene: settings of the scene.
+        strategies: strategies of the task, as plain data.
+        seed: seed of the scene.
+        only: names of the strategies to use, by step; None for all.
+        verify: also execute the plans in simulation, and leave the scene out if the task does not succeed.
     """
     env, task, profile = simulator(scene), scene.task, robot(scene.robot)
     env.reset(seed, other_openness(scene, seed))
@@ -102,12 +101,11 @@ def draw(
 
 
 def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed: int) -> str | None:
-    """Why the plans of a scene do not do its task in physics, each executed once; None where they do.
+    """Execute each plan of a scene once in simulation and return why the task fails; None if it succeeds.
 
     Args:
         scene, seed: as for :func:`draw`.
-        taken: by step that is left to do, the strategy's name and itself; the steps before them are done where the
-            episode begins.
+        taken: name and strategy by remaining step; earlier steps are done at the start of the episode.
     """
     from gensim2.rollout.chain import ChainController
     from gensim2.rollout.no_op import NoOpResult
@@ -116,11 +114,12 @@ def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed:
 
     env = simulator(scene)
     task = scene.task.model_copy(update={"steps": tuple(step for step in scene.task.steps if step.name in taken)})
-    # By step, since two may put down by one strategy, and one of them but at the edge of its tolerance.
+    # Strategies are named by step, because two steps may place an object by the same strategy and only one of them with
+    # a reduced tolerance.
     ways = {step: {f"{step}/{name}": strategy.to_dict()} for step, (name, strategy) in taken.items()}
     chosen = {name: data for own in ways.values() for name, data in own.items()}
     controller = ChainController(with_strategies(task, ways), chosen, robot(scene.robot), one_plan=True)
-    # Whether the goal comes by itself says nothing of a plan.
+    # Whether the goal is reached without the robot does not matter for a plan.
     still = NoOpResult(success=False, stable=True, start=env.measure(), end=env.measure())
     options = other_openness(scene, seed)
     episode = run(env, controller, seed=seed, options=options, still=lambda: still).episode
@@ -130,12 +129,12 @@ def refuted(scene: SceneConfig, taken: Mapping[str, tuple[str, Strategy]], seed:
 def example(
     seen: Observation, planned: StepPlan | None, profile: RobotProfile, step: int, way: int, seed: int
 ) -> Example:
-    """Arrays of an example.
+    """Return the arrays of one example.
 
-    ``points`` (N, 3) int16 in the base frame, by :func:`~gensim2.perception.cloud.to_steps`, ``joints`` (n,),
-    ``fingers`` (2,) distance of the pads and last command, the program (``positions``, ``rotations``, ``gripper``,
-    ``seconds``, ``force``; zeros where nothing is left to do), ``step``: number of the task's step, or how many there
-    are where all is done, ``way``: of its strategy, or -1, and the scene's ``seed``.
+    ``points`` (N, 3) int16 in the base frame, by :func:`~gensim2.perception.cloud.to_steps`; ``joints`` (n,);
+    ``fingers`` (2,): finger distance and last command; the program (``positions``, ``rotations``, ``gripper``,
+    ``seconds``, ``force``; zeros for "done"); ``step``: index of the task step, or the number of steps for "done";
+    ``way``: index of the strategy, or -1; and the scene's ``seed``.
     """
     assert seen.cloud is not None
     program = None if planned is None else program_of(planned, profile)
@@ -156,7 +155,7 @@ def example(
 
 
 def other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
-    """Reset options of a scene whose first step's joint stands anywhere; None for the others."""
+    """Return reset options for a random position of the first step's joint; None for scenes that start as usual."""
     generator = rng(seed, f"{scene.task.name}/keypose")
     anywhere, openness = generator.random() < OTHER_OPENNESS, float(generator.random())
     first = scene.task.steps[0].object
@@ -165,7 +164,7 @@ def other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
 
 
 def _left_anywhere(now: Scene, step: Step, measured: Measurement, generator: np.random.Generator) -> Scene:
-    """The scene of a later step, in some of them with its joint anywhere, and what lies in it taken along."""
+    """Return the scene of a later step, in some scenes with a random joint position."""
     anywhere, openness = generator.random() < OTHER_OPENNESS, float(generator.random())
     joint = now.objects[step.object].joint
     if not anywhere or joint is None or now.held is not None or not any(map(criterion_is_of_joint, step.done)):
@@ -176,17 +175,17 @@ def _left_anywhere(now: Scene, step: Step, measured: Measurement, generator: np.
 
 
 def criterion_is_of_joint(criterion: Any) -> bool:
-    """Whether a criterion is about how far a joint is open."""
+    """Return whether a criterion is about a joint's position."""
     return str(criterion.type).startswith("articulated_")
 
 
 def planned_way(
     planner: StepPlanner, scene: Scene, step: Step, ways: Mapping[str, Strategy], following: Sequence[Any]
 ) -> tuple[str, Strategy, StepPlan] | None:
-    """The first strategy with a whole plan, and that; None where there is none.
+    """Return the first strategy with a complete plan, its name and the plan; None without a complete plan.
 
-    They are tried in the order of the chain of steps. What the hand holds is put down near the middle of a strategy's
-    tolerance, and anywhere within it where no strategy has a plan so.
+    Strategies are tried in the order of the step. A grasped object is first placed near the middle of the strategy's
+    tolerance, and anywhere within the tolerance only if no such plan exists.
     """
     tried = list(ways.items())
     if scene.held is not None:
@@ -202,7 +201,7 @@ def planned_way(
 
 
 def _rested(scene: Scene, profile: RobotProfile) -> Scene:
-    """The scene with the arm where it looks from: where an episode begins, unless the hand holds something."""
+    """Return the scene with the arm in its rest pose, unless the hand holds an object."""
     if scene.held is not None:
         return scene
     q = np.array(profile.reset_qpos)
@@ -210,7 +209,7 @@ def _rested(scene: Scene, profile: RobotProfile) -> Scene:
 
 
 def _seen(env: HeadlessEnv, observer: Observer, profile: RobotProfile, scene: Scene) -> Observation:
-    """Observe a predicted scene by the cameras."""
+    """Render a predicted scene with the cameras."""
     rows = {kind: {name: row[None].copy() for name, row in group.items()} for kind, group in env.state().items()}
     arm = rows["articulations"][profile.agent]
     n = len(profile.reset_qpos)

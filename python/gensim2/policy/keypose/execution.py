@@ -1,4 +1,4 @@
-"""A keypose program as control actions: a free motion that the planner finds, then the hand along its poses."""
+"""Convert a keypose program to actions: a planned collision-free motion, then the hand poses of the program."""
 
 from __future__ import annotations
 
@@ -21,17 +21,19 @@ Array = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]
 
 Free = Literal["planned", "but for touched", "table only", "straight"]
-"""Manner in which a free motion was found: clear of the cloud, clear of it but for points that the arm touches at
-either end, clear of the table and the arm itself, or not at all."""
+"""How a free motion was found: clear of the cloud, clear of the cloud except for points that the arm touches at start
+or
+goal, clear of only the table and the robot itself, or not at all.
+"""
 
 SHARE = 0.5
-"""Of the joints' limits that motions take, as the planner's own."""
+"""Share of the joint limits that motions use, the same as the planner's."""
 ACCELERATION, JERK = 7.5, 3750.0
-"""Limits along a program's poses where a robot has none of its own, rad or m: those of a Panda's slowest joint."""
+"""Limits along a program's poses for robots without own limits, rad or m: those of a Panda's slowest joint."""
 LIMITS = ("limits", "velocity_limits", "acceleration_limits", "jerk_limits")
-"""Options of the solver by which a robot limits its joints."""
+"""Solver options that limit a robot's joints."""
 MARGIN = 0.005
-"""Metres that free motions keep off everything."""
+"""Collision margin of free motions, m."""
 SAMPLES = 4000
 
 
@@ -41,9 +43,9 @@ class Execution:
 
     Attributes:
         actions: (N, m + 1).
-        free: how its free motion was found.
-        reached: poses of the program that it goes through; ``KEYPOSES`` where it is whole.
-        gripped: number of the first action after the fingers have acted at the actuation pose.
+        free: how the free motion was found.
+        reached: number of the program's poses that are reached; ``KEYPOSES`` if it is complete.
+        gripped: index of the first action after the fingers have acted at the actuation pose.
     """
 
     actions: Row
@@ -53,18 +55,15 @@ class Execution:
 
     @property
     def is_whole(self) -> bool:
-        """Whether it goes through all poses."""
+        """Return whether all poses are reached."""
         return self.reached == KEYPOSES
 
 
 class Executor:
-    """Makes actions of programs for one robot.
-
-    Args:
-        profile: the robot.
+    """Converts programs to actions for one robot.
 
     Attributes:
-        around: makes of a cloud what the arm moves among.
+        around: builds collision scenes from point clouds.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -87,14 +86,14 @@ class Executor:
         *,
         further: float = 0.0,
     ) -> Execution | None:
-        """The actions of a program; None where the actuation pose is out of the arm's reach.
+        """Return the actions of a program, or None if the arm cannot reach the actuation pose.
 
         Args:
-            program: in the base frame.
-            q: (n,) present joints.
-            command: the gripper's last.
-            seen: obstacles, and what is taken along.
-            further: metres by which a push goes on beyond its end, where the arm can follow.
+            program: program in the base frame.
+            q: (n,) present joints, rad or m.
+            command: last gripper command.
+            seen: obstacles and grasped object.
+            further: distance (m) by which a push continues beyond its end, if the arm can reach it.
         """
         q = np.clip(q, self._profile.model.lower, self._profile.model.upper)
         program, path = self._followed(program, q, seen, further)
@@ -118,7 +117,7 @@ class Executor:
     def _followed(
         self, program: KeyposeProgram, q: Array, seen: Seen, further: float
     ) -> tuple[KeyposeProgram, JointPath | None]:
-        """Return the program that is followed, a push with its longer way where all of that can be, and its path."""
+        """Return the program to execute, a push extended if the arm can follow it, and its joint path."""
         depth = self.around.depth_in(seen)
         longer, path = None, None
         if further > 0.0 and program.is_push:
@@ -132,7 +131,7 @@ class Executor:
         return longer, path
 
     def rest(self, q: Array, goal: Array, command: float, seen: Seen) -> Execution:
-        """Free motion of the arm to joints ``goal`` (n,), where it looks from."""
+        """Return the free motion from joints ``q`` to joints ``goal`` (n,), the rest pose."""
         rows = _Rows(self._profile, command)
         free = self._free(rows, np.clip(q, self._profile.model.lower, self._profile.model.upper), goal, seen)
         rows.dwell(goal[self._arm], command, ceil(HOLD_SECONDS * self._profile.control_hz))
@@ -161,7 +160,9 @@ class Executor:
         return "straight"
 
     def _scenes(self, q: Array, goal: Array, seen: Seen) -> Iterator[tuple[Free, kpam.Scene]]:
-        """Yield planning scenes from the strictest to the least strict, each for when the one before has no motion."""
+        """Yield planning scenes from the strictest to the least strict; each is used only if the one before has no
+        motion.
+        """
         yield "planned", self.around.scene(seen)
         untouched = self.around.untouched(seen, q, goal)
         if len(untouched.standing) < len(seen.standing):
@@ -170,8 +171,9 @@ class Executor:
             yield "table only", self.around.bare
 
     def _segments(self, program: KeyposeProgram, path: JointPath) -> list[tuple[int, int, int]]:
-        """First and last waypoint of each stretch between two rests, and the pose at which it ends: the arm rests at
-        the actuation pose, wherever the fingers act, before it backs off, and at the end.
+        """Return first waypoint, last waypoint and final pose of each stretch between two rests.
+
+        The arm rests at the actuation pose, wherever the fingers act, before it retreats, and at the end.
         """
         reached = [number for number in range(KEYPOSES) if path.at[number] >= 0]
         rests = {ACTUATION, KEYPOSES - 2, reached[-1]}
@@ -184,7 +186,7 @@ class Executor:
         return found
 
     def _timed(self, program: KeyposeProgram, path: JointPath, first: int, last: int) -> Array:
-        """(N, m) samples of a stretch, no faster than the program's clock."""
+        """Return samples (N, m) of a stretch, no faster than the program's times."""
         slowest = np.zeros(len(path.joints) - 1)
         for number in range(1, KEYPOSES):
             begin, end = path.at[number - 1], path.at[number]
@@ -204,7 +206,7 @@ class Executor:
 
 
 class _Rows:
-    """Actions under way."""
+    """Actions of a motion in progress."""
 
     def __init__(self, profile: RobotProfile, command: float) -> None:
         self._profile, self.command = profile, command
@@ -216,19 +218,19 @@ class _Rows:
         return len(self._positions)
 
     def follow(self, samples: Array) -> None:
-        """Samples (N, m) at the control rate; the last one is held."""
+        """Add samples (N, m) at the control rate."""
         last = len(self) + len(samples) - 1
         for sample in samples:
             self._add(sample, last)
 
     def dwell(self, target: Array, command: float, count: int) -> None:
-        """Stay at (m,) joints with a gripper command."""
+        """Stay at joints (m,) with a gripper command for ``count`` steps."""
         self.command = command
         for _ in range(count):
             self._add(target, len(self))
 
     def act(self, target: Array, command: float, gently: bool) -> None:
-        """Let the arm arrive at (m,) joints and the fingers act there, where they do."""
+        """Wait until the arm arrives at joints (m,), then move the fingers if their command changes."""
         before, rate = self.command, self._profile.control_hz
         if abs(command - before) <= SAME_COMMAND:
             return
@@ -242,7 +244,7 @@ class _Rows:
             self.dwell(target, command, self._profile.gripper_steps)
 
     def actions(self) -> Row:
-        """(N, m + 1): targets of the arm, ahead by the drives' delay, and the gripper's commands."""
+        """Return the actions (N, m + 1): arm targets, ahead by the drives' delay, and gripper commands."""
         positions = np.array(self._positions, dtype=np.float32)
         targets = self._profile.simulated_targets(positions, np.array(self._ends))
         return np.column_stack([targets, self._commands]).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Time from a look to the motion of a keypose policy, the planner included."""
+"""Measure the time from an observation to the start of the motion of a keypose policy, including planning."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gensim2.sim import HeadlessEnv
 from gensim2.tasks.library import load_task, task_names
 
 WARM_UP = 2
-"""First looks that are not measured."""
+"""Number of first predictions that are not measured."""
 
 
 def measure_looks(
@@ -29,21 +29,21 @@ def measure_looks(
     assets: str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
-    """Measure the looks of a keypose policy in episodes of the tasks whose sentences it knows, one after the other.
+    """Measure the predictions of a keypose policy in episodes of the tasks that it knows.
 
     Args:
         checkpoint: folder of the policy.
-        looks: to measure, after ``WARM_UP`` that are not.
-        threads: of PyTorch.
+        looks: number of measured predictions, after ``WARM_UP`` others.
+        threads: number of PyTorch threads.
         assets: objects of the scenes.
 
     Returns:
         ``rows``: milliseconds by stage (``observation``: rays, cloud, proprioception; ``decision``: network and
-        planner), ``p50``, ``p95`` of wall time and ``cpu`` on median; ``looks``, ``threads``, ``load`` of the machine
-        when it began.
+        planner), with ``p50`` and ``p95`` of wall time and the median ``cpu`` time; ``looks``, ``threads``, and the
+        machine's ``load`` at the start.
 
     Raises:
-        InputError: the checkpoint is none of keyposes, or of no task of the library.
+        InputError: the checkpoint is not a keypose policy, or knows no task of the library.
     """
     load = os.getloadavg()[0]
     folder = checkpoint_folder(checkpoint).resolve()

@@ -1,4 +1,4 @@
-"""Hand poses followed by inverse kinematics: joint waypoints of a keypose program."""
+"""Joint waypoints of a keypose program, by inverse kinematics of the hand poses."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ BRANCHES = 8
 
 @dataclass(frozen=True)
 class JointPath:
-    """A program in joints.
+    """A program as joint waypoints.
 
     Attributes:
-        joints: (W, n) waypoints, from the approach on.
-        at: (KEYPOSES,) numbers of the waypoints at the program's poses; -1 of poses that are not reached.
+        joints: (W, n) waypoints, starting at the approach pose.
+        at: (KEYPOSES,) waypoint index of each pose of the program; -1 if it is not reached.
         touches: number of waypoints at which the arm collides with the table or itself.
-        depth: deepest penetration (m) into the cloud.
+        depth: deepest penetration into the cloud, m.
     """
 
     joints: Array
@@ -42,12 +42,12 @@ class JointPath:
 
     @property
     def reached(self) -> int:
-        """Poses of the program that it goes through."""
+        """Return the number of the program's poses that are reached."""
         return int((self.at >= 0).sum())
 
     @property
     def is_whole(self) -> bool:
-        """Whether it goes through all poses and overlaps nothing."""
+        """Return whether all poses are reached without a collision with the table or the robot itself."""
         return self.reached == KEYPOSES and self.touches == 0
 
     @property
@@ -59,16 +59,16 @@ class JointPath:
 def joint_path(
     program: KeyposeProgram, q: Array, scene: kpam.Scene, depth: Callable[[Array], float]
 ) -> JointPath | None:
-    """Return the path of the first arm posture that follows the whole program clear of the cloud.
+    """Return the joint path of the first arm posture that follows the whole program clear of the cloud.
 
-    Without one, the path that follows it furthest, of these the least deep in the cloud; None where the actuation pose
-    is out of reach.
+    If there is none, return the path that follows the program furthest, and among these the one with the least
+    penetration; None if the actuation pose is out of reach.
 
     Args:
         program: hand poses in the base frame.
-        q: (n,) present joints; postures near to them are tried first.
-        scene: the robot, and what stands about it for certain.
-        depth: joints (W, n) -> deepest penetration (m) of the arm into the cloud.
+        q: (n,) present joints; near postures are tried first.
+        scene: the robot and the known obstacles.
+        depth: function of joints (W, n) that returns the arm's deepest penetration (m) into the cloud.
     """
     best: JointPath | None = None
     for path in _paths(program, q, scene):
@@ -83,7 +83,7 @@ def joint_path(
 
 
 def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[JointPath]:
-    """Yield the paths of all postures at the actuation pose, without their depth."""
+    """Yield the joint path of each arm posture at the actuation pose, without its depth."""
     poses = program.poses
     turned = poses.copy()
     turned[:, :3, :2] *= -1.0  # the fingers the other way round
@@ -97,7 +97,7 @@ def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[Joi
 
 
 def _followed(poses: Array, acting: Array, scene: kpam.Scene) -> JointPath:
-    """From the actuation pose back to the approach, and on to the end, as far as either goes."""
+    """Follow the program from the actuation pose back to the approach and on to the end, as far as possible."""
     at = np.full(KEYPOSES, -1)
     back = _follow(poses[ACTUATION], poses[APPROACH], acting, scene)
     way = [] if back is None else back[::-1]
@@ -116,7 +116,7 @@ def _followed(poses: Array, acting: Array, scene: kpam.Scene) -> JointPath:
 
 
 def _follow(begin: Array, end: Array, q: Array, scene: kpam.Scene) -> list[Array] | None:
-    """Joints along the straight way from one pose to another, the first left out; None where the arm cannot follow."""
+    """Return joints along the straight line between two poses, without the first; None if the arm cannot follow it."""
     found: list[Array] = []
     for pose in between(begin, end):
         near = scene.ik(pose, q, max_solutions=1)
@@ -128,7 +128,7 @@ def _follow(begin: Array, end: Array, q: Array, scene: kpam.Scene) -> list[Array
 
 
 def between(begin: Array, end: Array) -> Array:
-    """(N, 4, 4) poses on the straight way, evenly turned, the first left out; none where both are the same."""
+    """Return poses (N, 4, 4) along the straight line between two poses, without the first; none if both are equal."""
     turns = Rotation.from_matrix(np.stack([begin[:3, :3], end[:3, :3]]))
     angle = (turns[0].inv() * turns[1]).magnitude()
     count = int(np.ceil(max(np.linalg.norm(end[:3, 3] - begin[:3, 3]) / STEP, angle / TURN) - 1e-6))

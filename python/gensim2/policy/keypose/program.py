@@ -1,4 +1,4 @@
-"""Keypose program: the hand poses that a motion goes through, what the fingers do at each, and how long it takes."""
+"""Keypose programs: the hand poses of a motion, the gripper command at each, and the times between them."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ Array = npt.NDArray[np.float64]
 Float32 = npt.NDArray[np.float32]
 
 PATH_POSES = 8
-"""Hand poses between the actuation pose and the end of the motion that touches, evenly spaced along it."""
+"""Number of evenly spaced hand poses between the actuation pose and the end of the motion in contact."""
 APPROACH, ACTUATION, PATH, RETREAT = 0, 1, slice(2, 2 + PATH_POSES), 2 + PATH_POSES
 """Indices of poses in a program."""
 KEYPOSES = 3 + PATH_POSES
-"""Poses of a program: before the contact, the actuation pose, the path, and where the hand backs off to."""
+"""Number of poses in a program: approach, actuation pose, path, and retreat."""
 TURN_LENGTH = 0.15
-"""Metres of way that a turn of the hand by one radian counts for."""
+"""Path length (m) that counts as equal to a turn of the hand by one radian."""
 SAME_COMMAND = 0.1
-"""Gripper commands nearer than this need no time of their own."""
+"""Largest difference of gripper commands that needs no extra time."""
 LONGEST = 3.0
-"""Times the last quarter of its way by which a push is made longer at most."""
+"""Largest extension of a push, as a multiple of the last quarter of its path."""
 _DENSE = 200
 
 
 @dataclass(frozen=True)
 class KeyposeProgram:
-    """One step as a robot does it, whatever robot that is.
+    """One task step as hand poses, independent of the robot.
 
     Attributes:
-        positions: (K, 3) of the hand in the base frame, m.
-        rotations: (K, 3, 3) of the hand.
+        positions: (K, 3) hand positions in the base frame, m.
+        rotations: (K, 3, 3) hand rotations in the base frame.
         gripper: (K + 1,) commands from -1 to 1: before the arm moves, then after the fingers have acted at each pose.
-        seconds: (K,) from the pose before it; the first is not used, for the free motion takes the time that it takes.
-        force: with which each finger presses on what was taken up, N; 0 where nothing was.
+        seconds: (K,) time from the previous pose, s; the first is unused, because the planner times the free motion.
+        force: force of each finger on the grasped object, N; 0 without an object.
     """
 
     positions: Float32
@@ -55,19 +55,20 @@ class KeyposeProgram:
 
     @property
     def poses(self) -> Array:
-        """(K, 4, 4) of the hand in the base frame."""
+        """Hand poses (K, 4, 4) in the base frame."""
         poses = np.tile(np.eye(4), (KEYPOSES, 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = self.rotations, self.positions
         return poses
 
     @property
     def is_push(self) -> bool:
-        """Whether the fingers stay as they are from before the contact on."""
+        """Return whether the gripper command stays constant from the actuation pose on."""
         return float(np.abs(self.gripper[ACTUATION:] - self.gripper[ACTUATION]).max()) <= SAME_COMMAND
 
     def longer(self, further: float) -> KeyposeProgram:
-        """The program with the end of its way, and where it backs off to, moved on by ``further`` (m) as the hand moves
-        over the last quarter of the way: along a line, or about the same axis.
+        """Return the program with its end and its retreat pose moved ``further`` (m) along the path.
+
+        The extension continues the motion of the path's last quarter, along a line or about the same axis.
         """
         poses, last = self.poses, PATH.stop - 1
         gone = float(np.linalg.norm(poses[last, :3, 3] - poses[last - 2, :3, 3]))
@@ -85,10 +86,10 @@ class KeyposeProgram:
 
 
 def program_of(planned: StepPlan, profile: RobotProfile) -> KeyposeProgram:
-    """The program of a planned step.
+    """Return the program of a planned step.
 
     Raises:
-        ValueError: the plan has no motion, or does not get to its actuation pose.
+        ValueError: the plan has no motion, or does not reach its actuation pose.
     """
     if planned.plan is None or planned.plan.trajectory is None or planned.schedule is None:
         raise ValueError(f"the step has no motion: {planned.reason}")
@@ -117,7 +118,7 @@ def program_of(planned: StepPlan, profile: RobotProfile) -> KeyposeProgram:
 
 
 def _evenly(planned: StepPlan, profile: RobotProfile, begin: float, end: float) -> Array:
-    """(``PATH_POSES``,) times at which the hand has gone equal parts of its way, turns counted in."""
+    """Return the times (``PATH_POSES``,) that divide the hand's path, turns included, into equal parts."""
     assert planned.plan is not None
     assert planned.plan.trajectory is not None
     times = np.linspace(begin, end, _DENSE)

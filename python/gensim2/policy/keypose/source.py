@@ -1,4 +1,4 @@
-"""Planned scenes as training data: batches of what was seen, and of the programs that the planner found."""
+"""Training batches from planned scenes: observations and the programs that the planner found."""
 
 from __future__ import annotations
 
@@ -26,13 +26,16 @@ from gensim2.policy.starting import check_sentences
 from gensim2.robots import OPEN, robot
 
 YAW = 0.2
-"""Largest yaw (rad) by which an example is turned about the base, poses with it: what the planner finds for a scene
-that is turned so differs a little, since the arm starts where it did."""
+"""Largest yaw (rad) by which an example is rotated about the base. It is limited because the arm starts at the same
+pose
+in every scene, so plans of a rotated scene differ slightly.
+"""
 NEW = 5.0
-"""Times that a task is drawn more often than one that the policy knows already."""
+"""How many times as often a new task is drawn as one that the policy already knows."""
 WIDTH, COMMAND = 0.004, 0.1
-"""Standard deviations of the distance of the pads (m) and of the gripper's command about those of a plan, where the
-hand holds something: what it has really taken up is held a little otherwise."""
+"""Standard deviations of noise on finger distance (m) and gripper command of examples with a grasped object, because an
+executed grasp differs from the planned one.
+"""
 
 
 @dataclass(frozen=True)
@@ -40,8 +43,8 @@ class Ways:
     """Classes of the keypose head: every strategy of every step of every task, and "done" last.
 
     Attributes:
-        tasks: (sentence, step, strategy) of each class but the last.
-        to_end: (sentence, step) of those whose joint is to come to an end of its range.
+        tasks: (instruction, step, strategy) of each class except the last.
+        to_end: (instruction, step) of the steps that move a joint to an end of its range.
     """
 
     tasks: tuple[tuple[str, int, str], ...]
@@ -49,7 +52,7 @@ class Ways:
 
     @staticmethod
     def of(records: Sequence[PlannedRecord]) -> Ways:
-        """Those of several tasks."""
+        """Return the classes of several tasks."""
         return Ways(
             tuple(
                 dict.fromkeys(
@@ -64,7 +67,7 @@ class Ways:
 
     @property
     def done(self) -> int:
-        """Number of the class that says that nothing is left to do."""
+        """Index of the class "done"."""
         return len(self.tasks)
 
     def __len__(self) -> int:
@@ -72,16 +75,15 @@ class Ways:
 
 
 class PlannedSource:
-    """Planned scenes of one task or of several, drawn evenly by task where none is known.
+    """Planned scenes of one or several tasks; all tasks are drawn equally often if none is known already.
 
     Args:
-        planned: one a task, or two: of a library's objects, and of generated ones beside them; all of one robot and one
-            observation.
-        known: number of them, the first, of tasks that a policy knows already; one of these is drawn ``NEW`` times less
-            often than one that is new.
+        planned: one folder for each task, or two (a library's objects and generated ones), with the same robot and
+            observation spec.
+        known: number of first folders whose tasks the policy already knows; new tasks are drawn ``NEW`` times as often.
 
     Raises:
-        InputError: they do not go together.
+        InputError: the folders do not fit together.
     """
 
     def __init__(self, planned: Sequence[Planned], known: int = 0) -> None:
@@ -119,7 +121,7 @@ class PlannedSource:
         )
 
     def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
-        """A batch; clouds in an order that is drawn, so that the first of their points are any."""
+        """Return a random batch, with the points of each cloud in random order."""
         task = self._tasks(rng, size)
         rows = rng.integers(self._starts[task], self._starts[task + 1])
         found = {name: values[rows] for name, values in self._arrays.items()}
@@ -146,13 +148,13 @@ class PlannedSource:
         }
 
     def _tasks(self, rng: np.random.Generator, size: int) -> npt.NDArray[np.int64]:
-        """Numbers of folders, (B,)."""
+        """Return random folder indices (B,)."""
         if self._shares is None:
             return rng.integers(len(self.planned), size=size)
         return rng.choice(len(self.planned), size=size, p=self._shares)
 
     def some_clouds(self, max_clouds: int) -> Shuffled:
-        """Clouds of scenes evenly through the data; they have no colours."""
+        """Return clouds of scenes, evenly spaced through the data, without colours."""
         points = self._arrays["points"]
         rows = np.unique(np.linspace(0, len(points) - 1, max_clouds).astype(np.int64))
         found = from_steps(points[rows])
@@ -180,7 +182,7 @@ class PlannedSource:
 
 
 def _shares(planned: Sequence[Planned], known: int) -> npt.NDArray[np.float64] | None:
-    """Shares of the folders in a batch, those of one task by their examples; None where they are equal."""
+    """Return each folder's share of a batch; None if all shares are equal."""
     examples = [len(each.arrays["way"]) for each in planned]
     of_task = Counter[str]()
     for each, count in zip(planned, examples, strict=True):
@@ -193,14 +195,14 @@ def _shares(planned: Sequence[Planned], known: int) -> npt.NDArray[np.float64] |
 
 
 def _either_way_round(poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Tool poses (B, 7), half of them with the fingers swapped: the planner and who executes its plans may differ."""
+    """Return tool poses (B, 7), half of them with the fingers swapped, because execution may swap them too."""
     x, y, z, w, x_q, y_q, z_q = poses.T
     swapped = np.column_stack([x, y, z, -z_q, y_q, -x_q, w])
     return np.where(rng.random((len(poses), 1)) < 0.5, swapped, poses).astype(np.float32)
 
 
 def _as_held(fingers: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Pads' distances and commands (B, 2), with noise where the hand holds something."""
+    """Return finger distances and commands (B, 2) with noise on those of grasped objects."""
     noise = rng.normal(size=fingers.shape) * (WIDTH, COMMAND)
     holds = fingers[:, 1:] < OPEN - 0.5
     return (fingers + np.where(holds, noise, 0.0)).astype(np.float32)

@@ -28,10 +28,10 @@ class Seen:
     """A cloud as obstacles, in the base frame.
 
     Attributes:
-        standing: (N, 3) points of what stands about, m.
-        held: (M, 3) points of what the hand holds.
-        q: (n,) joints at which it was seen.
-        holds: the hand held something, of which there may be no point.
+        standing: (N, 3) obstacle points, m.
+        held: (M, 3) points of the grasped object, m.
+        q: (n,) joints of the observation.
+        holds: whether the hand holds an object, even if no point shows it.
     """
 
     standing: Array
@@ -41,18 +41,15 @@ class Seen:
 
     @property
     def without_held(self) -> Seen:
-        """Cloud without the held object, whose pose after its release was not seen."""
+        """Return the cloud without the grasped object, whose pose after the release is unknown."""
         return replace(self, held=np.zeros((0, 3)), holds=False)
 
 
 class Surroundings:
-    """Makes planning scenes of one robot and what is seen about it.
-
-    Args:
-        profile: the robot.
+    """Builds collision scenes of one robot from point clouds.
 
     Attributes:
-        bare: the robot and the table, which is known for certain.
+        bare: the robot and the table, without a cloud.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -62,18 +59,18 @@ class Surroundings:
         self._wrist = _links_of_the_wrist(profile)
 
     def seen(self, points: Array, q: Array, holds: bool) -> Seen:
-        """Take apart a cloud (N, 3) that was seen at joints ``q``.
+        """Segment a cloud into obstacles and the grasped object.
 
         Args:
-            points: in the base frame, without the robot's own.
+            points: (N, 3) points in the base frame, without the robot's own, m.
             q: (n,) joints.
-            holds: the hand holds something.
+            holds: whether the hand holds an object.
         """
         mine = self._held(points, q) if holds else np.zeros(len(points), dtype=bool)
         return Seen(points[~mine], points[mine], q, holds)
 
     def scene(self, seen: Seen) -> kpam.Scene:
-        """The table, what stands about, and what is held as a part of the hand."""
+        """Return the collision scene of the table, the obstacles, and the grasped object as part of the hand."""
         parts = (("cloud", seen.standing), ("held", seen.held))
         bodies = [
             kpam.Body(name, "rigid", [kpam.Shape.point_cloud(part, POINT_RADIUS)], np.eye(4))
@@ -84,7 +81,7 @@ class Surroundings:
         return scene.attached("held", seen.q) if len(seen.held) else scene
 
     def untouched(self, seen: Seen, *joints: Array) -> Seen:
-        """Remove the standing points that the arm, or an object that it holds, overlaps at some (n,) joints.
+        """Remove the obstacle points that the arm or its grasped object overlaps at the given joints (n,).
 
         At the start and the goal of a motion such points cannot be obstacles.
         """
@@ -94,8 +91,9 @@ class Surroundings:
         return replace(seen, standing=seen.standing[~touched])
 
     def depth_in(self, seen: Seen) -> Callable[[Array], float]:
-        """Return a function: joints (W, n) -> deepest penetration (m) of the arm, hand excluded, into the standing
-        points, at every ``EVERY``-th row.
+        """Return a function from joints (W, n) to the deepest penetration (m) of the arm without its hand.
+
+        It checks every ``EVERY``-th row against the obstacle points.
         """
         if not len(seen.standing):
             return lambda joints: 0.0
@@ -113,7 +111,7 @@ class Surroundings:
         return depth
 
     def _held(self, points: Array, q: Array) -> npt.NDArray[np.bool_]:
-        """Mask (N,) of the held object: the points between the fingers, and those connected to them."""
+        """Return the mask (N,) of the grasped object: the points between the fingers, and those connected to them."""
         hand = self._model.forward_kinematics(q)[:3, 3]
         near = np.flatnonzero(np.linalg.norm(points - hand, axis=1) < CARRIED)
         found = np.zeros(len(points), dtype=bool)
@@ -125,7 +123,7 @@ class Surroundings:
 
 
 def _links_of_the_wrist(profile: RobotProfile) -> frozenset[str]:
-    """Names of the links that no joint of the arm moves against the hand: the flange, the hand, its fingers."""
+    """Return the links that do not move relative to the hand: flange, hand and fingers."""
     model, arm = profile.model, list(profile.arm_columns)
     q = np.array(profile.reset_qpos)
     bent = q.copy()
@@ -138,7 +136,7 @@ def _links_of_the_wrist(profile: RobotProfile) -> frozenset[str]:
 
 
 def _table(profile: RobotProfile) -> kpam.Body:
-    """The table before the robot, as large as a scene's."""
+    """Return the table in front of the robot, with a scene's size."""
     from gensim2.scenes.table import HALF_SIZE
 
     pose = np.eye(4)

@@ -1,4 +1,4 @@
-"""Order and tolerances of the strategies that plans are taught by, so that similar scenes get similar plans."""
+"""Order and tolerances of the strategies that make training plans, so that similar scenes get similar plans."""
 
 from __future__ import annotations
 
@@ -11,20 +11,24 @@ from gensim2.tasks.spec import Step
 from gensim2.tasks.strategies import with_strategies
 
 CENTERED = 0.25
-"""Share of the tolerance of a strategy's points within which what the hand holds is put down first. The solver's poses
-are those of least motion, mostly at the edge of the tolerance; an edge leaves a policy's own errors no room, and which
-one it is jumps between scenes that hardly differ."""
+"""Share of a strategy's tolerance within which a grasped object is placed first. The solver's poses need the least
+motion
+and are mostly at an edge of the tolerance. An edge leaves no margin for a policy's errors, and the solver's choice of
+the edge jumps between similar scenes.
+"""
 
 PATIENCE = 8
-"""Grasps that serve nothing before a scene is left out. Where one serves, it is nearly always the first; to know that
-none does takes as long as sixty scenes of which there are plans."""
+"""Number of failed grasps after which a scene is left out. A working grasp is nearly always the first one. To rule out
+all
+grasps of a scene takes as long as sixty scenes with plans.
+"""
 
 
 def pulls_last(given: TaskInput) -> TaskInput:
-    """A task whose steps try every other strategy before those that search for a grasp on what a joint moves.
+    """Return the task with grasp-search strategies moved behind all other strategies of each step.
 
-    Such a grasp jumps between scenes that hardly differ, from a knob to an edge, and what a network makes of it lies in
-    between. The order of the others stays.
+    A searched grasp jumps between similar scenes, for example from a knob to an edge, and a network predicts a useless
+    average. The order of the other strategies stays.
     """
     known = parsed(given.strategies)
 
@@ -36,7 +40,7 @@ def pulls_last(given: TaskInput) -> TaskInput:
 
 
 def centered(strategy: Strategy) -> Strategy:
-    """A strategy whose points keep to ``CENTERED`` of their tolerances; one without points as it is."""
+    """Return the strategy with its point tolerances multiplied by ``CENTERED``; other strategies stay as they are."""
     if not isinstance(strategy, KeypointStrategy):
         return strategy
     constraints = [

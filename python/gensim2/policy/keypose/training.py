@@ -1,4 +1,4 @@
-"""Training of a keypose policy on planned scenes, and what its checkpoint says beside the network."""
+"""Train a keypose policy on planned scenes and write its checkpoint."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.train import TrainResult, train_policy
 
 WAYS_JSON = "keypose.json"
-"""Beside a checkpoint's ``config.json``."""
+"""File of the classes' meanings, beside a checkpoint's ``config.json``."""
 
 POLICY = PolicyConfig(
     head="keypose",
@@ -32,7 +32,7 @@ POLICY = PolicyConfig(
     spread_points=64,
     hears=True,
 )
-"""Network for one task: its sentence tells nothing, and it is small enough for minutes on one core."""
+"""Network for a single task; it ignores the instruction and trains within minutes on one core."""
 TRAINING = TrainConfig(steps=1200, batch=32, learning_rate=2e-3, ema=0.995, threads=1, save_every=200, log_every=25)
 
 
@@ -40,10 +40,10 @@ class Way(BaseModel):
     """One class of the keypose head.
 
     Attributes:
-        language: the task's sentence.
-        step: number of the task's step.
-        name: of the strategy that was taught.
-        to_end: the step asks for a joint at an end of its range, so that a push may go on until it gives no more.
+        language: instruction of the task.
+        step: index of the task step.
+        name: name of the strategy.
+        to_end: whether the step moves a joint to an end of its range, so that a push may be extended.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -55,7 +55,7 @@ class Way(BaseModel):
 
 
 class WaysRecord(BaseModel):
-    """``keypose.json``: what the classes mean; the last class of the network, behind these, is "done"."""
+    """Content of ``keypose.json``: the meaning of the classes, without the network's last class "done"."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -79,15 +79,14 @@ def train_keypose(
     Args:
         source: planned scenes.
         out: folder of the checkpoint.
-        policy: the network; its ``ways`` follow from the source, several sentences need a text encoder, and poses are
-            taught in the turned frame.
-        training: how.
-        start: policy to go on from, whose ways are the first of the source.
-        resume: go on where an interrupted training was.
-        device: as :func:`~gensim2.policy.devices.read_devices` takes it.
+        policy: network settings. ``ways`` follows from the source, several instructions need a text encoder, and
+            ``frame`` must be ``turned``.
+        start: policy to start from, whose classes are the first ones of the source.
+        resume: continue an interrupted training.
+        device: as for :func:`~gensim2.policy.devices.read_devices`.
 
     Raises:
-        InputError: the frame is another one, or as :func:`gensim2.policy.train.train_policy`.
+        InputError: ``frame`` is not ``turned``, or as for :func:`gensim2.policy.train.train_policy`.
     """
     if policy.frame != "turned":
         message = f"must be turned, is {policy.frame}: poses are taught in the base's frame turned by the first joint"
@@ -104,11 +103,11 @@ def train_keypose(
 
 
 def read_ways(folder: Path, policy: PolicyCheckpoint) -> list[Way]:
-    """Return the ways that the classes of a checkpoint stand for.
+    """Return the meaning of a checkpoint's classes.
 
     Raises:
         CheckpointError: the network has another number of classes.
-        InputError: its file is missing or damaged.
+        InputError: the file is missing or damaged.
     """
     remedy = "train the policy again"
     ways = read_record(folder / WAYS_JSON, WaysRecord, remedy).ways

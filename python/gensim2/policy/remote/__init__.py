@@ -1,1 +1,1 @@
-"""A controller on another machine: websocket and msgpack, a token, caps on size and time, and no pickle."""
+"""Controllers on another machine, over websocket and msgpack, with a token and limits on size and time."""

@@ -1,4 +1,4 @@
-"""A controller behind a policy server, as a controller of this process."""
+"""Use a controller behind a policy server like a local controller."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ from gensim2.policy.remote.protocol import (
 from gensim2.policy.remote.websocket import logger, unfragmented
 
 DEADLINE = 0.15
-"""Seconds within which an action must come: the watch holds after 0.2."""
+"""Default deadline for an action, s; the robot's watchdog stops the arm after 0.2 s."""
 CONNECTING = 10.0
-"""Seconds within which a server must answer at all, and a controller be reset."""
+"""Time limit for connecting and for a reset, s."""
 LEAVING = 1.0
-"""Seconds within which a server must confirm that a connection is closed."""
+"""Time limit for a server to confirm that a connection is closed, s."""
 
 Answer = TypeVar("Answer", Ready, Action)
 
@@ -52,9 +52,10 @@ class RemoteController:
     that names the server and the field.
 
     Args:
-        url: of the server, ``ws://host:port`` or ``wss://``. The token is in the environment, GENSIM2_POLICY_TOKEN.
-        robot: that is driven; None accepts the server's robot.
-        deadline: seconds within which an action must come.
+        url: address of the server, ``ws://host:port`` or ``wss://``. The token is in the environment,
+            GENSIM2_POLICY_TOKEN.
+        robot: name of the robot that executes the actions; None accepts the server's robot.
+        deadline: time limit for an action, s.
 
     Attributes:
         observation_spec: modalities and cameras that the server's controller uses.
@@ -87,7 +88,7 @@ class RemoteController:
         self._connect()
 
     def reset(self, observation: Observation, seed: int) -> None:
-        """Begin an episode.
+        """Start an episode.
 
         Raises:
             RemoteError: the server does not answer in time, fails, or sends an invalid message.
@@ -115,7 +116,7 @@ class RemoteController:
             self._connection = None
 
     def disown(self) -> None:
-        """Reconnect with a wrong token at the next request: an injected fault that tests the watch."""
+        """Use a wrong token for the next connection; this injected fault tests the watchdog."""
         self.close()
         self._token = f"not {self._token}"
 
@@ -140,7 +141,7 @@ class RemoteController:
                 create_connection=unfragmented(ClientConnection),
             )
             self._connection = connection
-            # A server that reads nothing must not block whoever sends to it.
+            # A server that stops reading must not block the client.
             seconds, share = divmod(self._deadline, 1.0)
             limit = struct.pack("ll", int(seconds), int(1e6 * share) or 1)
             connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
@@ -164,10 +165,9 @@ class RemoteController:
             raise
 
     def _ask(self, message: dict[str, Any], expected: type[Answer], deadline: float) -> Answer:
-        """Send a request and return its answer.
+        """Send a request and return its answer, and reconnect if the server has gone away.
 
-        After a server went away the client connects again. The restarted controller knows nothing of the episode, so
-        only a reset may follow.
+        A restarted controller does not know the episode, so the first request after reconnecting must be a reset.
         """
         from websockets.exceptions import WebSocketException
 
@@ -194,7 +194,7 @@ class RemoteController:
         return answer
 
     def _answer(self, expected: type[Answer], until: float) -> Answer | Failure:
-        """Return the answer to the last request; answers to earlier ones are dropped."""
+        """Return the answer to the last request, and discard answers to earlier ones."""
         while (left := until - time.monotonic()) > 0.0:
             found = decode(self._connection.recv(timeout=left), MAX_ANSWER, self._server)
             number = found.get("number")
@@ -207,7 +207,7 @@ class RemoteController:
         raise TimeoutError
 
     def _drop(self) -> None:
-        """Close a connection that is broken already."""
+        """Close a broken connection."""
         from websockets.exceptions import WebSocketException
 
         with contextlib.suppress(OSError, WebSocketException):

@@ -1,9 +1,9 @@
-"""Messages between a loop and a policy server: maps of plain values and arrays, as msgpack over a websocket.
+"""Messages between client and policy server: maps of plain values and arrays, as msgpack over a websocket.
 
-The loop sends ``hello`` with the token and its version, and the server answers ``welcome`` or ``refused``. Each request
-then has one answer with the same number: ``ready`` answers ``reset``, ``action`` answers ``act``, ``error`` either.
-Every message is read through :func:`decode`, which bounds its bytes and values, and :func:`read_message`, which checks
-it against the schema of the messages that are allowed at that point.
+The client sends ``hello`` with the token and its version, and the server answers ``welcome`` or ``refused``. Each
+request then has one answer with the same number: ``ready`` answers ``reset``, ``action`` answers ``act``, ``error``
+either. Every message is read through :func:`decode`, which limits its bytes and values, and :func:`read_message`,
+which checks it against the schema of the messages that are allowed at that point.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from gensim2.perception.camera_record import CameraRecord
 
 VERSION = 1
 MAX_HELLO = 4 << 10
-"""Bytes of the first message, which the server reads before it knows the sender."""
+"""Largest first message, bytes; the server reads it before the client has authenticated."""
 MAX_BYTES = 16 << 20
-"""Bytes of a request: a cloud of 1,024 points has 15 kB, three depth pictures of 640 x 480 have 1.8 MB."""
+"""Largest request, bytes. A cloud of 1,024 points takes 15 kB; three depth images of 640 x 480 take 1.8 MB."""
 MAX_ANSWER = 64 << 10
-"""Bytes of an answer: an action and an observation spec have less than 2 kB."""
+"""Largest answer, bytes; an action with an observation spec takes less than 2 kB."""
 MAX_VALUES = 10_000
-"""Values of one message, an array counted as one."""
+"""Largest number of values in a message; an array counts as one."""
 MAX_ITEMS = 1000
-"""Entries of one list or map."""
+"""Largest number of entries in a list or map."""
 MAX_TEXT = 16 << 10
-"""Bytes of one string."""
+"""Longest string, bytes."""
 MAX_DIMENSIONS = 4
 TOKEN = "GENSIM2_POLICY_TOKEN"
-"""Environment variable that holds the token: every user of a machine can read its command lines."""
+"""Environment variable with the token; a command-line option would be visible to all users of the machine."""
 TOKEN_LENGTH = 16
-"""Minimum number of characters of a token."""
+"""Smallest length of a token, characters."""
 PORT = 8321
 
 _ARRAY = "__array__"
@@ -54,11 +54,6 @@ class RemoteError(InputError):
 
 
 def msgpack() -> Any:
-    """Import and return the msgpack module.
-
-    Raises:
-        MissingExtraError: msgpack is not installed.
-    """
     try:
         import msgpack
     except ImportError as error:
@@ -71,11 +66,7 @@ def is_url(text: str) -> bool:
     return _URL.fullmatch(text) is not None
 
 
-# -------------------------------------------------------------------------------------------------------------- bytes
-
-
 def encode(message: Mapping[str, Any]) -> bytes:
-    """Encode a message."""
     found: bytes = msgpack().packb(dict(message), default=_plain, use_bin_type=True)
     return found
 
@@ -84,12 +75,12 @@ def decode(data: Any, max_bytes: int = MAX_BYTES, sender: str = "The sender") ->
     """Decode a message.
 
     Args:
-        data: bytes as they came.
+        data: received data.
         max_bytes: largest allowed size.
-        sender: who sent them, for error messages.
+        sender: name of the sender for error messages.
 
     Raises:
-        RemoteError: the data are no message, or exceed a limit on bytes or values.
+        RemoteError: the data are not a valid message, or exceed a limit on bytes or values.
     """
     if not isinstance(data, bytes):
         raise RemoteError(f"{sender} sent text in place of a binary message")
@@ -117,7 +108,7 @@ def decode(data: Any, max_bytes: int = MAX_BYTES, sender: str = "The sender") ->
 
 
 class _Counter:
-    """Counts values while a message is decoded: a byte of msgpack can become 70 bytes of Python."""
+    """Counts values while a message is decoded, because one byte of msgpack can become 70 bytes of Python objects."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -159,15 +150,12 @@ def _array(value: Any) -> npt.NDArray[Any]:
     return found.reshape(shape)
 
 
-# ------------------------------------------------------------------------------------------------------------- schemas
-
-
 def _shaped(types: tuple[str, ...], *shape: int | None) -> Any:
     """Return a check that a value is an array.
 
     Args:
-        types: that its numbers may have.
-        shape: of the array, None for any length. With a shape, the numbers must be finite too.
+        types: allowed data types.
+        shape: required shape, None for any length; if given, all numbers must be finite.
     """
 
     def check(value: Any) -> npt.NDArray[Any]:
@@ -186,7 +174,7 @@ def _shaped(types: tuple[str, ...], *shape: int | None) -> Any:
 
 
 class WireMessage(BaseModel):
-    """Fields that are checked without conversion; unknown fields are refused."""
+    """Base of messages: fields are checked without conversion, and unknown fields are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
@@ -198,7 +186,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Hello(WireMessage):
-    """First message of a loop. Its token is checked before anything else of it is read."""
+    """First message of a client; the token is checked before the other fields are read."""
 
     kind: Literal["hello"]
     protocol: Number
@@ -207,7 +195,7 @@ class Hello(WireMessage):
 
 
 class Welcome(WireMessage):
-    """Answer to a loop that may ask."""
+    """Answer to an authenticated client."""
 
     kind: Literal["welcome"]
     protocol: Number
@@ -219,7 +207,7 @@ class Welcome(WireMessage):
 
 
 class Refusal(WireMessage):
-    """Answer to anybody else."""
+    """Answer to a refused client."""
 
     kind: Literal["refused"]
     why: Text
@@ -257,7 +245,7 @@ class ObservationMessage(WireMessage):
 
 
 class Reset(WireMessage):
-    """Request to begin an episode."""
+    """Request to start an episode."""
 
     kind: Literal["reset"]
     number: Number
@@ -282,7 +270,7 @@ class Ready(WireMessage):
 
 
 class Action(WireMessage):
-    """Answer to ``act``; without an action the controller is done."""
+    """Answer to ``act``; no action means that the episode is over."""
 
     kind: Literal["action"]
     number: Number
@@ -291,7 +279,7 @@ class Action(WireMessage):
 
 
 class Failure(WireMessage):
-    """Answer to a request that failed, or that could not be read and so has no number."""
+    """Answer to a request that failed; the number is None if the request could not be read."""
 
     kind: Literal["error"]
     number: Number | None
@@ -303,15 +291,15 @@ Other = TypeVar("Other", bound=WireMessage)
 
 
 def read_message(message: Mapping[str, Any], one: type[One], other: type[Other], *, sender: str) -> One | Other:
-    """Check a message against the kinds that are allowed at this point of the conversation.
+    """Check a message against the two kinds that are allowed at this point.
 
     Args:
-        message: as :func:`decode` returns it.
-        one, other: allowed kinds of messages.
-        sender: who sent it, for error messages.
+        message: decoded message.
+        one, other: schemas of the allowed kinds.
+        sender: name of the sender for error messages.
 
     Raises:
-        RemoteError: the message is of another kind, or one of its fields is missing, unknown or invalid.
+        RemoteError: the message is of another kind, or a field is missing, unknown or invalid.
     """
     kinds = {get_args(each.model_fields["kind"].annotation)[0]: each for each in (one, other)}
     kind = message["kind"]
@@ -324,7 +312,7 @@ def read_message(message: Mapping[str, Any], one: type[One], other: type[Other],
 
 
 def observation_to_message(observation: Observation) -> dict[str, Any]:
-    """Return the plain values and arrays of an observation, as :class:`ObservationMessage` reads them."""
+    """Return an observation as plain values and arrays for :class:`ObservationMessage`."""
     cloud = observation.cloud
     return {
         "step": observation.step,

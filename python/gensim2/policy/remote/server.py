@@ -1,7 +1,8 @@
-"""``gensim2 policy serve``: a controller behind a websocket.
+"""``gensim2 policy serve``: offer a controller over a websocket.
 
-A sender is a stranger until its first message has the token. Strangers are few at a time, get a few seconds and a few
-kB, and each has a thread of its own; only the one loop that is served reaches the controller.
+A client counts as a stranger until its first message has shown the token. Few strangers may connect at a time, each
+has a thread of its own, and they get a few seconds and a few kB. Only one authenticated client at a time uses the
+controller.
 """
 
 from __future__ import annotations
@@ -42,31 +43,31 @@ from gensim2.rollout.controller import Controller, is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec, close
 
 GREETING = 5.0
-"""Seconds within which a stranger must open the websocket, and as many within which it must send the token."""
+"""Time limits for a stranger to open the websocket, and then to send the token, s."""
 LEAVING = 1.0
-"""Seconds for which a loop waits for the one before it, whose connection is being closed, before it is refused."""
+"""Time for which a new client waits while the connection of the previous one is closed, before it is refused, s."""
 CLOSING = 0.2
-"""Seconds within which a peer must confirm that its connection is closed; what it sends meanwhile is discarded."""
+"""Time limit for a client to confirm that its connection is closed, s; data received meanwhile are discarded."""
 MAX_STRANGERS = 4
-"""Connections at a time that have not sent the token; others are closed at once."""
+"""Largest number of connections without a token; further ones are closed at once."""
 MAX_CONTROL_FRAMES = 100
-"""Pings, pongs and closing frames of a stranger; one that sends more is dropped."""
+"""Largest number of control frames from a stranger; its connection is closed after more."""
 READING = 1.0
-"""Seconds for which a message to a peer that reads nothing is waited for before the connection is closed."""
+"""Time limit for sending to a client that does not read, s."""
 
 
 class PolicyServer:
-    """Serves one controller to one loop at a time.
+    """Serves a controller to one client at a time.
 
     Args:
-        controller: how it is made; must not be privileged.
-        robot_name: that it drives.
-        token: that whoever asks must know; 16 characters or more.
-        host, port: that it listens at; port 0: any that is free.
-        said: is told of connections, a line each.
+        controller: specification of the controller; must not be privileged.
+        robot_name: name of the robot that the controller drives.
+        token: secret that clients must send; 16 characters or more.
+        host, port: address to listen at; port 0 selects a free port.
+        said: callback that gets a line for each connection event.
 
     Raises:
-        InputError: the controller is shown the truth of a simulation, or the token is too short.
+        InputError: the controller is privileged, or the token is too short.
         ControllerError: the controller cannot be made with its arguments.
         MissingExtraError: websockets or msgpack is not installed.
     """
@@ -119,11 +120,11 @@ class PolicyServer:
 
     @property
     def url(self) -> str:
-        """Address that a loop connects to."""
+        """Address for clients."""
         return f"ws://{self.host}:{self.port}"
 
     def serve(self) -> None:
-        """Answer until :meth:`close` is called."""
+        """Serve until :meth:`close` is called."""
         before = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_INTERVAL)  # strangers' threads give up the interpreter soon
         try:
@@ -132,7 +133,7 @@ class PolicyServer:
             sys.setswitchinterval(before)
 
     def close(self) -> None:
-        """Stop listening, and close every connection and the controller.
+        """Stop listening, and close all connections and the controller.
 
         Raises:
             ControllerError: the controller's ``close`` fails.
@@ -143,13 +144,14 @@ class PolicyServer:
         close(self._controller)
 
     def _admit(self, peer: socket.socket, address: Any) -> None:
-        """Go through a connection from its first byte, unless there are too many strangers."""
+        """Serve a connection, or close it if there are too many strangers."""
         if not self._strangers.acquire(blocking=False):
             peer.close()
             return
         self._peer.address, self._peer.is_known = address, False
         try:
-            # The library answers pings while it holds the lock that closing the connection needs.
+            # The library answers pings while it holds the lock that is needed to close the connection, so sending must
+            # time out.
             seconds, share = divmod(READING, 1.0)
             peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", int(seconds), int(1e6 * share)))
             self._speak(peer, address)
@@ -157,7 +159,7 @@ class PolicyServer:
             self._trust()
 
     def _trust(self) -> None:
-        """Count this thread's connection among the strangers no longer."""
+        """Stop counting this thread's connection as a stranger."""
         if not self._peer.is_known:
             self._peer.is_known = True
             self._strangers.release()
@@ -197,7 +199,7 @@ class PolicyServer:
             self._said(f"{who} gone")
 
     def _greet(self, message: dict[str, Any], who: str) -> str | None:
-        """Return why a first message is refused; None where it is not. Without the token nothing is told."""
+        """Return why a first message is refused, or None; without the token no reason is sent."""
         token = message.get("token")
         if message["kind"] != "hello" or not isinstance(token, str):
             return "no token"
@@ -236,7 +238,7 @@ class PolicyServer:
                 if isinstance(request, Reset):
                     self._controller.reset(observation, request.seed)
                     if not self._is_warm:
-                        # A network's first action takes longest: ask for one here, where no deadline counts.
+                        # A network's first action takes longest, so compute one here, where no deadline applies.
                         self._controller.act(observation)
                         self._is_warm = True
                         self._controller.reset(observation, request.seed)

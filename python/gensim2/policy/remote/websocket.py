@@ -1,4 +1,4 @@
-"""Limits on websockets that the library itself does not have."""
+"""Limits on websockets that the websockets library lacks."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from typing import Any
 from gensim2.core.errors import one_line
 
 CHUNK = 1 << 16
-"""Bytes that are read at a time from a known peer."""
+"""Number of bytes read at a time from an authenticated peer."""
 
 
 def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
-    """Return a connection class that drops a peer that sends a message in fragments, or too many control frames.
+    """Return a connection class that drops a peer which fragments messages or sends too many control frames.
 
-    Our messages have one frame. The library bounds the bytes of a message but not the number of its fragments, so
-    that a stranger could fill the memory with empty ones. It also answers every ping, which a stranger need not read.
+    Our messages have a single frame. The library limits the size of a message but not the number of its fragments, so a
+    stranger could fill the memory with empty ones. It also answers every ping, and a stranger might never read the
+    answers.
 
     Args:
         kind: ``ClientConnection`` or ``ServerConnection`` of ``websockets.sync``.
-        chunk: bytes that are read, and whose frames are parsed, before any of them is looked at.
-        most: pings, pongs and closing frames that the peer may send, which are ``max_control_frames`` of a connection.
+        chunk: number of bytes that are read and parsed at a time.
+        most: largest number of control frames from the peer; stored as ``max_control_frames``.
     """
     from websockets.frames import DATA_OPCODES, Frame
 
@@ -45,7 +46,7 @@ def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
 
 
 class _Lines(logging.Handler):
-    """Turns what the library logs into one line each, without tracebacks."""
+    """Reduces the library's log messages to one line each, without tracebacks."""
 
     def __init__(self, said: Callable[[str], None]) -> None:
         super().__init__(logging.ERROR)
@@ -59,10 +60,10 @@ class _Lines(logging.Handler):
 
 
 def logger(said: Callable[[str], None] = lambda line: None) -> logging.Logger:
-    """Return a logger of its own for a connection.
+    """Return a logger for one connection.
 
     Args:
-        said: is called with each error, on one line.
+        said: callback that gets each error as one line.
     """
     found = logging.Logger("websockets", logging.ERROR)
     found.addHandler(_Lines(said))
