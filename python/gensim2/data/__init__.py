@@ -1,4 +1,4 @@
-"""Data sets: collected in one go or in many, kept an episode a file, the same bytes whatever happened on the way."""
+"""Data sets: collected at once or in several calls, one file for each episode, independent of interruptions."""
 
 from __future__ import annotations
 

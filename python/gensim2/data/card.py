@@ -1,4 +1,4 @@
-"""A data set's card, ``README.md``, for whoever finds the folder in a year; its head is what hubs of data sets read."""
+"""Write a data set's card, ``README.md``, with the metadata header that data set hubs read."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gensim2.rollout.tally import interval
 
 CARD = "README.md"
 
-#: What begins something in Markdown or HTML wherever it stands, and what no text has.
+#: Characters with a special meaning in Markdown or HTML, and control characters.
 _SPECIAL = re.compile(r"[<>&|\\`*_\[\]~$!:@#]|[^\S ]|[\x00-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
 _HOW_TO_READ = {
@@ -53,10 +53,10 @@ state, action = root["data/state"][: ends[0]], root["data/action"][: ends[0]]   
 
 
 def card(path: Path) -> Path:
-    """Write the card of a data set into its folder and return its file.
+    """Write the card of a data set into its folder and return the file.
 
     Raises:
-        InputError: the data set cannot be read, its collection is not complete, or nothing held.
+        InputError: the data set cannot be read, its collection is incomplete, or no episode succeeded.
     """
     dataset = DataSet.open(path)
     stores = [dataset.task(name) for name in dataset.tasks]
@@ -68,7 +68,7 @@ def card(path: Path) -> Path:
 
 @dataclass(frozen=True)
 class Described:
-    """Counts of one task's episodes, for a card.
+    """Counts of one task's episodes for a card.
 
     Attributes:
         store: episodes of the task.
@@ -83,7 +83,7 @@ class Described:
 
     @staticmethod
     def of(store: TaskStore, rows: Iterable[Episode]) -> Described:
-        """Count episodes, one of which is in memory at a time."""
+        """Count episodes, with one in memory at a time."""
         episodes = steps = 0
         objects: set[tuple[str, str]] = set()
         for row in rows:
@@ -96,9 +96,9 @@ def write_card(dataset: DataSet, described: Sequence[Described], out: Path, kind
     """Write the card of some episodes of a data set.
 
     Args:
-        described: their tasks.
+        described: counts by task.
         out: folder to write to.
-        kind: ``"native"`` or a format.
+        kind: ``"native"`` or the name of an export format.
     """
     write_atomic(out / CARD, _text(dataset, described, kind))
     return out / CARD
@@ -170,7 +170,7 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
 
 
 def _frames(profile: RobotProfile, kind: str) -> list[str]:
-    """The section about what a frame holds, of the formats that are made of frames."""
+    """Return the section that describes a frame, for the formats that store frames."""
     if kind not in ("lerobot", "zarr"):
         return []
     joints, arm = ", ".join(profile.model.joint_names), ", ".join(profile.arm_joints)
@@ -224,5 +224,5 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def _text_of(text: str) -> str:
-    """Text that Markdown and HTML show as it is, on one line: descriptions come from strangers and language models."""
+    """Escape text for Markdown and HTML on one line, because descriptions may be untrusted."""
     return _SPECIAL.sub(lambda found: f"&#{ord(found[0])};", " ".join(text.split()))

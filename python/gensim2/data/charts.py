@@ -1,4 +1,4 @@
-"""Drawings of what a data set covers, as SVG for a page."""
+"""SVG charts of a data set's coverage."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from gensim2.core.errors import MissingExtraError
 from gensim2.data.quality import TaskQuality
 
 _INCHES = (2.3, 2.1)
-"""Five of them side by side fill a page."""
+"""Size of a chart, inches; five of them side by side fill a page."""
 _POINTS = 9
-"""Of text: 12 pixels of CSS, since drawings are shown at their own size."""
+"""Font size, points: 12 CSS pixels."""
 _INK, _GOOD, _BAD, _FILL = "#76839a", "#2a9d6a", "#d0553f", "#4a7fd0"
-"""Seen on light pages and on dark ones."""
+"""Colours that are visible on light and on dark pages."""
 
 
 def charts(quality: TaskQuality) -> tuple[str, ...]:
-    """Draw histograms of object positions, openness, durations, arm jerk and clearance from what it is not to touch.
+    """Draw histograms of object positions, openness, durations, arm jerk and clearance.
+
     The same data give the same text.
 
     Raises:
@@ -37,7 +38,7 @@ def _places(axes: Any, places: Sequence[tuple[float, float, float, bool]]) -> No
     for held, colour, label in ((True, _GOOD, "held"), (False, _BAD, "not held")):
         points = [(x, y) for x, y, _, each in places if each == held]
         if points:
-            # The robot looks along x: what lies to its left is left in the picture.
+            # The robot looks along x, so objects to its left are on the left of the chart.
             axes.scatter([-y for _, y in points], [x for x, _ in points], s=16, c=colour, label=label, linewidths=0)
     axes.set(title="where it stood (m)", xlabel="right of the robot", ylabel="ahead")
     axes.set_aspect("equal", adjustable="datalim")
@@ -65,7 +66,7 @@ def _drawing(salt: str, draw: Any) -> str:
     coloured = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
     sized = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
     settings: dict[Any, Any] = {**dict.fromkeys(coloured, _INK), **dict.fromkeys(sized, _POINTS)}
-    # Text stays text; with fixed names and without a date the same data give the same bytes.
+    # Text stays text. With fixed names and without a date the same data give the same bytes.
     settings |= {"svg.hashsalt": salt, "svg.fonttype": "none"}
     with matplotlib.rc_context(settings):
         figure = Figure(figsize=_INCHES, layout="constrained", facecolor="none")

@@ -1,4 +1,4 @@
-"""Clearance between the robot and what it is not to touch, from recorded states and the solver's own geometry."""
+"""Clearance between the robot and its obstacles, from recorded states with the solver's geometry."""
 
 from __future__ import annotations
 
@@ -21,55 +21,55 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 FARTHEST = 0.2
-"""Metres beyond which distances are not measured: a clearance is at most that."""
+"""Largest measured clearance, m."""
 TOUCH = 1e-3
-"""Metres from both fingers within which an object is held."""
+"""Distance (m) to both fingers within which an object counts as grasped."""
 STILL = 1e-4
-"""Metres, and entries of rotation matrices, by which a body may move before it is put where it is."""
+"""Movement of a body (m, and entries of rotation matrices) below which its pose in the scene is not updated."""
 ITSELF = "itself"
 
 _HELD = "/held"
-"""Name in the solver's scene; no body of an object is called so."""
+"""Name of the grasped object in the solver's scene; it differs from all names of bodies."""
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """Of one episode.
+    """Clearance of one episode.
 
     Attributes:
-        distance: smallest distance at any recorded instant, m; negative where things overlap, at most ``FARTHEST``.
-        to: what came nearest: ``"table"``, ``"itself"`` or an object's name; None where nothing came near.
+        distance: smallest recorded distance, m; negative for overlaps, at most ``FARTHEST``.
+        to: nearest obstacle: ``"table"``, ``"itself"`` or an object's name; None if nothing was near.
     """
 
     distance: float
     to: str | None
 
     def least(self, other: Clearance) -> Clearance:
-        """The smaller of both."""
         return min(self, other, key=lambda each: each.distance)
 
 
 @dataclass(frozen=True)
 class _Body:
-    """A piece of the scene: its convex parts, and (T, 4, 4) where it was, in the base frame."""
+    """A rigid part of the scene: its convex hulls, and its poses (T, 4, 4) in the base frame."""
 
     hulls: tuple[Array, ...]
     poses: Array
 
 
 class ClearanceMeter:
-    """Measures episodes of one task.
+    """Measures the clearance of one task's episodes.
 
-    The robot's links are measured against the table, each other, and every object that no step acts on. What both
-    fingers touch they hold; it counts as a part of the hand, but not against the table and not against the object that
-    it stood on: it is picked up from there. Objects that steps act on are meant to be touched. Pairs of links that can
-    never touch, by the robot's description, are left out, and so are links that no joint moves.
+    The robot's links are measured against the table, each other, and every object that no step acts on. An object that
+    both fingers touch counts as grasped. It is then part of the hand, except against the table and the object on which
+    it
+    stood at the start. Objects that steps act on are meant to be touched and are left out, and so are pairs of links
+    that
+    can never touch and links that no joint moves.
 
     Args:
-        profile: of the robot.
-        task: of the episodes.
-        library: of their objects.
-        hulls: how real meshes became collision parts where the episodes were recorded.
+        task: task of the episodes.
+        library: library of their objects.
+        hulls: method by which meshes became collision hulls when the episodes were recorded.
     """
 
     def __init__(self, profile: RobotProfile, task: TaskSpec, library: Library, hulls: Hulls = "default") -> None:
@@ -79,10 +79,10 @@ class ClearanceMeter:
         self._may_be_held = tuple(name for name in rigid if name in task.acted_on)
 
     def of(self, recording: Recording) -> Clearance:
-        """Look at every recorded instant of an episode.
+        """Return the smallest clearance over all recorded instants of an episode.
 
         Raises:
-            InputError: an object's files cannot be used, or the states are not of this task and robot.
+            InputError: an object's files cannot be used, or the states do not fit the task and robot.
         """
         states, size = recording.env_states, len(self._profile.model.joint_names)
         q = state_rows(states, "articulations", self._profile.agent, 13 + 2 * size)[:, 13 : 13 + size].astype(float)
@@ -98,7 +98,7 @@ class ClearanceMeter:
         return found
 
     def _nearest(self, q: Array, bodies: Mapping[str, _Body], held: _Body | None, instants: Indices) -> Clearance:
-        """Over some instants; where ``held`` rides on the hand, it is held at all of them."""
+        """Return the smallest clearance over some instants; ``held``, if given, is grasped at all of them."""
         least = Clearance(FARTHEST, None)
         if not len(instants):
             return least
@@ -123,7 +123,7 @@ class ClearanceMeter:
         return least
 
     def _held(self, q: Array, thing: _Body) -> Indices:
-        """Instants at which both fingers touch it."""
+        """Return the instants at which both fingers touch an object."""
         fingers, found = set(self._profile.gripper.pads), []
         scene = kpam.Scene(self._profile.model, [_body(_HELD, thing.hulls, "rigid", thing.poses[0])])
         for instant, (joints, pose) in enumerate(zip(q, thing.poses, strict=True)):
@@ -133,7 +133,7 @@ class ClearanceMeter:
         return np.array(found, dtype=np.int64)
 
     def _bodies(self, recording: Recording, name: str) -> dict[str, _Body]:
-        """Pieces of an object, by ``<object>/<link>``."""
+        """Return the bodies of an object, by ``<object>/<link>``."""
         asset_class = self._task.objects[name].asset_class
         model: ObjectModel = self._library.load(asset_class, recording.instances[name], self._hulls)
         T_base_world = np.linalg.inv(self._profile.T_world_base)
@@ -165,7 +165,7 @@ def _named(pair: tuple[str, str], bodies: Mapping[str, _Body]) -> str:
 
 
 def _spans(poses: Array) -> Iterator[slice]:
-    """Spans of (T, B, 4, 4) instants over which nothing moves by more than ``STILL`` from where it was first."""
+    """Yield ranges of instants in which no pose (T, B, 4, 4) changes by more than ``STILL``."""
     begin = 0
     for instant in range(1, len(poses)):
         if np.abs(poses[instant] - poses[begin]).max(initial=0.0) > STILL:

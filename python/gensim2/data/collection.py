@@ -1,4 +1,4 @@
-"""``gensim2 collect``: a queue of (task, index); what comes of each is a function of (seed, task, index) alone."""
+"""``gensim2 collect``: run episodes whose outcome depends only on seed, task and index."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
 from gensim2.rollout.inputs import TaskInput, check_counts, only_strategies, read_task_inputs
 
 SCHEMA_VERSION = 1
-"""Of what the command prints."""
+"""Version of the command's JSON output."""
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,10 @@ class CollectionResult:
     """Result of a collection.
 
     Attributes:
-        folder: of the data set.
-        status: at the end.
-        skipped: tasks that could not be run on these objects, with the reason.
-        cpu_s: CPU of all processes in this call, their start apart.
+        folder: folder of the data set.
+        status: final status.
+        skipped: reasons by task for tasks that cannot be run with these objects.
+        cpu_s: CPU time of all processes in this call, s, without their start.
     """
 
     folder: Path
@@ -35,7 +35,6 @@ class CollectionResult:
     cpu_s: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         status = self.status
         return {
             "schema_version": SCHEMA_VERSION,
@@ -66,7 +65,7 @@ def collect(
     listener: Listener | None = None,
     **scene: Unpack[RunArguments],
 ) -> CollectionResult:
-    """Collect a data set of demonstrations; each episode is kept as soon as it is finished.
+    """Collect a data set of demonstrations; each episode is stored as soon as it is finished.
 
     Example:
         ```python
@@ -75,29 +74,29 @@ def collect(
         ```
 
     Args:
-        tasks: names of library tasks, or folders that hold task.yaml and strategies/. None given: the whole suite.
-            A task whose classes the objects lack is named in the result and left out.
-        episodes: number of episodes that are tried of each task.
+        tasks: names of library tasks, or folders with task.yaml and strategies/; empty for the whole suite. A task
+            whose
+            object classes are not available is skipped and listed in the result.
+        episodes: number of episodes to run for each task.
         out: folder of the data set.
-        seed: seed of the scenes; nothing else draws from the same ones.
-        keep_failures: keep the states of episodes that do not hold, too; their records are kept in any case.
-        noise: standard deviation, rad, of what the arm is sent elsewhere by now and then; what was meant is recorded
-            beside what was sent (:mod:`gensim2.rollout.noise`).
-        strategy: names: a step that has any of them is done in no other way.
-        objects: generated ones of each articulated class to draw from in place of those that ``instances`` says,
-            beyond the listed and the new ones, drawn by the seed; None: those of ``instances``.
-        resume: go on with the data set that ``out`` holds, if it does; it may get more episodes and more tasks.
-        listener: listener for the state of every task.
-        scene: of the scenes, the chain of steps and the worker processes: see
-            :class:`~gensim2.rollout.config.RunArguments`.
+        seed: seed of the scenes; no other command uses the same scenes.
+        keep_failures: also store the states of failed episodes; their records are always stored.
+        noise: standard deviation, rad, of occasional disturbances of the arm's commands; the undisturbed commands are
+            recorded as well (:mod:`gensim2.rollout.noise`).
+        strategy: names of strategies; a step that has any of them uses no others.
+        objects: number of generated objects of each articulated class to use in place of ``instances``, different from
+            the listed and the ``new`` ones; None: use ``instances``.
+        resume: continue the data set in ``out``, possibly with more episodes or tasks.
+        listener: gets the status of every task.
+        scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Returns:
-        Counts of the episodes by task, and the tasks that were left out.
+        Counts of the episodes by task, and the skipped tasks.
 
     Raises:
-        InputError: an argument cannot be used, or what an earlier run left.
-        WriteError: no room is left; what was finished is kept, and ``resume`` goes on.
-        NotRunError: some episodes could not be run; all others are finished, and ``resume`` tries them again.
+        InputError: an argument is invalid, or the existing data set cannot be continued.
+        WriteError: the disk is full; finished episodes are kept, and ``resume`` continues.
+        NotRunError: some episodes could not be run; all others are finished, and ``resume`` retries them.
     """
     check_counts(episodes=episodes)
     execution = Execution.of(scene)
@@ -107,7 +106,7 @@ def collect(
         counted = all_with_objects(given, objects, seed)
         given = [replace(one, instances=word.instances) for one, word in zip(counted, given, strict=True)]
     given = [replace(one, rollout=replace(one.rollout, noise=noise)) for one in only_strategies(given, strategy)]
-    # Only now what takes long to import.
+    # Imported late because these modules take long to import.
     from gensim2.data.queue import ERRORS_LOG, CollectionFolder, Queue
     from gensim2.rollout.runner import EpisodeRunner
 

@@ -1,7 +1,7 @@
-"""The native data set: one file an episode, one folder a task, one description of all (docs/reference/data_format.md).
+"""The native data set: one file for each episode, one folder for each task (docs/reference/data_format.md).
 
 dataset = DataSet.open(Path("runs/night"))
-for row in dataset.task("OpenBox").rows():          # every episode that was tried, by index
+for row in dataset.task("OpenBox").rows():          # every episode, by index
     if row.held:
         stored = dataset.task("OpenBox").read(row)  # its states and actions
 """
@@ -40,8 +40,8 @@ class DataSet:
 
     Args:
         path: folder of the data set.
-        record: its ``dataset.json``.
-        assets: folder where its objects are now; None: where they were.
+        record: contents of its ``dataset.json``.
+        assets: present folder of its objects; None: the recorded folder.
     """
 
     def __init__(self, path: Path, record: DatasetRecord, assets: str | None = None) -> None:
@@ -49,16 +49,17 @@ class DataSet:
 
     @staticmethod
     def open(path: Path | str, assets: Path | str | None = None) -> DataSet:
-        """Read what a collection left, finished or not.
+        """Open a data set, finished or not.
 
         Args:
             path: folder of the data set.
-            assets: folder where its objects are now; None: where they were. Those of gensim2 do not move. Whoever looks
-                at an episode's objects checks that they are the same (:mod:`gensim2.data.used_objects`).
+            assets: present folder of its objects; None: the recorded folder. Not used for built-in objects. The
+                objects'
+                content is checked when they are first used (:mod:`gensim2.data.used_objects`).
 
         Raises:
-            InputError: ``dataset.json`` is not there, is damaged, or another version of gensim2 wrote it; ``assets``
-                holds no objects.
+            InputError: ``dataset.json`` is missing, damaged, or of another version of gensim2; or ``assets`` has no
+                objects.
         """
         path = Path(path)
         file = path / DATASET_JSON
@@ -68,15 +69,15 @@ class DataSet:
 
     @property
     def assets(self) -> str:
-        """Folder where its objects are said to be, or ``"builtin"``; it need not be there."""
+        """Folder of its objects, which may not exist, or ``"builtin"``."""
         return self.record.scene.assets if self._assets is None else self._assets
 
     @cached_property
     def scene(self) -> SceneOptions:
-        """Options that the scenes of all tasks share, with the objects where they are now.
+        """Return the scene options that all tasks share, with the present folder of the objects.
 
         Raises:
-            InputError: the folder of objects is not there.
+            InputError: the folder of objects does not exist.
         """
         if self._assets is None and self.assets != BUILTIN and not Path(self.assets).is_dir():
             raise InputError(
@@ -92,20 +93,20 @@ class DataSet:
         write_json(self.path / DATASET_JSON, self.record.model_dump())
 
     def frames(self, tasks: Sequence[str] = (), *, observations: bool | None = None, horizon: int = 1) -> FrameAccess:
-        """Frames by number, in any order; ``.torch()`` of them is a ``torch.utils.data.Dataset``.
+        """Return all frames for random access; ``.torch()`` turns them into a ``torch.utils.data.Dataset``.
 
         Args:
-            tasks: names; none: all.
+            tasks: names of the tasks; empty for all.
             observations, horizon: as for :class:`~gensim2.data.frame_access.FrameAccess`.
 
         Raises:
-            InputError: as there.
+            InputError: as for :class:`~gensim2.data.frame_access.FrameAccess`.
         """
         stores = [self.task(name) for name in tasks or self.tasks]
         return FrameAccess(stores, self.record.scene.robot, observations=observations, horizon=horizon)
 
     def observation_spec(self) -> ObservationSpec:
-        """Return the observation spec that it was rendered with.
+        """Return the observation spec of its rendered observations.
 
         Raises:
             InputError: it was not rendered, or a file of observations is damaged.
@@ -122,7 +123,7 @@ class DataSet:
         return tuple(self.record.tasks)
 
     def task(self, name: str) -> TaskStore:
-        """The episodes of a task.
+        """Return the episodes of a task.
 
         Raises:
             InputError: the data set has no such task.

@@ -1,4 +1,4 @@
-"""Collect demonstrations: episodes of fresh seeds in order, those that hold are kept, until there are enough."""
+"""Collect demonstrations: run episodes with new seeds in order until enough of them succeed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gensim2.rollout.tally import Tally
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 
-#: Episodes tried for each demonstration that was asked for, before the collection gives up.
+#: Episodes per requested demonstration after which the collection gives up.
 TRIES_PER_DEMO = 5
 
 
@@ -30,7 +30,7 @@ class Collected:
     """Result of a collection.
 
     Attributes:
-        episodes: those that were run, by index.
+        episodes: all episodes that were run, by index.
     """
 
     episodes: tuple[Episode, ...]
@@ -60,22 +60,24 @@ def collect(
     video: bool = True,
     progress: Progress = NULL_PROGRESS,
 ) -> Collected:
-    """Record demonstrations until ``episodes`` have held, and merge them.
+    """Record demonstrations until ``episodes`` have succeeded, and merge them into one trajectory.
 
-    Each is written when it is finished; of those that fail the record alone is kept. A second call makes what is
-    missing or damaged. Which episodes are run depends on the seed alone: those of the shortest run of indices from 0
-    that holds enough successes.
+    Each episode is written when it is finished; of failed episodes only the record is kept. A second call makes missing
+    and
+    damaged episodes. The result depends on the seed only: the collection ends at the first index at which enough
+    episodes
+    have succeeded.
 
     Args:
-        instances: which instances episodes draw from, one word.
-        episodes: demonstrations wanted.
+        instances: name of the set of objects.
+        episodes: number of demonstrations.
 
     Returns:
-        Fewer than ``episodes`` demonstrations where too many episodes failed.
+        The episodes; fewer than ``episodes`` demonstrations if too many episodes failed.
 
     Raises:
-        NotRunError: episodes could not be run; all others that may be needed are finished.
-        InputError: what an earlier run left cannot be used.
+        NotRunError: episodes could not be run; all other necessary episodes are finished.
+        InputError: files of an earlier run cannot be used.
     """
     store = TaskStore(files.path)
     seeds = scene_seeds(seed, task.name, "demos", TRIES_PER_DEMO * episodes)
@@ -123,7 +125,7 @@ def collect(
 
 
 def _film(folder: Path, task: TaskSpec, evaluator: EpisodeRunner, progress: Progress) -> None:
-    """Film the first demonstration in a worker; where no picture can be made, say so and go on."""
+    """Record a video of the first demonstration in a worker; report a missing renderer and continue."""
     from gensim2.sim import rendering
 
     if not rendering.can_render():
@@ -139,5 +141,5 @@ def _film(folder: Path, task: TaskSpec, evaluator: EpisodeRunner, progress: Prog
 
 
 def film_job(trajectory: Path, video: Path, still: Path) -> int:
-    """Film the first episode; return the number of frames."""
+    """Record a video of a trajectory's first episode and return the number of frames."""
     return film(Replay.stored(trajectory), video, still=still).frames

@@ -1,4 +1,4 @@
-"""One episode in one sealed file: HDF5 with the dataset ``episode``, and ``traj`` where the states were kept."""
+"""One episode in one checksummed HDF5 file: the dataset ``episode``, and ``traj`` if its states are stored."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import EpisodeResult, Recording
 from gensim2.rollout.world import Tree
 
-#: Chosen by benchmarks/stores.py: half the bytes of plain HDF5 at the same CPU; versions before 1.10 spend 2 kB of
-#: index on each of the ten arrays.
+#: HDF5 versions, chosen by benchmarks/stores.py: half the size of plain HDF5 at the same CPU time. Versions before 1.10
+#: use 2 kB of index for each of the ten arrays.
 LIBVER = ("v110", "v110")
 _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}
 
-#: Where each array of a recording lies below ``traj``: names, shapes and types of ManiSkill's ``RecordEpisode``.
+#: Arrays of a recording below ``traj``, with names, shapes and types of ManiSkill's ``RecordEpisode``.
 _ARRAYS = ("obs", "actions", "terminated", "truncated", "success", "rewards")
 
 STATES_DEPTH = 2
-"""Levels of groups below ``env_states``: kinds, and things by name."""
+"""Levels of groups below ``env_states``: kinds, then things by name."""
 MAX_ARRAY = 128 * 2**20
-"""Bytes of one array of a recording."""
+"""Largest array of a recording, bytes."""
 
 MAX_ROW = 64 * 2**20
-"""Bytes of the record of an episode."""
+"""Largest record of an episode, bytes."""
 
 _EPISODE = TypeAdapter(Episode)
 
 
 class DamagedEpisodeError(InputError):
-    """A file is not the whole file of an episode."""
+    """A file is not a complete episode file."""
 
 
 _REMEDY = "delete it and resume"
@@ -50,11 +50,11 @@ _SEAL = Seal("gensim2-episode", 1, "is not a finished episode", _REMEDY, Damaged
 
 
 class RecordingHeader(BaseModel):
-    """Metadata of a recording in an episode's file; the fields are those of :class:`Recording`.
+    """Metadata of a recording; the fields are those of :class:`Recording`.
 
     Attributes:
-        steps: T.
-        success: at the end.
+        steps: T, number of control steps.
+        success: whether the goal was reached at the end.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True)
@@ -71,12 +71,10 @@ _RECORDED = TypeAdapter(RecordingHeader)
 
 
 def write_episode(path: Path, episode: Episode, recording: Recording | None) -> str:
-    """Write the file of an episode, whole or not at all, and return its digest.
-
-    The same episode gives the same bytes.
+    """Write an episode's file atomically and return its digest; the same episode gives the same bytes.
 
     Args:
-        recording: its states; None keeps the record alone.
+        recording: its states; None stores the record only.
 
     Raises:
         WriteError: the folder cannot be written to.
@@ -92,11 +90,11 @@ def write_episode(path: Path, episode: Episode, recording: Recording | None) -> 
 
 
 def episode_digest(path: Path) -> str:
-    """Digest of an episode's file, all of whose bytes are those that were written.
+    """Check the bytes of an episode's file and return its digest.
 
     Raises:
-        DamagedEpisodeError: they are not.
-        InputError: it cannot be read, or another version of gensim2 wrote it.
+        DamagedEpisodeError: the bytes have changed.
+        InputError: the file cannot be read, or another version of gensim2 wrote it.
     """
     return _SEAL.read(path)[0]
 
@@ -112,7 +110,7 @@ def read_row(path: Path) -> Episode:
 
 
 def read_episode(path: Path) -> EpisodeResult:
-    """Return the whole of an episode's file.
+    """Read an episode's file.
 
     Raises:
         DamagedEpisodeError, InputError: as for :func:`episode_digest`.
@@ -124,7 +122,7 @@ def read_episode(path: Path) -> EpisodeResult:
 
 @contextlib.contextmanager
 def open_episode(path: Path) -> Iterator[tuple[Episode, RecordingHeader | None, h5py.Group | None]]:
-    """Give the record, the recording's metadata and the group ``traj`` of an episode's file; None without states.
+    """Yield the record, the recording's metadata and the group ``traj`` of an episode's file; the last two may be None.
 
     Raises:
         DamagedEpisodeError, InputError: as for :func:`episode_digest`.
@@ -176,7 +174,7 @@ def _write_tree(group: h5py.Group, tree: Tree) -> None:
 
 
 def _write_array(group: h5py.Group, name: str, array: np.ndarray[Any, Any]) -> None:
-    """As one chunk: an episode is read whole, and small chunks compress badly."""
+    """Write an array as a single chunk: episodes are read as a whole, and small chunks compress badly."""
     if array.size:
         group.create_dataset(name, data=array, chunks=array.shape, **_FILTERS)
     else:
@@ -184,14 +182,14 @@ def _write_array(group: h5py.Group, name: str, array: np.ndarray[Any, Any]) -> N
 
 
 def read_recording(group: h5py.Group, recorded: Mapping[str, Any]) -> Recording:
-    """Return the recording in a group ``traj``.
+    """Read the recording in a group ``traj``.
 
     Args:
         recorded: its metadata, as plain data.
 
     Raises:
-        KeyError: ``recorded`` lacks something.
-        ForeignHdf5Error: the group does, or holds what it may not.
+        KeyError: ``recorded`` lacks a field.
+        ForeignHdf5Error: the group lacks an array, or has something unexpected.
     """
     return Recording(
         seed=recorded["seed"],

@@ -1,4 +1,4 @@
-"""Frames of a data set by number: what a loader of training data asks for, in any order."""
+"""Random access to the frames of a data set, for loaders of training data."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 
 OPEN_FILES = 64
-"""Files of observations that a process keeps open."""
+"""Largest number of observation files that a process keeps open."""
 KEPT_EPISODES = 1024
-"""Episodes whose states and actions a process keeps, some 20 kB each."""
+"""Number of episodes whose states and actions a process caches, about 20 kB each."""
 
 _ROOT = 13
-"""Numbers before the joints in a state of ManiSkill's: root pose and velocities."""
+"""Number of values before the joints in ManiSkill's states: root pose and velocities."""
 
 
 @dataclass(frozen=True)
@@ -54,30 +54,30 @@ class _Episode:
 
 @dataclass(frozen=True)
 class _Open:
-    """A file of observations and its arrays with a row a frame."""
+    """An observation file and its arrays with one row per frame."""
 
     file: h5py.File
     arrays: dict[str, h5py.Dataset]
 
 
 class FrameAccess:
-    """The frames of all episodes that held, one after the other.
+    """The frames of all successful episodes in sequence.
 
-    ``frames[i]`` is a mapping: what was seen, by the names of an :class:`~gensim2.perception.Observation`;
-    ``action``, ``reward``, ``success``, ``done``; ``language``; ``task_index``, ``episode_index``, ``frame_index``. A
-    file is read once as a whole, when it is first needed, to see that it is whole; from then on a frame is one chunk of
-    it. Map-style, and it pickles: :meth:`torch` is the same for a ``DataLoader``.
+    ``frames[i]`` is a mapping with observations, named as in :class:`~gensim2.perception.Observation`; ``action``,
+    ``reward``, ``success``, ``done``; ``language``; ``task_index``, ``episode_index``, ``frame_index``. Each file is
+    checked
+    as a whole when it is first used; after that a frame is read as a single chunk. The object can be pickled. For a
+    PyTorch ``DataLoader`` use :meth:`torch`.
 
     Args:
         stores: the episodes of each task, at least one.
-        robot_name: by which they were made.
-        observations: with what was rendered; None: where anything was.
-        horizon: actions from each frame on, (horizon, m + 1), the episode's last one repeated; ``action_is_pad`` says
-            which are. 1: (m + 1,).
+        robot_name: robot of the episodes.
+        observations: whether to include rendered observations; None: if there are any.
+        horizon: number of future actions with each frame. With more than 1, ``action`` is (horizon, m + 1), the last
+            action of the episode is repeated, and ``action_is_pad`` marks repetitions. With 1, ``action`` is (m + 1,).
 
     Raises:
-        InputError: the collection is not finished, or some episodes have observations and
-            others none, or ones of another spec.
+        InputError: the collection is not finished, or only some episodes have observations, or their specs differ.
     """
 
     def __init__(
@@ -121,11 +121,10 @@ class FrameAccess:
 
     @property
     def episodes(self) -> int:
-        """Number of episodes."""
         return len(self._episodes)
 
     def episode(self, number: int) -> range:
-        """Numbers of an episode's frames."""
+        """Return the frame numbers of an episode."""
         return range(self._ends[number - 1] if number else 0, self._ends[number])
 
     @property
@@ -133,7 +132,7 @@ class FrameAccess:
         """Observation spec of the rendered frames.
 
         Raises:
-            InputError: nothing was, or a file is damaged.
+            InputError: there are no observations, or a file is damaged.
         """
         if not self._observed:
             raise InputError("holds no observations", remedy="run `gensim2 render` on it")
@@ -174,7 +173,7 @@ class FrameAccess:
         }
 
     def torch(self) -> torch.utils.data.Dataset[dict[str, Any]]:
-        """The same frames as tensors, for a ``torch.utils.data.DataLoader`` with any number of workers."""
+        """Return the frames as tensors, for a ``torch.utils.data.DataLoader`` with any number of workers."""
         from gensim2.data.torch_frames import TorchFrames
 
         return TorchFrames(self)

@@ -1,4 +1,4 @@
-"""Observations of one episode in one sealed file: HDF5 with what they are of, and one dataset an array."""
+"""Observations of one episode in one checksummed HDF5 file: a description, and one dataset per array."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gensim2.perception import ObservationSpec
 from gensim2.perception.cloud import from_steps
 
 DESCRIPTION = "observation"
-"""Name of what the file is of, as JSON."""
+"""Name of the dataset with the description, as JSON."""
 MAX_DESCRIPTION = 2**20  # bytes
 DEPTH = 2  # groups inside each other: cameras/left/rgb
 
@@ -30,7 +30,7 @@ _ONE_FRAME: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shu
 
 
 class DamagedObservationError(InputError):
-    """A file is not the whole file of an episode's observations."""
+    """A file is not a complete observation file."""
 
 
 _SEAL = Seal(
@@ -47,10 +47,10 @@ class ObservedEpisode:
     """Observations of an episode of T steps.
 
     Attributes:
-        description: what it is of and how it was made, as plain data: ``task``, ``index``, ``episode_digest``,
-            ``language``, ``steps`` and everything of the spec.
-        arrays: by name; (T + 1, ...) but for the cameras' own: ``intrinsic`` and ``T_base_camera`` of fixed ones, and
-            ``T_link_camera`` of one that the robot carries, whose ``T_base_camera`` is (T + 1, 4, 4).
+        description: origin and settings as plain data: ``task``, ``index``, ``episode_digest``, ``language``, ``steps``
+            and all fields of the spec.
+        arrays: (T + 1, ...) by name, except for ``intrinsic``, the ``T_base_camera`` of fixed cameras and the
+            ``T_link_camera`` of cameras on the robot.
     """
 
     description: dict[str, Any]
@@ -58,15 +58,15 @@ class ObservedEpisode:
 
     @property
     def is_of_keypoints(self) -> bool:
-        """Whether its clouds are made of keypoints, which only a simulator knows."""
+        """Whether its clouds consist of keypoints, which only a simulator knows."""
         return bool(self.description.get("cloud", {}).get("source") == "keypoints")
 
 
 def write_observation(path: Path, description: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> str:
-    """Write a file, whole or not at all, and return its digest; the same content gives the same bytes.
+    """Write an observation file atomically and return its digest; the same content gives the same bytes.
 
     Args:
-        arrays: by name; ``pointcloud/xyz`` as steps.
+        arrays: by name; ``pointcloud/xyz`` as int16 steps of 0.1 mm.
 
     Raises:
         WriteError: the folder cannot be written to.
@@ -82,18 +82,18 @@ def write_observation(path: Path, description: Mapping[str, Any], arrays: Mappin
 
 
 def read_description(path: Path) -> dict[str, Any]:
-    """Read a file's description, after a check that the file is whole.
+    """Check a file and read its description.
 
     Raises:
-        DamagedObservationError: it is not whole.
-        InputError: it cannot be read, or another version of gensim2 wrote it.
+        DamagedObservationError: the file is damaged.
+        InputError: the file cannot be read, or another version of gensim2 wrote it.
     """
     with _opened(path) as file:
         return _description(file, path)
 
 
 def checked_description(path: Path, episode_digest: str | None) -> dict[str, Any]:
-    """Return a whole file's description, checked."""
+    """Return a file's description and check that it belongs to the episode with the given digest."""
     found = read_description(path)
     if found.get("episode_digest") != episode_digest:
         raise InputError("is of another episode", file=path, remedy="delete it and render with --resume")
@@ -101,10 +101,10 @@ def checked_description(path: Path, episode_digest: str | None) -> dict[str, Any
 
 
 def spec_of_file(description: Mapping[str, Any], path: Path) -> ObservationSpec:
-    """The spec that a file's description tells of.
+    """Return the observation spec in a file's description.
 
     Raises:
-        InputError: it tells of none.
+        InputError: the description has no valid spec.
     """
     try:
         return ObservationSpec.of({name: description[name] for name in ("modalities", "cameras", "cloud")})
@@ -113,13 +113,13 @@ def spec_of_file(description: Mapping[str, Any], path: Path) -> ObservationSpec:
 
 
 def read_observation(path: Path, episode_digest: str | None = None) -> ObservedEpisode:
-    """Return the whole of a file.
+    """Read an observation file.
 
     Args:
-        episode_digest: of the episode's file that it must be of; None: of any.
+        episode_digest: digest of the episode's file that it must belong to; None: any.
 
     Raises:
-        DamagedObservationError, InputError: as for :func:`read_description`, or it is of another episode.
+        DamagedObservationError, InputError: as for :func:`read_description`, or it belongs to another episode.
     """
     with _opened(path) as file:
         description = _description(file, path)
@@ -135,14 +135,14 @@ def read_observation(path: Path, episode_digest: str | None = None) -> ObservedE
 
 
 def frame_arrays(path: Path, frames: int) -> list[str]:
-    """Return the names of the arrays of a file that have a row a frame and become columns; they need no more checks.
+    """Return the names of a file's arrays that have one row per frame and become columns.
 
     Args:
-        path: of a file that is known to be whole.
-        frames: rows that each must have.
+        path: a file that was checked already.
+        frames: required number of rows.
 
     Raises:
-        DamagedObservationError: one has fewer, or is not what may stand in such a file.
+        DamagedObservationError: an array has fewer rows, or is not allowed in such a file.
     """
     try:
         with h5py.File(path, "r") as file:
@@ -163,7 +163,7 @@ def frame_arrays(path: Path, frames: int) -> list[str]:
 
 
 def _datasets(group: h5py.Group, prefix: str, depth: int) -> Iterator[tuple[str, h5py.Dataset]]:
-    """Arrays in a group and in the groups in it, by their paths."""
+    """Yield the arrays in a group and its subgroups by path."""
     for name in members(group):
         if prefix + name == DESCRIPTION:
             continue

@@ -1,4 +1,4 @@
-"""Observations of an episode: arrays computed from its recorded states. Called in worker processes."""
+"""Compute the observations of an episode from its recorded states, in worker processes."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 
 def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> Arrays:
-    """Everything that the spec asks for, (T + 1, ...) an array; states of T steps, and the one before the first.
+    """Return the observations of all states, (T + 1, ...) for T steps.
 
     Raises:
-        InputError: an object's files cannot be used, or there is no renderer for ``rgb``.
-        EmptyCloudError: the cameras see nothing of the workspace at some instant; it says at which.
+        InputError: an object's files cannot be used, or ``rgb`` needs a renderer that is missing.
+        EmptyCloudError: the workspace is empty in the point cloud of some instant; names the instant.
     """
     observer = _observer(recording, scene, spec)
     frames: dict[str, list[npt.NDArray[Any]]] = {}
@@ -46,8 +46,9 @@ def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> 
 
 
 def segmentation_ids(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> dict[str, list[str]]:
-    """Of each id in its segmentation (as JSON has keys) what it belongs to (an object's name, the robot, ``table``)
-    and the link; empty of a spec that casts no rays.
+    """Return owner (an object's name, the robot or ``table``) and link of each segmentation id.
+
+    The ids are strings, as keys in JSON. The result is empty if the spec casts no rays.
 
     Raises:
         InputError: an object's files cannot be used.
@@ -70,7 +71,7 @@ def _observer(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -
 
 
 def _stored(observation: Observation) -> Arrays:
-    """One instant by the names of its file."""
+    """Return one observation's arrays by their names in an observation file."""
     found: Arrays = {array: observation[column] for column, array in STORED.items()}
     if observation.cloud is not None:
         assert observation.cloud.segmentation is not None
@@ -103,7 +104,7 @@ def _pictures(scene: SceneConfig) -> Any:
 
 
 def objects_of(scene: SceneConfig, instances: Mapping[str, str]) -> dict[str, ObjectModel]:
-    """The objects of a scene by name, from the ids of their instances.
+    """Return the objects of a scene by name, given the ids of their instances.
 
     Raises:
         InputError: an object's files cannot be used.

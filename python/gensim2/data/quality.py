@@ -1,4 +1,4 @@
-"""Coverage of a data set and quality of its motions, counted episode by episode."""
+"""Coverage of a data set and quality of its motions, computed episode by episode."""
 
 from __future__ import annotations
 
@@ -23,26 +23,28 @@ from gensim2.scenes.physics import physics_switches
 from gensim2.tasks.spec import TaskSpec
 
 SAME_PLACE, SAME_YAW, SAME_OPENNESS = 1e-3, 0.02, 0.01
-"""m, rad and share within which two scenes are the same to a policy."""
+"""Differences (m, rad, share of the joint range) within which two scenes count as the same."""
 
 
 @dataclass
 class TaskQuality:
-    """One task of a data set.
+    """Quality figures of one task.
 
     Attributes:
-        name, sentence: of the task.
-        tried, held, strict, whole: episodes; whole: no step executed a part of a motion.
-        causes: why the others do not count as held.
-        places: x, y (m) and yaw (rad) of the object that the first step acts on, and whether the episode held.
-        openness: of that object at the start, of what held; empty where it has no joint.
-        lengths: control steps of what held.
-        jerks: root mean square of the arm's jerk (rad/s^3) of each episode that held.
-        clearances: of each episode that held, m (:mod:`gensim2.data.clearance`).
-        nearest: what came nearest in them: ``"table"``, ``"itself"`` or an object's name.
-        instances: how often each object was used, of those that held.
-        same_scene: episodes that held whose scene is that of an earlier one, within a millimetre.
-        same_actions: episodes that held whose actions are those of an earlier one.
+        name, sentence: name and instruction of the task.
+        tried, held, strict, whole: number of episodes: all, successful ones, ones that meet the strict criterion, and
+            ones
+            in which no step executed only part of a motion.
+        causes: number of failed episodes by cause.
+        places: x, y (m) and yaw (rad) of the object that the first step acts on, and whether the episode succeeded.
+        openness: initial openness of that object in successful episodes; empty if it has no joint.
+        lengths: control steps of successful episodes.
+        jerks: root mean square of the arm's jerk (rad/s^3) in each successful episode.
+        clearances: clearance of each successful episode, m (:mod:`gensim2.data.clearance`).
+        nearest: nearest obstacle in these: ``"table"``, ``"itself"`` or an object's name.
+        instances: number of uses of each object in successful episodes.
+        same_scene: successful episodes whose scene equals that of an earlier one within a millimetre.
+        same_actions: successful episodes whose actions equal those of an earlier one.
     """
 
     name: str
@@ -63,7 +65,7 @@ class TaskQuality:
     same_actions: int = 0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data, spreads in place of lists."""
+        """Return the figures as plain data, with summary statistics in place of lists."""
         found = asdict(self)
         for name in ("openness", "lengths", "jerks", "clearances"):
             found[name] = _spread(found[name])
@@ -74,11 +76,12 @@ class TaskQuality:
 
 
 def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[TaskQuality]:
-    """Yield what is to be said of each task; one episode is in memory at a time.
+    """Yield the figures of each task; one episode is in memory at a time.
 
     Raises:
-        InputError: the collection is not complete, or a file is damaged, of an episode or of an object, or an
-            object is not there or another one.
+        InputError: the collection is incomplete, a file of an episode or an object is damaged, or an object is missing
+            or
+            has changed.
     """
     scene = dataset.scene
     profile, objects = robot(scene.robot), ObjectCheck(dataset, progress)
@@ -132,7 +135,7 @@ def _quality(
 
 
 def jerk(recording: Recording, profile: RobotProfile) -> float:
-    """Root mean square of the arm's jerk over joints and time, rad/s^3, from the joint positions that were reached."""
+    """Return the root mean square of the arm's jerk over joints and time, rad/s^3, from measured joint positions."""
     columns = [FIRST_JOINT + index for index in profile.arm_columns]
     positions = np.asarray(recording.env_states["articulations"][profile.agent], dtype=np.float64)[:, columns]
     third = np.diff(positions, n=3, axis=0) * profile.control_hz**3
@@ -140,7 +143,7 @@ def jerk(recording: Recording, profile: RobotProfile) -> float:
 
 
 def _scene(row: Episode) -> tuple[object, ...]:
-    """Return a hashable key of the initial scene, as coarse as a policy tells scenes apart."""
+    """Return a hashable key of the initial scene, rounded to the resolution that matters to a policy."""
     return tuple(
         (
             name,

@@ -1,6 +1,6 @@
-"""The folder and the queue of a collection: which episodes are done, which are to come, what becomes of each.
+"""Folder and queue of a collection: finished and missing episodes, and the report.
 
-What this process keeps does not grow with the episodes but for one byte each.
+The memory of this process grows by one byte per episode only.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from gensim2.rollout.inputs import TaskInput
 from gensim2.rollout.runner import EpisodeRunner
 
 UPDATE_SECONDS = 0.5
-"""Between two words to whoever watches."""
+"""Time between two status updates, s."""
 RUN_JSON, ERRORS_LOG, REPORT = "run.json", "errors.log", "report.html"
-"""Files that record when, where and how; everything else in the folder follows from ``dataset.json``."""
+"""Files that describe the run itself; all other files follow from ``dataset.json``."""
 
 
 def write_page(dataset: DataSet, status: Status, run: Mapping[str, Any]) -> Path:
     """Write ``report.html`` and return its path.
 
     Args:
-        status: how far the collection is.
-        run: what ``run.json`` says.
+        status: progress of the collection.
+        run: contents of ``run.json``.
 
     Raises:
         WriteError: the folder cannot be written to.
@@ -58,18 +58,17 @@ def write_page(dataset: DataSet, status: Status, run: Mapping[str, Any]) -> Path
 
 
 class CollectionFolder(ResumableFolder[DatasetRecord]):
-    """A context manager: leaving it gives the folder up.
+    """Context manager that locks the folder of a collection.
 
     Args:
-        path: the folder; it is made where it is not there, also to ``resume``.
-        record: what the collection is to be. A data set that is gone on with may get more episodes and more tasks;
-            everything else must be as it was.
-        resume: go on with a data set that is there.
-        process: facts of this run alone (workers, for example), for ``run.json``.
+        path: the folder; it is created if missing.
+        record: settings of the collection. A resumed data set may get more episodes and tasks; nothing else may change.
+        resume: continue an existing data set.
+        process: facts about this run only (such as the number of workers), for ``run.json``.
 
     Raises:
-        InputError: the folder holds a data set and ``resume`` is off, or another one, or something else, or another
-            process is at work in it, or it cannot be written.
+        InputError: the folder has a data set and ``resume`` is false, or a different data set or other files; another
+            process uses it; or it cannot be written.
     """
 
     def __init__(self, path: Path, record: DatasetRecord, resume: bool, process: dict[str, Any]) -> None:
@@ -87,14 +86,14 @@ class CollectionFolder(ResumableFolder[DatasetRecord]):
         self.note({})
 
     def note(self, progress: dict[str, Any]) -> dict[str, Any]:
-        """Write ``run.json`` and return what it holds."""
+        """Write ``run.json`` and return its contents."""
         self._run |= progress
         write_json(self.path / RUN_JSON, self._run)
         return self._run
 
 
 def now() -> str:
-    """The time, with its zone."""
+    """Return the present time with its time zone."""
     return time.strftime("%Y-%m-%dT%H:%M:%S%z")
 
 
@@ -102,12 +101,12 @@ class Queue:
     """All episodes of a collection.
 
     Args:
-        folder: of the data set.
+        folder: folder of the data set.
         given: the tasks, in order.
-        listener: is told how far it is.
+        listener: gets the status.
 
     Raises:
-        InputError: what an earlier run left cannot be used.
+        InputError: files of an earlier run cannot be used.
     """
 
     def __init__(self, folder: CollectionFolder, given: Sequence[TaskInput], listener: Listener) -> None:
@@ -153,7 +152,6 @@ class Queue:
         return self.status()
 
     def status(self) -> Status:
-        """Return the progress."""
         return Status(
             tuple(task.status for task in self._tasks),
             self._ran,
@@ -164,7 +162,7 @@ class Queue:
         )
 
     def _read(self) -> set[str]:
-        """Take note of what is there; the tasks whose rows stand, too."""
+        """Read the finished episodes and return the names of tasks that are complete."""
         whole, damaged = set(), 0
         for task in self._tasks:
             if task.is_complete():
@@ -198,12 +196,12 @@ class Queue:
             self._finish(task)
 
     def _finish(self, task: TaskQueue) -> None:
-        """Write the rows of a task all of whose episodes are there."""
+        """Write the rows of a complete task."""
         task.finish()
         self._add_objects(task)
 
     def _add_objects(self, task: TaskQueue) -> None:
-        """Note what a task came to, and the objects that its episodes were run with."""
+        """Record a task's results and the objects of its episodes."""
         objects = self._record.objects
         for row in task.store.rows():
             for thing in row.objects.values():
@@ -228,7 +226,7 @@ class Queue:
             self._listener.update(self.status())
 
     def _report(self) -> None:
-        """Leave ``run.json`` and ``report.html`` behind."""
+        """Write ``run.json`` and ``report.html``."""
         status = self.status()
         run = self._folder.note(
             {

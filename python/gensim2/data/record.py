@@ -1,4 +1,4 @@
-"""``dataset.json``: everything that the episodes of a data set follow from, and what they came to."""
+"""``dataset.json``: all settings that determine the episodes of a data set, and the results."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ DATASET_SCHEMA: Literal[1] = 1
 
 Count = Annotated[int, Field(ge=0)]
 TaskName = Annotated[str, Field(pattern=r"^[A-Z][A-Za-z0-9]*$", max_length=100)]
-"""A task's name is its folder's, too; the same rule as in :class:`~gensim2.tasks.spec.TaskSpec`."""
+"""Pattern of task names, which are also folder names; the same as in :class:`~gensim2.tasks.spec.TaskSpec`."""
 
 _OPTIONS: tuple[TypeAdapter[Any], ...] = (TypeAdapter(SceneOptions), TypeAdapter(RolloutOptions))
 
 
 class _Record(BaseModel):
-    """Nothing is converted and nothing is let pass."""
+    """Base of records, which are validated without conversion or extra fields."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 class ObjectUsed(_Record):
-    """An object that episodes were run with.
+    """An object used by episodes.
 
     Attributes:
-        content_hash: of the files that it was made from, or of what it was generated from.
-        license: its terms, which the data carries on.
+        content_hash: hash of its files, or of the parameters that it was generated from.
+        license: its license, which also applies to the data.
     """
 
     content_hash: str
@@ -45,11 +45,13 @@ class TaskRecord(_Record):
     """One task of a data set.
 
     Attributes:
-        digest: of ``task.yaml`` and the strategies.
-        instances: which objects its episodes draw from, one word.
-        objects: generated ones of each articulated class that are drawn from in their place; None: those.
-        tried, held, strict: episodes; None until all are there.
-        causes: why the others do not count as held.
+        digest: digest of ``task.yaml`` and the strategies.
+        instances: name of the set of objects.
+        objects: number of generated objects of each articulated class used in place of ``instances``; None: not used.
+        tried, held, strict: number of episodes: all, successful ones, and ones that meet the strict criterion; None
+            until
+            all are finished.
+        causes: number of failed episodes by cause.
     """
 
     digest: str
@@ -62,19 +64,19 @@ class TaskRecord(_Record):
 
 
 class DatasetRecord(RunSettings):
-    """``dataset.json``.
+    """Content of ``dataset.json``.
 
     Attributes:
-        arguments: what all episodes follow from: fields of :class:`~gensim2.scenes.config.SceneOptions` and of
+        arguments: options of all episodes: fields of :class:`~gensim2.scenes.config.SceneOptions` and of
             :class:`~gensim2.rollout.config.RolloutOptions`.
-        seed: of the collection.
-        episodes: tried of each task.
-        keep_failures: whether the states of failures are kept, too.
-        tasks: by name, in the order in which they were named.
-        listings: digest of which objects there are, by class: episodes draw from the list.
-        versions: of what decides the outcome.
-        objects: those that episodes were run with, by ``class/id``; filled at the end.
-        complete: all episodes of all tasks are there.
+        seed: seed of the collection.
+        episodes: number of episodes to run for each task.
+        keep_failures: whether the states of failed episodes are stored as well.
+        tasks: tasks by name, in the order of the command.
+        listings: digest of the list of objects that episodes choose from, by class.
+        versions: versions of the packages that determine the results.
+        objects: objects used by episodes, by ``class/id``; filled at the end.
+        complete: whether all episodes of all tasks are finished.
     """
 
     model_config = _Record.model_config
@@ -92,7 +94,7 @@ class DatasetRecord(RunSettings):
 
     @model_validator(mode="after")
     def _usable(self) -> DatasetRecord:
-        """Let no arguments in that episodes cannot follow from."""
+        """Refuse invalid arguments."""
         for kind, adapter in zip((SceneOptions, RolloutOptions), _OPTIONS, strict=True):
             given = {each.name: self.arguments[each.name] for each in fields(kind) if each.name in self.arguments}
             try:
@@ -102,7 +104,7 @@ class DatasetRecord(RunSettings):
         return self
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences; a collection may get more episodes and more tasks."""
+        """Yield the differences that forbid resuming; a collection may get more episodes and more tasks."""
         for name in ("arguments", "versions", "seed", "keep_failures"):
             yield from differing(name, getattr(self, name), getattr(now, name))
         if now.episodes < self.episodes:
@@ -119,7 +121,7 @@ class DatasetRecord(RunSettings):
             yield from differing(f"tasks.{name}", was, given)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the record of ``now`` with what is known of the episodes; without new ones the outcome stays."""
+        """Return the new record with the known objects; results are kept if there are no new episodes."""
         update: dict[str, Any] = {"objects": dict(self.objects)}
         if (now.episodes, list(now.tasks)) == (self.episodes, list(self.tasks)):
             update |= {"tasks": dict(self.tasks), "complete": self.complete}
@@ -132,9 +134,11 @@ class DatasetRecord(RunSettings):
 
     @property
     def rollout(self) -> RolloutOptions:
-        """Options that all episodes share beside their scenes."""
+        """Options of all episodes other than their scenes."""
         return RolloutOptions.from_record(self.arguments)
 
     def scene_seed(self, task: str, index: int) -> int:
-        """Seed of an episode's reset: a function of the collection's seed, the task's name and the index alone."""
+        """Return the seed of an episode's reset, which depends on the collection's seed, the task's name and the index
+        only.
+        """
         return scene_seeds(self.seed, task, "collect", 1, start=index)[0]

@@ -1,4 +1,4 @@
-"""Whether a recording is one of the episode that it is said to be of: shapes, types, numbers, objects."""
+"""Check that a recording belongs to an episode: shapes, types, numbers, objects."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 
 MAX_STEPS = 100_000
-"""Control steps of an episode: at 20 a second, 83 minutes. Tasks allow a few hundred."""
+"""Largest number of control steps of an episode, 83 minutes at 20 Hz. Tasks allow a few hundred."""
 
 ROOT = 13
-"""Numbers of a root's pose (7) and velocities (6) in ManiSkill's states."""
+"""Number of values of a root's pose (7) and velocities (6) in ManiSkill's states."""
 
 
 def check_recording(recording: Recording, episode: Episode, file: Path | str, at: str = "") -> None:
-    """Refuse what is no recording of an episode; of one that held, all numbers must be finite.
+    """Refuse a recording that does not fit its episode; in successful episodes all numbers must be finite.
 
     Args:
-        file: that it was read from, for errors.
-        at: where in the file, for errors.
+        file: file of the recording, for errors.
+        at: position in the file, for errors.
 
     Raises:
         InputError: names the field.
@@ -60,7 +60,7 @@ def check_recording(recording: Recording, episode: Episode, file: Path | str, at
 def _arrays(
     recording: Recording, steps: int
 ) -> Iterator[tuple[str, npt.NDArray[Any], np.dtype[Any], tuple[int | None, ...]]]:
-    """Name, array, type and shape of everything that is recorded."""
+    """Yield name, array, type and shape of everything in a recording."""
     numbers, truth = np.dtype(np.float32), np.dtype(np.bool_)
     yield "actions", recording.actions, numbers, (steps, None)
     yield "obs", recording.obs, numbers, (steps + 1, None)

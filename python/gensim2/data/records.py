@@ -1,4 +1,4 @@
-"""Records of runs, designs and verifications: plain values that become JSON."""
+"""Records of runs, designs and verifications, as plain values for JSON."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from gensim2.rollout.tally import Tally
 from gensim2.scenes.config import SCENE_FIELDS, SceneOptions, SceneRecord
 
 RUN_SCHEMA_VERSION: Literal[4] = 4
-"""Of ``run.json``, and with it of what a run can go on with."""
+"""Version of ``run.json``; a run can be resumed by the same version only."""
 
 Instances = Literal["new", "test", "all"]
 
 
 class Record(BaseModel):
-    """A file of the run folder; nothing is converted and nothing is let pass."""
+    """Base of the run folder's records, which are validated without conversion or extra fields."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -44,19 +44,18 @@ FIXED_ARGUMENTS = (
     "verify",
     "from_empty",
 )
-"""Arguments that a resumed run must share with the run it resumes; the others change its length or its speed."""
+"""Arguments that a resumed run must share with the original; all others only affect its length or speed."""
 
 
 class Effort(Record):
-    """Cost of the design and verification of a task, in the call in which that was finished: CPU of all processes,
-    time."""
+    """CPU time and wall time for designing and verifying a task, in the call that finished it."""
 
     cpu_s: Annotated[float, Field(ge=0)]
     wall_s: Annotated[float, Field(ge=0)]
 
 
 class RunRecord(RunSettings):
-    """``run.json``."""
+    """Content of ``run.json``."""
 
     model_config = Record.model_config
 
@@ -75,20 +74,20 @@ class RunRecord(RunSettings):
     effort: dict[str, Effort] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences in what the results follow from; a run may get longer."""
+        """Yield the differences that would change results; a run may become longer."""
         was, given = ({name: each.arguments.get(name) for name in FIXED_ARGUMENTS} for each in (self, now))
         yield from differing("arguments", was, given)
         yield from differing("identity", self.identity, now.identity)
         yield from differing("versions", self.versions, now.versions)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return this record with the present arguments, without an outcome."""
+        """Return this record with the present arguments and without a result."""
         update = {"arguments": now.arguments, "finished": None, "result": None, "resumed": self.resumed + 1}
         return self.model_copy(update=update)
 
 
 class VerificationRecord(Record):
-    """``verification.json``."""
+    """Content of ``verification.json``."""
 
     schema_version: Literal[2]
     threshold: Annotated[float, Field(ge=0, le=1)]
@@ -113,25 +112,24 @@ class VerificationRecord(Record):
 
     @property
     def verification(self) -> Verification:
-        """As a value."""
         return Verification(tuple(self.episodes), self.threshold, self.instances)
 
 
 class EnvironmentSummary(BaseModel):
-    """Part of a report about the environment of demonstrations."""
+    """Report data about the environment of demonstrations."""
 
     env_id: str
 
 
 class RecordingSummary(BaseModel):
-    """Part of a report about ``trajectory.json``."""
+    """Report data from ``trajectory.json``."""
 
     env_info: EnvironmentSummary
     episodes: list[Any]
 
 
 class ArgumentsSummary(BaseModel):
-    """Part of a report about the arguments of a run; scenes and rollouts under names of their own."""
+    """Report data about the arguments of a run, with scene and rollout options nested."""
 
     command: str
     seed: int
@@ -140,21 +138,21 @@ class ArgumentsSummary(BaseModel):
 
 
 class RejectionSummary(BaseModel):
-    """Why a task was not designed."""
+    """Name of a rejected task and the reason."""
 
     name: str
     reason: str
 
 
 class ResultSummary(BaseModel):
-    """Part of a report about the outcome of a run."""
+    """Report data about the result of a run."""
 
     rejected: list[RejectionSummary] = []
     notes: list[str] = []
 
 
 class RunSummary(BaseModel):
-    """Part of a report about the fields of ``run.json`` that not every run has."""
+    """Report data from the optional fields of ``run.json``."""
 
     arguments: Annotated[ArgumentsSummary, BeforeValidator(nested_options)]
     result: ResultSummary | None
@@ -162,13 +160,13 @@ class RunSummary(BaseModel):
 
 @dataclass(frozen=True)
 class Verification:
-    """A task and its strategies put to the test on fresh seeds.
+    """Results of a task and its strategies on new seeds.
 
     Attributes:
-        episodes: in the order of the seeds.
-        threshold: share of them that must hold.
-        instances: which objects they drew from: ``"new"`` (numbers beyond the listed ones of a generated class) and
-            ``"test"`` were seen by no search; ``"all"`` where a class is too small to keep some apart.
+        episodes: episodes in the order of the seeds.
+        threshold: smallest success rate for keeping the task.
+        instances: set of objects. ``"new"`` (generated objects beyond the listed ones) and ``"test"`` were not used in
+            the search; ``"all"`` is used if a class is too small to be split.
     """
 
     episodes: tuple[Episode, ...]
@@ -177,21 +175,19 @@ class Verification:
 
     @cached_property
     def tally(self) -> Tally:
-        """Counts over the episodes."""
         return Tally.of(self.episodes)
 
     @property
     def rate(self) -> float:
-        """Share of episodes that held."""
+        """Success rate."""
         return self.tally.held / len(self.episodes) if self.episodes else 0.0
 
     @property
     def kept(self) -> bool:
-        """Whether the rate reaches the threshold."""
+        """Whether the success rate reaches the threshold."""
         return self.rate >= self.threshold
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         return {
             "schema_version": 2,
             "threshold": self.threshold,
@@ -207,9 +203,9 @@ class DesignEffort:
     """Cost of a search.
 
     Attributes:
-        candidates: that were planned.
-        episodes: of physics.
-        cpu_s: CPU of all processes in this call; next to nothing where it was done in an earlier one.
+        candidates: number of planned candidates.
+        episodes: number of simulated episodes.
+        cpu_s: CPU time of all processes in this call, s; close to 0 if an earlier call made the search.
     """
 
     candidates: int
@@ -217,24 +213,23 @@ class DesignEffort:
     cpu_s: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         return {"candidates": self.candidates, "episodes": self.episodes, "cpu_s": round(self.cpu_s, 3)}
 
 
 @dataclass(frozen=True)
 class TaskOutcome:
-    """One line of the result: a task that was verified, kept or not.
+    """Result of one verified task, kept or rejected.
 
     Attributes:
-        name: of the task.
-        asset_class: of its objects, with commas between them.
-        goal: types of the criteria that must hold in the end.
-        kept: whether enough episodes of the verification held.
-        verification: over its episodes.
-        fresh: over the episodes of the verification and of the collection.
-        demos: demonstrations that were collected.
-        cpu_s: CPU of all processes for these episodes, in this call.
-        effort: of the search; None where there was none.
+        name: name of the task.
+        asset_class: classes of its objects, separated by commas.
+        goal: types of the success criteria.
+        kept: whether the success rate reaches the threshold.
+        verification: counts over the verification's episodes.
+        fresh: counts over the episodes of verification and collection.
+        demos: number of collected demonstrations.
+        cpu_s: CPU time of all processes for these episodes in this call, s.
+        effort: cost of the search; None without a search.
     """
 
     name: str
@@ -248,7 +243,7 @@ class TaskOutcome:
     effort: DesignEffort | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it with the field names of the command's JSON."""
+        """Return the result with the field names of the command's JSON output."""
         return {
             "name": self.name,
             "class": self.asset_class,
@@ -273,10 +268,10 @@ class PipelineResult:
     """Result of ``run_pipeline``.
 
     Attributes:
-        run_dir: the run folder.
-        tasks: every task that was designed, in order.
-        rejected: proposals for which no candidate got past the screening, with the reason.
-        notes: what a reader should know (fewer tasks than asked for, instances left out, ...).
+        run_dir: run folder.
+        tasks: designed tasks in order.
+        rejected: proposals without a candidate that passed the screening, with the reason.
+        notes: remarks for the user, for example fewer tasks than requested, or objects left out.
     """
 
     run_dir: str
@@ -285,7 +280,6 @@ class PipelineResult:
     notes: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         return {
             "schema_version": SCHEMA_VERSION,
             "run_dir": self.run_dir,

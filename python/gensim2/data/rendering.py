@@ -1,4 +1,4 @@
-"""``gensim2 render``: observations of a data set, from its recorded states; physics came first."""
+"""``gensim2 render``: compute the observations of a data set from its recorded states."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from gensim2.rollout.record import Episode
 from gensim2.scenes.config import SceneConfig
 
 SCHEMA_VERSION = 1
-"""Of what the command prints."""
+"""Version of the command's JSON output."""
 
 ERRORS_LOG = "render.log"
 
@@ -37,9 +37,9 @@ class Rendered:
     """Result of rendering one episode.
 
     Attributes:
-        frames: instants that were observed: its steps and one.
-        size: bytes of the file.
-        cpu_s: of making the observations.
+        frames: number of observed instants, one more than its steps.
+        size: size of the file, bytes.
+        cpu_s: CPU time of making the observations, s.
     """
 
     frames: int
@@ -52,12 +52,12 @@ class RenderingResult:
     """Result of a call.
 
     Attributes:
-        folder: of the data set.
-        episodes: that have observations now.
-        rendered: of them by this call.
-        frames: by this call.
-        bytes: of all observations.
-        cpu_s: in which this call made its frames, reading and writing apart.
+        folder: folder of the data set.
+        episodes: number of episodes that have observations now.
+        rendered: number of episodes rendered in this call.
+        frames: number of frames made in this call.
+        bytes: size of all observations.
+        cpu_s: CPU time of making frames in this call, s, without reading and writing.
     """
 
     folder: Path
@@ -68,7 +68,6 @@ class RenderingResult:
     cpu_s: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         return {"schema_version": SCHEMA_VERSION, **asdict(self), "folder": str(self.folder)}
 
 
@@ -83,9 +82,9 @@ def render(
     progress: Progress = NULL_PROGRESS,
     **execution: Unpack[ExecutionArguments],
 ) -> RenderingResult:
-    """Observe every episode of a data set that held, one atomic file each.
+    """Render the observations of every successful episode of a data set, one atomically written file each.
 
-    A file follows from the episode and the spec alone.
+    A file's content depends on the episode and the spec only.
 
     Example:
         ```python
@@ -94,21 +93,20 @@ def render(
 
     Args:
         folder: data set of a finished collection.
-        spec: modalities, cameras and settings of the cloud; None: point clouds of 1,024 points.
-        tasks: names of tasks; none: all of the data set.
-        episodes: number of episodes of each task, the first that held; None: all.
-        resume: go on with observations that are there, all of the same spec.
-        assets: where the data set's objects are now; None: where they were.
-        progress: listener for stages and steps.
+        spec: modalities, cameras and cloud settings; None: point clouds of 1,024 points.
+        tasks: names of tasks; empty for all tasks.
+        episodes: number of successful episodes of each task, from the first; None: all.
+        resume: keep existing observations, which must have the same spec.
+        assets: present folder of the data set's objects; None: the recorded folder.
         execution: see :class:`~gensim2.core.processes.ExecutionArguments`.
 
     Returns:
-        Counts of episodes and frames, bytes and CPU seconds.
+        Counts of episodes and frames, bytes, and CPU time.
 
     Raises:
-        InputError: an argument cannot be used, the collection is not finished, or there are other observations.
-        WriteError: no room is left; what was finished is kept.
-        NotRunError: some episodes could not be run; all others are finished.
+        InputError: an argument is invalid, the collection is not finished, or there are other observations.
+        WriteError: the disk is full; finished files are kept.
+        NotRunError: some episodes could not be rendered; all others are finished.
     """
     how = Execution.of(execution)
     folder, spec = Path(folder), spec or ObservationSpec()
@@ -125,7 +123,7 @@ def render(
 
 
 class _Rendering:
-    """One call."""
+    """State of one call."""
 
     def __init__(
         self, dataset: DataSet, spec: ObservationSpec, episodes: int | None, resume: bool, progress: Progress
@@ -158,7 +156,7 @@ class _Rendering:
         return RenderingResult(self._dataset.path, self._there + rendered, rendered, frames, self._size, round(cpu, 3))
 
     def _missing(self, store: TaskStore) -> Iterator[Episode]:
-        """Episodes that held and have no observations yet; damaged ones are removed."""
+        """Yield successful episodes without observations, and remove damaged files."""
         held = (row for row in store.rows() if row.held)
         for row in itertools.islice(held, self._episodes):
             path = store.observation_path(row.index)
@@ -182,7 +180,7 @@ class _Rendering:
             self._size += path.stat().st_size
 
     def _scene(self, store: TaskStore) -> SceneConfig:
-        # An episode says itself which objects it has.
+        # Each episode records its own objects.
         return self._dataset.scene.with_task(store.spec())
 
     def _failed(self, failure: Failure) -> None:
@@ -193,17 +191,17 @@ class _Rendering:
 
 
 def render_episode(folder: Path, row: Episode, scene: SceneConfig, spec: ObservationSpec) -> Rendered:
-    """Observe one episode and write its file; called in a worker.
+    """Observe one episode and write its file, in a worker process.
 
     Raises:
-        InputError: its file is gone or damaged, or an object's files cannot be used.
-        WriteError: it cannot be written.
+        InputError: the episode's file is missing or damaged, or an object's files cannot be used.
+        WriteError: the file cannot be written.
     """
     store = TaskStore(folder)
     recording = store.read(row).recording
     if recording is None:
         raise InputError("holds no states", file=store.path(row.index, row.held), remedy="collect it again")
-    # Here: it brings the ray caster, which refusing arguments needs not.
+    # Imported here because it loads the ray caster, which argument checks do not need.
     from gensim2.data.observing import observe, segmentation_ids
 
     profile = robot(scene.robot)

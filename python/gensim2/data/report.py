@@ -1,4 +1,4 @@
-"""``quality.html`` and ``quality.json``: what a data set covers, in pictures and in numbers."""
+"""``quality.html`` and ``quality.json``: coverage of a data set in images and numbers."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class _Section:
-    """Section of the page about one task.
+    """Section of the report about one task.
 
     Attributes:
-        quality: its numbers.
-        interval: 95 % of the share that holds.
-        charts: SVG.
-        video, still: file names beside the page; None where no picture could be made.
-        shots: demonstrations as they were observed; none where they were not.
+        quality: its figures.
+        interval: 95 % interval of the success rate.
+        charts: SVG charts.
+        video, still: file names beside the page; None without a renderer.
+        shots: images of rendered demonstrations; empty if the data set was not rendered.
     """
 
     quality: TaskQuality
@@ -45,20 +45,18 @@ class _Section:
 def report(
     path: Path, *, video: bool = True, assets: Path | str | None = None, progress: Progress = NULL_PROGRESS
 ) -> dict[str, Any]:
-    """Look at every episode of a data set; write the page and the numbers into its folder.
+    """Analyse every episode of a data set, and write page and figures into its folder.
 
     Args:
-        path: of the data set.
-        video: film the first demonstration of each task, where this machine can draw pictures.
-        assets: where its objects are now; None: where they were.
-        progress: listener.
+        path: folder of the data set.
+        video: record a video of each task's first demonstration, if this machine can render.
+        assets: present folder of its objects; None: the recorded folder.
 
     Returns:
-        The numbers.
+        The figures.
 
     Raises:
-        InputError: the data set cannot be read, or its collection is not complete, or an object is not there or another
-            one.
+        InputError: the data set cannot be read, its collection is incomplete, or an object is missing or has changed.
     """
     dataset = DataSet.open(path, assets)
     sections = [_section(dataset, quality, video, progress) for quality in qualities(dataset, progress)]
@@ -78,7 +76,7 @@ def _section(dataset: DataSet, quality: TaskQuality, video: bool, progress: Prog
 
 
 def _film(dataset: DataSet, store: TaskStore, row: Episode, progress: Progress) -> tuple[str | None, str | None]:
-    """A demonstration in a film: replayed before a large camera, or as observed where this machine draws nothing."""
+    """Record a demonstration's video by replaying it, or from its observations if this machine cannot render."""
     from gensim2.sim import rendering
 
     video, still = f"{MEDIA}/{store.name}.mp4", f"{MEDIA}/{store.name}.png"

@@ -1,10 +1,10 @@
-"""The run folder: what a run leaves behind, and what lets a second run go on where the first one stopped.
+"""The run folder: the results of a run, and all that is needed to resume it.
 
 OUT/run.json                    command, identity, versions, hashes and licences of the objects, outcome
 OUT/report.html
-OUT/errors.log                  tries that came to nothing, with their tracebacks
+OUT/errors.log                  failed attempts, with their tracebacks
 OUT/tasks/<Task>/               task.yaml, strategies/, design.json, verification.json, trajectory.h5, ...
-OUT/rejected/<Task>/            the same for what was designed and not kept
+OUT/rejected/<Task>/            the same for tasks that were designed but rejected
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ RUN_JSON = "run.json"
 
 
 def default_run_dir() -> Path:
-    """Return ``runs/<date>-<time>`` under the present folder, with a number behind it where that is taken."""
+    """Return ``runs/<date>-<time>`` in the current folder, with a number appended if it exists."""
     first = Path("runs") / time.strftime("%Y%m%d-%H%M%S")
     others = (first.with_name(f"{first.name}-{number}") for number in itertools.count(2))
     return next(path for path in itertools.chain([first], others) if not path.exists())
 
 
 class RunFolder(ResumableFolder[RunRecord]):
-    """A run folder, new or resumed, with one owner at a time. A context manager: leaving it gives the folder up.
+    """Context manager of a new or resumed run folder, which is locked while it is open.
 
     Args:
         path: the folder.
-        arguments: what the run was asked to do; those in ``records.FIXED_ARGUMENTS`` must agree when resuming.
-        identity: digests of everything else that the run's results follow from; all must agree when resuming.
-        resume: go on with a folder that a run began.
+        arguments: arguments of the run; those in ``records.FIXED_ARGUMENTS`` must agree when resuming.
+        identity: digests of everything else that determines the results; all must agree when resuming.
+        resume: continue an existing run.
 
     Raises:
-        InputError: the folder exists and ``resume`` is off, or it belongs to a different run, or another process is at
-            work in it, or its record is damaged, or it cannot be written.
+        InputError: the folder exists and ``resume`` is false, it belongs to a different run, another process uses it,
+            its record is damaged, or it cannot be written.
     """
 
     def __init__(self, path: Path, arguments: dict[str, Any], identity: Mapping[str, str], resume: bool) -> None:
@@ -59,7 +59,7 @@ class RunFolder(ResumableFolder[RunRecord]):
 
     @property
     def errors_log(self) -> Path:
-        """Path of the log of failed tries."""
+        """Path of the log of failed attempts."""
         return self.path / "errors.log"
 
     def save(self) -> None:
@@ -69,10 +69,10 @@ class RunFolder(ResumableFolder[RunRecord]):
         super().save()
 
     def add_object(self, model: ObjectModel) -> None:
-        """Note an object that the run uses.
+        """Record an object that the run uses.
 
         Raises:
-            InputError: the run used it before, and it was made from something else then.
+            InputError: the object has changed since the run first used it.
         """
         key = f"{model.asset_class}/{model.id}"
         before = self.record.assets.setdefault(key, model.content_hash)
@@ -86,13 +86,13 @@ class RunFolder(ResumableFolder[RunRecord]):
         self.record.licenses[key] = model.license
 
     def add_episodes(self, library: Library, episodes: Iterable[Episode], source: Path) -> None:
-        """Note the objects of episodes.
+        """Record the objects of episodes.
 
         Args:
-            source: file that holds the episodes.
+            source: file of the episodes, for errors.
 
         Raises:
-            InputError: an object is not the one that an episode was run with.
+            InputError: an object has changed since an episode was run.
         """
         for episode in episodes:
             for record in episode.objects.values():
@@ -107,18 +107,18 @@ class RunFolder(ResumableFolder[RunRecord]):
                     )
 
     def note_effort(self, task: str, cpu_s: float, wall_s: float) -> None:
-        """Note what it took to design and verify a task, unless that is known from an earlier call."""
+        """Record the time for designing and verifying a task, unless an earlier call has recorded it."""
         self.record.effort.setdefault(task, Effort(cpu_s=round(cpu_s, 3), wall_s=round(wall_s, 3)))
         self.save()
 
     def finish(self, result: dict[str, Any]) -> None:
-        """Note the outcome and the time."""
+        """Record result and end time of the run."""
         self.record.result = result
         self.record.finished = _now()
         self.save()
 
     def task(self, name: str) -> TaskFolder:
-        """Return the folder of a task, kept or not, as it stands."""
+        """Return the folder of a task, kept or rejected."""
         rejected = self.path / "rejected" / name
         return TaskFolder(rejected if rejected.exists() else self.path / "tasks" / name)
 
@@ -154,17 +154,16 @@ class TaskFolder:
         self.path = path
 
     def write_task(self, task: TaskSpec) -> None:
-        """Write ``task.yaml``, unless it stands there."""
+        """Write ``task.yaml`` unless it exists."""
         self._write("task.yaml", dump_yaml(task.model_dump(mode="json", exclude_none=True)))
 
     def write_strategies(self, strategies: Strategies) -> None:
-        """Write ``strategies/<name>.yaml`` each, unless it stands there."""
+        """Write ``strategies/<name>.yaml`` for each strategy unless it exists."""
         for name, data in strategies.items():
             self._write(f"strategies/{name}.yaml", dump_yaml(data))
 
     @property
     def verification_path(self) -> Path:
-        """``verification.json``."""
         return self.path / "verification.json"
 
     def write_verification(self, verification: Verification) -> None:
@@ -172,7 +171,7 @@ class TaskFolder:
         write_json(self.verification_path, verification.to_dict())
 
     def verification(self) -> Verification | None:
-        """Return the verification, or None where it has not been done yet.
+        """Return the verification, or None if there is none yet.
 
         Raises:
             InputError: the file is damaged.

@@ -1,4 +1,4 @@
-"""Which episodes of a data set are meant: all that held, or those of them that are good enough."""
+"""Select episodes of a data set: all successful ones, or those of a given quality."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from gensim2.scenes.physics import physics_switches
 
 @dataclass(frozen=True)
 class Selection:
-    """Filter over the episodes that held.
+    """Filter of successful episodes.
 
     Attributes:
-        tasks: names; none: all.
-        strict: the strict verdict, too.
-        whole: no step executed a part of a motion.
-        first_try: nothing had to be planned again.
-        shortest, longest: control steps.
-        clearance: least of :mod:`gensim2.data.clearance`, m; None: any.
+        tasks: names of the tasks; empty for all.
+        strict: require the strict success criterion.
+        whole: require that no step executed only part of a motion.
+        first_try: require that no step was planned again.
+        shortest, longest: bounds on the number of control steps.
+        clearance: smallest clearance (:mod:`gensim2.data.clearance`), m; None: any.
     """
 
     tasks: tuple[str, ...] = ()
@@ -44,7 +44,7 @@ class Selection:
                 raise InputError(f"is measured up to {FARTHEST} m, not {self.clearance}", field="min_clearance")
 
     def takes(self, row: Episode) -> bool:
-        """Whether an episode's record lets it be among them."""
+        """Return whether an episode's record passes the filter."""
         return (
             row.held
             and (row.strict or not self.strict)
@@ -55,11 +55,11 @@ class Selection:
         )
 
     def of(self, dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[tuple[TaskStore, list[Episode]]]:
-        """Yield each task with those of its episodes that are taken, by index; a task with none is left out.
+        """Yield each task with its selected episodes by index; tasks without any are left out.
 
         Raises:
-            InputError: the data set has no such task, or its collection is not complete, or an episode's file that has
-                to be looked at is damaged, or an object of it is not there or another one.
+            InputError: a task is unknown, the collection is incomplete, or a necessary file is damaged, missing or
+                changed.
         """
         for name in dict.fromkeys(self.tasks or dataset.tasks):
             store = dataset.task(name)
@@ -73,7 +73,7 @@ class Selection:
     def _clear(
         dataset: DataSet, store: TaskStore, rows: list[Episode], least: float, progress: Progress
     ) -> list[Episode]:
-        """Those whose clearance is at least ``least``; it does not stand in the record."""
+        """Return the episodes whose clearance is at least ``least``; it is computed from their files."""
         from gensim2.data.clearance import ClearanceMeter  # here: it brings SciPy
 
         scene = dataset.scene
@@ -94,10 +94,10 @@ class Selection:
 def some(
     selection: Selection, dataset: DataSet, progress: Progress = NULL_PROGRESS
 ) -> list[tuple[TaskStore, list[Episode]]]:
-    """As :meth:`Selection.of`, at least one episode.
+    """Return the selected tasks and episodes as :meth:`Selection.of`, and require at least one episode.
 
     Raises:
-        InputError: there is none.
+        InputError: no episode is selected.
     """
     found = list(selection.of(dataset, progress))
     if not found:

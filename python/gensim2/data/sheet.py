@@ -1,4 +1,4 @@
-"""Pictures of demonstrations out of what `gensim2 render` made of them, without a renderer."""
+"""Images of rendered demonstrations, made from their observations without a renderer."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from gensim2.rollout.record import Episode
 Frame = npt.NDArray[np.uint8]
 
 MAX_PICTURES = 12
-"""Demonstrations of a task on its sheet."""
+"""Largest number of a task's demonstrations on a contact sheet."""
 
 _DOT = 2
-"""Pixels to each side of a point's own."""
+"""Width of the border that each point gets on every side, pixels."""
 _PAPER = 244
-"""Brightness of what no point covers."""
+"""Brightness of pixels without a point."""
 _LARGER = 3
 
 
@@ -35,8 +35,8 @@ class Shot:
     """A demonstration on a contact sheet.
 
     Attributes:
-        index: of the episode.
-        file: its picture, beside the page: the first instant above the last one.
+        index: index of the episode.
+        file: its image, relative to the page: the first instant above the last one.
     """
 
     index: int
@@ -44,15 +44,15 @@ class Shot:
 
 
 def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]:
-    """Write pictures of up to ``MAX_PICTURES`` demonstrations that are spread evenly over those that have observations.
+    """Write images of up to ``MAX_PICTURES`` rendered demonstrations, evenly spaced over the data set.
 
     Args:
-        store: of the task.
-        root: of the page.
-        folder: beside the page, to write to.
+        store: episodes of the task.
+        root: folder of the page.
+        folder: folder of the images, relative to ``root``.
 
     Raises:
-        InputError: a file of observations is damaged.
+        InputError: an observation file is damaged.
         WriteError: the folder cannot be written to.
     """
     seen = [row.index for row in store.rows() if row.held and store.observation_path(row.index).exists()]
@@ -72,11 +72,10 @@ def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]
 
 
 def film_seen(store: TaskStore, row: Episode, video: Path, still: Path) -> bool:
-    """Write a demonstration's observations as a film, three times their size, and a picture of its middle; whether
-    there were any to be shown.
+    """Write a video and a still image from a demonstration's observations; return False if there are none to show.
 
     Raises:
-        InputError: the file of observations is damaged.
+        InputError: the observation file is damaged.
         WriteError: a file cannot be written.
     """
     path = store.observation_path(row.index)
@@ -96,9 +95,9 @@ def film_seen(store: TaskStore, row: Episode, video: Path, still: Path) -> bool:
 
 
 def picture(observation: ObservedEpisode, step: int) -> Frame | None:
-    """(H, W, 3) of one instant: what a camera took, or the point cloud as a camera sees it; None without either.
+    """Return an image (H, W, 3) of one instant: a camera's image, or else the point cloud seen from a camera; or None.
 
-    The right camera comes first: it sees the side of the object that the robot works on.
+    The right camera is preferred, because it sees the side of the object that the robot acts on.
     """
     arrays = observation.arrays
     names = sorted(
@@ -116,7 +115,7 @@ def picture(observation: ObservedEpisode, step: int) -> Frame | None:
 
 
 def _splatted(points: npt.NDArray[Any], colours: Frame, intrinsic: Any, T_base_camera: Any) -> Frame:
-    """A point cloud as a camera sees it: each point a square, what is near over what is far."""
+    """Draw a point cloud as seen from a camera, with a square for each point and near points on top."""
     width, height = (round(2 * float(intrinsic[axis, 2])) for axis in (0, 1))
     found = np.full((height, width, 3), _PAPER, dtype=np.uint8)
     turned = np.linalg.inv(T_base_camera)

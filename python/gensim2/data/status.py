@@ -10,13 +10,13 @@ from gensim2.core.progress import NullProgress, Progress
 
 @dataclass(frozen=True)
 class TaskStatus:
-    """One task of a collection.
+    """Progress of one task.
 
     Attributes:
-        name: of the task.
-        total: episodes to try.
-        tried, held, strict: so far, in this run and in those before it.
-        causes: why the others do not count as held, most frequent first.
+        name: name of the task.
+        total: number of episodes to run.
+        tried, held, strict: number of finished, successful, and strictly successful episodes, including earlier runs.
+        causes: number of failed episodes by cause, most frequent first.
     """
 
     name: str
@@ -29,15 +29,15 @@ class TaskStatus:
 
 @dataclass(frozen=True)
 class Status:
-    """A collection at one moment.
+    """State of a collection.
 
     Attributes:
-        tasks: in order.
-        ran: episodes that this run has finished.
-        seconds: of wall time that it took for them.
-        stored: bytes of all episodes.
-        free: bytes that the disk still has.
-        failed_tries: tries that came to nothing in this run, because a process died, hung or met a bug.
+        tasks: progress of the tasks in order.
+        ran: number of episodes that this run has finished.
+        seconds: wall time of this run, s.
+        stored: size of all episodes, bytes.
+        free: free disk space, bytes.
+        failed_tries: number of attempts in this run that failed because a process died, hung or met a bug.
     """
 
     tasks: tuple[TaskStatus, ...]
@@ -49,34 +49,34 @@ class Status:
 
     @property
     def total(self) -> int:
-        """Number of episodes to try, of all tasks together."""
+        """Number of episodes to run in all tasks."""
         return sum(task.total for task in self.tasks)
 
     @property
     def tried(self) -> int:
-        """Episodes that were tried of all tasks."""
+        """Number of finished episodes in all tasks."""
         return sum(task.tried for task in self.tasks)
 
     @property
     def rate(self) -> float | None:
-        """Episodes a second of this run; None before the first."""
+        """Episodes per second in this run; None before the first."""
         return self.ran / self.seconds if self.ran and self.seconds > 0 else None
 
     @property
     def left(self) -> float | None:
-        """Seconds to the end at this rate; None where it is unknown."""
+        """Estimated remaining time, s; None if unknown."""
         return (self.total - self.tried) / self.rate if self.rate else None
 
 
 class Listener(Progress, Protocol):
-    """Watches a collection; of the stages of a :class:`~gensim2.core.progress.Progress` there are none."""
+    """Listener for the status of a collection, in addition to a progress listener."""
 
     def update(self, status: Status) -> None:
-        """Take note of how far it is; called a few times a second at most."""
+        """Handle the present status; called a few times a second at most."""
 
 
 class NullListener(NullProgress):
-    """Watches and says nothing."""
+    """Listener that ignores everything."""
 
     def update(self, status: Status) -> None:
         """Ignore it."""

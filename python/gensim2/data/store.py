@@ -1,4 +1,4 @@
-"""The episodes of one task on disk: one file an episode, one folder a task (docs/reference/data_format.md)."""
+"""Episodes of one task on disk: one file for each episode in one folder (docs/reference/data_format.md)."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class TaskStore:
     """The episodes of one task in one folder.
 
     Args:
-        folder: holds ``task.yaml``, ``strategies/``, ``episodes/`` (what held), ``failures/`` (what did not) and, once
-            all episodes are there, ``episodes.jsonl``.
+        folder: has ``task.yaml``, ``strategies/``, ``episodes/`` (successful), ``failures/`` (failed) and, once all
+            episodes are finished, ``episodes.jsonl``.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -44,11 +44,11 @@ class TaskStore:
 
     @property
     def name(self) -> str:
-        """Of the task."""
+        """Name of the task."""
         return self.folder.name
 
     def spec(self) -> TaskSpec:
-        """The task.
+        """Read the task.
 
         Raises:
             InputError: ``task.yaml`` cannot be used.
@@ -61,35 +61,34 @@ class TaskStore:
 
     @property
     def rows_path(self) -> Path:
-        """``episodes.jsonl``."""
         return self.folder / ROWS
 
     def observation_path(self, index: int) -> Path:
         """Return the path of an episode's observations.
 
         Raises:
-            InputError: a link leads out of the folder.
+            InputError: a symbolic link leads out of the folder.
         """
         return self._inside(self.folder / OBSERVATIONS / f"{index:06d}.h5")
 
     def add(self, index: int, episode: Episode, recording: Recording | None) -> str:
-        """Write one finished episode, whole or not at all, and return the digest of its file.
+        """Write one finished episode atomically and return the digest of its file.
 
-        Any process may, and more than one at once: the same episode is the same bytes.
+        Several processes may do so at once, because the same episode gives the same bytes.
 
         Args:
-            recording: its states; None keeps the record alone.
+            recording: its states; None stores the record only.
 
         Raises:
-            WriteError: the folder cannot be written to, or is full.
+            WriteError: the folder cannot be written to, or the disk is full.
         """
         return write_episode(self.path(index, episode.held), episode, recording)
 
     def rows(self) -> Iterator[Episode]:
-        """Every episode that was tried, by index, from ``episodes.jsonl``; one is in memory at a time.
+        """Yield the records of all episodes by index from ``episodes.jsonl``; one is in memory at a time.
 
         Raises:
-            InputError: the file is not there, because the collection is not complete, or it cannot be read.
+            InputError: the file is missing because the collection is incomplete, or it cannot be read.
         """
         path = self.rows_path
         last = -1
@@ -104,7 +103,7 @@ class TaskStore:
             yield row
 
     def logged(self) -> list[Episode]:
-        """Return the episodes that are finished, by index, while others may be under way; damaged ones are left out.
+        """Return the finished episodes of a collection that may still be running, by index and without damaged ones.
 
         Raises:
             InputError: ``episodes.jsonl`` cannot be read, or another version of gensim2 wrote an episode.
@@ -115,11 +114,11 @@ class TaskStore:
         return sorted(rows, key=lambda row: row.index)
 
     def read(self, row: Episode) -> EpisodeResult:
-        """Return the whole of an episode.
+        """Read an episode's file and check it against its row.
 
         Raises:
-            InputError: its file is gone, damaged or not the one that the row is of, or its recording is none of the
-                episode (:func:`~gensim2.data.recorded.check_recording`), or one that held has none.
+            InputError: the file is missing, damaged or of another episode, its recording does not fit the episode
+                (:func:`~gensim2.data.recorded.check_recording`), or a successful episode has no recording.
         """
         path = self._inside(self.path(row.index, row.held))
         stored = read_episode(path)
@@ -132,18 +131,14 @@ class TaskStore:
         return stored
 
     def _inside(self, path: Path) -> Path:
-        """A file of the task, or of nothing else.
-
-        Raises:
-            InputError: a link leads out of the folder.
-        """
+        """Return a path after a check that no symbolic link leads out of the task's folder."""
         return ForeignTree(self.folder).inside(str(path.relative_to(self.folder)))
 
     def found(self) -> Iterator[tuple[int, Path, Episode | None]]:
-        """Yield index, path and record of every file of an episode; None where it is damaged.
+        """Yield index, path and record of every episode file; the record is None if the file is damaged.
 
         Raises:
-            InputError: one was written by another version of gensim2, or a link leads out of the folder.
+            InputError: another version of gensim2 wrote a file, or a symbolic link leads out of the folder.
         """
         for held in (True, False):
             folder = self.path(0, held).parent
@@ -157,7 +152,7 @@ class TaskStore:
                     yield int(match[1]), path, found if lies_right else None
 
     def is_complete(self, row: Episode) -> bool:
-        """Whether the file of a row is there and whole."""
+        """Return whether a row's file exists and is undamaged."""
         try:
             return episode_digest(self.path(row.index, row.held)) == row.episode_digest
         except DamagedEpisodeError:
@@ -168,8 +163,9 @@ class TaskStore:
             return False
 
     def write_rows(self, count: int) -> Iterator[Episode]:
-        """Write ``episodes.jsonl`` from the files of the first ``count`` episodes, and yield each row; it stands when
-        the iterator ends.
+        """Write ``episodes.jsonl`` from the files of the first ``count`` episodes and yield each row.
+
+        The file is complete when the iterator ends.
 
         Raises:
             InputError: an episode is missing or damaged.

@@ -1,6 +1,6 @@
-"""The episodes of one task in a collection: which are done, which are to come, and how one is kept.
+"""The episodes of one task in a collection: finished and missing ones, and how they are stored.
 
-Data sets and demonstrations are collected by the same queue; only the quota differs.
+Collections of data sets and of demonstrations use the same queue with different quotas.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class Quota:
     """Number of episodes of a task to collect.
 
     Attributes:
-        limit: episodes tried at most.
-        held: the collection ends with the episode that makes up this number of successes; None: all are tried.
+        limit: largest number of episodes to run.
+        held: number of successes after which the collection ends; None: run all episodes.
     """
 
     limit: int
@@ -43,10 +43,10 @@ class Quota:
 def keep_episode(
     folder: Path, index: int, failures: bool, episode: Episode, recording: Recording | None
 ) -> tuple[Episode, int]:
-    """Write an episode into its task's folder, and return it with the bytes of its file; called in the worker.
+    """Write an episode into its task's folder in a worker process; return it and the size of its file.
 
     Args:
-        failures: keep the states of one that does not hold, too.
+        failures: also store the states of failed episodes.
     """
     store = TaskStore(folder)
     store.add(index, episode, recording if episode.held or failures else None)
@@ -57,16 +57,16 @@ class TaskQueue:
     """The episodes of one task.
 
     Args:
-        task: what is to be done.
-        strategies: by name, as plain data.
-        instances: which instances episodes draw from.
+        strategies: strategies by name, as plain data.
+        instances: set of objects.
         store: folder of the task.
-        seeds: of the resets, by index.
-        quota: how many episodes are collected.
-        keep_failures: keep the states of episodes that do not hold, too.
+        seeds: seed of the reset by index.
+        quota: number of episodes to collect.
+        keep_failures: also store the states of failed episodes.
 
     Attributes:
-        tried, held, strict, causes: over the finished episodes, and ``size`` the bytes of their files.
+        tried, held, strict, causes: counts over the finished episodes.
+        size: size of their files, bytes.
     """
 
     def __init__(
@@ -92,12 +92,11 @@ class TaskQueue:
 
     @property
     def name(self) -> str:
-        """Name of the task."""
         return self.task.name
 
     @property
     def needed(self) -> int | None:
-        """Length of the shortest run of indices from 0 that fills the quota; None while episodes of it are missing."""
+        """Number of episodes that fill the quota, from index 0; None while some of them are missing."""
         if self.quota.held is None:
             return self.quota.limit if self.tried == self.quota.limit else None
         held = 0
@@ -116,12 +115,11 @@ class TaskQueue:
 
     @property
     def status(self) -> TaskStatus:
-        """Return the progress."""
         causes = dict(sorted(self.causes.items(), key=lambda item: (-item[1], item[0])))
         return TaskStatus(self.name, self.quota.limit, self.tried, self.held, self.strict, causes)
 
     def count(self, index: int, episode: Episode, size: int) -> None:
-        """Take note of a finished episode whose file has ``size`` bytes."""
+        """Count a finished episode, whose file has ``size`` bytes."""
         self._under_way.discard(index)
         self._done[index], self._holds[index] = 1, episode.held
         self.tried += 1
@@ -132,7 +130,7 @@ class TaskQueue:
             self.causes[str(episode.cause)] += 1
 
     def read(self) -> int:
-        """Take note of what earlier runs left, remove what is damaged, and return how much that was.
+        """Count the episodes of earlier runs, remove damaged files, and return the number of damaged files.
 
         Raises:
             InputError: an episode is not of this collection, or another version of gensim2 wrote it.
@@ -151,7 +149,7 @@ class TaskQueue:
         return damaged
 
     def is_complete(self) -> bool:
-        """Take note of ``episodes.jsonl`` where it and all that it tells of are there and whole; else return False."""
+        """Return whether ``episodes.jsonl`` and all its episodes are complete, and count them if so."""
         number = -1
         with contextlib.suppress(InputError):
             for number, row in enumerate(self.store.rows()):
@@ -169,16 +167,17 @@ class TaskQueue:
         return sum(len(list(folder.iterdir())) for folder in folders if folder.is_dir()) != count
 
     def finish(self) -> None:
-        """Write ``episodes.jsonl``, once the quota is filled."""
+        """Write ``episodes.jsonl`` once the quota is filled."""
         assert self.needed is not None
         for _ in self.store.write_rows(self.needed):
             pass
 
     def jobs(self, evaluator: EpisodeRunner, first: int) -> Iterator[Job | None]:
-        """Yield what is to come, numbered from ``first`` on; None while what is under way may fill the quota.
+        """Yield the remaining jobs, numbered from ``first``; yield None while running episodes may fill the quota.
 
-        An episode is begun only while those that held and those under way, were all of them to hold, are too few. So
-        the same indices are run with any number of workers, in whatever order they finish.
+        An episode is started only if the quota would stay unfilled even if all running episodes succeed. Therefore the
+        same
+        indices are run with any number of workers and in any order of completion.
         """
         config = evaluator.config(self.task, self.instances)
         last = self._done.rfind(1)
@@ -199,15 +198,15 @@ def run_queues(
     evaluator: EpisodeRunner,
     finished: Callable[[TaskQueue], None],
 ) -> None:
-    """Run the missing episodes of the queues, task by task, and count each as it is finished.
+    """Run the missing episodes of the queues, task by task, and count each finished episode.
 
     Args:
-        queues: one a task, in order.
+        queues: one queue for each task, in order.
         evaluator: pool of workers that runs the episodes.
         finished: callback after each episode, with the episode's queue.
 
     Raises:
-        WriteError: no room is left; what was finished is kept.
+        WriteError: the disk is full; finished episodes are kept.
         NotRunError: some episodes could not be run; all others are finished.
     """
     starts = [0, *itertools.accumulate(queue.quota.limit for queue in queues)]

@@ -1,4 +1,4 @@
-"""Frames of a data set as PyTorch's loaders take them."""
+"""Frames of a data set for PyTorch's loaders."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 class TorchFrames(torch.utils.data.Dataset[dict[str, Any]]):  # type: ignore[misc]
-    """A map-style data set of tensors, by the names that :class:`~gensim2.data.frame_access.FrameAccess` gives.
+    """Map-style data set of tensors with the names of :class:`~gensim2.data.frame_access.FrameAccess`.
 
-    Depth is int32, since few operations of PyTorch know uint16; the sentence stays a string.
+    Depth is int32, because few PyTorch operations support uint16; the instruction stays a string.
     """
 
     def __init__(self, frames: FrameAccess) -> None:

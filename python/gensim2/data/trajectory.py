@@ -1,10 +1,10 @@
-"""Demonstrations on disk, in ManiSkill's trajectory format: ``trajectory.h5`` beside ``trajectory.json``.
+"""Demonstrations in ManiSkill's trajectory format: ``trajectory.h5`` and ``trajectory.json``.
 
-Each episode is first written to a file of its own under ``episodes/``, whole or not at all, as soon as it is
-finished; the two files are merged from those that the caller names, in that order. So nothing that is finished is
-lost, and the bytes do not depend on how many workers there were or which was faster.
+Each finished episode is first written atomically to its own file under ``episodes/``; the two files are then merged
+from the given episodes in the given order. So an interruption loses no finished episode, and the bytes do not depend
+on the number of workers.
 
-ManiSkill's own command replays the result, since the environment's id names the module that registers it:
+ManiSkill's own command replays the result, because the environment's id names the module that registers it:
 
     python -m mani_skill.trajectory.replay_trajectory --traj-path trajectory.h5
 """
@@ -38,14 +38,14 @@ class TrajectoryMetadata:
     """Task, strategies and sources of demonstrations, written into ``trajectory.json``.
 
     Attributes:
-        task: what was done.
-        strategies: by name: how it was done, as plain data.
-        assets: ``"builtin"``, or the folder that the objects come from.
-        licenses: terms by ``class/id``, which the data carries on.
-        seed: of the run.
-        environment: further arguments of the environment (the robot, the physics), where they are not its defaults.
-        details: anything else worth keeping (versions, command), as plain data.
-        controller: who decided the actions, ``module:Class`` or ``FILE.py:Class``.
+        task: the task.
+        strategies: strategies by name, as plain data.
+        assets: folder of the objects, or ``"builtin"``.
+        licenses: licences by ``class/id``, which also apply to the data.
+        seed: seed of the run.
+        environment: further arguments of the environment (robot, physics) that differ from its defaults.
+        details: any other facts to store (versions, command), as plain data.
+        controller: class that chose the actions, ``module:Class`` or ``FILE.py:Class``.
     """
 
     task: TaskSpec
@@ -59,21 +59,22 @@ class TrajectoryMetadata:
 
 
 def write_trajectory(folder: Path, provenance: TrajectoryMetadata, episodes: Sequence[tuple[Path, str | None]]) -> None:
-    """Write ``trajectory.h5`` and ``trajectory.json`` from files of episodes, one of which is in memory at a time.
+    """Write ``trajectory.h5`` and ``trajectory.json`` from episode files, with one episode in memory at a time.
 
     Args:
-        folder: to write to.
-        provenance: goes into the JSON file.
+        folder: output folder.
+        provenance: metadata for the JSON file.
         episodes: files and their digests, in order.
 
     Raises:
-        InputError: there is no episode, or one is damaged or was recorded without its states.
+        InputError: there are no episodes, or one is damaged or has no states.
     """
     if not episodes:
         raise InputError("there is no finished episode to merge", file=folder)
     used: dict[str, set[str]] = {name: set() for name in provenance.task.objects}
-    # The data gets its name first: a JSON file never promises what is not there. Its head says which objects there are,
-    # which the last episode decides: entries wait in a file of their own, and each episode is read once.
+    # The data file is renamed before the JSON file, so that the JSON file never refers to missing data. The head of the
+    # JSON file lists the objects, which are known after the last episode only. Entries therefore wait in a temporary
+    # file, so that each episode is read once.
     with (
         replacing(folder / JSON_NAME) as json_path,
         replacing(folder / H5_NAME) as h5_path,
@@ -95,13 +96,13 @@ def write_trajectory(folder: Path, provenance: TrajectoryMetadata, episodes: Seq
 
 
 def _indented(entry: dict[str, Any]) -> str:
-    """An item of a list in an indented JSON document."""
+    """Return a list item of an indented JSON document."""
     return "    " + json.dumps(entry, indent=2, allow_nan=False).replace("\n", "\n    ")
 
 
 @contextlib.contextmanager
 def _recorded(file: Path, digest: str | None) -> Iterator[tuple[h5py.Group, dict[str, Any]]]:
-    """The recording and the entry of an episode's file."""
+    """Yield the recording and the JSON entry of an episode's file."""
     with open_episode(file) as (episode, header, group):
         if episode.episode_digest != digest or header is None:
             raise DamagedEpisodeError("is not a finished episode", file=file, remedy="delete it and resume")
@@ -109,7 +110,7 @@ def _recorded(file: Path, digest: str | None) -> Iterator[tuple[h5py.Group, dict
 
 
 def _entry(episode: Episode, recorded: RecordingHeader) -> dict[str, Any]:
-    """Return an episode's entry in ManiSkill's JSON."""
+    """Return an episode's entry in ManiSkill's JSON file."""
     return {
         "episode_seed": recorded.seed,
         "control_mode": recorded.control_mode,
@@ -130,10 +131,9 @@ def _env_id(task: TaskSpec) -> str:
 def env_kwargs(
     task: TaskSpec, assets: str, instances: Mapping[str, Sequence[str]], environment: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Arguments with which ``gym.make(env_id(task), ...)`` makes the environment of the demonstrations.
+    """Return the arguments for ``gym.make(env_id(task), ...)`` that make the environment of the demonstrations.
 
     Args:
-        task: what was done.
         assets: ``"builtin"``, or a folder.
         instances: ids by object.
         environment: further arguments.
@@ -157,7 +157,7 @@ def _source(controller: str) -> str:
 
 
 def _document(provenance: TrajectoryMetadata, instances: dict[str, list[str]]) -> dict[str, Any]:
-    """The JSON file without its episodes."""
+    """Return the JSON document without its episodes."""
     task = provenance.task
     names = [f"{task.objects[name].asset_class}/{id}" for name, ids in instances.items() for id in ids]
     return {

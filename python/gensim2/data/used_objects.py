@@ -1,4 +1,4 @@
-"""Whether the objects of a data set's episodes are still what they were."""
+"""Check that the objects of a data set's episodes have not changed."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ _REMEDY = "restore the object, or say with --assets where it is"
 
 
 class ObjectCheck:
-    """Compares objects by the content that the episodes of a data set were run with.
+    """Compares objects with the content that the episodes of a data set were run with.
 
-    What an object is made into follows from its files and from gensim2. So another content is refused where the data
-    set is of this version of gensim2, and said once where it is of another one.
+    The prepared form of an object depends on its files and on the version of gensim2. A difference is an error if this
+    version of gensim2 made the data set, and otherwise a single message.
 
     Args:
-        dataset: of the episodes.
-        progress: is told of objects that another version prepared.
+        dataset: data set of the episodes.
+        progress: listener for messages.
 
     Attributes:
-        library: of the objects.
+        library: library of the objects.
 
     Raises:
-        InputError: the folder of objects is not there.
+        InputError: the folder of objects does not exist.
     """
 
     def __init__(self, dataset: DataSet, progress: Progress = NULL_PROGRESS) -> None:
@@ -39,19 +39,19 @@ class ObjectCheck:
         self._said: set[tuple[str, str]] = set()
 
     def episode(self, row: Episode, file: Path) -> None:
-        """Check the objects of an episode, whose file is ``file``.
+        """Check the objects of an episode from ``file``.
 
         Raises:
-            InputError: an object is not there, or another one.
+            InputError: an object is missing or has changed.
         """
         for thing in row.objects.values():
             self._one((thing.asset_class, thing.id), thing.content_hash, file)
 
     def all(self) -> None:
-        """Check all objects that the data set names.
+        """Check all objects of the data set.
 
         Raises:
-            InputError: an object is not there, or another one.
+            InputError: an object is missing or has changed.
         """
         for name, used in self._dataset.record.objects.items():
             asset_class, _, instance = name.partition("/")

@@ -1,4 +1,4 @@
-"""Pictures of recorded episodes: the actions are replayed in a rendering environment. Physics came first."""
+"""Videos and images of recorded episodes, by replaying the actions in a rendering environment."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ from gensim2.tasks.spec import TaskSpec
 Frame = npt.NDArray[np.uint8]
 
 LONG = 200
-"""Control steps beyond which every second one is shown: a picture without a GPU takes a quarter of a second."""
+"""Number of control steps above which only every second one is shown; without a GPU a frame takes a quarter of a
+second.
+"""
 
 
 class _Arguments(BaseModel):
@@ -67,7 +69,7 @@ class _Entry(BaseModel):
 
 
 class _Trajectory(BaseModel):
-    """Fields of ``trajectory.json`` that a replay follows from."""
+    """Fields of ``trajectory.json`` that determine a replay."""
 
     env_info: _Environment
     gensim2: _Origin
@@ -76,14 +78,15 @@ class _Trajectory(BaseModel):
 
 @dataclass(frozen=True)
 class Replay:
-    """Inputs that determine the states of an episode.
+    """Everything that determines the states of an episode.
 
     Attributes:
-        env_id, env_kwargs: of the environment, for ``gymnasium.make``.
+        env_id, env_kwargs: environment, for ``gymnasium.make``.
         reset_kwargs: seed and options of the reset.
-        actions: (T, m + 1), one a control step.
-        states: ManiSkill's ``env_states``, (T + 1, ...), which are shown in place of simulating the actions again; None
-            where SAPIEN simulated the episode, and does so again.
+        actions: (T, m + 1), one for each control step.
+        states: ManiSkill's ``env_states``, (T + 1, ...), which are shown without simulation; None for episodes of
+            SAPIEN,
+            which are simulated again.
     """
 
     env_id: str
@@ -94,17 +97,18 @@ class Replay:
 
     @property
     def control_hz(self) -> int:
-        """Rate of the robot's actions."""
+        """Control rate of the robot, Hz."""
         return robot(self.env_kwargs.get("robot", DEFAULT_ROBOT)).control_hz
 
     @staticmethod
     def stored(trajectory: Path, episode: int = 0) -> Replay:
-        """Return that of an episode of ``trajectory.h5``, by its number; the JSON file lies beside it.
+        """Return the replay of an episode of ``trajectory.h5``, with its JSON file beside it.
 
-        The environment follows from the task: the id in the file names a module, which gymnasium would import.
+        The environment is built from the task, because gymnasium would import the module named in the file's
+        environment id.
 
         Raises:
-            InputError: the file or the episode is not there, or cannot be used.
+            InputError: the file or the episode is missing or cannot be used.
         """
         from gensim2.sim.registration import env_id
 
@@ -136,7 +140,7 @@ class Replay:
 
     @staticmethod
     def of(recording: Recording, task: TaskSpec, assets: str, environment: Mapping[str, Any]) -> Replay:
-        """Return that of an episode that was just recorded.
+        """Return the replay of an episode that was just recorded.
 
         Args:
             assets: ``"builtin"``, or a folder.
@@ -151,7 +155,7 @@ class Replay:
 
 
 def _check_states(states: Tree, rows: int) -> None:
-    """Refuse states of a number of instants other than ``rows``."""
+    """Refuse states whose number of instants differs from ``rows``."""
     for kind, group in states.items():
         if not isinstance(group, dict):
             raise ForeignHdf5Error(f"env_states/{kind} is no group")
@@ -162,11 +166,11 @@ def _check_states(states: Tree, rows: int) -> None:
 
 @dataclass(frozen=True)
 class Film:
-    """Result of filming an episode.
+    """Result of recording a video.
 
     Attributes:
         frames: number of frames in the video.
-        success: the task's criteria held at the end of the replay.
+        success: whether the goal was reached at the end of the replay.
     """
 
     frames: int
@@ -174,15 +178,15 @@ class Film:
 
 
 def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int | None = None, speed: int = 1) -> Film:
-    """Replay an episode and write it as an mp4: H.264, which browsers play, 640 x 480.
+    """Replay an episode and write it as an H.264 mp4 of 640 x 480 pixels, which browsers can play.
 
-    Needs 2.2 GB of memory and, once a process, 10 s for shaders: run it in a worker process.
+    This needs 2.2 GB of memory and, once in each process, 10 s for shaders, so run it in a worker process.
 
     Args:
         video: file to write, atomically.
-        still: also write a picture of the moment when a keypoint of an object is farthest from where it began; its
-            suffix says in which format.
-        stride: control steps from one frame to the next; None: every one, or every second one of a long episode.
+        still: also write an image of the moment when an object's keypoint is farthest from its start; the suffix
+            selects the format.
+        stride: control steps between frames; None: 1, or 2 for long episodes.
         speed: 1 plays in real time, 2 twice as fast.
 
     Raises:
@@ -203,7 +207,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
 
 
 class _Shown:
-    """Data kept of a replay besides the video: frames themselves are not, 200 of them are 180 MB."""
+    """Data of a replay that are kept beside the video; the frames themselves would need too much memory."""
 
     def __init__(self) -> None:
         self.frames = 0
@@ -251,14 +255,14 @@ def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
 
 
 def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *, exact: bool = False) -> None:
-    """Write pictures as an mp4 in H.264 and check that the encoder has finished it.
+    """Write frames as an H.264 mp4 and check that the encoder finished.
 
     Args:
-        path: of the file.
-        frames: (H, W, 3), all of one size, one at least.
+        path: file to write.
+        frames: (H, W, 3), all of the same size, at least one.
         frames_per_second: of the video.
-        exact: keep the size, with a key frame at every second one, so that a frame is found without those before it;
-            see :func:`pixel_format`. Otherwise sides are scaled to multiples of 16, which all browsers play.
+        exact: keep the size (see :func:`pixel_format`), with every second frame a key frame for fast random access.
+            Otherwise sides are scaled to multiples of 16, which all browsers play.
 
     Raises:
         OSError: the encoder ended early, as on a full disk.
@@ -271,7 +275,7 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
     if not exact:  # "faststart": a browser shows the first frame before it has the whole file
         shape = {"codec": "libx264", "quality": 7, "output_params": ["-movflags", "+faststart"]}
     shape["pixelformat"] = pixel_format(*first.shape[:2]) if exact else "yuv420p"
-    # ImageIO's plugin types do not say that a writer can append.
+    # ImageIO's plugin types lack the writer's append method.
     writer: Any = imageio.get_writer(path, fps=frames_per_second, ffmpeg_log_level="quiet", **shape)
     count = 0
     with writer:
@@ -290,7 +294,7 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
 
 
 def pixel_format(height: int, width: int) -> str:
-    """Return the pixel format of a video that keeps its size: half the colours need even sides."""
+    """Return a pixel format that keeps the video's size; yuv420p needs even sides."""
     return "yuv420p" if height % 2 == 0 and width % 2 == 0 else "yuv444p"
 
 

@@ -1,4 +1,4 @@
-"""Arrays of frames as columns of Arrow tables, and back."""
+"""Convert frame arrays to Arrow columns and back."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = npt.NDArray[Any]
 
 
 def arrow_modules() -> tuple[ModuleType, ModuleType]:
-    """``pyarrow`` and ``pyarrow.parquet``.
+    """Return the modules ``pyarrow`` and ``pyarrow.parquet``.
 
     Raises:
         MissingExtraError: pyarrow is not installed.
@@ -28,7 +28,7 @@ def arrow_modules() -> tuple[ModuleType, ModuleType]:
 
 
 def column_type(arrow: ModuleType, dtype: np.dtype[Any], shape: tuple[int, ...]) -> Any:
-    """Numbers, or lists of lists of them."""
+    """Return the Arrow type of a column: numbers, or nested lists of numbers."""
     found = arrow.from_numpy_dtype(dtype)
     for _ in shape if shape != (1,) else ():
         found = arrow.list_(found)
@@ -36,7 +36,7 @@ def column_type(arrow: ModuleType, dtype: np.dtype[Any], shape: tuple[int, ...])
 
 
 def to_column(arrow: ModuleType, values: Array) -> Any:
-    """(T, *shape) as an Arrow array, without a Python object a number."""
+    """Convert an array (T, *shape) to an Arrow array, without creating Python objects for the numbers."""
     shape = values.shape[1:]
     column = arrow.array(np.ascontiguousarray(values).reshape(-1))
     if shape == (1,):
@@ -48,10 +48,10 @@ def to_column(arrow: ModuleType, values: Array) -> Any:
 
 
 def to_array(column: Any, shape: tuple[int, ...]) -> Array:
-    """A column of lists of lists as one array, without a Python object a number.
+    """Convert a column of nested lists to one array, without creating Python objects for the numbers.
 
     Raises:
-        ValueError: a number is missing, or a list is not as long as the others.
+        ValueError: a number is missing, or a list has another length than the others.
     """
     found = column.combine_chunks()
     for size in shape if shape != (1,) else ():

@@ -1,4 +1,4 @@
-"""Names of what frames hold, made in one place: in observation files, in zarr, in LeRobot, and back.
+"""Names of frame columns in observation files, in zarr and in LeRobot.
 
 | observation file | column, and array in zarr | LeRobot |
 |---|---|---|
@@ -11,7 +11,7 @@
 | ``cameras/<camera>/depth``, ``segmentation`` | ``depth_<camera>``, ``segmentation_<camera>`` | none |
 | ``pointcloud/segmentation`` | ``point_segmentation`` | none |
 
-No name holds a slash: LeRobot's editing tools and Diffusion Policy's replay buffer take one for a folder.
+Names have no slash, because LeRobot's editing tools and Diffusion Policy's replay buffer interpret it as a folder.
 """
 
 from __future__ import annotations
@@ -37,14 +37,16 @@ from gensim2.perception.observation import (
 )
 
 XYZ, RGB, IDS = "pointcloud/xyz", "pointcloud/rgb", "pointcloud/segmentation"
-"""Arrays of clouds in files of observations: (N, 3) int16 in steps of 0.1 mm; (N, 3) uint8; (N,) int16."""
+"""Cloud arrays in observation files: positions (N, 3) int16 in 0.1 mm, colours (N, 3) uint8, segmentation ids (N,)
+int16.
+"""
 STORED = {
     STATE: "proprioception/qpos",
     VELOCITY: "proprioception/qvel",
     TOOL_POSE: "proprioception/tool_pose",
     GRIPPER: "proprioception/gripper",
 }
-"""Arrays of what the robot knows of itself in files of observations, by column."""
+"""Proprioception arrays in observation files, by column."""
 
 _CAMERAS = "cameras"
 _PREFIXES = {"rgb": IMAGE, "depth": DEPTH, "segmentation": SEGMENTATION}
@@ -64,15 +66,15 @@ _LEROBOT_IMAGES = "observation.images."
 
 
 def camera_array(camera: str, what: str) -> str:
-    """Name of a camera's array in a file of observations: ``what`` is ``rgb``, ``depth``, ``segmentation``, ..."""
+    """Return the name of a camera's array in an observation file, such as ``cameras/left/rgb``."""
     return f"{_CAMERAS}/{checked_name(camera, field='camera')}/{what}"
 
 
 def column_of(array: str) -> str | None:
-    """The column that a camera's array becomes; None where it becomes none.
+    """Return the column of a camera's array; None if it has no column.
 
     Raises:
-        InputError: the camera's name is none.
+        InputError: the camera's name is invalid.
     """
     folder, _, rest = array.partition("/")
     camera, _, what = rest.rpartition("/")
@@ -82,11 +84,11 @@ def column_of(array: str) -> str | None:
 
 
 def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False) -> dict[str, npt.NDArray[Any]]:
-    """Return the columns that the arrays of a file of observations become, those of proprioception apart.
+    """Return the columns of an observation file's arrays, without proprioception.
 
     Args:
-        arrays: by name; ``pointcloud/xyz`` in m.
-        known: the cloud is made of keypoints, and becomes the state of the environment.
+        arrays: arrays by name; ``pointcloud/xyz`` in m.
+        known: the cloud consists of keypoints and becomes ``environment_state``.
     """
     found: dict[str, npt.NDArray[Any]] = {}
     if (points := arrays.get(XYZ)) is not None:
@@ -100,7 +102,7 @@ def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False)
 
 
 def array_of(column: str) -> str | None:
-    """The camera's array that becomes a column; None of other columns."""
+    """Return the camera array of a column; None for other columns."""
     for what, prefix in _PREFIXES.items():
         if column.startswith(prefix):
             return camera_array(column.removeprefix(prefix), what)
@@ -108,24 +110,24 @@ def array_of(column: str) -> str | None:
 
 
 def lerobot_name(column: str) -> str | None:
-    """Name of a column in LeRobot's data sets; None of depth and ids, for which they have no place."""
+    """Return LeRobot's name of a column; None for depth and segmentation, which LeRobot cannot store."""
     if column.startswith(IMAGE):
         return _LEROBOT_IMAGES + column.removeprefix(IMAGE)
     return _LEROBOT.get(column)
 
 
 def column_in_lerobot(name: str) -> str | None:
-    """The column that a feature of LeRobot is; None where it is none of ours."""
+    """Return the column of a LeRobot feature; None for unknown features."""
     if name.startswith(_LEROBOT_IMAGES):
         return IMAGE + current(name.removeprefix(_LEROBOT_IMAGES))
     return next((column for column, theirs in _LEROBOT.items() if theirs == name), None)
 
 
 def current(camera: str) -> str:
-    """A camera's name as it is written now: exports were once written with ``cameras/left`` for ``left``."""
+    """Return a camera's present name; old exports have ``cameras/left`` for ``left``."""
     return camera.removeprefix(f"{_CAMERAS}/")
 
 
 def formerly_nested(group: str) -> str | None:
-    """Return what precedes a camera's name in the columns of a group in zarr's ``data``, as old exports have them."""
+    """Return the column prefix of a group of camera arrays in an old zarr export; None for other groups."""
     return next((prefix for prefix in (IMAGE, DEPTH) if group == f"{prefix}{_CAMERAS}"), None)

@@ -1,7 +1,8 @@
-"""From a data set to the formats of others.
+"""Export a data set to other formats.
 
-An export to LeRobot or zarr holds what policies learn from. Beside it, in ``gensim2/``, lie the episodes themselves, a
-hundredth of a point cloud's size: with them the data can be rendered with other cameras, replayed and imported again.
+An export to LeRobot or zarr has the data that policies learn from. Its folder ``gensim2/`` has the original episodes,
+which are a hundred times smaller than point clouds. With them the data can be rendered with other cameras, replayed,
+and imported again.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from gensim2.rollout.record import Episode
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
 
 NATIVE = "gensim2"
-"""Folder of the episodes themselves in an export."""
+"""Folder of the original episodes in an export."""
 
 Chosen = Sequence[tuple[TaskStore, list[Episode]]]
 
@@ -47,22 +48,21 @@ def export(
     assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> int:
-    """Write episodes of a data set in another format, and a card, all or nothing; return how many.
+    """Write episodes of a data set in another format, with a card, atomically; return the number of episodes.
 
     Args:
-        path: of the data set.
-        out: folder, which must not hold anything yet and lies outside the data set.
-        to: ``"maniskill"``: a folder a task, which ManiSkill replays; ``"lerobot"``: v3.0; ``"zarr"``: as the code of
-            Diffusion Policy reads it.
-        selection: which episodes.
-        observations: with the point clouds and pictures that were made of them.
-        assets: where the data set's objects are now, for ManiSkill and for a ``selection`` that looks at them; None:
-            where they were.
-        progress: listener.
+        path: folder of the data set.
+        out: new or empty folder outside the data set.
+        to: ``"maniskill"``: one folder for each task, which ManiSkill can replay; ``"lerobot"``: LeRobot v3.0;
+            ``"zarr"``: zarr in the layout of Diffusion Policy.
+        selection: filter of the episodes.
+        observations: include rendered point clouds and images.
+        assets: present folder of the data set's objects, for ManiSkill and for selections by clearance; None: the
+            recorded folder.
 
     Raises:
         InputError: an argument or a file cannot be used.
-        WriteError: no room is left, or the folder cannot be written to.
+        WriteError: the disk is full, or the folder cannot be written to.
         MissingExtraError: the format's library is not installed.
     """
     dataset = DataSet.open(path, assets)
@@ -88,10 +88,10 @@ def export(
 
 
 def check_apart(path: Path, out: Path, what: str) -> None:
-    """Refuse a folder to write to that is, or lies in, the one that is read.
+    """Refuse an output folder that is or lies in the input folder.
 
     Raises:
-        InputError: it does.
+        InputError: it is or does.
     """
     if Path(os.path.realpath(out)).is_relative_to(os.path.realpath(path)):
         raise InputError(f"lies in {what}", file=out, remedy="choose another folder with --out")
@@ -119,7 +119,7 @@ def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Pro
 def _frames(
     dataset: DataSet, chosen: Chosen, observations: bool, table: SeenTable, progress: Progress
 ) -> Iterator[Frames]:
-    """Yield the frames of one episode after another."""
+    """Yield the frames of each episode."""
     profile = robot(dataset.record.scene.robot)
     seen: set[bool] = set()
     for store, rows in chosen:
@@ -154,7 +154,7 @@ def _export_zarr(episodes: Iterator[Frames], out: Path) -> None:
 
 
 def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
-    """The chosen episodes as a data set of their own, in which all were kept."""
+    """Copy the selected episodes as a data set of their own."""
     for store, rows in chosen:
         folder = TaskStore(out / store.name)
         (folder.folder / "episodes").mkdir(parents=True)
@@ -168,6 +168,6 @@ def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
 
 
 def _record(dataset: DataSet, chosen: Chosen) -> DatasetRecord:
-    """Return the record of the chosen episodes; not all of those that were collected are among them."""
+    """Return the record of the selected episodes, marked as incomplete because episodes may be missing."""
     tasks = {store.name: dataset.record.tasks[store.name] for store, _ in chosen}
     return dataset.record.model_copy(update={"tasks": tasks, "complete": False})

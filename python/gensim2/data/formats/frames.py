@@ -1,4 +1,4 @@
-"""An episode as policies learn from it: what was seen, what was done, frame by frame. Every format writes these."""
+"""An episode as frames: observation and action at each control step. All frame formats store these."""
 
 from __future__ import annotations
 
@@ -18,22 +18,21 @@ from gensim2.rollout.recording import Recording
 Array = npt.NDArray[Any]
 
 FIRST_JOINT = 13
-"""Column of the first joint in ManiSkill's states: before it the root's pose (7) and velocities (6)."""
+"""Column of the first joint in ManiSkill's states, after the root's pose (7) and velocities (6)."""
 
 EPISODE_COLUMNS = ("state", "action", "reward", "success", "done")
-"""Columns that are an episode's own numbers; an import compares them with the episodes beside an export."""
+"""Columns that follow from an episode itself; an import compares them with the original episodes in an export."""
 
 
 @dataclass(frozen=True)
 class Frames:
-    """T frames of one episode; frame t is what was seen when the action t was taken.
+    """T frames of one episode; frame t has the observation on which action t was taken.
 
     Attributes:
-        sentence: what was to be done.
-        columns: (T, ...) by name: ``action`` (m + 1 float32, targets of the arm's joints, and the gripper from -1 to
-            1; what was meant, where noise was on what was sent), ``reward`` (float32, 1 where the goal holds after
-            the action), ``success``, ``done`` (bool), and what is seen, by the names of
-            :mod:`gensim2.perception.observation`.
+        sentence: instruction of the task.
+        columns: (T, ...) by name: ``action`` (m + 1 float32: targets of the arm's joints, and the gripper from -1 to 1;
+            without any added noise), ``reward`` (float32, 1 if the goal is reached after the action), ``success``,
+            ``done`` (bool), and observations named as in :mod:`gensim2.perception.observation`.
     """
 
     sentence: str
@@ -51,11 +50,11 @@ def frames_of(
     """Return the frames of a recorded episode.
 
     Args:
-        observation: (T + 1, ...) arrays of its file of observations; the last belongs to no action.
-        known: its cloud is made of keypoints, and is told as the state of the environment.
+        observation: (T + 1, ...) arrays of its observation file; the last row has no action and is dropped.
+        known: its cloud consists of keypoints and becomes ``environment_state``.
 
     Raises:
-        InputError: it is of another robot, or its observations are not of its steps.
+        InputError: the episode is of another robot, or its observations have another number of steps.
     """
     steps = recording.steps
     states = recording.env_states.get("articulations", {}).get(profile.agent)

@@ -1,10 +1,11 @@
-"""From the formats of others back to a data set.
+"""Import exported data sets.
 
-What ManiSkill replays holds everything, and is taken apart again. A LeRobot or zarr folder holds what policies learn
-from; the states stand in the episodes that an export lays beside it, and an import makes sure that both say the same.
+A ManiSkill export has all data in its trajectories. A LeRobot or zarr export has frames, and the original episodes
+beside
+them; an import takes the episodes and checks that the frames agree with them.
 
-An export may come from a stranger. Its folder is looked through and compared with its manifest before anything is
-parsed, all of it in a process of bounded memory; and what is counted is what was read back of the new data set.
+An export may be untrusted. Its files are listed and compared with its manifest before any of them is parsed, in a
+process with limited memory. The number of imported episodes is counted by reading the new data set.
 """
 
 from __future__ import annotations
@@ -36,19 +37,19 @@ PRELOAD = ("gensim2.data.formats.importing", "zarr")
 
 
 def import_(path: Path, out: Path, of: Format, *, progress: Progress = NULL_PROGRESS) -> int:
-    """Make a data set of what :func:`~gensim2.data.formats.export.export` wrote; return the number of episodes.
+    """Make a data set from an export of :func:`~gensim2.data.formats.export.export` and return the number of episodes.
 
-    Its episodes are those that were exported, byte for byte. They are read in a process of their own: a script must
-    call this below ``if __name__ == "__main__":``.
+    The episodes are the exported ones, byte for byte. They are read in a subprocess, so a script must call this below
+    ``if __name__ == "__main__":``.
 
     Args:
         path: folder of the export.
-        out: folder of the data set, which must not hold anything yet.
-        of: the format.
+        out: new or empty folder of the data set.
+        of: format of the export.
 
     Raises:
-        InputError: a folder or a file in it cannot be used, or does not say what the episodes beside it say.
-        WriteError: no room is left, or the folder cannot be written to.
+        InputError: a folder or a file in it cannot be used, or the frames differ from the episodes.
+        WriteError: the disk is full, or the folder cannot be written to.
         MissingExtraError: the format's library is not installed.
     """
     check_apart(path, out, "the export")
@@ -59,7 +60,7 @@ def import_(path: Path, out: Path, of: Format, *, progress: Progress = NULL_PROG
 
 
 def read_export(path: Path, folder: Path, of: Format, progress: Progress) -> int:
-    """Fill a folder with the data set of an export and return the number of episodes; as :func:`import_`, but here."""
+    """Import an export into an existing folder in this process, and return the number of episodes."""
     try:
         return _read(path, folder, of, progress)
     except WriteError:
@@ -99,7 +100,7 @@ def _read(path: Path, folder: Path, of: Format, progress: Progress) -> int:
 
 
 def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Progress) -> int:
-    """Compare an export's frames with the episodes beside it; how many there are."""
+    """Compare an export's frames with its original episodes and return their number."""
     profile = robot(dataset.record.scene.robot)
     count = 0
     for store, row, stored in read_back(dataset, progress):
@@ -121,8 +122,7 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
 
 
 def _difference(ours: Frames, theirs: Frames) -> str | None:
-    """Return the first difference, or None; of data that episodes do not hold (clouds, pictures) only that it has all
-    frames."""
+    """Return the name of the first difference, or None; of clouds and images only the number of frames is compared."""
     if ours.sentence != theirs.sentence:
         return "the sentence"
     for name in EPISODE_COLUMNS:

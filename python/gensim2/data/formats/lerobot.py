@@ -1,11 +1,11 @@
-"""LeRobot v3.0 (codebase version ``v3.0``): what LeRobot's own loader reads, written without it.
+"""Write LeRobot v3.0 data sets (codebase version ``v3.0``) without the LeRobot package.
 
     meta/info.json                            features, counts, file names
     meta/stats.json                           minimum, maximum, mean, deviation and count of every feature
-    meta/tasks.parquet                        sentence -> task_index
-    meta/episodes/chunk-000/file-000.parquet  a row an episode: length, task, where its frames lie, its statistics
-    data/chunk-000/file-000.parquet           a row a frame; a row group an episode; files of about 100 MB
-    videos/<camera>/chunk-000/file-000.mp4    one an episode, where pictures were made
+    meta/tasks.parquet                        instruction -> task_index
+    meta/episodes/chunk-000/file-000.parquet  one row per episode: length, task, location of frames, statistics
+    data/chunk-000/file-000.parquet           one row per frame; one row group per episode; files of about 100 MB
+    videos/<camera>/chunk-000/file-000.mp4    one file per episode, if there are images
 
 One episode is in memory at a time.
 """
@@ -29,12 +29,12 @@ from gensim2.data.formats.arrow_columns import arrow_modules, column_type, to_co
 
 VERSION = "v3.0"
 FILE_BYTES = 100 * 2**20
-"""Size in memory at which another file of frames is begun."""
+"""Size in memory after which a new file of frames is started, bytes."""
 FILES_PER_CHUNK = 1000
 PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 
 INDEX_NAME = "__index_level_0__"
-"""Name in pandas of an index without a name."""
+"""Name that pandas gives to an index without a name."""
 
 Array = npt.NDArray[Any]
 
@@ -45,12 +45,12 @@ INDICES = {
     "index": "int64",
     "task_index": "int64",
 }
-"""Columns that every data set of LeRobot has, one number a frame."""
+"""Index columns of every LeRobot data set, one number per frame."""
 
 
 @dataclass(frozen=True)
 class Totals:
-    """Running sums from which the statistics of any number of frames follow, element by element."""
+    """Running sums for elementwise statistics of any number of frames."""
 
     count: int
     low: Array
@@ -60,7 +60,7 @@ class Totals:
 
     @staticmethod
     def of(values: Array, picture: bool) -> Totals:
-        """Those of (T, ...) frames; of pictures by channel, scaled to 0 to 1, as LeRobot does."""
+        """Return the sums of frames (T, ...); of images by channel, scaled to 0 to 1, as in LeRobot."""
         found = np.asarray(values, dtype=np.float64)
         if picture:
             found = found.reshape(-1, found.shape[-1]) / 255.0
@@ -69,7 +69,6 @@ class Totals:
         return Totals(count, found.min(0), found.max(0), found.sum(0) * scale, np.square(found).sum(0) * scale)
 
     def plus(self, other: Totals) -> Totals:
-        """Those of both."""
         return Totals(
             self.count + other.count,
             np.minimum(self.low, other.low),
@@ -79,7 +78,7 @@ class Totals:
         )
 
     def statistics(self, picture: bool) -> dict[str, Array]:
-        """As LeRobot names and shapes them."""
+        """Return the statistics with LeRobot's names and shapes."""
         mean = self.total / self.count
         deviation = np.sqrt(np.maximum(self.squares / self.count - mean**2, 0.0))
         found = {"min": self.low, "max": self.high, "mean": mean, "std": deviation}
@@ -91,18 +90,18 @@ class Totals:
 
 
 def thinned(pictures: Array) -> Array:
-    """Some pictures of an episode, enough for its statistics."""
+    """Return a subset of an episode's images for its statistics."""
     return np.asarray(pictures)[:: max(1, len(pictures) // 20)]
 
 
 @dataclass(frozen=True)
 class Feature:
-    """One column beside the indices.
+    """One column other than the indices.
 
     Attributes:
-        dtype: of its numbers, as NumPy names it; ``"video"`` is kept as an mp4 a camera.
-        shape: of one frame.
-        names: of the numbers, or of the axes.
+        dtype: NumPy data type; ``"video"`` for images, which are stored as one mp4 for each camera.
+        shape: shape of one frame.
+        names: names of the numbers or axes.
     """
 
     dtype: str
@@ -111,21 +110,21 @@ class Feature:
 
     @property
     def is_video(self) -> bool:
-        """Whether frames are pictures, (H, W, 3) uint8."""
+        """Whether frames are images, (H, W, 3) uint8."""
         return self.dtype == "video"
 
 
 class LeRobotWriter:
-    """Writes one data set, episode by episode. A context manager: what it leaves whole can be read.
+    """Context manager that writes a data set episode by episode; the data set is readable after a normal exit.
 
     Args:
-        root: folder, which must not hold a data set yet.
-        features: by name: dots, no slashes, which LeRobot's editing tools refuse.
-        fps: frames a second.
-        robot: type of the robot, a word.
+        root: new or empty folder.
+        features: features by name; names have dots but no slashes, which LeRobot's editing tools refuse.
+        fps: frames per second.
+        robot: robot type.
 
     Raises:
-        InputError: there is something in ``root`` already, or a feature's name has a slash.
+        InputError: ``root`` is not empty, or a feature's name has a slash.
         MissingExtraError: pyarrow is not installed.
     """
 
@@ -156,11 +155,11 @@ class LeRobotWriter:
         """Add an episode.
 
         Args:
-            task: its sentence.
+            task: instruction of the task.
             frames: (T, *shape) of every feature.
 
         Raises:
-            InputError: a feature is missing, or has another shape.
+            InputError: a feature is missing or has another shape.
         """
         length = self._length(frames)
         number, task_index = len(self._episodes), self._tasks.setdefault(task, len(self._tasks))
@@ -201,7 +200,7 @@ class LeRobotWriter:
         self._frames += length
 
     def finish(self) -> None:
-        """Write what is known only in the end; the data set can be read from now on."""
+        """Write the files that depend on all episodes; the data set is readable afterwards."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None
@@ -255,7 +254,7 @@ class LeRobotWriter:
         self._in_file += size
 
     def _film(self, camera: str, pictures: Array, number: int) -> dict[str, Any]:
-        """Write one episode of a camera; what the episode's row says of it."""
+        """Write one episode's video of a camera and return its columns for the episode's row."""
         try:
             from gensim2.data.video import write_video
         except ImportError as error:
@@ -273,7 +272,7 @@ class LeRobotWriter:
         }
 
     def _task_table(self) -> Any:
-        """Sentences are the table's index, which only pandas knows of: its note says so."""
+        """Return the table of tasks, with the metadata by which pandas recognizes the instructions as its index."""
         table = self._arrow.table({"task_index": list(self._tasks.values()), INDEX_NAME: list(self._tasks)})
         columns = [
             {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": numpy, "metadata": None}

@@ -1,4 +1,4 @@
-"""The numbers of a LeRobot data set, v3.0, whoever wrote it, read without LeRobot."""
+"""Read LeRobot v3.0 data sets without the LeRobot package; the data may be untrusted."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ class _Info(BaseModel):
 
 
 def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
-    """Yield the sentence and the columns of each episode of a LeRobot data set, by index; pictures are left out.
+    """Yield instruction and columns of each episode of a LeRobot data set, by index and without images.
 
-    Numbers come as (T,), everything else as (T, *shape).
+    Scalar columns are (T,), all others (T, *shape).
 
     Raises:
-        InputError: it is no LeRobot data set of version 3.0, or it is damaged.
+        InputError: the folder is not a LeRobot v3.0 data set, or is damaged.
         MissingExtraError: pyarrow is not installed.
     """
     arrow, parquet = arrow_modules()
@@ -97,7 +97,7 @@ def _read_info(tree: ForeignTree) -> _Info:
 
 
 def _sentences(parquet: Any, path: Path) -> dict[int, str]:
-    """Sentence by index."""
+    """Return the instructions by index."""
     with read_by_library(path, REMEDY, "is no list of tasks that can be read"):
         file = parquet.ParquetFile(path)
         if file.metadata.num_rows > MAX_TASKS:
@@ -110,7 +110,7 @@ def _sentences(parquet: Any, path: Path) -> dict[int, str]:
 
 
 def _check_schema(arrow: Any, schema: Any, features: dict[str, _Feature], path: Path) -> None:
-    """Refuse columns that are not what ``meta/info.json`` says: numbers, or lists of lists of them."""
+    """Refuse columns whose type differs from ``meta/info.json``."""
     for name, feature in features.items():
         if feature.dtype == "video":
             continue

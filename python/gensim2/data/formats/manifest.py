@@ -1,7 +1,7 @@
-"""``gensim2.json`` of an export: size and digest of every file, so that a change to any of them is found out.
+"""``gensim2.json`` of an export: size and digest of every file, to detect changes.
 
-It is compared before any other file is parsed. A card, ``README.md``, may be edited; files that are not listed are not
-read. An export without one was written by an older gensim2: its clouds, pictures and depth are not compared.
+The manifest is checked before any other file is parsed. The card, ``README.md``, may be edited; unlisted files are not
+read. Exports of older versions of gensim2 have no manifest; their clouds, images and depth are not checked.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class FileRecord(_Record):
     """One file of an export.
 
     Attributes:
-        size: in bytes.
-        sha256: of its content, 64 hexadecimal digits.
+        size: size, bytes.
+        sha256: digest of its content, 64 hexadecimal digits.
     """
 
     size: Annotated[int, Field(ge=0)]
@@ -47,12 +47,12 @@ class FileRecord(_Record):
 
 
 class Manifest(_Record):
-    """``gensim2.json``.
+    """Content of ``gensim2.json``.
 
     Attributes:
-        format: of the export.
-        episodes: that it holds.
-        files: by path, slashes between the parts.
+        format: format of the export.
+        episodes: number of episodes.
+        files: files by path, with slashes.
     """
 
     schema_version: Literal[1] = MANIFEST_SCHEMA
@@ -77,13 +77,13 @@ def write_manifest(out: Path, kind: Format, episodes: int) -> None:
 
 
 def check_format(path: Path, sizes: Mapping[str, int], kind: Format) -> None:
-    """Refuse an export to another format than ``kind``; one without a manifest does not say.
+    """Check that a manifest, if there is one, states the format ``kind``.
 
     Args:
-        sizes: of its files, as :meth:`~gensim2.core.foreign.tree.ForeignTree.sizes` found them.
+        sizes: sizes of the export's files (:meth:`~gensim2.core.foreign.tree.ForeignTree.sizes`).
 
     Raises:
-        InputError: it is one.
+        InputError: the export has another format.
     """
     manifest = _read(path, sizes)
     if manifest is not None and manifest.format != kind:
@@ -92,13 +92,13 @@ def check_format(path: Path, sizes: Mapping[str, int], kind: Format) -> None:
 
 
 def check_manifest(path: Path, sizes: Mapping[str, int]) -> Manifest | None:
-    """Compare an export with its manifest, and return it; None where there is none.
+    """Compare an export with its manifest and return the manifest; None if there is none.
 
     Args:
-        sizes: of its files, as :meth:`~gensim2.core.foreign.tree.ForeignTree.sizes` found them.
+        sizes: sizes of the export's files (:meth:`~gensim2.core.foreign.tree.ForeignTree.sizes`).
 
     Raises:
-        InputError: a file is gone or not the one that was exported.
+        InputError: a file is missing or was changed.
     """
     manifest = _read(path, sizes)
     if manifest is None:

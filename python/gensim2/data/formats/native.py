@@ -1,4 +1,4 @@
-"""The episodes themselves, which an export lays beside frames: a data set of a stranger's, copied and read back."""
+"""Original episodes in an export: copy and check an untrusted data set."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ Read = tuple[TaskStore, Episode, EpisodeResult]
 
 
 def copy_native(source: Path, out: Path) -> None:
-    """Copy a data set's own files: records, tasks, strategies, and the episodes that the rows name; nothing else.
+    """Copy only a data set's own files: records, tasks, strategies, and the episodes listed in its rows.
 
     Raises:
-        InputError: one is not there, lies outside, is no regular file or too large, or a record cannot be read.
+        InputError: a file is missing, outside the folder, not a regular file, too large, or cannot be read.
     """
     tree = ForeignTree(source)
     dataset = DataSet.open(source)
@@ -56,10 +56,10 @@ def copy_native(source: Path, out: Path) -> None:
 
 
 def read_back(dataset: DataSet, progress: Progress) -> Iterator[Read]:
-    """Yield every episode of a data set that is to hold what held and nothing else, as it stands on the disk.
+    """Read every episode of a copied data set, all of which must be successful, and yield it.
 
     Raises:
-        InputError: a task, a strategy, a row or an episode is not there or cannot be used; or one did not hold.
+        InputError: a task, strategy, row or episode is missing or invalid, or an episode failed.
     """
     for name in dataset.tasks:
         store = dataset.task(name)

@@ -1,11 +1,11 @@
-"""A zarr folder as the code of Diffusion Policy and DP3 reads it: frames of all episodes one after the other.
+"""Write a zarr folder in the layout of Diffusion Policy and DP3: frames of all episodes in sequence.
 
-    data/<key>          (frames, ...), one array a key: state, action, point_cloud, ...
-    meta/episode_ends   (episodes,) int64: number of frames up to and with each episode
-    meta/task           (episodes,) int64: index into the group's attribute ``tasks``, sentences
+    data/<key>          (frames, ...), one array per key: state, action, point_cloud, ...
+    meta/episode_ends   (episodes,) int64: number of frames up to the end of each episode
+    meta/task           (episodes,) int64: index into the group's attribute ``tasks``, the instructions
 
-Zarr format 2, which readers of both major versions of the library open. One episode is in memory at a time. How one is
-read back stands in ``zarr_reading``.
+The files have zarr format 2, which both major versions of the library read. One episode is in memory at a time. The
+module ``zarr_reading`` reads such folders.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from gensim2.core.errors import InputError, MissingExtraError
 from gensim2.core.foreign.names import checked_name
 
 CHUNK_BYTES = 2**20
-"""Size of a chunk before compression."""
+"""Size of a chunk before compression, bytes."""
 EPISODES_PER_CHUNK = 4096
 
 Array = npt.NDArray[Any]
 
 
 class ZarrWriter:
-    """Writes one data set, episode by episode. A context manager.
+    """Context manager that writes a data set episode by episode.
 
     Args:
-        root: folder, which must not hold anything yet; the suffix ``.zarr`` is what others expect.
+        root: new or empty folder; its name should end with ``.zarr``.
 
     Raises:
-        InputError: there is something in ``root`` already.
+        InputError: ``root`` is not empty.
         MissingExtraError: zarr is not installed.
     """
 
@@ -66,12 +66,12 @@ class ZarrWriter:
         """Add an episode.
 
         Args:
-            task: its sentence.
-            frames: (T, ...) by key, the same keys and shapes in every episode; no key has a slash, which zarr and the
-                replay buffer of Diffusion Policy take for a folder.
+            task: instruction of the task.
+            frames: (T, ...) by key, with the same keys and shapes in every episode. Keys have no slash, which zarr and
+                Diffusion Policy's replay buffer interpret as a folder.
 
         Raises:
-            InputError: a key is missing or new, has another shape, or is no name.
+            InputError: a key is missing, new or invalid, or has another shape.
         """
         if self._arrays and frames.keys() != self._arrays.keys():
             raise InputError(f"has {sorted(frames)}, not {sorted(self._arrays)}", field="frames")
@@ -97,7 +97,7 @@ class ZarrWriter:
 
 
 def _finish_writing() -> None:
-    """Wait for the chunks that zarr still writes after one of them failed: a folder removed now would come back."""
+    """Wait for zarr's pending chunks after one failed; they would recreate a folder that is removed now."""
     from zarr.core.sync import sync
 
     async def others() -> None:
@@ -108,10 +108,10 @@ def _finish_writing() -> None:
 
 
 def zarr_module() -> ModuleType:
-    """``zarr``.
+    """Return the module ``zarr``.
 
     Raises:
-        MissingExtraError: it is not installed.
+        MissingExtraError: zarr is not installed.
     """
     try:
         import zarr

@@ -1,4 +1,4 @@
-"""Provenance of an export's observations: the spec, the cameras, the names of segmentation ids."""
+"""Metadata of an export's observations: spec, cameras, and meaning of segmentation ids."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _SPEC = ("modalities", "cameras", "cloud")
 
 
 class SeenTable:
-    """Collector of ``observations.json`` from the episodes of an export, in their order.
+    """Collects ``observations.json`` from the episodes of an export in order.
 
-    ``observations.json``: ``spec``; ``cameras``: of each ``intrinsic`` (3, 3) in pixels and ``T_base_camera`` (4, 4),
-    of one that the robot carries ``T_link_camera`` and the ``link``;
-    ``tables``: id to what it belongs to and its link; ``episodes``: of each ``task``, ``index`` and the number of its
-    ``table``, None of one that was rendered before tables were kept.
+    ``observations.json`` has ``spec``; ``cameras`` with ``intrinsic`` (3, 3) in pixels and ``T_base_camera`` (4, 4), or
+    for
+    cameras on the robot ``T_link_camera`` and ``link``; ``tables`` with object and link by segmentation id; and
+    ``episodes`` with ``task``, ``index`` and the index of the ``table`` (None if rendered by an old version).
     """
 
     def __init__(self) -> None:
@@ -31,10 +31,10 @@ class SeenTable:
         self._episodes: list[dict[str, Any]] = []
 
     def add(self, task: str, index: int, observation: ObservedEpisode) -> None:
-        """Take note of an episode.
+        """Add an episode.
 
         Raises:
-            InputError: it was rendered in another way than those before it.
+            InputError: it was rendered with other settings than the episodes before.
         """
         description, arrays = observation.description, observation.arrays
         spec = {name: description.get(name) for name in _SPEC}
@@ -58,7 +58,7 @@ class SeenTable:
         self._episodes.append({"task": task, "index": index, "table": self._tables.index(ids) if ids else None})
 
     def write(self, folder: Path) -> None:
-        """Write the file, where anything was observed."""
+        """Write the file if there are observations."""
         if self._spec is None:
             return
         found = {"spec": self._spec, "cameras": self._cameras, "tables": self._tables, "episodes": self._episodes}

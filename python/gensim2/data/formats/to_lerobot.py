@@ -1,4 +1,4 @@
-"""Frames as a LeRobot data set, there and back."""
+"""Convert frames to a LeRobot data set and back."""
 
 from __future__ import annotations
 
@@ -14,16 +14,14 @@ from gensim2.robots import RobotProfile
 
 
 def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile) -> None:
-    """Write episodes as a LeRobot data set.
+    """Write episodes as a LeRobot data set, without depth and segmentation, which LeRobot cannot store.
 
     Args:
-        episodes: at least one, all with the same columns; depth and segmentation, for which LeRobot has no place, are
-            left out.
+        episodes: at least one, all with the same columns.
         out: folder.
-        profile: of the robot.
 
     Raises:
-        InputError: episodes differ in their columns.
+        InputError: episodes have different columns.
         MissingExtraError: pyarrow is not installed.
     """
     joints = profile.model.joint_names
@@ -49,10 +47,10 @@ def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile)
 
 
 def lerobot_frames(root: Path) -> Iterator[Frames]:
-    """Yield the episodes of a LeRobot data set, without pictures, under our names.
+    """Yield the episodes of a LeRobot data set with our column names, without images.
 
     Raises:
-        InputError: it is no LeRobot data set of this version.
+        InputError: the folder is not a LeRobot data set of this version.
         MissingExtraError: pyarrow is not installed.
     """
     for sentence, columns in read_lerobot(root):

@@ -1,4 +1,4 @@
-"""ManiSkill's trajectories that :func:`~gensim2.data.trajectory.write_trajectory` wrote, taken apart again."""
+"""Import ManiSkill trajectories of :func:`~gensim2.data.trajectory.write_trajectory`."""
 
 from __future__ import annotations
 
@@ -71,13 +71,13 @@ class _Trajectory(BaseModel):
 
 
 def take_apart(tree: ForeignTree, sizes: Mapping[str, int], out: Path, progress: Progress) -> None:
-    """Write the data set of an export's trajectories into a folder.
+    """Write the data set of exported trajectories into a folder.
 
     Args:
-        sizes: of the export's files.
+        sizes: sizes of the export's files.
 
     Raises:
-        InputError: one cannot be used; names file and episode.
+        InputError: a file cannot be used; names file and episode.
     """
     names = [name.split("/")[0] for name in sizes if name.count("/") == 1 and name.endswith(f"/{JSON_NAME}")]
     if not names:

@@ -1,7 +1,6 @@
-"""Episodes of a zarr folder that :mod:`~gensim2.data.formats.replay_zarr` wrote, or a stranger.
+"""Read zarr folders of :mod:`~gensim2.data.formats.replay_zarr`, which may be untrusted.
 
-The library is given an array only once its description says plain numbers of bounded size: it would take one of
-pickled objects, or of 1e12 rows.
+Each array's description is checked first: the zarr library itself would accept pickled objects and 1e12 rows.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ class _Compressor(BaseModel):
 
 
 class _ArrayDescription(BaseModel):
-    """``.zarray`` of zarr format 2."""
+    """Content of ``.zarray`` in zarr format 2."""
 
     model_config = ConfigDict(strict=True)
 
@@ -57,10 +56,10 @@ class _Attributes(BaseModel):
 
 
 def zarr_frames(root: Path) -> Iterator[Frames]:
-    """Yield the episodes of such a folder, pictures and depth included.
+    """Yield the episodes of a zarr folder, including images and depth.
 
     Raises:
-        InputError: it is none, or is damaged.
+        InputError: the folder is not such a data set, or is damaged.
         MissingExtraError: zarr is not installed.
     """
     zarr_module()
@@ -89,7 +88,7 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
 
 
 def array_names(tree: ForeignTree) -> dict[str, str]:
-    """Path of each column's array; columns of exports that once were folders in folders have the names of today."""
+    """Return the path of each column's array, with present names for the nested folders of old exports."""
     found: dict[str, str] = {}
     for name in tree.sizes():
         parts = name.split("/")
@@ -116,7 +115,7 @@ def _description(tree: ForeignTree, name: str) -> _ArrayDescription:
 
 
 def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
-    """An array of so many frames, none of whose episodes is too large."""
+    """Open an array and check its number of frames and the size of its episodes."""
     file, found = tree.path / name / ".zarray", _description(tree, name)
     if found.shape[0] != frames:
         wrong = f"has {shown(found.shape)}, not the {frames} frames of meta/episode_ends"
@@ -129,7 +128,7 @@ def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
 
 
 def _whole(tree: ForeignTree, name: str) -> npt.NDArray[np.int64]:
-    """A list of whole numbers, one an episode."""
+    """Read an array of one integer per episode."""
     found = _description(tree, name)
     if len(found.shape) != 1 or found.dtype != "<i8" or found.shape[0] > MAX_EPISODES:
         wrong = f"has {shown(found.shape)} of {found.dtype}, not one <i8 an episode"
@@ -140,7 +139,7 @@ def _whole(tree: ForeignTree, name: str) -> npt.NDArray[np.int64]:
 
 
 def shown(shape: Sequence[int]) -> str:
-    """A shape for people: long numbers are shortened."""
+    """Format a shape for a message, with huge numbers shortened."""
     return f"({', '.join(str(size) if size < 10**15 else 'over 10^15' for size in shape)})"
 
 
