@@ -1,13 +1,13 @@
-"""The processor's cores that this process may use."""
+"""CPU cores that this process may use."""
 
 from __future__ import annotations
 
 import os
 
 SWITCH_INTERVAL = 0.0005
-"""Seconds after which a thread gives up the interpreter to a thread that has a deadline (5 ms by default)."""
+"""Interval (s) at which a thread yields to threads with a deadline; Python's default is 5 ms."""
 
 
 def usable_cores() -> int:
-    """Count them: those that its affinity leaves it, where the system has such a thing."""
+    """Return the number of usable cores, limited by the process's CPU affinity where the system has one."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

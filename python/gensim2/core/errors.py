@@ -9,20 +9,20 @@ import signal
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-#: Characters of the longest message.
+#: Longest message, characters.
 LONGEST_LINE = 1500
 
-#: Characters of the longest word that an error echoes whole: more says no more. Paths are words too.
+#: Longest word that a message repeats in full, characters; paths count as words.
 LONGEST_WORD = 300
 
-#: Words listed where none is near to what was given.
+#: Number of words listed if none resembles the given one.
 SHOWN_WORDS = 10
 
 _LONG_WORD = re.compile(rf"""[^\s:,;()'"]{{{LONGEST_WORD + 1},}}""")
 
 
 def one_line(text: str) -> str:
-    """``text`` as one line that a terminal can show: no line breaks, no control characters, no endless words."""
+    """Return ``text`` as one printable line with long words shortened."""
     words = " ".join(text.split())
     shown = words if words.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in words)
     line = _LONG_WORD.sub(_shortened, shown)
@@ -32,12 +32,12 @@ def one_line(text: str) -> str:
 
 
 def brief(number: int) -> str:
-    """A whole number in decimal, or its length where it is too long to read (and Python refuses to write it)."""
+    """Return an integer in decimal, or its length if it is too long to read (or for Python to format)."""
     return str(number) if abs(number) < 10**30 else f"a number of {number.bit_length()} bits"
 
 
 def near(word: object, words: Iterable[str]) -> str:
-    """Return the remedy for a word that is none of ``words``: the few that are spelled alike, else some of all."""
+    """Return the remedy for a word that is not in ``words``: the most similar ones, or the first of all."""
     known = list(words)
     matches = difflib.get_close_matches(str(word)[:LONGEST_WORD], known, n=3, cutoff=0.5)
     if matches:
@@ -52,18 +52,18 @@ def _shortened(word: re.Match[str]) -> str:
 
 
 class GenSim2Error(Exception):
-    """Base class of every error that gensim2 raises on purpose."""
+    """Base class of the errors that gensim2 raises on purpose."""
 
 
 class InputError(GenSim2Error):
-    """Something that the user gave cannot be used.
+    """Invalid input from the user.
 
-    Whatever it is made of, it reads as one line (:func:`one_line`).
+    The message is always a single line (:func:`one_line`).
 
     Args:
         message: what is wrong.
-        file: the file or folder that holds it, if any.
-        field: the field, flag or element inside it, if any.
+        file: file or folder with the error, if any.
+        field: field, option or element in it, if any.
         remedy: what to do about it.
     """
 
@@ -82,7 +82,7 @@ class InputError(GenSim2Error):
 
 
 class Stopped(BaseException):
-    """A signal came that asks the program to stop; like Ctrl-C it passes whatever handles errors."""
+    """A signal asks the program to stop; like KeyboardInterrupt it passes through ``except Exception``."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -91,14 +91,14 @@ class Stopped(BaseException):
 
 @contextlib.contextmanager
 def user_code(refused: Callable[[BaseException], InputError], *passed: type[BaseException]) -> Iterator[None]:
-    """Run code that the user named: whatever it raises, ``sys.exit`` included, is an error and ends no program.
+    """Run user code; anything that it raises, including ``sys.exit``, becomes an error.
 
     Args:
-        refused: makes the error of the exception.
-        passed: exceptions that are raised as they are, beside a signal's and a lack of memory.
+        refused: returns the error for an exception.
+        passed: exceptions that pass unchanged, in addition to signals and MemoryError.
 
     Raises:
-        InputError: the code raised something else.
+        InputError: the code raised another exception.
     """
     through: tuple[type[BaseException], ...] = (KeyboardInterrupt, Stopped, MemoryError, *passed)
     try:
@@ -115,7 +115,7 @@ def described(error: BaseException) -> str:
 
 
 class WriteError(InputError):
-    """A file could not be written: no room, no permission. What comes after would fare no better."""
+    """A file could not be written, for example because the disk is full; further writes would fail as well."""
 
 
 class ClosedEnvError(GenSim2Error):
@@ -137,17 +137,17 @@ class MissingExtraError(GenSim2Error):
         self.module, self.extra, self.distribution = module, extra, distribution
 
     def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str, str]]:
-        """Survive the way from a worker process."""
+        """Support pickling, so that the error can be sent by a worker process."""
         return type(self), (self.module, self.extra, self.distribution)
 
 
 class NotRunError(GenSim2Error):
-    """Jobs that could not be run, after several tries each; whatever else was to be done is done and kept.
+    """Jobs that failed in all attempts; all other jobs are finished, and their results are kept.
 
     Args:
-        what: the jobs are, for example ``"OpenDrawer: demonstrations"``.
-        reasons: index of each job to why its last try came to nothing.
-        log: where every try is written down.
+        what: name of the jobs, for example ``"OpenDrawer: demonstrations"``.
+        reasons: reason of the last failure by job index.
+        log: file with the log of all attempts.
     """
 
     SHOWN = 20
@@ -162,12 +162,13 @@ class NotRunError(GenSim2Error):
         self.what, self.reasons, self.log = what, reasons, log
 
     def __reduce__(self) -> tuple[type[NotRunError], tuple[str, dict[int, str], Path | None]]:
-        """Survive the way from a worker process."""
+        """Support pickling, so that the error can be sent by a worker process."""
         return type(self), (self.what, self.reasons, self.log)
 
 
 class ModelError(GenSim2Error):
-    """A language model gives no answer: its endpoint is away, refuses, or asks to be left alone after all tries.
+    """A language model did not answer, because its endpoint is unreachable, refuses, or still limits the rate after all
+    retries.
 
-    What was finished is kept, and a run can be resumed.
+    Finished work is kept, and a run can be resumed.
     """

@@ -1,4 +1,4 @@
-"""Files that are either whole or absent, also after a power cut."""
+"""Write files atomically: a file is either complete or absent, even after a power cut."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TEMPORARY = re.compile(r"^\..+\.[0-9a-f]{16}\.tmp(\.\w+)?$")
 
 
 def cache_dir() -> Path:
-    """Return the folder of everything that can be made again: ``$GENSIM2_CACHE``, else the user's cache folder.
+    """Return the cache folder: ``$GENSIM2_CACHE``, or else the user's cache folder.
 
     Raises:
         InputError: the variable is not set, and the account has no home folder.
@@ -33,11 +33,11 @@ def cache_dir() -> Path:
 
 
 def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
-    """Return the folder that a variable names, else one below the user's home folder.
+    """Return the folder in an environment variable, or else one below the user's home folder.
 
     Args:
         variable: name of the environment variable.
-        default: finds the other folder; a ``RuntimeError`` of its says that there is no home folder.
+        default: returns the other folder; raises ``RuntimeError`` without a home folder.
 
     Raises:
         InputError: the variable is not set, and the account has no home folder.
@@ -51,16 +51,18 @@ def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a name beside ``path`` to write to; what stands there when the block ends takes the place of ``path``.
+    """Yield a temporary path beside ``path``; the file written there replaces ``path`` when the block ends.
 
-    The data reaches the disk before the name does, and the name before this returns: a reader, a crash or a power
-    cut sees the old file or the new one. Where the block fails, ``path`` is left as it was. The name keeps the
-    suffix of ``path`` for writers that go by it.
+    The data is on disk before the file is renamed, and the new name is on disk before this returns. So a reader, a
+    crash or
+    a power cut sees either the old file or the new one. If the block fails, ``path`` is unchanged. The temporary path
+    has
+    the suffix of ``path``, because some libraries choose a format by it.
 
     A symbolic link at ``path`` is replaced and never followed, because its target may lie outside an untrusted folder.
 
     Raises:
-        WriteError: the folder cannot be written to, or is full.
+        WriteError: the folder cannot be written to, or the disk is full.
     """
     temporary = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.tmp{path.suffix}")
     try:
@@ -82,13 +84,15 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """Give a folder beside ``path`` to fill; when the block ends it takes the name, where nothing or an empty folder
-    stands. Where the block fails nothing is left; what a killed process left of the same name is removed by the next.
-    For what can be made again: after a power cut files may be missing.
+    """Yield a temporary folder beside ``path``, which is renamed to ``path`` when the block ends.
+
+    ``path`` must be missing or empty. If the block fails, nothing is left; folders left by killed processes are removed
+    by
+    the next call. After a power cut files may be missing, so use this for data that can be made again.
 
     Raises:
-        InputError: there is something in ``path`` already.
-        WriteError: the folder cannot be written to, or is full.
+        InputError: ``path`` is not empty.
+        WriteError: the folder cannot be written to, or the disk is full.
     """
     path = Path(os.path.realpath(path))
     taken = InputError("is not an empty folder", file=path, remedy="choose another folder with --out")
@@ -107,7 +111,7 @@ def new_folder(path: Path) -> Iterator[Path]:
                 handle = _folder_handle(filled)
                 _lock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield filled
-            # Another folder of the name would not be locked, and anybody's to remove.
+            # A replacement folder would be unlocked and could be deleted by cleanup.
             assert os.path.samestat(os.fstat(handle), filled.stat()), f"{filled} was replaced"
             try:
                 filled.replace(path)
@@ -126,7 +130,7 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _locked(folder: Path, how: int = fcntl.LOCK_EX) -> Iterator[bool]:
-    """Hold the lock of a folder, which leaves no file; gives whether it could be had."""
+    """Hold the lock of a folder, which creates no file; yield whether it was acquired."""
     handle = _folder_handle(folder)
     try:
         yield _lock(handle, how)
@@ -139,7 +143,7 @@ def _folder_handle(folder: Path) -> int:
 
 
 def _lock(handle: int, how: int) -> bool:
-    """Whether the lock could be had: another process may hold it, and network file systems may have none of folders."""
+    """Return whether the lock was acquired: another process may hold it, or the file system may not support it."""
     try:
         fcntl.flock(handle, how)
     except OSError:
@@ -148,7 +152,7 @@ def _lock(handle: int, how: int) -> bool:
 
 
 def _remove_left(path: Path) -> None:
-    """Remove folders that killed processes were filling for ``path``; one that is being filled is locked."""
+    """Remove temporary folders that killed processes left for ``path``; folders in use are locked and stay."""
     pattern = re.compile(rf"^\.{re.escape(path.name[:50])}\.[0-9a-f]{{16}}\.tmp$")
     for left in path.parent.iterdir():
         if not pattern.match(left.name) or left.is_symlink() or not left.is_dir():
@@ -159,19 +163,19 @@ def _remove_left(path: Path) -> None:
 
 
 def _reason(error: OSError | WriteError) -> str:
-    """Return the system's message, without the name of a file that is gone by now."""
+    """Return the system's message without the name of the temporary file."""
     said = error.message if isinstance(error, WriteError) else error.strerror or str(error)
     text = said.removeprefix("cannot write: ")
-    # Libraries tell it in words of their own: "[Errno 28] ...", "[errno 28] ...", "errno = 28, error message = ...".
+    # Libraries format error numbers differently: "[Errno 28] ...", "[errno 28] ...", "errno = 28, error message = ...".
     number = re.search(r"errno (?:= )?(\d+)", text, re.IGNORECASE)
     return os.strerror(int(number[1])) if number else text
 
 
 def check_writable(path: Path) -> None:
-    """Refuse a file that could not be written before the work is done, not after; nothing is left behind.
+    """Refuse an unwritable output file before the work starts; nothing is written.
 
     Raises:
-        InputError: says why it cannot be.
+        InputError: says why the file cannot be written.
     """
     try:
         if is_special(path):
@@ -184,23 +188,20 @@ def check_writable(path: Path) -> None:
 
 
 def write_atomic(path: Path, data: str | bytes) -> None:
-    """Write ``data`` to ``path`` as :func:`replacing` does.
+    """Write ``data`` to ``path`` atomically, as :func:`replacing`.
 
     Raises:
-        WriteError: the folder cannot be written to, or is full.
+        WriteError: the folder cannot be written to, or the disk is full.
     """
     with replacing(path) as temporary:
         temporary.write_bytes(_encoded(data))
 
 
 def write_output(path: Path, data: str | bytes) -> None:
-    """Write to a name that the user gave: as :func:`write_atomic`, but links are followed and special files are written
-    through.
-
-    Names of our own are replaced whatever stands there: a pipe would wait for a reader that may never come.
+    """Write to a user's output path: as :func:`write_atomic`, but follow links and write into pipes and devices.
 
     Raises:
-        InputError: it cannot be written to, or is full.
+        InputError: the path cannot be written to, or the disk is full.
     """
     try:
         if is_special(path):
@@ -212,15 +213,15 @@ def write_output(path: Path, data: str | bytes) -> None:
 
 
 def _encoded(data: str | bytes) -> bytes:
-    """Return the bytes of a text in UTF-8; bytes of a path that are no UTF-8 are shown as escapes."""
+    """Encode text as UTF-8; bytes of a path that are not UTF-8 are written as escapes."""
     return data.encode(errors="backslashreplace") if isinstance(data, str) else data
 
 
 def append(path: Path, text: str) -> None:
-    """Add text to a log.
+    """Append text to a log file.
 
     Raises:
-        WriteError: it cannot be written to, or no room is left.
+        WriteError: the file cannot be written to, or the disk is full.
     """
     try:
         with path.open("ab") as stream:
@@ -230,19 +231,19 @@ def append(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write ``value`` as indented JSON, atomically. NaN is refused: JSON has none."""
+    """Write ``value`` as indented JSON, atomically; NaN is refused."""
     write_atomic(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
 def remove_temporaries(folder: Path) -> None:
-    """Remove what killed writers left anywhere below ``folder``, whose only user must be the caller."""
+    """Remove temporary files of killed processes below ``folder``; no other process may be writing there."""
     for path in sorted(folder.rglob(".*.tmp*")):
         if _TEMPORARY.match(path.name) and path.is_file():
             path.unlink(missing_ok=True)
 
 
 def sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder have reached the disk."""
+    """Wait until the directory entries of a folder are on disk."""
     handle = _folder_handle(folder)
     try:
         os.fsync(handle)

@@ -1,4 +1,4 @@
-"""Names of a package that are imported on first access (PEP 562)."""
+"""Import the names of a package on first access (PEP 562)."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any
 
 
 def lazy_names(package: str) -> Callable[[str], Any]:
-    """Return the ``__getattr__`` of a package: names that its ``if TYPE_CHECKING:`` block imports, for everybody.
+    """Return a package's ``__getattr__`` for the names that its ``if TYPE_CHECKING:`` block imports.
 
     Args:
-        package: its ``__name__``.
+        package: ``__name__`` of the package.
     """
 
     def get(name: str) -> Any:

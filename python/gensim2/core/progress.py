@@ -14,24 +14,24 @@ if TYPE_CHECKING:
 
 
 class Progress(Protocol):
-    """A listener that is told about one stage after the other.
+    """Progress listener, which is told about one stage after the other.
 
-    Long functions take ``progress: Progress = NULL_PROGRESS``. Only the process that was called talks to it;
-    workers hand their news to that process.
+    Long functions take ``progress: Progress = NULL_PROGRESS``. Only the calling process uses the listener; workers send
+    their progress to that process.
     """
 
     def start(self, description: str, total: int | None = None) -> None:
-        """Begin a stage of ``total`` steps (``None``: unknown); a stage still open ends here."""
+        """Start a stage of ``total`` steps (None: unknown), and end the previous one."""
 
     def advance(self, steps: int = 1) -> None:
         """Count ``steps`` of the current stage as done."""
 
     def message(self, text: str) -> None:
-        """Say one line that should stay visible."""
+        """Show a line that stays visible."""
 
 
 class NullProgress:
-    """Listens and says nothing."""
+    """Progress listener that ignores everything."""
 
     def start(self, description: str, total: int | None = None) -> None:
         """Ignore it."""
@@ -47,34 +47,31 @@ NULL_PROGRESS: Progress = NullProgress()
 
 
 class NamedProgress:
-    """Hands everything on, stages with a word before them that tells several of one description apart.
+    """Progress listener that passes everything on, with a prefix before each stage's description.
 
     Args:
-        word: stands before each stage.
-        progress: the listener.
+        word: the prefix.
+        progress: the other listener.
     """
 
     def __init__(self, word: str, progress: Progress) -> None:
         self._word, self._progress = word, progress
 
     def start(self, description: str, total: int | None = None) -> None:
-        """Begin a stage."""
         self._progress.start(f"{self._word}: {description}", total)
 
     def advance(self, steps: int = 1) -> None:
-        """Count steps of the stage."""
         self._progress.advance(steps)
 
     def message(self, text: str) -> None:
-        """Say one line."""
         self._progress.message(text)
 
 
 class ConsoleProgress:
-    """Bars on a terminal; one line a stage where standard error is a file or a pipe.
+    """Progress bars on a terminal; one line per stage if standard error is a file or a pipe.
 
-    A context manager: leaving it ends the last stage, also on an exception or Ctrl-C. Everything goes to
-    standard error, so that standard output stays free for results.
+    Context manager: leaving it ends the last stage, also after an exception or Ctrl-C. All output goes to standard
+    error.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -118,7 +115,7 @@ class ConsoleProgress:
 
     @contextlib.contextmanager
     def paused(self) -> Iterator[None]:
-        """Leave the terminal alone while a block asks a person for words, which redrawing would wipe away."""
+        """Hide the bars during a block that prompts the user."""
         if self._bars is None:
             yield
             return
@@ -129,7 +126,7 @@ class ConsoleProgress:
             self._bars.start()
 
     def start(self, description: str, total: int | None = None) -> None:
-        """Begin a stage; the one before is left standing as it ended."""
+        """Start a stage; the bar of the previous stage stays as it ended."""
         self._finish()
         self._description, self._done, self._total = description, 0, total
         self._started = time.monotonic()
@@ -139,13 +136,12 @@ class ConsoleProgress:
             self._stage = self._bars.add_task(escape(description), total=total)
 
     def advance(self, steps: int = 1) -> None:
-        """Count ``steps`` of the current stage as done."""
         self._done += steps
         if self._bars is not None and self._stage is not None:
             self._bars.advance(self._stage, steps)
 
     def message(self, text: str) -> None:
-        """Print one line above the bars."""
+        """Print a line above the bars."""
         self._console.print(text, markup=False)
 
     def _finish(self) -> None:

@@ -1,4 +1,4 @@
-"""Files of a run folder, read so that damage is one clear error and never passes for data."""
+"""Read JSON records of a run folder and report damage as one clear error."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.validation import input_error
 
 SCHEMA_VERSION = 1
-"""Of what commands print."""
+"""Version of the commands' JSON output."""
 
 Model = TypeVar("Model", bound=BaseModel)
 Value = TypeVar("Value")
 
 
 def read_record(path: Path, model: type[Model], remedy: str) -> Model:
-    """Return the JSON file ``path`` as ``model``.
+    """Read the JSON file ``path`` as a ``model``.
 
     Raises:
-        InputError: it cannot be read, is not JSON, is of another schema version, or a field is missing, unknown or
-            wrong; with the ``remedy``.
+        InputError: the file cannot be read, is not JSON, has another schema version, or a field is missing, unknown or
+            invalid; includes the ``remedy``.
     """
     content = read_input(path, MAX_RECORD, remedy)
     return parse_record(content, TypeAdapter(model), path, remedy)
 
 
 def parse_record(content: bytes, adapter: TypeAdapter[Value], path: Path, remedy: str, at: str = "") -> Value:
-    """Return JSON as the adapter's type.
+    """Parse JSON as the adapter's type.
 
     Args:
-        at: where in the file it stands, for example a line.
+        at: position in the file, for example a line.
 
     Raises:
-        InputError: as ``read_record``.
+        InputError: as for :func:`read_record`.
     """
     try:
-        # What pydantic would take and JSON does not have (NaN), or takes too long over, ends here.
+        # Refuse input that pydantic would accept although it is not JSON (NaN), or that it would take too long to read.
         plain = json.loads(content.decode(), parse_constant=_refuse)
         return adapter.validate_json(json.dumps(plain, allow_nan=False), strict=True)
     except ValidationError as error:

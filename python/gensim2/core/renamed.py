@@ -1,4 +1,4 @@
-"""Names of the release before, which users' files and commands may still have: today's, and one line that says so."""
+"""Accept names of the previous release in users' files and commands, with a message."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from functools import cache
 
 
 def current(name: str, renamed: Mapping[str, str], kind: str) -> str:
-    """Return today's name of what a file or a command names.
+    """Return the present name for a possibly outdated one.
 
-    A name of the release before is understood, and told once a process on standard error.
+    A name of the previous release is accepted and reported once per process on standard error.
 
     Args:
-        name: as given.
-        renamed: today's names by those of the release before.
-        kind: of thing that has the name, as the line says it.
+        name: given name.
+        renamed: present names by those of the previous release.
+        kind: kind of thing, for the message.
     """
     if name not in renamed:
         return name

@@ -1,4 +1,4 @@
-"""A folder that one run at a time writes to, and that a later call of the same run goes on with."""
+"""A folder that one run at a time writes to, and that a later call can resume."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ REMEDY = "give the same, or choose another --out"
 
 
 class FolderLock:
-    """Lock of a folder, which ends with the process that holds it. A context manager: leaving it releases the lock.
+    """Lock of a folder; a context manager that releases the lock. The lock ends with its process.
 
-    No link may lead out of the folder, because files in it are replaced and links are followed.
-    The file stays, because removing it would let two processes lock two files of one name. It holds the process id.
+    Symbolic links must not lead out of the folder, because they would be followed. The lock file stays, because
+    removing it
+    would let two processes lock two files of the same name. It contains the process id.
 
     Args:
-        folder: the folder; it is made where it does not exist.
-        name: of the lock's file; a run that calls another one on the same folder has a lock of its own.
+        folder: the folder; it is created if missing.
+        name: name of the lock file; nested runs on the same folder use different names.
 
     Raises:
         InputError: another process holds the lock, a link leads out of the folder, or it cannot be written to.
@@ -65,15 +66,14 @@ class FolderLock:
         self.release()
 
     def release(self) -> None:
-        """Release the lock."""
         self._lock.release()
 
 
 class RunSettings(BaseModel):
-    """Base of the records of resumable folders: the settings that the results follow from.
+    """Base of the records of resumable folders: the settings that determine the results.
 
     Attributes:
-        FREE: names of fields that a resumed run need not repeat, with dots into nested ones.
+        FREE: fields that a resumed run need not repeat; dots separate nested fields.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -81,22 +81,22 @@ class RunSettings(BaseModel):
     FREE: ClassVar[frozenset[str]] = frozenset()
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield field and message for every setting of this record in which ``now`` differs."""
+        """Yield field and message for every setting in which ``now`` differs from this record."""
         for name in type(self).model_fields:
             yield from differing(name, getattr(self, name), getattr(now, name), self.FREE)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the record of the folder once a run with equal settings goes on with it."""
+        """Return the folder's record after a run with equal settings resumes it."""
         del now
         return self
 
     def require_same(self, now: Self, file: Path | None, remedy: str = REMEDY) -> None:
-        """Refuse to go on with other settings.
+        """Refuse to resume with other settings.
 
         Args:
-            now: settings of the run that wants to go on.
-            file: that this record was read from.
-            remedy: what to do about a difference.
+            now: settings of the resuming run.
+            file: file of this record.
+            remedy: remedy for the error message.
 
         Raises:
             InputError: names the first field that differs.
@@ -106,7 +106,7 @@ class RunSettings(BaseModel):
 
 
 def differing(field: str, was: Any, now: Any, free: frozenset[str] = frozenset()) -> Iterator[tuple[str, str]]:
-    """Yield field and message for every difference between two values; mappings and models are compared by key."""
+    """Yield field and message for every difference of two values; mappings and models are compared by key."""
     if field in free:
         return
     was, now = (each.model_dump(mode="json") if isinstance(each, BaseModel) else each for each in (was, now))
@@ -123,7 +123,7 @@ def _short(value: Any) -> str:
 
 
 def held_already(folder: Path, holds: str, remedy: str = "add --resume, or choose another --out") -> InputError:
-    """Return the error of a new run in a folder that holds one."""
+    """Return the error for a new run in a folder that already has one."""
     return InputError(f"holds {holds} already", file=folder, remedy=remedy)
 
 
@@ -131,24 +131,25 @@ Settings = TypeVar("Settings", bound=RunSettings)
 
 
 class ResumableFolder(Generic[Settings]):
-    """A folder under a lock whose record says what it is of. A context manager: leaving it releases the lock.
+    """Locked folder with a record of its settings; a context manager that releases the lock.
 
     Args:
-        path: the folder; it is made where it does not exist.
-        marker: name of the record's file.
-        settings: of this run.
-        holds: what such a folder holds, in words (``"a run"``).
-        resume: go on with a folder that holds the marker.
-        lock: name of the lock's file; None: the caller has locked a folder around this one.
-        alone: refuse a folder without the marker that holds anything else.
+        path: the folder; it is created if missing.
+        marker: file name of the record.
+        settings: settings of this run.
+        holds: content of such a folder in words, for messages (``"a run"``).
+        resume: continue a folder that has the marker.
+        lock: name of the lock file; None: the caller has locked an outer folder.
+        alone: refuse a folder without the marker that contains anything else.
 
     Attributes:
         path: the folder.
-        record: its settings, those of the first run where this one resumes.
+        record: its settings; in a resumed folder those of the first run.
 
     Raises:
-        InputError: the folder holds the marker and ``resume`` is off, or other settings, or something else, or another
-            process is at work in it, or it cannot be written.
+        InputError: the folder has the marker and ``resume`` is false, or other settings, or other content; another
+            process
+            uses it; or it cannot be written.
     """
 
     def __init__(
@@ -183,12 +184,11 @@ class ResumableFolder(Generic[Settings]):
             self.release()
 
     def release(self) -> None:
-        """Release the lock."""
         if self._lock is not None:
             self._lock.release()
 
     def save(self) -> None:
-        """Write the record, whole or not at all.
+        """Write the record atomically.
 
         Raises:
             WriteError: the folder cannot be written to.

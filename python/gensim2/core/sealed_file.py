@@ -1,10 +1,10 @@
-"""Files that say in their first line what they are and whether they are whole.
+"""Files whose first line has their type, version and checksum.
 
     bytes 0..511    ``<magic> <version> <sha256>`` and a line feed, then zeros: HDF5's user block, which readers skip
     from 512 on     the body
 
-The digest is of the line's first two words, a line feed, and the body. Bytes that are not those that were written never
-reach the library that reads the body: damaged ones can end the process.
+The digest covers the first two words, a line feed, and the body. A file with changed bytes is refused before its body
+reaches a library, because damaged data can crash the library.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from gensim2.core.foreign.tree import read_input
 HEADER_SIZE = 512
 
 MAX_BYTES = 2**30
-"""Of one file: an episode has 20 kB, one with clouds and pictures of three cameras some 20 MB."""
+"""Largest file, bytes: an episode takes 20 kB, one with clouds and images of three cameras about 20 MB."""
 
 
 @dataclass(frozen=True)
 class Seal:
-    """A kind of file.
+    """A type of checksummed file.
 
     Attributes:
-        magic: its first word.
-        version: that this gensim2 writes and reads.
-        message: what is said of a file that is not whole.
-        remedy: what is to be done about one.
-        damaged: is raised then.
+        magic: first word.
+        version: version that this gensim2 writes and reads.
+        message: error message for a damaged file.
+        remedy: remedy for a damaged file.
+        damaged: exception class for a damaged file.
     """
 
     magic: str
@@ -42,7 +42,7 @@ class Seal:
     damaged: type[InputError]
 
     def write(self, path: Path, body: bytes) -> str:
-        """Write a file, whole or not at all, and return its digest.
+        """Write a file atomically and return its digest.
 
         Raises:
             WriteError: the folder cannot be written to.
@@ -52,10 +52,11 @@ class Seal:
         return digest
 
     def read(self, path: Path) -> tuple[str, bytes]:
-        """Digest and content, header and body, of a file all of whose bytes are those that were written.
+        """Check a file and return its digest and its content, header and body.
 
         Raises:
-            InputError: it cannot be read, or another version of gensim2 wrote it; ``damaged``: it is not whole.
+            InputError: the file cannot be read, or another version of gensim2 wrote it; ``damaged``: its bytes have
+                changed.
         """
         content = read_input(path, MAX_BYTES, self.remedy)
         words = content[:HEADER_SIZE].split(b"\n")[0].split(b" ")
@@ -75,7 +76,7 @@ class Seal:
         return digest, content
 
     def broken(self, path: Path, field: str | None = None) -> InputError:
-        """The error of a file that is not whole."""
+        """Return the error for a damaged file."""
         return self.damaged(self.message, file=path, field=field, remedy=self.remedy)
 
     def _digest(self, version: int, body: bytes | memoryview) -> str:

@@ -1,4 +1,4 @@
-"""Random numbers: every draw comes from a generator made from (seed, task, episode)."""
+"""Random generators, each derived from (seed, task, episode)."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from gensim2.core.errors import InputError, brief
 if TYPE_CHECKING:
     import numpy as np
 
-#: Of a run and of a reset of the simulator alike.
+#: Largest seed of a run and of a simulator's reset.
 LARGEST_SEED = 2**32 - 1
 
 
 def check_seed(seed: object) -> int:
-    """``seed`` as an int.
+    """Return ``seed`` as an int.
 
     Raises:
-        InputError: it is no whole number from 0 to ``LARGEST_SEED``.
+        InputError: ``seed`` is not an integer from 0 to ``LARGEST_SEED``.
     """
     try:
         number = operator.index(seed)  # type: ignore[arg-type]
@@ -31,13 +31,12 @@ def check_seed(seed: object) -> int:
 
 
 def rng(seed: int, task: str, episode: int = 0) -> np.random.Generator:
-    """Return the generator of one episode.
+    """Return the random generator of one episode.
 
-    The same three values give the same stream in every process and on every day; the number of workers has no say.
+    The same three values give the same numbers in every process, for any number of workers.
 
     Args:
-        seed: the run's seed.
-        task: name of the task, or of whatever purpose draws (for example ``"OpenDrawer/verify"``).
+        task: name of the task or of another purpose (for example ``"OpenDrawer/verify"``).
         episode: index of the episode.
     """
     import numpy as np  # here, so that a command line that only reads LARGEST_SEED is quick
@@ -47,11 +46,10 @@ def rng(seed: int, task: str, episode: int = 0) -> np.random.Generator:
 
 
 def scene_seeds(seed: int, task: str, purpose: str, count: int, start: int = 0) -> list[int]:
-    """Seeds of ``count`` scenes, from the ``start``-th on: those of different purposes share no stream.
+    """Return the seeds of ``count`` scenes from index ``start``; different purposes have independent seeds.
 
     Args:
-        seed: the run's seed.
         task: name of the task.
-        purpose: what the scenes are for, for example ``"verify"``.
+        purpose: purpose of the scenes, for example ``"verify"``.
     """
     return [int(rng(seed, f"{task}/{purpose}", index).integers(2**31)) for index in range(start, start + count)]

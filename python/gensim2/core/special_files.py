@@ -1,7 +1,7 @@
-"""Special files, such as devices and pipes: they are written through, never replaced.
+"""Special files, such as devices and pipes, which must be written to and not replaced.
 
-A file that a user names may be a device (``/dev/full``), a pipe or an open descriptor (``/dev/stdout``, a
-shell's ``>(...)``). To put a new file in its place, as an atomic write does, would destroy it.
+A user may name a device (``/dev/full``), a pipe, or an open descriptor (``/dev/stdout``, a shell's ``>(...)``) as an
+output file. An atomic write would replace it.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import os
 import stat
 from pathlib import Path
 
-#: Symbolic links that are followed before a name counts as a loop, as in the kernel.
+#: Number of symbolic links followed before a path counts as a loop, as in the kernel.
 MAX_LINKS = 40
 
 
 def descriptor(path: Path) -> int | None:
-    """The open descriptor of this process that ``path`` stands for, or None: 1 for ``/dev/stdout``."""
+    """Return the number of this process's open descriptor at ``path``, for example 1 for ``/dev/stdout``, or None."""
     own = Path(f"/proc/{os.getpid()}/fd")
     for _ in range(MAX_LINKS):
         folder = Path(os.path.realpath(path.parent))
@@ -29,10 +29,10 @@ def descriptor(path: Path) -> int | None:
 
 
 def is_special(path: Path) -> bool:
-    """Whether something stands under ``path`` that is to be written through.
+    """Return whether ``path`` is a special file.
 
     Raises:
-        OSError: a folder stands there, or the system cannot say.
+        OSError: the path is a folder, or cannot be inspected.
     """
     if descriptor(path) is not None:
         return True
@@ -46,10 +46,10 @@ def is_special(path: Path) -> bool:
 
 
 def write_through(path: Path, payload: bytes) -> None:
-    """Write to what :func:`is_special` found; a pipe waits for its reader.
+    """Write to a special file; a pipe waits for its reader.
 
     Raises:
-        OSError: it cannot be written to, or is full.
+        OSError: the file cannot be written to, or the disk is full.
     """
     number = descriptor(path)
     if number is not None:

@@ -1,4 +1,4 @@
-"""Turn an error of pydantic into an error that a user can act on."""
+"""Turn a validation error of pydantic into an error that a user can act on."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ def input_error(
     known: Collection[str] | None = None,
     remedy: str | None = None,
 ) -> InputError:
-    """Return the first fault that pydantic found as an :class:`~gensim2.core.errors.InputError`.
+    """Return the first error that pydantic found as an :class:`~gensim2.core.errors.InputError`.
 
     Args:
-        error: raised by a model or an adapter.
-        file: the file that holds the data.
-        within: where in the file the data stand, for example a line.
-        location: steps to the field, where those of the error say more than the file shows.
-        known: fields at this place, to name the one that was meant where a field is unknown.
-        remedy: what to do about it; default: for an unknown field, to rename or to remove the field.
+        error: error of a model or an adapter.
+        file: file of the data.
+        within: position of the data in the file, for example a line.
+        location: path to the field, if it differs from the error's own.
+        known: names of the fields at this place, to suggest one for an unknown field.
+        remedy: remedy; by default, for an unknown field, to rename or to remove the field.
 
     Example:
         >>> from pydantic import BaseModel

@@ -1,8 +1,7 @@
-"""The one reader and writer of our YAML: plain data as JSON has it, of bounded size, depth and repetition.
+"""Read and write YAML files of plain data, with limits on size, depth and repetition.
 
-Files come from strangers and from language models, so nothing in them may cost much or mean more than it shows:
-mappings with text for keys, lists, text, numbers, true, false and null. Dates, merges, tags of other types and an
-anchor inside itself are refused; every refusal names file and line.
+Files may be untrusted or come from language models. Allowed are mappings with text keys, lists, text, numbers, true,
+false and null. Dates, merges, other tags and cyclic anchors are refused with file and line.
 """
 
 from __future__ import annotations
@@ -19,14 +18,14 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from gensim2.core.errors import InputError
 from gensim2.core.special_files import is_special
 
-#: A config of ours has 2 kB.
+#: Largest file, bytes; our configurations have 2 kB.
 MAX_BYTES = 100_000
-#: Lists and mappings inside each other; ours have 4.
+#: Deepest nesting of lists and mappings; ours have 4 levels.
 MAX_DEPTH = 30
-#: Values, each as often as aliases repeat it.
+#: Largest number of values, counting repetitions by aliases.
 MAX_VALUES = 20_000
 
-#: Characters; more cannot be 64 bits.
+#: Longest integer, characters; longer ones exceed 64 bits.
 LONGEST_WHOLE_NUMBER = 100
 TOO_MANY_BITS = "a whole number of more than 64 bits"
 
@@ -35,10 +34,10 @@ _PREFIX = "tag:yaml.org,2002:"
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The fields that a YAML (or JSON) file holds.
+    """Read a YAML or JSON file.
 
     Raises:
-        InputError: it cannot be read, is no regular file, or what it holds is refused by :func:`parse_yaml`.
+        InputError: the file cannot be read, is not a regular file, or is refused by :func:`parse_yaml`.
     """
     try:
         if is_special(path):
@@ -52,15 +51,16 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def dump_yaml(value: dict[str, Any]) -> str:
-    """YAML in the order given, lists of numbers on one line."""
+    """Return YAML in the given order, with lists of numbers on one line."""
     return str(yaml.dump(value, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True))
 
 
 def parse_yaml(data: bytes, file: str) -> dict[str, Any]:
-    """The fields that the text of a YAML file holds; numbers are finite, whole ones of at most 64 bits.
+    """Parse YAML text; numbers must be finite, and integers must fit 64 bits.
 
     Raises:
-        InputError: it is not UTF-8, not YAML, too large or too deep, or holds what JSON has not; names the line.
+        InputError: the text is not UTF-8, not YAML, too large or too deep, or has values that JSON lacks; names the
+            line.
     """
     if len(data) > MAX_BYTES:
         raise InputError(f"is larger than {MAX_BYTES // 1000} kB", file=file)
@@ -101,19 +101,19 @@ def check_finite(value: Any, file: str | None, field: str = "") -> None:
 
 
 class _FastLoader(Composer, getattr(yaml, "CSafeLoader", object)):  # type: ignore[misc]
-    """libyaml's parser, five times as fast, under the composer in Python, which can be bounded."""
+    """libyaml's parser, which is five times as fast, with the Python composer, which can enforce limits."""
 
     def __init__(self, stream: str) -> None:
         yaml.CSafeLoader.__init__(self, stream)
         Composer.__init__(self)
 
 
-# Packages of PyYAML have libyaml, a build from source may not.
+# PyYAML's wheels include libyaml; a build from source may not.
 _Loader: Any = _FastLoader if hasattr(yaml, "CSafeLoader") else yaml.SafeLoader
 
 
 class _PlainLoader(_Loader):  # type: ignore[misc]
-    """Composes within the bounds, constructs the types of JSON only."""
+    """Loader with limits that constructs only the types of JSON."""
 
     def __init__(self, stream: str) -> None:
         super().__init__(stream)
@@ -177,7 +177,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
         return found
 
 
-# YAML 1.1 takes on, off, yes and no for truth values as well, and "on" is a field of ours.
+# YAML 1.1 reads on, off, yes and no as booleans too, but "on" is one of our field names.
 _BOOL = _PREFIX + "bool"
 _PlainLoader.yaml_implicit_resolvers = {
     first: [(tag, pattern) for tag, pattern in resolvers if tag != _BOOL]

@@ -1,8 +1,8 @@
-"""The boundary to files of others: exports, data sets, libraries and records that a stranger may have made.
+"""Readers of untrusted files: exports, data sets, object libraries and records.
 
-Every reader of such files goes through here. A file is opened only where it is a regular one of bounded size that no
-link leads out of its folder; names are single words; libraries are handed plain arrays of bounded size; and what can
-still end a process is read in a process of its own (docs/reliability.md lists what each reader checks).
+All untrusted files are read through this package. A file is opened only if it is a regular file of limited size inside
+its folder; names are single words; libraries get only plain arrays of limited size; and formats that can still crash a
+library are read in a subprocess (docs/reliability.md lists the checks of each reader).
 
 | module | checks |
 |---|---|
@@ -10,7 +10,7 @@ still end a process is read in a process of its own (docs/reliability.md lists w
 | ``names`` | names of tasks, strategies, objects, cameras, columns |
 | ``hdf5`` | groups and arrays of an HDF5 file |
 | ``geometry`` | XML and meshes of robots and objects |
-| ``archive`` | a zip archive of tasks |
-| ``library`` | what libraries raise |
-| ``process`` | memory, CPU time and death of a reader |
+| ``archive`` | zip archives of tasks |
+| ``library`` | exceptions of libraries |
+| ``process`` | memory, CPU time and crashes of a reader |
 """

@@ -1,4 +1,4 @@
-"""A zip archive of tasks that a stranger may have made."""
+"""Read untrusted zip archives of tasks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MAX_ARCHIVE = 256 * 2**20  # bytes of the file
 MAX_ENTRIES = 100_000
 _ENTRY = b"PK\x01\x02"  # each entry of the directory begins so
 
-#: What ``zipfile`` raises of a damaged archive: an unknown method is not implemented, a password is a runtime error.
+#: Exceptions of ``zipfile`` for damaged archives; unknown methods raise NotImplementedError, passwords RuntimeError.
 DAMAGED = (
     OSError,
     EOFError,
@@ -34,10 +34,10 @@ DAMAGED = (
 
 
 def open_archive(path: Path) -> zipfile.Path:
-    """Return the folder at the top of an archive.
+    """Return the top folder of an archive.
 
     Raises:
-        InputError: it is none, is too large, or holds too many entries.
+        InputError: the file is not a zip archive, is too large, or has too many entries.
     """
     try:
         stream = open_regular(path)
@@ -51,13 +51,14 @@ def open_archive(path: Path) -> zipfile.Path:
 
 
 def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
-    """Open a zip file of few members, each stored or deflated.
+    """Open a zip file with a limited number of members, all stored or deflated.
 
-    ``zipfile`` makes an object of every entry of the directory, whatever the number of entries, so entries are counted
-    before. It limits the output of deflate only: of bzip2 and LZMA it unpacks a whole block of input.
+    ``zipfile`` creates an object for every directory entry, so entries are counted first. It limits the output of
+    deflate
+    only; for bzip2 and LZMA it would unpack a whole block of input.
 
     Raises:
-        BadZipFile: says which limit was passed.
+        BadZipFile: a limit is exceeded; names it.
     """
     count, tail = 0, b""
     while block := stream.read(2**20):
@@ -73,10 +74,10 @@ def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
 
 
 def read_member(file: Traversable, max_bytes: int) -> bytes:
-    """The first ``max_bytes`` bytes of a file in an archive.
+    """Return the first ``max_bytes`` bytes of a file in an archive.
 
     Raises:
-        InputError: it is damaged, encrypted, or compressed in an unknown way.
+        InputError: the file is damaged, encrypted, or compressed in an unknown way.
     """
     try:
         with file.open("rb") as stream:

@@ -1,4 +1,4 @@
-"""XML and meshes of robots and objects: regular files of bounded size."""
+"""Read XML and meshes of untrusted robots and objects from regular files of limited size."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAX_MESH = 512 * 2**20  # bytes of a mesh, and of each file that it names
 
 
 def read_xml(file: Path) -> ET.Element:
-    """Read the XML of a URDF or SRDF as it stands.
+    """Parse a URDF or SRDF file.
 
     Raises:
         InputError: the file cannot be read.
@@ -32,10 +32,10 @@ def read_xml(file: Path) -> ET.Element:
 
 @contextlib.contextmanager
 def opened_mesh(file: Path) -> Iterator[trimesh.Scene]:
-    """Read a mesh file; errors of the block, which should do nothing but use the scene, are the file's.
+    """Read a mesh file; errors inside the block, which should only use the scene, count as errors of the file.
 
     Raises:
-        InputError: it is no regular file, is too large, or is damaged.
+        InputError: the file is not a regular file, is too large, or is damaged.
     """
     import trimesh
 
@@ -46,7 +46,7 @@ def opened_mesh(file: Path) -> Iterator[trimesh.Scene]:
 
 
 class _Beside:
-    """Resolver, for trimesh, of the materials and pictures that a mesh file names: regular files beside it."""
+    """Resolver for trimesh that reads the materials and textures of a mesh from regular files beside it."""
 
     def __init__(self, file: Path) -> None:
         self.file_name = file.name

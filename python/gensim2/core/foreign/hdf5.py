@@ -1,7 +1,7 @@
-"""Groups and arrays of an HDF5 file, checked before the library reads a number.
+"""Check groups and arrays of an untrusted HDF5 file before HDF5 reads data.
 
-HDF5 can point anywhere: soft and external links, data in other files, groups inside themselves, arrays of 1e12 rows
-that take no byte. Only what lies in the file itself is followed, and only as far as the caller asks.
+HDF5 files may contain soft and external links, data in other files, cyclic groups, and sparse arrays of 1e12 rows. Only
+data inside the file itself is read, and only up to the caller's limits.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ import numpy.typing as npt
 MAX_ARRAY = 2**30  # bytes of one array in memory
 MAX_MEMBERS = 10_000  # of one group; trajectories of ManiSkill are asked for by name
 
-#: deflate, shuffle, fletcher32 and lzf: what h5py writes. Others would be looked for in plug-ins.
+#: deflate, shuffle, fletcher32 and lzf, which h5py writes; for other filters HDF5 would search plug-ins.
 _FILTERS = {1, 2, 3, 32000}
 
 Array = npt.NDArray[Any]
 
 
 class ForeignHdf5Error(ValueError):
-    """Something in an HDF5 file is not what it may be; says what, and where."""
+    """Unexpected content of an HDF5 file; names what and where."""
 
 
 def group_in(parent: h5py.Group, name: str) -> h5py.Group:
-    """Return the group ``name`` of a group.
+    """Return the group ``name`` in a group.
 
     Raises:
-        ForeignHdf5Error: there is none, or it is reached by a link.
+        ForeignHdf5Error: it is missing, or is a link.
     """
     item = _member(parent, name)
     if not isinstance(item, h5py.Group):
@@ -45,7 +45,7 @@ def array_in(
     shape: tuple[int | None, ...] | None = None,
     max_bytes: int = MAX_ARRAY,
 ) -> Array:
-    """Return the array ``name`` of a group; arguments and errors as of :func:`dataset_in`."""
+    """Read the array ``name`` in a group; arguments and errors as for :func:`dataset_in`."""
     values: Array = dataset_in(parent, name, dtype, shape, max_bytes)[()]
     return values
 
@@ -57,15 +57,15 @@ def dataset_in(
     shape: tuple[int | None, ...] | None = None,
     max_bytes: int = MAX_ARRAY,
 ) -> h5py.Dataset:
-    """Return the array ``name`` of a group, of which parts may be read.
+    """Return the dataset ``name`` in a group, of which parts may be read.
 
     Args:
-        dtype: that it must have; None: any numbers or truth values.
-        shape: that it must have, None for any length of an axis.
-        max_bytes: bytes that it may take in memory.
+        dtype: required data type; None: any numbers or booleans.
+        shape: required shape, None for any length of an axis.
+        max_bytes: largest size in memory.
 
     Raises:
-        ForeignHdf5Error: there is none, its data lie elsewhere, or it is of another type, shape or size.
+        ForeignHdf5Error: it is missing, its data are in another file, or it has another type, shape or size.
     """
     item, path = _member(parent, name), _path(parent, name)
     if not isinstance(item, h5py.Dataset):
@@ -87,10 +87,10 @@ def dataset_in(
 
 
 def members(group: h5py.Group) -> Iterator[str]:
-    """Yield the names in a group, sorted as HDF5 does.
+    """Yield the names in a group, in HDF5's order.
 
     Raises:
-        ForeignHdf5Error: there are too many.
+        ForeignHdf5Error: the group has too many members.
     """
     if len(group) > MAX_MEMBERS:
         raise ForeignHdf5Error(f"{group.name} has {len(group)} members, more than {MAX_MEMBERS}")
@@ -98,17 +98,17 @@ def members(group: h5py.Group) -> Iterator[str]:
 
 
 def is_group(parent: h5py.Group, name: str) -> bool:
-    """Whether a member of a group, which is there, is a group itself."""
+    """Return whether an existing member of a group is a group."""
     return isinstance(_member(parent, name), h5py.Group)
 
 
 def fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
-    """Whether a shape is the wanted one, None for any length of an axis."""
+    """Return whether a shape equals the wanted one, in which None allows any length."""
     return len(shape) == len(wanted) and all(want in (None, size) for size, want in zip(shape, wanted, strict=True))
 
 
 def shown_shape(shape: tuple[int | None, ...]) -> str:
-    """A wanted shape for people."""
+    """Format a wanted shape for a message."""
     return f"({', '.join('any' if size is None else str(size) for size in shape)})"
 
 

@@ -1,4 +1,4 @@
-"""Errors of third-party readers about damaged files, as one line."""
+"""Turn exceptions of third-party readers about damaged files into one-line errors."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from gensim2.core.errors import GenSim2Error, InputError
 
 @contextlib.contextmanager
 def read_by_library(file: Path, remedy: str, what: str = "cannot be read") -> Iterator[None]:
-    """Name the file in whatever a library raises of it.
+    """Turn any exception of a library call into an error that names the file.
 
-    Each reader and each compressor has errors of its own, of which their documentation lists some: all but a lack of
-    memory are damage. For blocks that do nothing but call a library.
+    Libraries document only some of their exceptions for damaged files, so every exception except MemoryError counts as
+    damage. Use it around blocks that only call a library.
 
     Raises:
-        InputError: with what the library said.
+        InputError: the library failed; includes its message.
     """
     try:
         yield

@@ -1,6 +1,7 @@
-"""Limits of what is read from untrusted files of objects and robots; beyond them a file is refused in one line.
+"""Limits for untrusted files of objects and robots; larger files are refused.
 
-What every reader of a format shares lies with the reader: ``tree``, ``hdf5``, ``archive``, ``tensors``, ``geometry``.
+Limits that apply to a file format in general are in its reader: ``tree``, ``hdf5``, ``archive``, ``tensors``,
+``geometry``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The one rule for names that become parts of paths, columns or keys."""
+"""The rule for names that become parts of paths, columns or keys."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ RULE = f"up to {LONGEST_NAME} letters, digits, _ - and ., a letter or digit firs
 
 
 def is_name(text: str) -> bool:
-    """Whether ``text`` is one part of a path on every file system: never ``..``, no slash, no dot-file."""
+    """Return whether ``text`` is a single path component on every file system: no ``..``, no slash, no leading dot."""
     return _NAME.fullmatch(text) is not None
 
 
 def checked_name(text: str, *, file: Path | str | None = None, field: str | None = None) -> str:
-    """Return ``text`` where it is a name.
+    """Return ``text`` if it is a valid name.
 
     Raises:
-        InputError: it is none.
+        InputError: it is not.
     """
     if not is_name(text):
         raise InputError(f"{reprlib.repr(text)} is no name", file=file, field=field, remedy=f"use {RULE}")

@@ -1,7 +1,7 @@
-"""A reader in a process of its own, with so much memory and CPU time: libraries that read damaged files may die of it.
+"""Run a reader in a subprocess with limited memory and CPU time, because damaged files can crash C libraries.
 
-HDF5, Arrow and the compressors are written in C and C++. Bytes that none of their checks foresees end the process, ask
-for all memory there is, or go round in circles. Here that ends the reader alone, and is one line.
+HDF5, Arrow and the compressors are written in C and C++. Unexpected bytes may crash the process, exhaust the memory, or
+cause an endless loop. In a subprocess this only ends the reader and becomes a one-line error.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from gensim2.core.progress import Progress
 Result = TypeVar("Result")
 
 FRUGAL = {"MIMALLOC_ARENA_RESERVE": str(32 * 2**10)}
-"""KiB that Arrow's allocator takes in advance: it takes 1 GiB otherwise, which counts although it is not used."""
+"""Memory that Arrow's allocator reserves in advance, KiB; its default of 1 GiB would count towards the limit."""
 
 EXIT_LIMIT = 5.0
-"""Seconds in which a reader that has said its last word must be gone."""
+"""Time in which a finished reader must exit, s."""
 
 _LAST = ("result", "error", "memory", "bug")
 
@@ -43,9 +43,9 @@ class Bounds:
     """Resource limits of a reader.
 
     Attributes:
-        memory: bytes that it may ask for, beyond what it has when it begins.
-        cpu_s: seconds of CPU.
-        file_size: of files that it writes, as the caller's own limit has it.
+        memory: memory beyond its use at the start, bytes.
+        cpu_s: CPU time, s.
+        file_size: limit on written files, the same as the caller's.
     """
 
     memory: int
@@ -54,12 +54,12 @@ class Bounds:
 
     @staticmethod
     def of(size: int) -> Bounds:
-        """Those for files of ``size`` bytes: an episode is in memory at a time, and unpacked it is larger."""
+        """Return the limits for files of ``size`` bytes, which allow one unpacked episode in memory at a time."""
         megabytes = size // 2**20
         return Bounds(2**30 + 4 * min(size, 2**30), 60 + 4 * megabytes, resource.getrlimit(resource.RLIMIT_FSIZE))
 
     def apply(self) -> None:
-        """Put this process under them."""
+        """Apply the limits to this process."""
         begun = int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2]))
         data = _data_size() + self.memory
         resource.setrlimit(resource.RLIMIT_DATA, (data, data))
@@ -75,20 +75,22 @@ def isolated(
     progress: Progress,
     preload: tuple[str, ...] = (),
 ) -> Result:
-    """Return ``function(*arguments, progress)``, run in a process that ends with it.
+    """Return ``function(*arguments, progress)``, run in a subprocess that ends with it.
 
     A script that calls this must do so below ``if __name__ == "__main__":``, as for all worker processes.
 
     Args:
-        function: must pickle, as its arguments and its result; a ``GenSim2Error`` or ``OSError`` of its is raised here.
-        source: what it reads, for errors.
-        bounds: what it may use.
-        progress: is told what the function tells its own.
+        function: function that can be pickled, as its arguments and its result; a ``GenSim2Error`` or ``OSError`` that
+            it
+            raises is raised here.
+        source: file or folder that it reads, for errors.
+        bounds: resource limits.
+        progress: progress listener, which gets the function's progress.
         preload: modules that it needs.
 
     Raises:
-        InputError: it died, or needed more than the bounds.
-        WorkerStartError: it could not be started.
+        InputError: the subprocess crashed or exceeded a limit.
+        WorkerStartError: the subprocess could not be started.
     """
     preload_modules(preload)
     process, ours = start_process(_run, (bounds, pickle.dumps((function, arguments))), duplex=False)
@@ -117,7 +119,7 @@ def isolated(
 
 
 class _Told:
-    """A listener whose news go to the process that waits."""
+    """Progress listener that sends everything to the waiting process."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -136,7 +138,7 @@ class _Told:
 
 
 def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
-    """Body of the process."""
+    """Body of the subprocess."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
     faulthandler.disable()
@@ -164,7 +166,7 @@ def _end_with_the_parent() -> None:
 
 
 def _data_size() -> int:
-    """Bytes of this process that count against its limit of data."""
+    """Return the memory of this process that counts towards its data limit, bytes."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith("VmData:"):
             return int(line.split()[1]) * 1024

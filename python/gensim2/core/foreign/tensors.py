@@ -1,4 +1,4 @@
-"""Files of safetensors that a stranger may have made: sizes are compared before anything is allocated for them."""
+"""Read untrusted safetensors files; sizes are checked before memory is allocated."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ MAX_HEADER = 4 * 2**20  # bytes; one of a thousand tensors has some 100,000
 
 
 class Shape(NamedTuple):
-    """Type of a tensor's numbers, by safetensors' name, and its shape."""
+    """Data type of a tensor, by safetensors' name, and its shape."""
 
     dtype: str
     shape: tuple[int, ...]
 
     @staticmethod
     def of(tensor: torch.Tensor) -> Shape:
-        """Return that of a tensor, which may be on PyTorch's meta device."""
+        """Return data type and shape of a tensor, which may be on PyTorch's meta device."""
         import torch
 
         names = {torch.float32: "F32", torch.float64: "F64", torch.int64: "I64", torch.bool: "BOOL"}
@@ -41,15 +41,15 @@ class Shape(NamedTuple):
 
 
 def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
-    """Return the shapes of the tensors in a file, by name; no tensor is read.
+    """Return the shapes of the tensors in a file by name, without reading a tensor.
 
     Args:
         path: the file.
-        max_bytes: bytes that it may have.
-        remedy: what to do about a file that cannot be read.
+        max_bytes: largest size of the file.
+        remedy: remedy for the error message.
 
     Raises:
-        InputError: it is no regular file, is larger, or is damaged.
+        InputError: the file is not a regular file, is too large, or is damaged.
     """
     from safetensors import safe_open
 
@@ -72,10 +72,10 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
 
 @contextlib.contextmanager
 def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[None]:
-    """Let this thread make a module of these weights only, each as often as it is given.
+    """Restrict new PyTorch weights in this thread to the given shapes, each as often as it occurs.
 
-    A configuration that asks for more memory than its file has weights ends at the first of them, before the tensor is
-    filled.
+    So a configuration that asks for more memory than its file has weights fails at the first excess weight, before the
+    tensor is filled.
 
     Raises:
         InputError: the module has another weight.
@@ -98,7 +98,7 @@ def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[No
 
 
 def require_shapes(path: Path, found: Mapping[str, Shape], expected: Mapping[str, Shape], remedy: str) -> None:
-    """Refuse a file whose tensors are others.
+    """Check that a file has exactly the expected tensors.
 
     Raises:
         InputError: names the first tensor that is missing, unknown or of another type or shape.
@@ -113,16 +113,16 @@ def require_shapes(path: Path, found: Mapping[str, Shape], expected: Mapping[str
 
 
 def read_tensors(path: Path, max_bytes: int, sha256: str, remedy: str) -> dict[str, torch.Tensor]:
-    """Return the tensors in a file, by name; compare their shapes (:func:`read_shapes`) first.
+    """Read the tensors in a file by name; check their shapes (:func:`read_shapes`) before.
 
     Args:
         path: the file.
-        max_bytes: bytes that it may have.
-        sha256: digest that its content must have, in hexadecimal digits.
-        remedy: what to do about a file that cannot be read.
+        max_bytes: largest size of the file.
+        sha256: required digest of its content, in hexadecimal digits.
+        remedy: remedy for the error message.
 
     Raises:
-        InputError: it cannot be read, its digest is another, or a number is not finite.
+        InputError: the file cannot be read, has another digest, or has a number that is not finite.
     """
     from safetensors.torch import load
 

@@ -1,4 +1,4 @@
-"""Files of a folder that a stranger may have made: regular ones inside it, of bounded size; nothing else is opened."""
+"""Read an untrusted folder: only regular files inside it, of limited size, are opened."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ _PUT_A_FILE = "put a regular file in its place"
 
 
 class NotRegularError(OSError):
-    """A path leads to a folder, pipe, socket or device; the first argument says to which."""
+    """A path leads to a folder, pipe, socket or device; the first argument says which."""
 
 
 class TooLargeError(OSError):
-    """A file is larger than its reader takes; the first argument says how large it may be."""
+    """A file is larger than allowed; the first argument states the limit."""
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file to be read; never waits for a pipe's writer.
+    """Open a regular file for reading, without ever waiting for the writer of a pipe.
 
     Raises:
-        NotRegularError: it is none.
-        OSError: it cannot be opened.
+        NotRegularError: the path is not a regular file.
+        OSError: the file cannot be opened.
     """
     refuse_special(path.stat())  # first: to open a device may do something
     stream = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
@@ -63,7 +63,7 @@ def read_regular(path: Path, max_bytes: int) -> bytes:
     """
     with open_regular(path) as stream:
         size = os.fstat(stream.fileno()).st_size
-        # Python allocates what `read` is asked for, so ask for the size of the file and not for max_bytes.
+        # Python allocates as many bytes as `read` is asked for, so ask for the size of the file and not for max_bytes.
         content = b"" if size > max_bytes else stream.read(size + 1)
         while size < len(content) <= max_bytes and (block := stream.read(_BLOCK)):  # it grows, or has no size (/proc)
             content += block
@@ -76,7 +76,7 @@ def read_input(path: Path, max_bytes: int, remedy: str | None = None) -> bytes:
     """Read a regular file no larger than ``max_bytes``.
 
     Raises:
-        InputError: the file cannot be read; with the ``remedy``.
+        InputError: the file cannot be read; includes the ``remedy``.
     """
     try:
         return read_regular(path, max_bytes)
@@ -85,14 +85,14 @@ def read_input(path: Path, max_bytes: int, remedy: str | None = None) -> bytes:
 
 
 def why(error: OSError) -> str:
-    """Return the message of an error of :func:`read_regular`, for a sentence that begins with its name."""
+    """Return the message of an error of :func:`read_regular`, to follow the file's name."""
     if isinstance(error, NotRegularError | TooLargeError):
         return str(error)
     return f"cannot be read: {error.strerror or error}"
 
 
 def refuse_special(found: os.stat_result) -> None:
-    """Refuse what is no regular file.
+    """Refuse anything but a regular file.
 
     Raises:
         NotRegularError: says what it is.
@@ -103,7 +103,7 @@ def refuse_special(found: os.stat_result) -> None:
 
 
 class Reference(NamedTuple):
-    """Origin of a file's name: a file of the folder, and the field in it."""
+    """Where a file's name was found: a file of the folder, and the field in it."""
 
     file: str
     field: str
@@ -111,7 +111,7 @@ class Reference(NamedTuple):
 
 @dataclass(frozen=True)
 class ForeignTree:
-    """A folder, which may itself be a link; what is in it may not lead out of it."""
+    """An untrusted folder, which may itself be a link; its contents must not lead out of it."""
 
     path: Path
 
@@ -120,14 +120,14 @@ class ForeignTree:
     MAX_FILES: ClassVar[int] = MAX_FILES
 
     def read(self, name: str, max_bytes: int = MAX_RECORD, named_by: Reference | None = None) -> bytes:
-        """Content of the file ``name``, relative to the folder.
+        """Return the content of the file ``name``, relative to the folder.
 
         Args:
-            max_bytes: bytes that it may have.
+            max_bytes: largest size of the file.
             named_by: where the name was found, for errors.
 
         Raises:
-            InputError: there is none, it lies outside the folder, is no regular file, is larger, or cannot be read.
+            InputError: the file is missing, outside the folder, not a regular file, too large, or cannot be read.
         """
         try:
             return read_regular(self.inside(name, named_by), max_bytes)
@@ -141,11 +141,11 @@ class ForeignTree:
             raise self._error("is no file name", repr(name), named_by) from error
 
     def inside(self, name: str, named_by: Reference | None = None) -> Path:
-        """Path of ``name``, relative to the folder, from which no link and no ``..`` leads out.
+        """Return the path of ``name``, relative to the folder, after a check that it lies inside.
 
         Raises:
-            InputError: one does.
-            OSError: a circle of links.
+            InputError: a symbolic link or ``..`` leads out of the folder.
+            OSError: symbolic links form a loop.
         """
         path = self.path / name
         if not _inside(path, self.path):
@@ -153,7 +153,7 @@ class ForeignTree:
         return path
 
     def has(self, name: str) -> bool:
-        """Whether a regular file ``name`` lies inside the folder."""
+        """Return whether a regular file ``name`` is inside the folder."""
         path = self.path / name
         try:
             return _inside(path, self.path) and path.is_file()
@@ -161,16 +161,16 @@ class ForeignTree:
             return False
 
     def copy(self, name: str, to: Path, max_bytes: int) -> None:
-        """Copy the file ``name`` to ``to``, a file in a folder that is there."""
+        """Copy the file ``name`` to the file ``to`` in an existing folder."""
         content = self.read(name, max_bytes)
         to.write_bytes(content)
 
     def copy_all(self, to: Path, leave_out: str | None = None) -> None:
-        """Copy the folder, in which there may be nothing but folders and regular files.
+        """Copy the folder, which may contain only folders and regular files.
 
         Args:
-            to: a folder that is there.
-            leave_out: name of the folders that are not copied.
+            to: an existing folder.
+            leave_out: name of folders that are not copied.
         """
         for name in self.sizes():
             if leave_out not in Path(name).parts:
@@ -179,7 +179,7 @@ class ForeignTree:
                     shutil.copyfileobj(source, target)
 
     def names(self, under: str = "") -> list[str]:
-        """Paths of everything but folders, relative to the folder, sorted by their parts; links are not followed.
+        """Return the relative paths of everything except folders, sorted; links are not followed.
 
         Raises:
             InputError: there are too many, or a folder cannot be read.
@@ -194,13 +194,13 @@ class ForeignTree:
         return [str(Path(*parts)) for parts in sorted(found)]
 
     def sizes(self) -> dict[str, int]:
-        """Bytes of every file, by its path relative to the folder; there is nothing else but folders.
+        """Return the size of every file by relative path, and refuse anything but files and folders.
 
-        Libraries that open files themselves may be let into a folder that passed.
+        Libraries that open files themselves may read a folder that passed this check.
 
         Raises:
-            InputError: there is a link or a special file, too many files, one that is too large, or folders are too
-                deep in each other; names the first.
+            InputError: there is a link, a special file, too many files, a file that is too large, or too deeply nested
+                folders; names the first.
         """
         found: dict[str, int] = {}
         waiting = [(self.path, "", 0)]
@@ -230,7 +230,7 @@ class ForeignTree:
         return found
 
     def refuse_links_out(self) -> None:
-        """Refuse links that lead out of the folder: what is written to such a name changes another file.
+        """Refuse symbolic links that lead out of the folder, because writing through them would change other files.
 
         Raises:
             InputError: names the first link.
@@ -262,7 +262,7 @@ def shortened(text: str) -> str:
 
 
 def megabytes(size: int) -> str:
-    """Bytes for people."""
+    """Format a number of bytes as MiB."""
     return f"{size / 2**20:g} MiB"
 
 

@@ -1,4 +1,4 @@
-"""Pages of the project: rooms bring their templates, this brings what all pages share, their look above all."""
+"""HTML pages: packages have their own templates, and this one has the common layout and style."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ if TYPE_CHECKING:
 
 @cache
 def template(package: str, name: str) -> Template:
-    """A template in ``templates/`` of a package; it may extend ``base.html.j2`` and import ``parts.html.j2``.
+    """Return a template in ``templates/`` of a package; it may use ``base.html.j2`` and ``parts.html.j2``.
 
-    Every page is one file that loads nothing from elsewhere but what lies beside it.
+    Every page is one file that loads nothing except files beside it.
     """
     import jinja2  # here: refusing arguments needs no page
 
@@ -34,5 +34,5 @@ def _openness(value: float | None) -> str:
 
 
 def _share(value: Any) -> str:
-    """A rate with two digits."""
+    """Format a rate with two decimals."""
     return f"{float(value):.2f}"

@@ -1,4 +1,4 @@
-"""Jobs in other processes: run again where a process was lost, finished in any order, never in doubt."""
+"""Run jobs in other processes; jobs of lost processes run again, and jobs may finish in any order."""
 
 from gensim2.core.processes.execution import Execution, ExecutionArguments
 from gensim2.core.processes.executor import (

@@ -1,4 +1,4 @@
-"""Where and how the jobs of a run are executed, as one value."""
+"""Settings of how jobs are executed."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from gensim2.core.processes.executor import Executor, Failure
 from gensim2.core.processes.pool import JOBS_PER_WORKER, TIME_LIMIT, WorkerPool
 
 LONGEST_TIME_LIMIT = 1e6
-"""Seconds; no job needs eleven days, and infinity is no time to wait."""
+"""Largest time limit, s (eleven days); infinity is not a valid timeout."""
 
 
 class ExecutionArguments(TypedDict, total=False):
-    """Keywords of commands that run jobs in worker processes; the results depend on none of them.
+    """Options of commands that run jobs in worker processes; the results do not depend on them.
 
     Keys:
-        workers: number of processes; 0 runs the jobs in this process. On Ray the largest number at a time; None there
+        workers: number of processes; 0 runs the jobs in this process. With Ray: the largest number at a time; None
             means one for each CPU of the cluster. Default: 2.
         ray: ``"local"``, or the address of a Ray cluster whose nodes all have the output folder at the same path;
             None, the default: processes of this machine.
         time_limit: seconds after which a job counts as hung and runs again in a fresh process. Default: 900.
-        jobs_per_worker: jobs after which a process is renewed. Default: 500.
+        jobs_per_worker: number of jobs after which a process is replaced. Default: 500.
     """
 
     workers: int | None
@@ -34,13 +34,13 @@ class ExecutionArguments(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Execution:
-    """Where and how jobs run; checked when it is made, before anything starts.
+    """How jobs are executed; values are checked at construction.
 
     Attributes:
         workers, ray, time_limit, jobs_per_worker: see :class:`ExecutionArguments`.
 
     Raises:
-        InputError: a value is out of range, or ``ray`` is no address.
+        InputError: a value is out of range, or ``ray`` is not an address.
         MissingExtraError: ``ray`` is given and Ray is not installed.
     """
 
@@ -67,17 +67,17 @@ class Execution:
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Execution:
-        """Return the execution that keywords describe; keywords of other things are ignored."""
+        """Return the execution settings among keyword arguments; other keywords are ignored."""
         return cls(**{each.name: given[each.name] for each in fields(cls) if each.name in given})
 
     def at_most(self, jobs: int) -> Execution:
-        """Return this execution with no more processes on this machine than there are jobs."""
+        """Return these settings with at most as many local processes as there are jobs."""
         if self.ray is not None or self.workers is None:
             return self
         return replace(self, workers=min(self.workers, jobs))
 
     def to_record(self) -> dict[str, Any]:
-        """Return the fields that a run's record keeps."""
+        """Return the fields that are stored in a run's record."""
         return {"workers": self.workers, "ray": self.ray}
 
     def executor(

@@ -1,8 +1,8 @@
-"""Interface of executors, which run jobs on any machines, and outcomes of jobs.
+"""Interface of executors, and outcomes of jobs.
 
-A job is a pure function of values: run again, here or elsewhere, it gives the same result. So a job that was lost with
-its process is no result and no failure; it is run again. What a function raises on purpose (a ``GenSim2Error``) is its
-answer; anything else that it raises is a bug of ours, and counts as not run.
+A job is a pure function of its arguments, so it gives the same result on any machine and can run again. A job whose
+process was lost therefore runs again. A ``GenSim2Error`` that the function raises is the job's outcome. Any other
+exception is a bug, and the job counts as not run.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from gensim2.core.errors import GenSim2Error, NotRunError, WriteError
 Result = TypeVar("Result")
 
 TRIES = 3
-"""Number of tries after which a job counts as one that cannot be run."""
+"""Number of attempts after which a job is given up."""
 
 
 class WorkerStartError(GenSim2Error):
-    """A worker process ended by itself before it was ready for its first job: none would ever be done."""
+    """A worker process ended before it was ready for its first job, so no job could ever run."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """One call of a function: its arguments, and an index that the caller chose."""
+    """Arguments of one function call, with an index chosen by the caller."""
 
     index: int
     arguments: tuple[Any, ...]
@@ -37,13 +37,13 @@ class Job:
 
 @dataclass(frozen=True)
 class Failure:
-    """One try that came to nothing.
+    """A failed attempt of a job.
 
     Attributes:
-        index: of the job.
-        number: of the try, from 1.
-        reason: one line.
-        traceback: of an exception inside the worker.
+        index: index of the job.
+        number: number of the attempt, from 1.
+        reason: reason on one line.
+        traceback: traceback of an exception in the worker.
     """
 
     index: int
@@ -54,14 +54,14 @@ class Failure:
 
 @dataclass(frozen=True)
 class Outcome(Generic[Result]):
-    """Outcome of one job: exactly one of a result, an error and failures.
+    """Outcome of one job: either a result, an error, or failures.
 
     Attributes:
-        index: of the job.
-        result: what the function returned.
-        error: what it raised on purpose.
-        failures: one a try, where the job could not be run.
-        cpu_s: seconds of CPU that another process spent on the try that ended it; 0 where it ran in the caller's own.
+        index: index of the job.
+        result: return value of the function.
+        error: ``GenSim2Error`` that the function raised.
+        failures: one for each attempt, if the job could not be run.
+        cpu_s: CPU time of another process in the last attempt, s; 0 if the job ran in the caller's process.
     """
 
     index: int
@@ -71,11 +71,11 @@ class Outcome(Generic[Result]):
     cpu_s: float = 0.0
 
     def unwrap(self) -> Result:
-        """The result.
+        """Return the result.
 
         Raises:
-            GenSim2Error: what the function raised.
-            NotRunError: it could not be run.
+            GenSim2Error: the function raised it.
+            NotRunError: the job could not be run.
         """
         if self.error is not None:
             raise self.error
@@ -85,19 +85,19 @@ class Outcome(Generic[Result]):
 
 
 HOPELESS = 3
-"""Jobs that could not be run, with none that could, after which the rest is not tried."""
+"""Number of jobs that could not be run, without one that could, after which the remaining jobs are given up."""
 
 
 class Tries:
-    """The jobs of one call of ``map_unordered``.
+    """Jobs and attempts of one call of ``map_unordered``.
 
     Args:
-        jobs: as given there.
-        on_failure: is told of each try that came to nothing, also where a later one succeeds.
-        ran: jobs of earlier calls could be run.
+        jobs: jobs of the call.
+        on_failure: callback for each failed attempt, even if a later one succeeds.
+        ran: whether a job of an earlier call could be run.
 
     Attributes:
-        ran: jobs could be run, in this call or before it.
+        ran: whether a job could be run, in this call or before.
     """
 
     def __init__(
@@ -110,14 +110,14 @@ class Tries:
         self._exhausted, self.ran = False, ran
 
     def peek(self) -> Job | None:
-        """Return the job that :meth:`next` gives, and leave it there."""
+        """Return the job that :meth:`next` will return next, without removing it."""
         job = self.next()
         if job is not None:
             self._again.appendleft(job)
         return job
 
     def next(self) -> Job | None:
-        """A job to run now; None where there is none now."""
+        """Return a job to run now, or None if there is none at the moment."""
         if self._again:
             return self._again.popleft()
         if self._exhausted:
@@ -129,11 +129,11 @@ class Tries:
             return None
 
     def number(self, job: Job) -> int:
-        """Of the job's present try, from 1."""
+        """Return the number of the job's present attempt, from 1."""
         return len(self._failures.get(job.index, ())) + 1
 
     def over(self, job: Job, found: Outcome[Any] | Failure) -> list[Outcome[Any]]:
-        """Take what came of a try; the outcomes of jobs that will not be tried again."""
+        """Process the outcome of an attempt and return the outcomes of jobs that are now finished."""
         if isinstance(found, Failure):
             return self._failed(found, job)
         self.ran = True
@@ -156,16 +156,16 @@ class Tries:
         return outcomes
 
     def _rest(self) -> Iterator[Job]:
-        """Yield the jobs that were not handed out; of an iterator that waits for outcomes, those it has now."""
+        """Yield the remaining jobs that are available now."""
         while (job := self.next()) is not None:
             yield job
 
 
 class Executor(ABC):
-    """Runs jobs somewhere. A context manager: leaving it ends whatever is under way.
+    """Context manager that runs jobs; leaving it ends all running jobs.
 
     Args:
-        on_failure: is told of each try that came to nothing, also where a later one succeeds.
+        on_failure: callback for each failed attempt, even if a later one succeeds.
     """
 
     def __init__(self, on_failure: Callable[[Failure], None] | None) -> None:
@@ -179,19 +179,20 @@ class Executor(ABC):
         self.close()
 
     def map_unordered(self, function: Callable[..., Result], jobs: Iterable[Job | None]) -> Iterator[Outcome[Result]]:
-        """Yield the outcome of ``function(*job.arguments)`` for every job, as each is finished.
+        """Yield the outcome of ``function(*job.arguments)`` for every job, as soon as it is finished.
 
-        A job that is not run is tried ``TRIES`` times, each time in a fresh process, while others go on. A caller that
-        stops early loses what was under way.
+        A failed job is attempted ``TRIES`` times, each time in a new process, while others continue. A caller that
+        stops early
+        loses the running jobs.
 
         Args:
-            function: of a module, so that it pickles by name.
-            jobs: taken as places become free. None means "none now": the iterator is asked again after the next
-                outcome, so what is submitted may depend on what came of earlier jobs. With none under way it is
-                the end.
+            function: function of a module, so that it is pickled by name.
+            jobs: jobs, taken when workers become free. None means "none at the moment": the iterator is asked again
+                after the
+                next outcome, so that new jobs may depend on earlier outcomes. If no job is running, None means the end.
 
         Raises:
-            WorkerStartError: worker processes cannot start at all.
+            WorkerStartError: worker processes cannot start.
             NotRunError: the head of a Ray cluster is gone.
         """
         tries = Tries(jobs, self._on_failure, self._ran)
@@ -211,27 +212,27 @@ class Executor(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """End the processes, whatever they are doing."""
+        """End all processes, even busy ones."""
 
     @abstractmethod
     def _dispatch(self, function: Callable[..., Any], tries: Tries) -> None:
-        """Hand jobs to the places that are free."""
+        """Give jobs to free workers."""
 
     @abstractmethod
     def _is_busy(self, tries: Tries) -> bool:
-        """Whether jobs are under way, or wait for a place."""
+        """Return whether jobs are running or waiting for a worker."""
 
     @abstractmethod
     def _collect(self, tries: Tries) -> list[Outcome[Any]]:
-        """Wait until a process has something to say, for a while at most, and return the outcomes."""
+        """Wait for a limited time until a process answers, and return the outcomes."""
 
     @abstractmethod
     def _abandon(self) -> None:
-        """End the processes that are busy."""
+        """End the busy processes."""
 
 
 def received(message: bytes, index: int, number: int) -> Outcome[Any] | Failure:
-    """Return what a worker's answer says of try ``number`` of a job."""
+    """Return the outcome or failure in a worker's answer to attempt ``number`` of a job."""
     kind, value, text, cpu_s = pickle.loads(message)
     if kind == "failure":
         return Failure(index, number, value, text)
@@ -239,12 +240,12 @@ def received(message: bytes, index: int, number: int) -> Outcome[Any] | Failure:
 
 
 def enumerated(arguments: Iterable[tuple[Any, ...]]) -> Iterator[Job]:
-    """Jobs numbered from 0."""
+    """Yield jobs numbered from 0."""
     return (Job(index, values) for index, values in enumerate(arguments))
 
 
 def in_order(outcomes: Iterable[Outcome[Result]]) -> Iterator[Outcome[Result]]:
-    """Outcomes by their index, from 0 on: each is held back until those before it are there."""
+    """Yield outcomes in the order of their index, from 0."""
     early: dict[int, Outcome[Result]] = {}
     turn = 0
     for outcome in outcomes:
@@ -255,16 +256,16 @@ def in_order(outcomes: Iterable[Outcome[Result]]) -> Iterator[Outcome[Result]]:
 
 
 def results(outcomes: Iterable[Outcome[Result]], what: str, log: Path | None = None) -> Iterator[tuple[int, Result]]:
-    """Yield (index, result) of every job that was run, as they come; say only then which were not.
+    """Yield (index, result) of every finished job in any order; errors are raised after the last result.
 
     Args:
-        outcomes: of ``Executor.map_unordered``.
-        what: the jobs are, for the message.
-        log: where the tries that came to nothing are written down.
+        outcomes: outcomes of ``Executor.map_unordered``.
+        what: name of the jobs for the message.
+        log: file with the log of failed attempts.
 
     Raises:
-        WriteError: a job could not write what it found, at once: the others would run for nothing.
-        GenSim2Error: what else the job with the smallest index raised on purpose, after the last result.
+        WriteError: a job could not write a file; raised at once, because the other jobs would fail too.
+        GenSim2Error: other error of the job with the smallest index, after the last result.
         NotRunError: some jobs could not be run, after the last result.
     """
     errors: dict[int, GenSim2Error] = {}

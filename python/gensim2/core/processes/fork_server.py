@@ -1,4 +1,4 @@
-"""The server that forks workers, out of the reach of Ctrl-C."""
+"""The server that forks worker processes, protected from Ctrl-C."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
 
 _registered_in: int | None = None
-"""The process that ends its server when it ends; one that is forked of it does not."""
+"""Process that ends its fork server when it exits; forked children must not."""
 
 
 def start_fork_server() -> None:
-    """Start the server that forks processes, unless it runs; SIGINT stays blocked in it.
+    """Start the fork server unless it is running, with SIGINT blocked in it.
 
-    It ignores SIGINT itself only once it has imported what it preloads: until then Ctrl-C, which reaches the whole
-    group, would end it with a traceback. The signal is blocked while it starts, not ignored: the caller gets it after.
+    The server ignores SIGINT only after it has imported its preloaded modules. Until then Ctrl-C, which reaches the
+    whole
+    process group, would end it with a traceback. SIGINT is blocked during the start, so the caller gets it afterwards.
     """
     global _registered_in
     forget_piped_script()
@@ -34,7 +35,7 @@ def start_fork_server() -> None:
 
 
 def forget_piped_script() -> None:
-    """Forget the name of a script that came through a pipe: each worker would look for a file called ``<stdin>``."""
+    """Forget the name of a script that was piped in, because workers would look for a file called ``<stdin>``."""
     main = sys.modules["__main__"]
     path = getattr(main, "__file__", None)
     if path is not None and not Path(path).is_file():
@@ -42,7 +43,7 @@ def forget_piped_script() -> None:
 
 
 def _end_server(registered: int) -> None:
-    """End the server with the program: while it imports it sees no end, and holds open what the program writes to."""
+    """End the server with the program; while it imports modules it would not notice the end and keep files open."""
     server: int | None = getattr(forkserver._forkserver, "_forkserver_pid", None)
     if server is not None and os.getpid() == registered:
         with contextlib.suppress(ProcessLookupError):
@@ -50,6 +51,6 @@ def _end_server(registered: int) -> None:
 
 
 def ignore_interrupts() -> None:
-    """Ignore SIGINT in a worker, and let it through again: programs that the worker starts have it as usual."""
+    """Ignore SIGINT in a worker, but unblock it for programs that the worker starts."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT,))

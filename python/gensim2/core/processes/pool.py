@@ -1,8 +1,8 @@
 """Worker processes on this machine that share nothing.
 
-Each simulator wants a process of its own: SAPIEN runs one environment a process on the CPU. Workers are forked from a
-server that has imported what they need and run nothing: they begin with a clean PhysX and a clean torch, as spawned
-ones would, but in a tenth of a second in place of eight, so that a worker can be replaced without a second thought.
+Each simulator needs its own process, because SAPIEN runs one environment per process on the CPU. Workers are forked
+from a server that has imported all modules but executed nothing. They start as clean as spawned processes, but in a
+tenth of a second instead of eight, so that a worker can be replaced at little cost.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 SINGLE_THREADED = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"), "1"
 )
-"""The processes are the parallelism; threads inside them would only compete."""
+"""Environment variables that limit libraries to one thread, because processes already use all cores."""
 
 SERVER_LOST = 255
-"""Exit code of a process whose server was killed before it could tell the real one."""
+"""Exit code of a process whose fork server was killed before it could report the real one."""
 
 START_LIMIT = 300.0
-"""Seconds within which a worker must be ready for its first job."""
+"""Time in which a worker must be ready for its first job, s."""
 
 
 class Worker:
-    """A place for one process at a time, and the job that it is busy with; the process starts with its first job."""
+    """One worker process and its present job; the process starts with its first job."""
 
     def __init__(self, time_limit: float, jobs: int, prepare: Callable[[], object] | None = None) -> None:
         self._time_limit, self._jobs, self._prepare = time_limit, jobs, prepare
@@ -53,12 +53,11 @@ class Worker:
 
     @property
     def job(self) -> Job | None:
-        """Job that it is busy with."""
         return self._job
 
     @property
     def connection(self) -> Connection:
-        """Readable when the process has something to say, or is dead."""
+        """Connection that is readable when the process has answered or died."""
         assert self._connection is not None
         return self._connection
 
@@ -68,21 +67,21 @@ class Worker:
         return self._since + (self._time_limit if self._ready else START_LIMIT)
 
     def send(self, job: Job, function: Callable[..., Any], *, fresh: bool) -> None:
-        """Begin a job; ``fresh`` in a process that has run none before."""
+        """Start a job; with ``fresh`` in a new process."""
         payload = pickle.dumps((function, job.arguments))  # fails here, in the caller's face, not in a worker
         if fresh or self._served >= self._jobs or self._process is None or not self._process.is_alive():
             self.stop()
             self._start()
         self._job, self._since = job, time.monotonic()
-        # A worker that died just now shows as the end of its connection, which is this job's failure.
+        # If the worker has just died, its connection ends, which counts as a failure of this job.
         with contextlib.suppress(OSError):
             self.connection.send_bytes(payload)
 
     def receive(self, number: int) -> Outcome[Any] | Failure | None:
-        """Return the outcome of try ``number`` of the job; None where the worker only says that it is ready for it.
+        """Return the outcome of attempt ``number``, or None if the worker only reports that it is ready.
 
         Raises:
-            WorkerStartError: the process ended by itself before its first job.
+            WorkerStartError: the process ended before its first job.
         """
         assert self._job is not None
         try:
@@ -99,7 +98,7 @@ class Worker:
         return found
 
     def give_up(self, number: int, reason: str | None = None) -> Failure:
-        """End the process; by default because its job took too long."""
+        """End the process and return the failure; the default reason is that the job took too long."""
         assert self._job is not None
         index = self._job.index
         too_long = f"took longer than {self._time_limit:g} s" if self._ready else f"did not start in {START_LIMIT:g} s"
@@ -107,7 +106,7 @@ class Worker:
         return Failure(index, number, reason or too_long)
 
     def stop(self) -> None:
-        """End the process, whatever it is doing."""
+        """End the process, even if it is busy."""
         self._job, self._ready, self._served = None, False, 0
         if self._connection is not None:
             self._connection.close()
@@ -143,14 +142,14 @@ class Worker:
 def start_process(
     target: Callable[..., None], arguments: tuple[Any, ...], *, duplex: bool = True
 ) -> tuple[BaseProcess, Connection]:
-    """Start a worker process; return it and our end of its connection, which its death ends.
+    """Start a worker process; return it and our end of the connection, which closes when the process dies.
 
     Args:
         target: body of the process, called with its end of the connection and ``arguments``.
-        duplex: whether we send, too.
+        duplex: whether we also send.
 
     Raises:
-        WorkerStartError: it cannot be started.
+        WorkerStartError: the process cannot be started.
     """
     for number in range(TRIES):
         ours, theirs = _CONTEXT.Pipe(duplex)
@@ -173,16 +172,16 @@ def start_process(
 
 
 def preload_modules(modules: Sequence[str]) -> None:
-    """Have workers begin with these modules imported; the first call before the first worker of this process counts.
+    """Let all workers start with these modules imported; only the first call before the first worker has an effect.
 
-    What cannot be imported is left to the jobs to complain about.
+    Modules that cannot be imported are skipped; the jobs will report them.
     """
     _CONTEXT.set_forkserver_preload(list(modules))
 
 
 @contextlib.contextmanager
 def _single_threaded() -> Iterator[None]:
-    """Keep processes started inside, and their children, to one thread: the libraries look when they are imported."""
+    """Limit processes started in this block to one thread; libraries read the variables when they are imported."""
     before = {name: os.environ.get(name) for name in SINGLE_THREADED}
     os.environ.update(SINGLE_THREADED)
     try:
@@ -207,7 +206,7 @@ def _fate(exitcode: int | None) -> str:
 
 
 def _serve(connection: Connection, environment: Mapping[str, str], prepare: Callable[[], object] | None = None) -> None:
-    """Body of a worker process: jobs in, outcomes out, until the parent closes the connection."""
+    """Body of a worker process: run jobs until the parent closes the connection."""
     ignore_interrupts()  # Ctrl-C reaches the whole group; the parent decides
     os.environ.clear()
     os.environ.update(environment)  # the server may have been started before something was set
@@ -231,7 +230,7 @@ def _serve(connection: Connection, environment: Mapping[str, str], prepare: Call
 
 
 def _end_with_the_parent() -> None:
-    """End this process when the parent is gone, be it killed: a long job would otherwise run on unread."""
+    """End this process when the parent dies, so that a long job does not run on."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()
@@ -239,10 +238,10 @@ def _end_with_the_parent() -> None:
 
 
 def answer(payload: bytes) -> bytes:
-    """Run one call, pickled as (function, arguments), in this process.
+    """Run a pickled call (function, arguments) in this process.
 
     Returns:
-        (kind, value, traceback, seconds of CPU), pickled; kind is ``"result"``, ``"error"`` or ``"failure"``.
+        Pickled (kind, value, traceback, CPU time in s); kind is ``"result"``, ``"error"`` or ``"failure"``.
     """
     try:
         function, arguments = pickle.loads(payload)
@@ -262,27 +261,25 @@ def answer(payload: bytes) -> bytes:
 Result = TypeVar("Result")
 
 TIME_LIMIT = 900.0
-"""Seconds after which a job counts as hung."""
+"""Default time after which a job counts as hung, s."""
 
 JOBS_PER_WORKER = 500
-"""Jobs after which a worker process is renewed, so that what libraries leak does not grow."""
+"""Default number of jobs after which a worker process is replaced, because libraries leak memory."""
 
 
 class WorkerPool(Executor):
     """A fixed number of worker processes.
 
-    Ctrl-C in the parent ends the workers at once and leaves the ``with`` block; whatever was yielded before
-    is whole.
+    Ctrl-C in the parent ends the workers at once and leaves the ``with`` block; outcomes yielded before are complete.
 
     Args:
-        workers: number of processes; 0 runs the jobs in this process, where a bug is raised as it is, which helps
-            when debugging.
-        time_limit: seconds after which a job counts as hung and its worker is replaced.
-        jobs_per_worker: jobs after which a process is renewed.
-        preload: modules that jobs need and that take long to import; they are imported once for all workers. What
-            the first pool of this process says holds for those after it.
-        prepare: is called in each process before its first job, and belongs to the process's start; must pickle.
-        on_failure: is told of each try that came to nothing, also where a later one succeeds.
+        workers: number of processes; 0 runs the jobs in this process and raises bugs unchanged, for debugging.
+        time_limit: time after which a job counts as hung and its worker is replaced, s.
+        jobs_per_worker: number of jobs after which a process is replaced.
+        preload: modules that jobs need and that take long to import; they are imported once for all workers. Only the
+            first pool of this process has an effect.
+        prepare: function called in each process before its first job; must be picklable.
+        on_failure: callback for each failed attempt, even if a later one succeeds.
     """
 
     def __init__(
@@ -333,7 +330,7 @@ class WorkerPool(Executor):
     def _collect(self, tries: Tries) -> list[Outcome[Any]]:
         busy = [(worker, worker.job) for worker in self._workers if worker.job is not None]
         patience = min(worker.deadline for worker, _ in busy) - time.monotonic()
-        # A dead worker's connection reads as ended, so waiting on connections covers crashes as well.
+        # The connection of a dead worker becomes readable, so waiting on connections detects crashes as well.
         ready = wait([worker.connection for worker, _ in busy], timeout=max(patience, 0.0))
         outcomes: list[Outcome[Any]] = []
         for worker, job in busy:

@@ -1,7 +1,8 @@
-"""Jobs on a Ray cluster: the same outcomes as on this machine, on as many nodes as there are at the moment.
+"""Run jobs on a Ray cluster whose nodes may come and go.
 
-One actor is one process for one environment. A job goes to an actor only once it is ready, so that what waits for a
-node that has gone holds up no job; a node that comes gets actors of its own.
+One actor is one process for one environment. A job is given to an actor only when the actor is ready, so jobs never
+wait
+for lost nodes. New nodes get actors of their own.
 """
 
 from __future__ import annotations
@@ -30,23 +31,27 @@ from gensim2.core.processes.pool import JOBS_PER_WORKER, SINGLE_THREADED, START_
 Result = TypeVar("Result")
 
 GONE_SECONDS = 15.0
-"""Without an answer, after which the head counts as gone; Ray waits 60 (``gcs_rpc_server_reconnect_timeout_s``)."""
+"""Time without an answer after which the head counts as lost, s. Ray itself waits 60 s
+(``gcs_rpc_server_reconnect_timeout_s``).
+"""
 
 RETRY_SECONDS = 1.0
-"""Between two tries to reach a head that is not there; the longest wait for an actor's answer before the next look at
-the time limits."""
+"""Time between attempts to reach a missing head, and longest wait for an answer before the time limits are checked, s.
+"""
 
 left_waiting = False
-"""Whether Ray was left while it waits for a head that is gone: its threads end this process with codes of their own."""
+"""Whether Ray was abandoned while waiting for a lost head; its threads would then end this process with other exit
+codes.
+"""
 
 _ADDRESS = re.compile(r"local|auto|[\w.-]+:\d{1,5}|\[[0-9a-fA-F:]+\]:\d{1,5}")
 
 
 def check_address(address: str) -> None:
-    """Refuse what is no address, without starting anything.
+    """Check the format of a Ray address, without starting anything.
 
     Raises:
-        InputError: it is neither ``"local"``, ``"auto"`` nor ``HOST:PORT``.
+        InputError: the address is not ``"local"``, ``"auto"`` or ``HOST:PORT``.
         MissingExtraError: Ray is not installed.
     """
     if not _ADDRESS.fullmatch(address):
@@ -58,7 +63,7 @@ def check_address(address: str) -> None:
 
 
 class _Environment:
-    """Body of an actor: imports, gets ready, runs jobs."""
+    """Body of an actor, which imports modules, prepares the environment, and runs jobs."""
 
     def __init__(self, path: Sequence[str], modules: Sequence[str], prepare: bytes) -> None:
         sys.path.extend(folder for folder in path if folder not in sys.path)  # jobs are functions by name
@@ -71,25 +76,23 @@ class _Environment:
                 function()
 
     def ready(self) -> None:
-        """Answer once the environment is there."""
+        """Return once the environment is prepared."""
 
     def run(self, payload: bytes) -> bytes:
-        """Run one job."""
         return answer(payload)
 
 
 class Head:
-    """The head of a cluster, watched through a connection that its death ends.
+    """The head of a cluster, monitored through a connection that ends when the head dies.
 
-    Ray itself ends the whole process, with 1, a minute after the head is gone, and its own questions wait for a head
-    that is not there.
+    Ray itself would end this process with code 1 a minute after the head is lost, and its requests block until then.
 
     Args:
         address: ``HOST:PORT`` of its control service.
 
     Attributes:
-        is_there: whether the connection stands.
-        is_gone: whether no connection was taken for ``GONE_SECONDS``.
+        is_there: whether the connection is open.
+        is_gone: whether no connection could be opened for ``GONE_SECONDS``.
     """
 
     def __init__(self, address: str) -> None:
@@ -117,7 +120,7 @@ class Head:
 
 
 def _keep_alive(connection: socket.socket) -> None:
-    """Have the kernel end the connection where the other machine does not answer any more."""
+    """Let the kernel close the connection if the other machine no longer answers."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 2)):
         if hasattr(socket, name):
@@ -125,7 +128,7 @@ def _keep_alive(connection: socket.socket) -> None:
 
 
 class _Place:
-    """One actor, and the job that it is busy with."""
+    """One actor and its present job."""
 
     def __init__(self, actor: Any) -> None:
         self.actor = actor
@@ -141,17 +144,17 @@ class _Place:
 
 
 class RayPool(Executor):
-    """An executor on Ray.
+    """Executor on Ray.
 
-    Ray itself says when a node comes: beside the actors at work one more waits to be placed, up to ``workers``.
+    In addition to the running actors one more waits to be placed, up to ``workers``, so that Ray uses new nodes.
 
     Args:
-        address: ``"local"`` for a cluster of this process's own, ``"auto"`` or ``HOST:PORT`` for one that is there.
-        workers: the most actors at a time; None: one for each CPU that the cluster has at the moment.
-        time_limit, jobs_per_worker, preload, prepare, on_failure: as of :class:`~gensim2.core.processes.WorkerPool`.
+        address: ``"local"`` for a new cluster on this machine, ``"auto"`` or ``HOST:PORT`` for an existing one.
+        workers: largest number of actors; None: one for each CPU that the cluster has at the moment.
+        time_limit, jobs_per_worker, preload, prepare, on_failure: as for :class:`~gensim2.core.processes.WorkerPool`.
 
     Raises:
-        InputError: no cluster answers at the address, or one of another version.
+        InputError: no cluster answers at the address, or its version differs.
         MissingExtraError: Ray is not installed.
     """
 
@@ -183,7 +186,7 @@ class RayPool(Executor):
         self._remote = ray.remote(num_cpus=1, max_restarts=0)(_Environment)
 
     def close(self) -> None:
-        """End the actors, whatever they are doing, and leave the cluster."""
+        """End all actors, even busy ones, and leave the cluster."""
         global left_waiting
         for place in list(self._places):
             self._end(place)
@@ -215,7 +218,7 @@ class RayPool(Executor):
                 self._end(place)
 
     def _grow(self) -> None:
-        """Have the cluster's first CPUs at work, and one actor that waits for another."""
+        """Keep one actor for each initial CPU, and one more that waits for a new CPU."""
         waits = any(not place.is_ready for place in self._places)
         wanted = max(self._first, len(self._places) + (not waits))
         while len(self._places) < min(wanted, self._most):
@@ -262,7 +265,7 @@ class RayPool(Executor):
                 raise WorkerStartError(f"actors of the Ray cluster end before their first job: {words}") from error
 
     def _received(self, place: _Place, job: Job, number: int) -> Outcome[Any] | Failure:
-        """Return the outcome of the job that an actor was busy with; a failure ends the actor."""
+        """Return the outcome of an actor's job; a failure ends the actor."""
         try:
             found = received(self._ray.get(place.awaited), job.index, number)
         except self._ray.exceptions.RayError as error:
@@ -282,10 +285,10 @@ class RayPool(Executor):
 
 
 def _connect(ray: Any, address: str, workers: int | None) -> None:
-    """Join the cluster, or make one; Ctrl-C and SIGTERM stay with whoever handles them now.
+    """Join or start a cluster without changing the handlers of Ctrl-C and SIGTERM.
 
     Raises:
-        InputError: it cannot be joined.
+        InputError: the cluster cannot be joined.
     """
     where: dict[str, Any] = {"address": address}
     if address == "local":  # said so, for without an address Ray looks for a cluster that another user has begun
@@ -299,7 +302,7 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
                     **where, logging_level=logging.ERROR, log_to_driver=False, runtime_env={"env_vars": _environment()}
                 )
                 return
-            # Ray raises bare exceptions, too: a node of its own that takes over 15 s to start (its issue 65983).
+            # Ray also raises bare exceptions, for example if its own node takes over 15 s to start (its issue 65983).
             except Exception as error:
                 ray.shutdown()
                 if address != "local" or number == TRIES - 1:
@@ -312,5 +315,5 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
 
 
 def _environment() -> dict[str, str]:
-    """Variables that a job's result may follow from, as they are here; and threads, one each."""
+    """Return the environment variables that may affect a job's result, and limits to one thread."""
     return {**{name: value for name, value in os.environ.items() if name.startswith("GENSIM2_")}, **SINGLE_THREADED}
