@@ -1,4 +1,4 @@
-"""Episodes: plan, run, judge and record, one loop whoever decides what the robot does."""
+"""Run episodes: plan, act, evaluate and record, in one loop for all controllers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A task's steps one after the other: planned, watched, planned again where something goes otherwise."""
+"""Controller that plans and executes a task's steps in order, and plans again after deviations."""
 
 from __future__ import annotations
 
@@ -29,43 +29,46 @@ from gensim2.tasks.spec import HAND, Step, TaskSpec
 Array = npt.NDArray[np.float64]
 
 NOT_DONE = "not done"
-"""Triggers of plans beside deviations."""
+"""Triggers of plans other than deviations."""
 
 MAX_ROUNDS = 8
-"""Times that one step is planned in one episode, each time by its strategies in order until one is whole."""
+"""Largest number of times that a step is planned in an episode; each time its strategies are tried in order."""
 MAX_TRIES = 2
-"""Times that a strategy is executed to its end without its step being done."""
+"""Number of times that a strategy may be executed without completing its step."""
 WAIT_SECONDS = 0.5
-"""That a step has after its motion to become done, and that what slipped from the hand has to fall."""
+"""Time (s) that a step has after its motion to become done, and that a lost object has to fall."""
 CALM_SECONDS = 2.0
-"""For which the arm waits at most for an object that rolls."""
+"""Longest time (s) that the arm waits for a rolling object."""
 CALM = 0.02
-"""Speed (m/s) below which an object lies still enough to be planned for."""
+"""Object speed (m/s) below which a step is planned."""
 CALM_JOINT = 0.02
-"""Openness a second below which a joint stands still enough to be planned for, where it could not be as it moved."""
+"""Openness change per second below which a joint counts as still, if the step could not be planned while it moved."""
 CALM_ARM = 0.02
-"""Joint speed (rad/s, m/s) below which the arm does, likewise."""
+"""Joint speed (rad/s, m/s) below which the arm counts as still, in the same case."""
 
 
 class ChainController:
-    """Executes the steps of a task in order.
+    """Plans and executes the steps of a task in order.
 
-    A step is planned on the scene as it stands at its turn. It is planned again, from the robot's present state and
-    velocity, where its object drifts before it is touched or the fingers close on nothing; where what is held is lost,
-    the step that took it up has its turn again; where a motion has ended and the step is not done, it is tried once
-    more and then by the next strategy; where none can be planned, what is in the way is moved by a strategy that makes
-    room. Plans are counted, and bounded by ``MAX_ROUNDS`` a step. A hand that is near
-    what it has acted on when the last step is done goes back to the rest posture (:mod:`gensim2.rollout.retreat`).
+    A step is planned on the scene at its start. It is planned again, from the robot's present state and velocity, if
+    its
+    object moves before it is touched or if the fingers close on nothing. If a grasped object is lost, the step that
+    grasped
+    it is repeated. If a motion ends and the step is not done, the same strategy is tried once more and then the next
+    one. If
+    no strategy has a plan, a strategy that makes room moves obstacles. A step has at most ``MAX_ROUNDS`` rounds of
+    planning.
+    After the last step a hand near the objects returns to the rest pose (:mod:`gensim2.rollout.retreat`).
 
     Args:
-        task: whose steps.
-        strategies: by name, as plain data or parsed.
-        profile: the robot.
-        open_loop: plan every step at the start, on the scenes that are foreseen, by the first strategy that is planned
-            whole, and look at nothing afterwards.
-        one_plan: plan every step once, at its turn, by its first strategy; the next one begins where its motion ends,
-            whatever came of it.
-        options: the solver's, for every plan.
+        strategies: strategies by name, as plain data or parsed.
+        open_loop: plan all steps at the start, on predicted scenes, each by the first strategy with a complete plan,
+            and do
+            not react to deviations.
+        one_plan: plan every step once, when its turn comes, by its first strategy, and continue with the next step in
+            any
+            case.
+        options: solver options for every plan.
 
     Raises:
         InputError: a strategy cannot be used.
@@ -93,7 +96,7 @@ class ChainController:
         }
 
     def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:
-        """Begin an episode; nothing is drawn but by the solver, whose seed is among its options."""
+        """Start an episode; the only random numbers are the solver's, whose seed is one of its options."""
         self._planner = StepPlanner(self._profile, self._options)
         self._turns: list[ChainTurn] = []
         self._rounds: dict[str, int] = {}
@@ -114,35 +117,34 @@ class ChainController:
 
     @property
     def reference(self) -> Reference | None:
-        """Reference of the last action; None where the arm is only held."""
+        """Reference of the last action; None while the arm waits."""
         return self._reference
 
     @property
     def turn(self) -> str | None:
-        """Name of the step whose turn it is."""
+        """Name of the current step."""
         return self._turns[-1].step.name if self._turns else None
 
     @property
     def history(self) -> list[StepRecord]:
-        """One a step that was begun, with the plans of all its turns."""
+        """Return a record of each started step, with the plans of all its turns."""
         plans: dict[str, list[PlanRecord]] = {}
         for turn in self._turns:
             plans.setdefault(turn.step.name, []).extend(plan.record() for plan in turn.plans)
-        # The loop says whether each was done: it sees what comes after the last action, too.
+        # The loop decides whether each step was done, because it also sees what happens after the last action.
         return [StepRecord(name, records, paper=False, done=False) for name, records in plans.items()]
 
     @property
     def events(self) -> list[Event]:
-        """Events so far, in order."""
         return list(self._events)
 
     @property
     def plans(self) -> list[tuple[Scene, StepPlan]]:
-        """Every plan that was made, with the scene that it was made for."""
+        """Return every plan with the scene that it was made for."""
         return [(plan.scene, plan.planned) for turn in self._turns for plan in turn.plans]
 
     def act(self, observation: PrivilegedObservation) -> Action | None:
-        """The next action, (m + 1,); None: done, or nothing more can be done."""
+        """Return the next action (m + 1,), or None if the task is done or no step has a plan."""
         self._reference = None
         self._last = self._blind(observation) if self._open_loop else self._next(observation)
         return self._last
@@ -152,7 +154,7 @@ class ChainController:
         return self._task.steps[self._at]
 
     def _turn(self) -> ChainTurn:
-        """That of the present step; begun where it is not."""
+        """Return the turn of the current step, and start it if necessary."""
         if not self._turns or self._turns[-1].step is not self._step:
             self._turns.append(ChainTurn(self._step))
         return self._turns[-1]
@@ -205,13 +207,13 @@ class ChainController:
         positions, velocities = run.planned.schedule.reference[run.ran]
         action = run.next_action()
         force = np.nan if self._held is None or self._held.force is None else self._held.force
-        # Where the fingers press, the pads stay as far apart as what is between them.
+        # While the fingers press, the distance of the pads stays the width of the object.
         width = observation.measurement.finger_opening if np.isfinite(force) else self._profile_width(float(action[-1]))
         self._reference = Reference(positions, velocities, np.array([width, force], dtype=np.float32))
         return self._pressing(action, observation, run.scene.finger_stiffness)
 
     def _leave(self, observation: PrivilegedObservation, run: ChainPlan) -> Action | None:
-        """Begin to go back from what was acted on; None where the hand is away from it, or is to stay."""
+        """Start the retreat from the objects; None if the hand is away from them or must stay."""
         strategy = self._strategies[run.strategy]
         stays = isinstance(strategy, KeypointStrategy) and strategy.solver_config.let_go is None
         if stays or self._held is not None or is_about_the_gripper(self._task):
@@ -236,17 +238,18 @@ class ChainController:
         return np.append(retreat.targets[row], command).astype(np.float32)
 
     def _profile_width(self, command: float) -> float:
-        """Distance of the pads (m) that a gripper command asks for; commands change once in many steps."""
+        """Return the distance of the pads (m) for a gripper command, with a cache of the last one."""
         if self._width is None or self._width[0] != command:
             gripper = self._profile.gripper
             self._width = command, gripper.opening(gripper.at_command(command))
         return self._width[1]
 
     def _pressing(self, action: Action, observation: PrivilegedObservation, stiffness: float | None) -> Action:
-        """The action with fingers that press on what they hold as hard as they are to, however far they are apart.
+        """Return the action with a gripper command that presses with the planned force at the present finger distance.
 
-        A finger's drive is a spring: on a thing that is narrower than planned, or into which the pads sink, as they do
-        in some solvers, a target that was planned presses less.
+        A finger's drive acts as a spring. If the object is narrower than planned, or if the pads sink into it, as in
+        some
+        simulators, the planned target would press less.
         """
         held = self._held
         if held is None or held.force is None:
@@ -258,7 +261,7 @@ class ChainController:
         self._events.append(Event(observation.step, self._step.name, what))
 
     def _deviation(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
-        """Return the cause of a deviation from the plan, if any; updates what the hand holds."""
+        """Return the cause of a deviation from the plan, if any, and update the grasped object."""
         found = self._look(observation, run)
         if found is not None:
             self._notice(observation, found)
@@ -286,14 +289,14 @@ class ChainController:
             return Cause.GRASP_LOST
         name = self._step.object
         until = schedule.actuation if run.scene.objects[name].is_rigid else schedule.contact
-        # A plan is not held against the measurement that was taken just before it.
+        # Only check drift after the plan has run, because the measurement was taken just before it.
         if 0 < run.ran < until and has_drifted(run.scene, measured, name):
             return Cause.OBJECT_DRIFTED
         return None
 
     def _must_wait(self, observation: PrivilegedObservation) -> bool:
-        """Whether what the step acts on still falls or rolls, or what could not be planned under way is not at rest;
-        not for ever.
+        """Return whether to wait: the object still moves, or the arm must be at rest before planning. The time is
+        limited.
         """
         if self._trigger in (Cause.GRASP_LOST, Cause.GRASP_MISSED) and self._waited < self._profile.steps(WAIT_SECONDS):
             return True
@@ -304,26 +307,26 @@ class ChainController:
         return waits and (moves or falls or (self._from_rest and self._is_under_way(observation)))
 
     def _is_calm(self, observation: PrivilegedObservation) -> bool:
-        """Whether waiting for the arm and the joint to come to rest is of no use: it was done, or both are at rest."""
+        """Return whether waiting for arm and joint to stop is useless, because both are at rest or the wait is over."""
         return self._from_rest or not self._is_under_way(observation)
 
     def _is_under_way(self, observation: PrivilegedObservation) -> bool:
-        """Whether the arm moves, or the joint of what the step acts on."""
+        """Return whether the arm or the joint of the step's object moves."""
         return self._swings(observation) or bool(np.abs(observation.qvel).max() > CALM_ARM)
 
     def _swings(self, observation: PrivilegedObservation) -> bool:
-        """Whether the joint of what the step acts on moves."""
+        """Return whether the joint of the step's object moves."""
         return abs(observation.measurement.joint_speed.get(self._step.object, 0.0)) > CALM_JOINT
 
     def _stay(self, observation: PrivilegedObservation) -> Action:
-        """Stop where the arm is, the fingers as they were commanded."""
+        """Return an action that holds the arm where it is, with the last gripper command."""
         if self._last is not None and self._waited > 1:
             return self._last
         arm = observation.q[list(self._profile.arm_columns)]
         return np.append(arm, 1.0 if self._last is None else self._last[-1]).astype(np.float32)
 
     def _begin(self, observation: PrivilegedObservation) -> bool:
-        """Plan the step whose turn it is; whether there is a motion."""
+        """Plan the current step; return whether there is a motion."""
         if self._rounds.get(self._step.name, 0) >= self._most_rounds or self._step.tool not in (HAND, self._holds):
             return False
         self._rounds[self._step.name] = self._rounds.get(self._step.name, 0) + 1
@@ -348,7 +351,7 @@ class ChainController:
         return self._running is not None
 
     def _make_room(self, scene: Scene, at_step: int) -> ChainPlan | None:
-        """Plan to move what is in the way of the present step; None where nothing is, or it cannot be moved."""
+        """Plan to move an obstacle of the current step; None if there is none or it cannot be moved."""
         turn, step = self._turn(), self._step
         following = self._following()
         ways = [self._strategies[name] for name in self._doing(step)]
@@ -366,20 +369,20 @@ class ChainController:
 
     @property
     def _holds(self) -> str | None:
-        """Name of what is in the hand."""
+        """Name of the grasped object."""
         return None if self._held is None else self._held.name
 
     def _go_back(self) -> None:
-        """Give the turn to the step that takes up what the present one needs in the hand, where it is not there."""
+        """Return to the step that grasps the object needed by the current step, if it is not in the hand."""
         if self._step.tool not in (HAND, self._holds):
             before = [i for i in range(self._at) if self._task.steps[i].object == self._step.tool]
             if before:
                 self._at, self._trigger = before[-1], Cause.GRASP_LOST.value
 
     def _is_there_already(self, measured: Measurement) -> bool:
-        """Give the turn to what comes after an object was put down, where a lost one has come to lie as the goal asks.
+        """Skip to the step after placing an object if a lost object already lies where the goal requires.
 
-        The hand may not get at it there: a cup that slipped out of it over a box lies in that box.
+        The hand may not reach it there, for example a cup that was dropped into the box.
         """
         if self._trigger != Cause.GRASP_LOST:
             return False
@@ -392,16 +395,19 @@ class ChainController:
         return True
 
     def _untried(self, turn: ChainTurn) -> list[str]:
-        """Strategies that were not executed to the end often enough in this turn, in order of preference."""
+        """Return the strategies that may still be executed in this turn, in order of preference."""
         names = self._doing(turn.step)[: 1 if self._one_plan else None]
         return [name for name in names if turn.tries.get(name, 0) < MAX_TRIES]
 
     def _doing(self, step: Step) -> list[str]:
-        """Strategies that do a step, in order of preference; not those that make room for it."""
+        """Return the strategies that complete a step, in order of preference, without those that only make room."""
         return [name for name in step.strategies if self._strategies[name].makes_room is None]
 
     def _foreseen(self, name: str) -> kpam.Plan | None:
-        """The plan of the present step by a strategy that the grasp foresaw by which the hand holds something."""
+        """Return the plan for the current step and strategy that was made together with the grasp of the present
+        object,
+        if any.
+        """
         grasp = self._held_by
         if grasp is None or self._held is None or grasp.step != self._step.name:
             return None
@@ -424,7 +430,7 @@ class ChainController:
         return [(step, [self._strategies[each] for each in step.strategies]) for step in later]
 
     def _plan_ahead(self, scene: Scene) -> list[list[ChainPlan]]:
-        """The plans of every step, a whole one last, up to the first step that has none."""
+        """Return the plans of every step, the complete one last, up to the first step without one."""
         ahead: list[list[ChainPlan]] = []
         for number, step in enumerate(self._task.steps):
             self._at = number

@@ -1,4 +1,4 @@
-"""State of a chain of steps: the plans that were made, and whose turn it is."""
+"""State of the executed steps: the plans made so far, and the current step."""
 
 from __future__ import annotations
 
@@ -28,12 +28,15 @@ ROOM = 0.06
 
 
 def room_for_hand(after: Scene | None, step: Step, following: Sequence[Step]) -> float:
-    """Return the clearance (m) from the link that a step moves to the next step's object, from above; ``ROOM`` at most.
+    """Return the clearance (m), seen from above, between the link that a step moves and the next step's object.
 
     Args:
-        after: the scene that a plan of ``step`` foresees; None where there is none.
-        step: which moves a joint.
+        after: scene predicted by a plan of ``step``; None without a plan.
+        step: step that moves a joint.
         following: the steps after it.
+
+    Returns:
+        The clearance, at most ``ROOM``.
     """
     if after is None or not following or following[0].tool != HAND:
         return ROOM
@@ -46,25 +49,25 @@ def room_for_hand(after: Scene | None, step: Step, following: Sequence[Step]) ->
 
 
 def _outline(bodies: Sequence[SceneBody]) -> Array:
-    """(N, 2) m: convex outline from above, in the base frame, counter-clockwise."""
+    """Return the convex outline (N, 2), m, seen from above in the base frame, counter-clockwise."""
     points = [hull @ body.T_base_body[:3, :3].T + body.T_base_body[:3, 3] for body in bodies for hull in body.hulls]
     return outline(np.concatenate(points), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
 
 @dataclass
 class ChainPlan:
-    """A plan and what becomes of it.
+    """A plan and its execution.
 
     Attributes:
-        strategy: by whose name it was made.
-        planned: what the planner said.
-        scene: on which.
+        strategy: name of its strategy.
+        planned: result of the planner.
+        scene: scene that it was made for.
         at_step: control step at which it was made.
-        trigger: why.
-        profile: whose simulated drives execute it.
-        room: for the hand about what the next step takes, m; at most ``ROOM``.
-        makes_room: whether it moves another object for the step, which it does not do.
-        ran: actions of it that were given.
+        trigger: reason for planning.
+        profile: robot whose simulated drives execute it.
+        room: clearance for the hand around the next step's object, m; at most ``ROOM``.
+        makes_room: whether it only moves an obstacle of the step.
+        ran: number of actions executed.
     """
 
     strategy: str
@@ -79,35 +82,37 @@ class ChainPlan:
 
     @property
     def rank(self) -> tuple[bool, int, int]:
-        """The lower, the better: whole, then by centimetres of room for what comes next, then as the planner has it."""
+        """Return the sort key, lower is better: complete plans, then more room for the next step, then the planner's
+        rank.
+        """
         return not self.planned.is_solved, ceil((ROOM - self.room) / 0.01), self.planned.rank
 
     @property
     def is_best(self) -> bool:
-        """Whether none can be better."""
+        """Return whether no better plan is possible."""
         return self.planned.rank == 0 and self.room >= ROOM
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing of it is left."""
+        """Return whether no action is left."""
         return self.planned.schedule is None or self.ran >= len(self.planned.schedule)
 
     def next_action(self) -> Action:
-        """Of a plan that is not over."""
+        """Return the next action of a plan that is not over."""
         action: Action = self.actions[self.ran]
         self.ran += 1
         return action
 
     @cached_property
     def actions(self) -> npt.NDArray[np.float32]:
-        """(N, m + 1) commands of the simulated drives that execute the reference."""
+        """Return commands (N, m + 1) for the simulated drives that follow the reference."""
         schedule = self.planned.schedule
         assert schedule is not None
         targets = self.profile.simulated_targets(schedule.reference[:, 0], schedule.ends)
         return np.column_stack([targets, schedule.commands])
 
     def record(self) -> PlanRecord:
-        """For the episode's record."""
+        """Return the plan's entry in the episode's record."""
         planned = self.planned
         return PlanRecord(
             strategy=self.strategy,
@@ -122,13 +127,13 @@ class ChainPlan:
 
 @dataclass
 class ChainTurn:
-    """One turn of a step; it has another where what it took up is lost.
+    """One turn of a step; a step has another turn if its grasped object is lost.
 
     Attributes:
-        step: whose turn it is.
-        plans: made in it, in order.
-        tries: times that a strategy was executed to its end, by its name.
-        acted: measured as the fingers had taken something last, or were about to let go.
+        step: the step.
+        plans: plans made in this turn, in order.
+        tries: number of complete executions by strategy.
+        acted: measurement when the fingers had last closed, or before they opened.
     """
 
     step: Step
@@ -137,7 +142,9 @@ class ChainTurn:
     acted: Measurement | None = None
 
     def is_done(self, measured: Measurement) -> bool:
-        """Whether it is done now; what is asked of the gripper counts as it took or let go, too: then it backs off."""
+        """Return whether the step is done; criteria about the gripper may also hold at the grasp or release, before the
+        retreat.
+        """
         return all(
             criterion.holds(measured)
             or (self.acted is not None and isinstance(criterion, OF_GRIPPER) and criterion.holds(self.acted))
@@ -146,5 +153,5 @@ class ChainTurn:
 
 
 def best_of(plans: Sequence[ChainPlan]) -> ChainPlan | None:
-    """The first of the best that have a motion."""
+    """Return the first of the best plans that have a motion."""
     return min((plan for plan in plans if plan.planned.schedule is not None), key=lambda plan: plan.rank, default=None)

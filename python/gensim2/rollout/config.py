@@ -1,4 +1,4 @@
-"""Configuration of episodes: their scenes, and what is done in them beside the controller's strategies."""
+"""Configuration of episodes: their scenes, and options of their execution."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gensim2.scenes.physics import with_current_scene
 from gensim2.tasks.spec import TaskSpec
 
 Disturbance = Literal["push", "drop"]
-"""Kind of disturbance of an episode, once, at a seeded moment."""
+"""Kind of disturbance, applied once in an episode at a seeded moment."""
 
 DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
 
@@ -22,34 +22,33 @@ MAX_NOISE = 0.2
 
 
 class RolloutArguments(SceneArguments, total=False):
-    """Keywords of scenes, and of the chain of planned steps that works in them.
+    """Options of scenes and of the planned execution of steps.
 
     Keys:
-        open_loop: everything is planned at the start of an episode, each step by the first of its strategies that is
-            planned whole.
+        open_loop: plan all steps at the start of an episode, each by the first strategy with a complete plan.
     """
 
     open_loop: bool
 
 
 class RunArguments(RolloutArguments, ExecutionArguments, total=False):
-    """Keywords of commands that run the chain of steps: of its scenes, of the chain, and of the worker processes."""
+    """Options of commands that execute planned steps: scenes, execution, and worker processes."""
 
 
 class EvaluationArguments(SceneArguments, ExecutionArguments, total=False):
-    """Keywords of commands that run any controller: of its scenes, and of the worker processes."""
+    """Options of commands that run any controller: scenes and worker processes."""
 
 
 @dataclass(frozen=True)
 class RolloutOptions:
-    """Options that all episodes of a run share beside their scenes.
+    """Options of all episodes of a run other than their scenes.
 
     Attributes:
-        open_loop: everything is planned at the start, each step by the first of its strategies that is planned whole.
-        one_plan: each step is planned once, by its first strategy; deviations are recorded and not reacted to.
-        disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; None: nothing is disturbed.
-        attempts: resets to the same start that an episode has at most, until one holds.
-        noise: standard deviation (rad) of noise on joint targets now and then; the noise-free action is recorded.
+        open_loop: plan all steps at the start, each by the first strategy with a complete plan.
+        one_plan: plan each step once, by its first strategy; deviations are recorded but not handled.
+        disturbance: ``"push"`` or ``"drop"``, once in an episode at a seeded moment; None for no disturbance.
+        attempts: largest number of attempts from the same start until one succeeds.
+        noise: standard deviation (rad) of occasional noise on joint targets; the noise-free action is recorded.
 
     Raises:
         InputError: the noise is out of range.
@@ -67,25 +66,25 @@ class RolloutOptions:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> RolloutOptions:
-        """Options from the fields of a file, other fields beside them left alone."""
+        """Return the options among the fields of a record; other fields are ignored."""
         return cls(**{each.name: record[each.name] for each in fields(cls) if each.name in record})
 
     def to_record(self) -> dict[str, Any]:
-        """Fields of a file; of episodes without noise it says nothing."""
+        """Return the fields of a record; zero noise is left out."""
         return {name: value for name, value in asdict(self).items() if name != "noise" or value}
 
 
 DEFAULT_ROLLOUT = RolloutOptions()
-"""A chain of steps, planned again where something goes otherwise, undisturbed, once."""
+"""Default options: one attempt with replanning and without disturbance."""
 
 
 @dataclass(frozen=True)
 class EpisodeConfig:
-    """Inputs of the episodes of one task beside strategies and seed: plain values that pickle.
+    """Inputs of one task's episodes other than strategies and seed, as plain values that can be pickled.
 
     Attributes:
-        scene: of the task.
-        rollout: what else its episodes have in common.
+        scene: scene of the task.
+        rollout: further options.
     """
 
     scene: SceneConfig
@@ -93,12 +92,11 @@ class EpisodeConfig:
 
     @property
     def task(self) -> TaskSpec:
-        """Task of the episodes."""
         return self.scene.task
 
 
 def nested_options(record: Any) -> Any:
-    """Return the fields of a file with those of scenes under ``scene`` and those of rollouts under ``rollout``."""
+    """Return the fields of a record with scene options nested under ``scene`` and rollout options under ``rollout``."""
     if not isinstance(record, dict):
         return record
     current = with_current_scene(record)

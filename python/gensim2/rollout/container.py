@@ -1,10 +1,11 @@
-"""The room inside a container, read from its convex collision parts: where something lies that is *in* it.
+"""Find the free space inside a container from its convex collision hulls, to decide whether an object is inside.
 
-Its measured point (an object's last keypoint) lies in it, or above it where things are dropped into a box, and on the
-link that contains: the moving link of a drawer, the body of a box or a refrigerator. On a grid over that link's hulls
-a cell is room where no hull is, where there is something below it, and walls on three sides or on all four: a
-refrigerator is open in front, a drawer's back may be missing. Of the connected rooms the one at or below the measured
-point counts, as a box along the link's axes that reaches to the walls.
+The container's measured point (its last keypoint) lies in this space, or above it for boxes into which things are
+dropped. It belongs to the link that contains things: the moving link of a drawer, the body of a box or refrigerator. On
+a
+grid over that link's hulls, a cell is free space if it overlaps no hull, has something below it, and has walls on at
+least three of four sides, because a refrigerator is open in front and a drawer may lack a back. Of the connected spaces
+the one at or below the measured point is used, as a box along the link's axes that reaches to the walls.
 """
 
 from __future__ import annotations
@@ -22,23 +23,23 @@ from gensim2.planning.hulls import HullsKey, crossings
 Array = npt.NDArray[np.float64]
 
 CELL = 0.005
-"""Metres; where the link is long, a CELLS-th of its longest side."""
+"""Cell size, m; for a long link its longest side divided by ``CELLS``."""
 CELLS = 64
 
 WALLS = 3
-"""Of the four sides, so many must have a wall."""
+"""Number of the four sides that must have a wall."""
 
 NEAR = 0.03
-"""Metres beside the measured point within which the room must begin."""
+"""Largest horizontal distance (m) between the measured point and the space."""
 
 BELOW = 0.15
-"""Metres below or above the measured point within which it must."""
+"""Largest vertical distance (m) between the measured point and the space."""
 
 SMALLEST = 0.02
-"""Metres of the shortest side of a room; a nook is none."""
+"""Shortest side (m) of a space; smaller ones are ignored."""
 
 FILLED = 0.5
-"""Share of a side of the box, one cell thick, that must be room; the box loses what is less."""
+"""Share of free cells that every outer layer of the box must have; other layers are cut off."""
 
 
 @dataclass(frozen=True)
@@ -46,24 +47,24 @@ class InnerBox:
     """A box along the axes of a link.
 
     Attributes:
-        low, high: (3,) corners in the link's frame, m.
+        low, high: (3,) corners in the link frame, m.
     """
 
     low: Array
     high: Array
 
     def contains(self, point: Array) -> bool:
-        """Whether (3,) lies in it, link frame."""
+        """Return whether a point (3,) in the link frame is inside."""
         return bool(((self.low <= point) & (point <= self.high)).all())
 
 
 def inner_box(hulls: tuple[Array, ...], measured_point: Array, up: Array) -> InnerBox | None:
-    """The room inside a link; None where it has none at its measured point.
+    """Return the free space inside a link, or None if there is none at its measured point.
 
     Args:
-        hulls: convex vertex sets of the link, each (N, 3) metres in its frame; what is found is kept by their identity.
-        measured_point: (3,) in the link's frame.
-        up: (3,) the vertical in the link's frame; the axis nearest to it counts.
+        hulls: vertices (N, 3) of the link's convex hulls in its frame, m; results are cached by their identity.
+        measured_point: (3,) in the link frame, m.
+        up: (3,) vertical direction in the link frame; the nearest axis is used.
     """
     axis = int(np.argmax(np.abs(up)))
     return _inner_box(HullsKey(hulls), tuple(map(float, measured_point)), axis, bool(up[axis] > 0))
@@ -94,7 +95,7 @@ def _inner_box(key: HullsKey, measured_point: tuple[float, ...], axis: int, upwa
 
 
 def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray[np.int_]) -> npt.NDArray[np.bool_]:
-    """Cells that a hull comes to within half a cell of the middle of: no wall is so thin that it falls between."""
+    """Return the cells whose centre is within half a cell of a hull, so that thin walls are not missed."""
     solid = np.zeros(shape, bool)
     for hull in hulls:
         planes = np.unique(ConvexHull(hull, qhull_options="QJ").equations.round(9), axis=0)
@@ -108,10 +109,10 @@ def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray
 
 
 def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> InnerBox:
-    """A box made of cells, each side of it moved to the wall behind it: what lies flat on the floor is inside, too.
+    """Extend each side of a box of cells to the wall behind it, so that objects flat on the floor are inside.
 
-    Walls are within two cells: one that a hull comes near to is no room, and one layer that is mostly no room is left
-    out where a wall is uneven. A side without any stays.
+    Walls are searched within two cells, because cells near a hull do not count as free and uneven layers are cut off. A
+    side without a wall stays.
     """
     corners = [box.low.copy(), box.high.copy()]
     spread = np.linspace(0.1, 0.9, 9)
@@ -128,7 +129,7 @@ def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> In
 
 
 def _behind(solid: npt.NDArray[np.bool_], axis: int, forwards: bool) -> npt.NDArray[np.bool_]:
-    """Cells from which there is something solid against the axis, or along it where not ``forwards``."""
+    """Return the cells with a solid cell before them along the axis, or after them if not ``forwards``."""
     turned = solid if forwards else np.flip(solid, axis)
     found = np.maximum.accumulate(turned, axis)
     return found if forwards else np.flip(found, axis)
@@ -140,7 +141,7 @@ def _walled(solid: npt.NDArray[np.bool_], up: int) -> npt.NDArray[np.bool_]:
 
 
 def _box(room: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.int_]]:
-    """First and last cell of the box around a room, without sides that are mostly no room."""
+    """Return first and last cell of the box around a space, without outer layers that are mostly not free."""
     cells = np.argwhere(room)
     first, last = cells.min(axis=0), cells.max(axis=0)
     while (last > first).all():

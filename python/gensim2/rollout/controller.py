@@ -1,4 +1,4 @@
-"""Controllers: a plan, a chain of steps, a policy, a person; all of them decide actions in the same loop."""
+"""Interface of controllers, such as planners, policies and people, which choose the actions in one loop."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from gensim2.tasks.measurement import Measurement
 Action = npt.NDArray[np.float32]
 
 ACTUATION: Literal["actuation"] = "actuation"
-"""Name of the event that the hand is at an actuation pose."""
+"""Name of the event that the hand has reached an actuation pose."""
 
 PROPRIOCEPTIVE = ObservationSpec(modalities=())
-"""The robot's own state and no camera."""
+"""Observation spec with the robot's own state and without cameras."""
 
 
 @dataclass(frozen=True, eq=False)
 class PrivilegedObservation(Observation):
-    """Observation of a privileged controller, beyond that of a robot: the truth of a simulated world.
+    """Observation of a privileged controller, with the true state of the simulated world.
 
     Attributes:
-        measurement: of the objects and the gripper, this instant.
-        scene: reads the whole scene, geometry included; dearer, so a function, and only good for this instant.
+        measurement: state of objects and gripper at this instant.
+        scene: function that returns the whole scene with geometry; slower, and valid at this instant only.
     """
 
     measurement: Measurement
@@ -37,7 +37,7 @@ class PrivilegedObservation(Observation):
 
     @staticmethod
     def of(observation: Observation, measurement: Measurement, scene: Callable[[], Scene]) -> PrivilegedObservation:
-        """An observation with the truth beside it."""
+        """Return an observation with the true state added."""
         seen = observation
         return PrivilegedObservation(
             seen.step, seen.time, seen.language, seen.arrays, seen.cloud, seen.cameras, measurement, scene
@@ -45,12 +45,12 @@ class PrivilegedObservation(Observation):
 
     @property
     def q(self) -> npt.NDArray[np.float64]:
-        """(n,) robot joints, for arithmetic."""
+        """Robot joints (n,) as float64."""
         return self.joint_positions.astype(np.float64)
 
     @property
     def qvel(self) -> npt.NDArray[np.float64]:
-        """(n,) their velocities."""
+        """Joint velocities (n,) as float64."""
         return self.joint_velocities.astype(np.float64)
 
 
@@ -59,10 +59,11 @@ class Reference:
     """Reference of an action at the end of its control step, independent of the robot's drives.
 
     Attributes:
-        joint_positions, joint_velocities: (m,) of the arm, rad or m, and a second.
-        gripper: (2,) distance of the pads that is commanded, m, and the force (N) by which each finger is to press on
-            what it holds; NaN: none is meant.
-        action: (m + 1,) that was meant where another was sent; None: what was sent.
+        joint_positions, joint_velocities: (m,) of the arm, in rad or m, and per second.
+        gripper: (2,) commanded distance of the pads, m, and force (N) of each finger on the grasped object; NaN if no
+            force
+            is specified.
+        action: (m + 1,) action before noise was added; None if it was executed as it is.
     """
 
     joint_positions: npt.NDArray[np.float32]
@@ -77,9 +78,9 @@ class Event:
 
     Attributes:
         at_step: control steps since the reset.
-        step: name of the task's step.
-        what: ``ACTUATION``: the hand is where the motions before the contact end; else the deviation.
-        detail: numbers beside it, as plain data.
+        step: name of the task step.
+        what: ``ACTUATION`` if the hand has reached the end of the motions before contact; otherwise the deviation.
+        detail: figures, as plain data.
     """
 
     at_step: int
@@ -89,38 +90,42 @@ class Event:
 
 
 class Controller(Protocol):
-    """Decides every action of one episode (docs/guides/controllers.md).
+    """Chooses every action of an episode (docs/guides/controllers.md).
 
-    A class may say more by attributes, all of them optional:
+    A class may define further attributes:
 
-    - ``privileged = True``: it is made with ``task`` and ``profile`` beside its own arguments, and is shown
+    - ``privileged = True``: its constructor also gets ``task`` and ``profile``, and its observations are
       :class:`PrivilegedObservation`.
-    - ``observation_spec``: an :class:`~gensim2.perception.ObservationSpec` or its fields, what it looks at; without,
-      point clouds by the defaults, and of a privileged one the robot's own state. It is read before every observation:
-      a controller that looks now and then has ``PROPRIOCEPTIVE`` in between.
-    - ``reference``: a :class:`Reference`, read after every action and recorded; None: it means no more than the action.
-    - ``close()``: gives up what the controller holds open, a connection for example; called once it is not needed.
-    - ``turn``, ``history``, ``events``: the name of the task's step that it is at, a record of each step that was
-      begun, and what was noticed; ``turn`` is read after every action, the others when the episode is over. Without
-      them a step's turn ends where its criterion is true.
+    - ``observation_spec``: an :class:`~gensim2.perception.ObservationSpec` or its fields. Default: point clouds, or for
+      privileged controllers the robot's own state. It is read before every observation, so a controller that needs
+      clouds
+      only now and then sets it to ``PROPRIOCEPTIVE`` in between.
+    - ``reference``: a :class:`Reference`, read after every action and recorded; None if the action has none.
+    - ``close()``: release resources such as connections; called when the controller is no longer needed.
+    - ``turn``, ``history``, ``events``: name of the current task step, records of all started steps, and reported
+      events.
+      ``turn`` is read after every action, the others after the episode. Without them a step ends when its criterion
+      holds.
     """
 
     def reset(self, observation: Any, seed: int) -> None:
-        """Begin an episode and forget the one before.
+        """Start an episode and forget the previous one.
 
         Args:
-            observation: an :class:`~gensim2.perception.Observation`, the first.
-            seed: of everything that the controller draws; not that of the scene.
+            observation: first observation, an :class:`~gensim2.perception.Observation`.
+            seed: seed of the controller's random numbers, which differs from the scene's.
         """
         ...
 
     def act(self, observation: Any) -> npt.ArrayLike | None:
-        """The next action, (m + 1,): targets of the arm's joints and the gripper from -1 to 1; None: done."""
+        """Return the next action (m + 1,), targets of the arm's joints and the gripper from -1 to 1, or None at the
+        end.
+        """
         ...
 
 
 def is_privileged(controller: Controller | type) -> bool:
-    """Whether a controller, or its class, says that it is shown the truth."""
+    """Return whether a controller or its class is privileged."""
     return bool(getattr(controller, "privileged", False))
 
 
@@ -128,7 +133,7 @@ def spec_of(controller: Controller) -> ObservationSpec:
     """Return the observation spec of a controller.
 
     Raises:
-        InputError: its ``observation_spec`` is none.
+        InputError: its ``observation_spec`` is invalid.
     """
     given = getattr(controller, "observation_spec", None)
     if given is None and is_privileged(controller):
@@ -137,58 +142,50 @@ def spec_of(controller: Controller) -> ObservationSpec:
 
 
 def reference_of(controller: Controller) -> Reference | None:
-    """Return the reference of a controller's last action; None where it says nothing."""
+    """Return the reference of a controller's last action, if any."""
     reference: Reference | None = getattr(controller, "reference", None)
     return reference
 
 
 def turn_of(controller: Controller) -> str | None:
-    """Name of the task's step that a controller is at; None where it says nothing."""
+    """Return the name of a controller's current step, if it reports one."""
     turn: str | None = getattr(controller, "turn", None)
     return turn
 
 
 def history_of(controller: Controller) -> Sequence[StepRecord]:
-    """One a step that was begun, however often; empty where the controller says nothing."""
+    """Return a controller's records of its started steps, if it reports any."""
     history: Sequence[StepRecord] = getattr(controller, "history", ())
     return history
 
 
 def events_of(controller: Controller) -> Sequence[Event]:
-    """Return the events that a controller reports, in order; empty where it reports none."""
+    """Return a controller's events in order, if it reports any."""
     events: Sequence[Event] = getattr(controller, "events", ())
     return events
 
 
 class WrappedController:
-    """Base of a controller around another one; ``_controller`` is the other.
-
-    What a controller may tell beside its actions is read from the one inside.
-    """
+    """Base of controllers that wrap another one, ``_controller``, and pass on its optional attributes."""
 
     _controller: Controller
 
     @property
     def observation_spec(self) -> ObservationSpec:
-        """Spec of the controller's next observation."""
         return spec_of(self._controller)
 
     @property
     def reference(self) -> Reference | None:
-        """The controller's."""
         return reference_of(self._controller)
 
     @property
     def turn(self) -> str | None:
-        """The controller's."""
         return turn_of(self._controller)
 
     @property
     def history(self) -> Sequence[StepRecord]:
-        """The controller's."""
         return history_of(self._controller)
 
     @property
     def events(self) -> Sequence[Event]:
-        """The controller's."""
         return events_of(self._controller)

@@ -1,4 +1,4 @@
-"""Controllers by name: a value that travels to workers and makes a controller there."""
+"""Controllers by name: values that can be sent to worker processes and create a controller there."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from gensim2.rollout.controller import Controller, is_privileged
 from gensim2.tasks.spec import TaskSpec
 
 CHAIN = "gensim2.rollout.chain:ChainController"
-"""The planner's: a plan's chain of steps."""
+"""Name of the controller that executes planned steps."""
 
 _REMEDY = "give module:Class or FILE.py:Class"
 
 
 class ControllerError(InputError):
-    """A controller that is not ours cannot be loaded, fails, or gives no action that can be used."""
+    """A user's controller cannot be loaded, fails, or returns an invalid action."""
 
 
 @dataclass(frozen=True)
 class ControllerSpec:
-    """Recipe of a controller, for any process.
+    """Recipe for making a controller in any process.
 
     Attributes:
         target: ``module:Class``, or ``FILE.py:Class``.
-        arguments: keywords that it is made with, plain data.
+        arguments: keyword arguments of the class, as plain data.
     """
 
     target: str
@@ -42,10 +42,10 @@ class ControllerSpec:
 
     @staticmethod
     def of(given: str | type | ControllerSpec, arguments: Mapping[str, Any] | None = None) -> ControllerSpec:
-        """A spec from a name, or from a class that another process can import.
+        """Return the spec of a name, or of a class that another process can import.
 
         Raises:
-            ControllerError: it is neither, or the arguments are no plain data.
+            ControllerError: ``given`` is neither, or the arguments are not plain data.
         """
         if isinstance(given, ControllerSpec):
             return replace(given, arguments={**given.arguments, **(arguments or {})})
@@ -58,10 +58,10 @@ class ControllerSpec:
         return spec
 
     def load(self) -> type:
-        """The class.
+        """Import and return the class.
 
         Raises:
-            ControllerError: there is none, or its module cannot be imported.
+            ControllerError: the class does not exist, or its module cannot be imported.
         """
         where, name = _parts(self.target)
         module = _module(where, self.target)
@@ -79,10 +79,10 @@ class ControllerSpec:
         """Make the controller.
 
         Args:
-            task, profile: told to a privileged one; others are made without.
+            task, profile: passed to privileged controllers only.
 
         Raises:
-            ControllerError: it cannot be made with these arguments.
+            ControllerError: the controller cannot be made with these arguments.
         """
         kind = self.load()
         beside: dict[str, Any] = {"task": task, "profile": profile} if is_privileged(kind) else {}
@@ -95,9 +95,11 @@ class ControllerSpec:
 
     @property
     def digest(self) -> str:
-        """Of the name, the arguments, the source and the files that the class says it depends on (``depends_on``, a
-        static method that is given the arguments): a run that is gone on with must have the same. Where its file lies
-        is left out, and so is the folder of a checkpoint whose files are among them: they may be moved.
+        """Digest of name, arguments, source and dependencies, which must agree when a run is resumed.
+
+        The dependencies are the files returned by the class's static method ``depends_on``, which gets the arguments.
+        The
+        location of the source and the folder of a checkpoint with such files do not count, because they may be moved.
         """
         where, name = _parts(self.target)
         source = getattr(_module(where, self.target), "__file__", None)
@@ -116,12 +118,11 @@ class ControllerSpec:
         return found.hexdigest()[:16]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         return {"target": self.target, "arguments": dict(self.arguments)}
 
 
 def close(controller: Controller) -> None:
-    """Let a controller that is not needed any more give up what it holds open.
+    """Let a controller release its resources.
 
     Raises:
         ControllerError: its ``close`` fails.
@@ -164,8 +165,7 @@ def _module(where: str, target: str) -> ModuleType:
 
 
 def _of_file(path: Path) -> ModuleType:
-    """The module in a file, imported once a process as long as it is not edited; its folder is searched for what it
-    imports."""
+    """Return the module in a file, imported once per process and content; it may import from its own folder."""
     path = path.resolve()
     if not path.is_file():
         raise ControllerError("there is no such file", file=path, remedy=_REMEDY)

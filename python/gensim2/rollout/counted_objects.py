@@ -1,4 +1,4 @@
-"""Generated objects in any number: scenes that draw from so many of each class, of which a library lists none."""
+"""Scenes with any number of generated objects of each class, beyond those that a library lists."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from gensim2.rollout.inputs import TaskInput
 
 _COUNTED = " generated, seed "
 HASHED = 8
-"""Objects of each class by which it is told whether the generator makes the same."""
+"""Number of objects of each class that are hashed to detect changes of the generator."""
 
 
 def can_be_counted(given: TaskInput) -> bool:
-    """Whether a task has articulated objects that are generated, so that there are as many as are wanted."""
+    """Return whether a task has generated articulated objects, which can be made in any number."""
     return given.scene.assets == BUILTIN and bool(_articulated(given))
 
 
 def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
-    """A task whose scenes draw from ``count`` generated objects of each articulated class, none listed or ``new``.
+    """Return a task whose scenes use ``count`` generated objects of each articulated class, neither listed nor ``new``.
 
     Raises:
-        InputError: the objects are a folder's, or the task has no articulated one.
+        InputError: the objects are from a folder, or the task has no articulated object.
     """
     if not can_be_counted(given):
         raise InputError(f"{given.spec.name}: can be counted for generated articulated objects", field="objects")
@@ -35,10 +35,10 @@ def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
 
 
 def all_with_objects(given: Sequence[TaskInput], count: int, seed: int) -> list[TaskInput]:
-    """As :func:`with_objects` for every task that has such objects; others, of rigid ones alone, as they are.
+    """Apply :func:`with_objects` to every task with such objects; other tasks are returned unchanged.
 
     Raises:
-        InputError: none has.
+        InputError: no task has such objects.
     """
     if not any(map(can_be_counted, given)):
         message = "none of these tasks has generated articulated objects, which alone can be counted"
@@ -47,7 +47,7 @@ def all_with_objects(given: Sequence[TaskInput], count: int, seed: int) -> list[
 
 
 def number_of_objects(given: TaskInput) -> int:
-    """Number of different objects that the scenes of a task draw from, of those with a joint where it has some."""
+    """Return the number of different (articulated, if any) objects that a task's scenes use."""
     chosen = given.scene.instances
     classes = _articulated(given) or {name: thing.asset_class for name, thing in given.spec.objects.items()}
     drawn = dict(chosen) if isinstance(chosen, frozenset) else dict.fromkeys(classes, chosen)
@@ -60,16 +60,12 @@ def number_of_objects(given: TaskInput) -> int:
 
 
 def is_counted(instances: str) -> bool:
-    """Whether :func:`with_objects` chose a task's objects, from its word for them."""
+    """Return whether an ``instances`` word is one that :func:`with_objects` made."""
     return _COUNTED in instances
 
 
 def hashes(given: TaskInput) -> list[str]:
-    """Hashes of some of the objects that :func:`with_objects` chose, which change with what the generator makes.
-
-    Args:
-        given: a task; of one whose objects are listed there are none.
-    """
+    """Return hashes of some generated objects, which change with the generator; empty for listed objects."""
     chosen = given.scene.instances
     if not is_counted(given.instances) or not isinstance(chosen, frozenset):
         return []
@@ -79,7 +75,7 @@ def hashes(given: TaskInput) -> list[str]:
 
 
 def _articulated(given: TaskInput) -> dict[str, str]:
-    """Classes of a task's objects with a joint, by name."""
+    """Return the classes of a task's articulated objects by name."""
     classes = {name: thing.asset_class for name, thing in given.spec.objects.items()}
     return {name: each for name, each in classes.items() if given.library.kind(each) == "articulated"}
 
@@ -87,6 +83,6 @@ def _articulated(given: TaskInput) -> dict[str, str]:
 def _drawn(given: TaskInput, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
     new = set(given.library.choose(asset_class, "new"))
     ids = tuple(each for each in given.library.sample(asset_class, count + len(new), seed) if each not in new)
-    # Sorted by number: taking the first would take small numbers.
+    # Take a random selection, because the first numbers would all be small.
     order = rng(seed, f"objects/{asset_class}").permutation(len(ids))[:count]
     return tuple(ids[number] for number in sorted(order))

@@ -1,7 +1,7 @@
-"""Why an episode does not count as held: the first thing that went wrong and was not made good, with numbers.
+"""Find why an episode failed: the first fault that was not corrected, with figures.
 
-The steps are gone through in order. The first that was not accomplished is to blame: for what its controller noticed
-last, else for what its last plan lacks, else for what the measurements of its turn say.
+Steps are checked in order. The first step that was not done is blamed: for its controller's last reported deviation, or
+else for a fault of its last plan, or else for a fault visible in the measurements of its turn.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ PLAN_CAUSES = {
     "collision": Cause.COLLISION_ON_THE_WAY,
     NO_GRASP: Cause.NO_GRASP,
 }
-"""By the status of a plan without a motion; any other is ``NO_MOTION_FOUND``."""
+"""Cause by the status of a plan without a motion; all others are ``NO_MOTION_FOUND``."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class Outcome:
 
     Attributes:
         goal: the goal holds at the end.
-        stable: physics held together, in the no-op baseline as well.
+        stable: the simulation was stable, also in the no-op baseline.
         settled: the scene was at rest.
-        cut: the controller was not done when the time was over.
+        cut: the time limit ended the episode before the controller did.
         truncated: the episode was longer than the task allows.
-        by_itself: the goal holds in the no-op baseline, too.
+        by_itself: the goal also holds in the no-op baseline.
     """
 
     goal: bool
@@ -68,15 +68,14 @@ def diagnose(
     events: Sequence[Event],
     outcome: Outcome,
 ) -> Fault:
-    """The cause, and numbers beside it as plain data.
+    """Return the cause of a failure, with figures as plain data.
 
     Args:
-        task: what was to be done.
-        trace: measurements, before the first control step and after each.
-        turns: which of them belong to which step.
-        history: what is known of each step.
-        events: what the controller noticed.
-        outcome: how it ended; not held.
+        trace: measurements before the first control step and after each one.
+        turns: ranges of measurements by step.
+        history: records of the steps.
+        events: events reported by the controller.
+        outcome: end of the failed episode.
     """
     if not outcome.stable:
         return Cause.UNSTABLE, {}
@@ -107,7 +106,7 @@ class _Facts:
     outcome: Outcome
 
     def fault_of(self, index: int, step: Step) -> Fault | None:
-        """Return the fault of a step; None where it was accomplished."""
+        """Return the fault of a step; None if it was done."""
         record = self.records.get(step.name)
         if record is None:
             return Cause.TIME_OVER, {"control_steps": len(self.trace) - 1}
@@ -115,8 +114,8 @@ class _Facts:
         is_last = index + 1 == len(self.task.steps)
         own = [turn for turn in self.turns if turn.step.name == step.name]
         if record.paper and (went_on or is_last) and not self._is_stuck(record):
-            # A grasp is done unconditionally; whether it took hold shows in the steps that use what it took. What was
-            # true in passing, while the hand still held the object, is not done.
+            # A grasp counts as done without a check; the steps that use the object show whether it succeeded. A
+            # criterion that held only while the hand still had the object does not count.
             gave_up = self._given_up(step) if not went_on else None
             return gave_up or self._missed_grasp(index, step, own) or self._passed_by(record, step, own)
         noticed = [event for event in self.events if event.step == step.name and event.what != ACTUATION]
@@ -135,7 +134,7 @@ class _Facts:
         return (Cause.TIME_OVER if self.outcome.cut else Cause.STOPPED_SHORT), {}
 
     def context(self, step: Step) -> dict[str, Any]:
-        """Return the context of a step's fault: its last plan, and every deviation so far."""
+        """Return the context of a step's fault: its last plan, and all deviations so far."""
         record = self.records.get(step.name)
         found: dict[str, Any] = {}
         if record is not None and record.plans:
@@ -146,16 +145,16 @@ class _Facts:
         return found | ({"deviations": deviations} if deviations else {})
 
     def _is_stuck(self, record: StepRecord) -> bool:
-        """Whether nothing of the step was executed for want of a motion."""
+        """Return whether a step was not executed because it had no motion."""
         return bool(record.plans) and all(plan.ran == 0 for plan in record.plans) and not _has_motion(record.plans[-1])
 
     def _given_up(self, step: Step) -> Fault | None:
-        """The deviation after which the controller did not get to another actuation pose."""
+        """Return the step's last deviation if no actuation pose was reached after it."""
         last = next((event for event in reversed(self.events) if event.step == step.name), None)
         return None if last is None or last.what == ACTUATION else (Cause(last.what), dict(last.detail))
 
     def _missed_grasp(self, index: int, step: Step, own: Sequence[Turn]) -> Fault | None:
-        """Whether a step that was to take up its object left it behind, or lost it on the way up."""
+        """Return the fault of a step that should have grasped its object but left it behind or lost it."""
         wanted = {later.tool for later in self.task.steps[index + 1 :]}
         wanted |= {c.rigid for c in self.task.success if isinstance(c, DistanceGripperRigid | RigidLifted)}
         if step.object not in wanted or not own or own[-1].last == own[-1].first:
@@ -190,7 +189,7 @@ def _has_motion(plan: PlanRecord) -> bool:
 
 
 def _fault_of_plans(plans: Sequence[PlanRecord]) -> Fault | None:
-    """Return the fault of the plan that was followed last, or made last where none was followed but to make room."""
+    """Return the fault of the last executed plan, or else of the last plan; plans that make room do not count."""
     if not plans:
         return None
     followed = [plan for plan in plans if plan.ran and not plan.detail.get(MAKES_ROOM)]
@@ -212,7 +211,7 @@ def _speeds(measured: Measurement) -> dict[str, Any]:
 
 
 def _goal_numbers(task: TaskSpec, measured: Measurement) -> dict[str, Any]:
-    """Which criteria of the goal do not hold, and what they measure."""
+    """Return the criteria of the goal that do not hold, and their measured values."""
     failing = [criterion for criterion in task.success if not criterion.holds(measured)]
     distances = {
         c.rigid: distance_apart(measured, c.articulated, c.rigid)

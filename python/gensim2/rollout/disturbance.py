@@ -1,4 +1,4 @@
-"""Disturbances at a seeded moment: an object is pushed, a grasp is opened."""
+"""Disturbances at a seeded moment: push an object, or open the fingers."""
 
 from __future__ import annotations
 
@@ -20,35 +20,34 @@ from gensim2.rollout.controller import (
 from gensim2.tasks.spec import TaskSpec
 
 PUSHED = 0.03
-"""Metres by which an object is pushed, in a drawn direction."""
+"""Distance (m) of a push, in a random direction."""
 TICKS_HZ = 20
-"""Ticks a second: the moments that are drawn, whatever the rate of control."""
+"""Ticks per second; moments are drawn in ticks, independently of the control rate."""
 PUSHED_WITHIN = 25
-"""Ticks within which it is pushed once the step that takes hold of it has its turn."""
+"""Largest number of ticks between the start of the grasping step and a push."""
 LIFTED = 0.01
-"""Metres above its place at which an object counts as held."""
+"""Height (m) above its start at which an object counts as grasped."""
 DROPPED_WITHIN = 40
-"""Ticks within which the fingers are opened once they hold the object."""
+"""Largest number of ticks between the grasp and the opening of the fingers."""
 OPEN_TICKS = 8
-"""For which they stay open."""
+"""Time (s) that the fingers stay open."""
 
 
 class Pushable(Protocol):
-    """A world in which objects can be disturbed."""
+    """A world in which objects can be pushed."""
 
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None: ...
 
 
 class Disturbed(WrappedController):
-    """A controller whose world does not keep still: once an episode, while it takes or carries its first rigid object.
+    """Controller with a disturbance, once in an episode, while it grasps or carries its first rigid object.
 
     Args:
-        controller: decides all actions; it is not told.
-        world: in which it acts.
-        task: whose first step on a rigid object is disturbed; nothing is where there is none.
-        kind: ``"push"``: the object slides 3 cm aside before it is touched. ``"drop"``: the fingers open while they
-            hold it.
-        seed: of the episode.
+        controller: the controller, which is not told.
+        world: its world.
+        task: task whose first step on a rigid object is disturbed; without such a step nothing is.
+        kind: ``"push"``: the object moves 3 cm before it is touched. ``"drop"``: the fingers open while they hold it.
+        seed: seed of the episode.
     """
 
     privileged = True  # it looks where the object is, whatever its controller sees
@@ -71,7 +70,7 @@ class Disturbed(WrappedController):
         self.happened_at = None
 
     def act(self, observation: PrivilegedObservation) -> Action | None:
-        """The controller's action, the fingers' command apart while a grasp is opened."""
+        """Return the controller's action; override the gripper during a forced drop."""
         given = self._controller.act(observation)
         action = None if given is None else np.asarray(given, dtype=np.float32)
         if action is None or self._step is None:
@@ -103,7 +102,7 @@ class Disturbed(WrappedController):
         return np.append(action[:-1], np.float32(1.0)).astype(np.float32)
 
     def _touched(self) -> Event | None:
-        """When the hand was first at the pose in which it takes the object."""
+        """Return the event of the hand's first arrival at the grasp pose."""
         assert self._step is not None
         return next((e for e in self.events if e.what == ACTUATION and e.step == self._step.name), None)
 

@@ -1,4 +1,4 @@
-"""The bare loop of a body and a controller, and how a controller is asked where the body does not wait."""
+"""A minimal control loop, and timing of controllers for robots that cannot wait."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from gensim2.rollout.controller import Action, Controller, spec_of
 from gensim2.rollout.world import Body
 
 THINKING_SHARE = 0.8
-"""Of a control step that a controller is given where the body does not wait; the rest is for the body."""
+"""Share of a control step that the controller may take on a robot that cannot wait."""
 
 
 class Asked:
-    """Asks a controller for actions, no longer than the body can wait.
+    """Asks a controller for actions within the time that the robot can wait.
 
-    A body that waits (a simulation) stands still while the controller thinks. One that does not gets an action within a
-    control step: as long as the controller still thinks, the arm holds what it was commanded last, or where it stands.
-    What the controller then says is of the state that it was asked about, where the arm was held.
+    A simulated robot waits for the controller. A real robot needs an action in every control step. While the controller
+    is
+    still computing, the arm holds its last command, or its position if there is none. The delayed action still refers
+    to
+    the state at the request, at which the arm was held.
 
     Args:
-        controller: decides.
-        body: acts.
+        controller: the controller.
+        body: the robot.
     """
 
     def __init__(self, controller: Controller, body: Body) -> None:
@@ -37,12 +39,12 @@ class Asked:
         self._last: Action | None = None
 
     def reset(self, observation: Observation, seed: int) -> None:
-        """Begin an episode; nothing moves yet, so this may take its time."""
+        """Start an episode; the robot does not move yet, so this may take long."""
         self._last = None
         self._controller.reset(observation, seed)
 
     def act(self, observation: Observation) -> Action | None:
-        """The next action; None: done."""
+        """Return the next action, or None at the end."""
         if self._threads is None:
             found = self._controller.act(observation)
         else:
@@ -57,7 +59,7 @@ class Asked:
         return self._last
 
     def close(self) -> None:
-        """Wait for what is still being thought, and forget it."""
+        """Wait for a pending action, and discard it."""
         if self._threads is not None:
             self._threads.shutdown(cancel_futures=True)
 
@@ -69,13 +71,13 @@ class Asked:
 
 
 def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> int:
-    """Let a controller drive a body until it is done; return the control steps that were made. Nothing is judged.
+    """Run a controller on a robot until it is done, without evaluation; return the number of control steps.
 
     Args:
-        body: is reset. One that does not wait is stepped once a control step.
-        controller: decides; must not be privileged.
-        steps: at most.
-        seed: of the reset, and of what the controller draws.
+        body: the robot, which is reset. A robot that cannot wait is stepped at the control rate.
+        controller: controller, which must not be privileged.
+        steps: largest number of steps.
+        seed: seed of the reset and of the controller.
     """
     asked = Asked(controller, body)
     try:
@@ -88,7 +90,7 @@ def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> i
                 return step
             body.step(action)
             if not body.waits:
-                # What came late is caught up by half a step at most: the next commands would follow too fast.
+                # At most half a step of delay is caught up, otherwise the next commands would come too fast.
                 period = 1.0 / body.profile.control_hz
                 due = max(due, time.monotonic() - 0.5 * period) + period
                 time.sleep(max(0.0, due - time.monotonic()))

@@ -1,7 +1,7 @@
-"""A log of episodes: what is done is a set of indices, in whatever order they were finished.
+"""Log of finished episodes in any order, identified by their index.
 
-One JSON object a line, appended as soon as an episode is finished. A line counts from its line feed on, so one that was
-cut off by the end of the process is dropped and its episode made again; any other line that cannot be read is an error.
+Each finished episode is appended as one JSON line. A last line without a line feed was cut off and is dropped, and its
+episode is run again. Any other unreadable line is an error.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from gensim2.core.record_files import parse_record
 from gensim2.rollout.record import Episode
 
 ATTEMPTS = "attempts.jsonl"
-"""Name of the log of a collection."""
+"""File name of a collection's log."""
 
 MAX_LINE = 64 * 2**20
-"""Bytes of the record of one episode; ours have a few kB."""
+"""Largest record of one episode, bytes; ours have a few kB."""
 
 _REMEDY = "delete the file and resume; its episodes are made again"
 _ADAPTER = TypeAdapter(Episode)
 
 
 class EpisodeLog:
-    """The log in one file.
+    """Log in one file.
 
     Args:
-        path: of the file; it need not be there.
-        seeds: of the environment, by index: what is logged must be one of these.
+        path: the file, which may be missing.
+        seeds: seed of the environment by index, to check the log.
 
     Attributes:
-        done: what is finished, by index.
+        done: finished episodes by index.
 
     Raises:
         InputError: a line cannot be read, or is not of this run.
@@ -59,7 +59,7 @@ class EpisodeLog:
             self._rewrite(self.done.values())
 
     def add(self, index: int, episode: Episode) -> None:
-        """Append one finished episode.
+        """Append a finished episode.
 
         Raises:
             InputError: the file cannot be written to.
@@ -76,11 +76,11 @@ class EpisodeLog:
         self.done[index] = entry
 
     def forget(self, index: int) -> None:
-        """Take an episode for not done; once it is made again its new line counts."""
+        """Remove an episode, so that it is run again and its new line counts."""
         del self.done[index]
 
     def finish(self, count: int) -> list[Episode]:
-        """Leave the first ``count`` episodes in the file, by index, and return them."""
+        """Rewrite the file with the first ``count`` episodes by index, and return them."""
         self.done = {index: self.done[index] for index in range(count)}
         self._rewrite(self.done.values())
         return list(self.done.values())
@@ -90,18 +90,17 @@ class EpisodeLog:
 
 
 def log_line(entry: Episode) -> bytes:
-    """The line of an episode in a log."""
     place = {"index": entry.index, "episode_digest": entry.episode_digest}
     return json.dumps({**place, **entry.to_dict()}, allow_nan=False).encode() + b"\n"
 
 
 def episodes_in(path: Path, remedy: str = _REMEDY, *, unreadable: str = _REMEDY) -> Iterator[Episode | None]:
-    """Yield the episodes of a log in the order of the lines, one in memory at a time; None for a cut-off last line.
+    """Yield the episodes of a log line by line, one in memory at a time; None for an incomplete last line.
 
     Args:
-        path: of the log.
-        remedy: for a line that cannot be read.
-        unreadable: remedy for a file that cannot be read.
+        path: the log.
+        remedy: remedy for an unreadable line.
+        unreadable: remedy for an unreadable file.
 
     Raises:
         InputError: the file or a line cannot be read.
@@ -126,7 +125,7 @@ def episodes_in(path: Path, remedy: str = _REMEDY, *, unreadable: str = _REMEDY)
 
 
 def read_log(path: Path) -> list[Episode]:
-    """Return what a log holds, by index; a line that was cut off is left out.
+    """Return the episodes of a log by index, without an incomplete last line.
 
     Raises:
         InputError: a line cannot be read.

@@ -1,4 +1,4 @@
-"""A controller that is not ours, held to its contract: what it does wrong is one line that names it."""
+"""Check the actions of user controllers and report their errors in one line."""
 
 from __future__ import annotations
 
@@ -18,14 +18,13 @@ from gensim2.tasks.spec import TaskSpec
 
 
 class Guarded(WrappedController):
-    """Passes on what a controller says, and refuses what no robot can do.
+    """Wrapper that refuses invalid actions of a controller.
 
     Args:
-        controller: decides.
-        spec: how it was made.
-        task: whose steps its turns are.
-        profile: of the robot.
-        episode: which it is, for messages.
+        controller: the controller.
+        spec: its specification.
+        task: task with the steps that it may report.
+        episode: number of the episode, for messages.
     """
 
     def __init__(
@@ -37,7 +36,7 @@ class Guarded(WrappedController):
         self.privileged = is_privileged(controller)
 
     def reset(self, observation: Observation, seed: int) -> None:
-        """Begin an episode.
+        """Start an episode.
 
         Raises:
             ControllerError: the controller fails.
@@ -46,10 +45,10 @@ class Guarded(WrappedController):
             self._controller.reset(observation, seed)
 
     def act(self, observation: Observation) -> Action | None:
-        """The next action, finite and of the robot's size; None: done.
+        """Return the next action, checked for size and finite values, or None at the end.
 
         Raises:
-            ControllerError: the controller fails, or gives something else.
+            ControllerError: the controller fails or returns an invalid action.
         """
         where = f"act at step {observation.step}"
         with user_code(lambda error: self._error(described(error), where), MissingExtraError):
@@ -65,7 +64,7 @@ class Guarded(WrappedController):
 
     @property
     def turn(self) -> str | None:
-        """The controller's: the name of a step of the task.
+        """Name of the controller's current step.
 
         Raises:
             ControllerError: the task has no such step.

@@ -1,4 +1,4 @@
-"""Digests of the inputs of a run: a run that is gone on with must have the same."""
+"""Digests of a run's inputs, which must agree when the run is resumed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from gensim2.objects import Library
     from gensim2.rollout.inputs import TaskInput
 
-#: Distributions whose versions decide what an episode looks like, by the engine that simulates it.
+#: Packages whose versions affect episodes, by simulation engine.
 VERSIONED: Mapping[Engine, tuple[str, ...]] = {
     "sapien": ("gensim2", "mani_skill", "sapien", "numpy", "torch", "h5py"),
     "mujoco": ("gensim2", "mujoco-core", "numpy", "h5py"),
@@ -28,10 +28,10 @@ VERSIONED: Mapping[Engine, tuple[str, ...]] = {
 
 
 def versions(engine: Engine) -> dict[str, str]:
-    """Return the versions of Python and of the packages that decide the outcome.
+    """Return the versions of Python and of the packages that affect results.
 
     Args:
-        engine: that simulates the episodes.
+        engine: simulation engine of the episodes.
     """
     found = {"python": platform.python_version()}
     for name in VERSIONED[engine]:
@@ -43,7 +43,7 @@ def versions(engine: Engine) -> dict[str, str]:
 
 
 def provenance() -> dict[str, str]:
-    """Return where figures come from: commit of the sources (``unknown`` outside of a checkout), date, and command."""
+    """Return the origin of results: commit of the sources (``unknown`` outside a git checkout), date, and command."""
     return {
         "commit": _commit(Path(__file__).parents[3]),
         "date": time.strftime("%Y-%m-%d"),
@@ -52,7 +52,7 @@ def provenance() -> dict[str, str]:
 
 
 def _commit(root: Path) -> str:
-    """Commit of a checkout, with ``-modified`` where the sources in it are no longer those."""
+    """Return the commit of a checkout, with ``-modified`` if its sources have changed."""
     if not (root / ".git").exists():
         return "unknown"
     try:
@@ -66,22 +66,22 @@ def _commit(root: Path) -> str:
 
 
 def digest(value: Any) -> str:
-    """Digest of plain data: equal data, equal digest."""
+    """Return a digest of plain data; equal data have equal digests."""
     return hashlib.sha256(json.dumps(value, sort_keys=True, allow_nan=False).encode()).hexdigest()[:16]
 
 
 def listing(library: Library, classes: Iterable[str]) -> str:
-    """Digest of which objects there are: episodes draw from the list, so one object more is another run."""
+    """Return a digest of the list of objects: episodes choose from it, so another object means another run."""
     return digest({name: list(library.instances(name)) for name in classes})
 
 
 def listings(given: Sequence[TaskInput]) -> dict[str, str]:
-    """Of each class that tasks of one library draw from: the digest of its list."""
+    """Return the digest of the list of objects for each class that the tasks use."""
     return {name: listing(given[0].library, [name]) for name in _classes(given)}
 
 
 def identity(given: Sequence[TaskInput]) -> dict[str, str]:
-    """Of a run of several tasks on the objects of one library."""
+    """Return the digests of a run of several tasks with one library."""
     return {
         "tasks": digest([one.spec.model_dump(mode="json") for one in given]),
         "strategies": digest([one.strategies for one in given]),

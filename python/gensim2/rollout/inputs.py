@@ -1,6 +1,6 @@
-"""Inputs of the commands: all of them are checked before anything starts.
+"""Read and check the inputs of commands before anything starts.
 
-First what costs nothing (files, fields, names), then what needs one object of the class.
+Cheap checks (files, fields, names) come first, then checks that load an object of each class.
 """
 
 from __future__ import annotations
@@ -35,15 +35,14 @@ from gensim2.tasks.strategies import Strategies, with_strategies
 
 @dataclass(frozen=True)
 class TaskInput:
-    """A task that can be run: it is valid, its objects exist, and they have what its strategies name.
+    """A checked task: it is valid, its objects exist, and they have everything that its strategies refer to.
 
     Attributes:
-        scene: what its scenes follow from.
-        instances: which of its objects are drawn from, one word: ``"all"``, ``"train"``, ``"test"``, ``"new"`` or an
-            id.
-        strategies: by name, as plain data.
-        library: where its objects come from.
-        rollout: what else its episodes have in common.
+        scene: settings of its scenes.
+        instances: name of the set of its objects: ``"all"``, ``"train"``, ``"test"``, ``"new"`` or an id.
+        strategies: strategies by name, as plain data.
+        library: library of its objects.
+        rollout: options of its episodes.
     """
 
     scene: SceneConfig
@@ -54,7 +53,6 @@ class TaskInput:
 
     @property
     def spec(self) -> TaskSpec:
-        """The task."""
         return self.scene.task
 
 
@@ -62,8 +60,7 @@ def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RunArguments]) 
     """Read and check a task.
 
     Args:
-        task: name of a library task, or a folder that holds task.yaml and strategies/ (or solver.yaml, version 1).
-        seed: of the run.
+        task: name of a library task, or a folder with task.yaml and strategies/ (or solver.yaml, version 1).
         given: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Raises:
@@ -94,10 +91,10 @@ def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RunArguments]) 
 
 
 def scene_options(**given: Unpack[RunArguments]) -> SceneOptions:
-    """Options of a run's scenes, from its keywords.
+    """Return the scene options among a run's keyword arguments.
 
     Raises:
-        InputError: an argument cannot be used, or there is none of that name.
+        InputError: an argument is invalid or unknown.
     """
     for name in given:
         if name not in RunArguments.__annotations__:
@@ -108,10 +105,10 @@ def scene_options(**given: Unpack[RunArguments]) -> SceneOptions:
 
 
 def instances_word(**given: Unpack[RunArguments]) -> str:
-    """The word that says which instances a run draws from.
+    """Return the ``instances`` argument of a run.
 
     Raises:
-        InputError: it is not one word.
+        InputError: it is not a single word.
     """
     word = given.get("instances", "all")
     if not isinstance(word, str):
@@ -122,11 +119,10 @@ def instances_word(**given: Unpack[RunArguments]) -> str:
 def read_task_inputs(
     tasks: Sequence[str], *, seed: int, origin: str | None = None, **given: Unpack[RunArguments]
 ) -> tuple[list[TaskInput], dict[str, str]]:
-    """Read and check the tasks that these objects do for; the others come with the reason why they are left out.
+    """Read and check the tasks whose objects are available; return the others with the reason.
 
     Args:
         tasks, origin: as for :func:`of_these_objects`.
-        seed: of the run.
         given: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Raises:
@@ -141,13 +137,13 @@ def read_task_inputs(
 
 
 def read_all_task_inputs(tasks: Sequence[str], *, seed: int, **given: Unpack[RunArguments]) -> list[TaskInput]:
-    """Read and check tasks of which none may be left out.
+    """Read and check tasks, all of which must be available.
 
     Args:
         tasks, seed, given: as for :func:`read_task_inputs`.
 
     Raises:
-        InputError: as there, or one of them cannot be run on these objects.
+        InputError: as for :func:`read_task_inputs`, or a task cannot be run with these objects.
     """
     inputs, skipped = read_task_inputs(tasks, seed=seed, **given)
     for name, reason in skipped.items():
@@ -156,7 +152,7 @@ def read_all_task_inputs(tasks: Sequence[str], *, seed: int, **given: Unpack[Run
 
 
 def only_strategies(given: Sequence[TaskInput], names: Sequence[str]) -> list[TaskInput]:
-    """Tasks whose steps are done in no other way than ``names``; steps that have none of these are left alone.
+    """Return tasks whose steps use only the strategies ``names``; steps without any of these are unchanged.
 
     Raises:
         InputError: no step has such a strategy.
@@ -179,7 +175,7 @@ def _only(given: TaskInput, names: set[str]) -> TaskInput:
 
 
 def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> str:
-    """Return the word of ``--instances`` for a task, ``random`` replaced by what the seed draws.
+    """Return the ``--instances`` word of a task, with ``random`` replaced by an id drawn by the seed.
 
     Raises:
         InputError: a class has no such instance or split.
@@ -193,7 +189,7 @@ def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> 
 
 
 def taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, ...]]:
-    """Ids that one word of ``--instances`` stands for, by object.
+    """Return the ids that an ``--instances`` word selects, by object.
 
     Raises:
         InputError: a class has no such instance or split.
@@ -211,7 +207,7 @@ def taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, .
 
 
 def has_instances(library: Library, asset_class: str, instances: str) -> bool:
-    """Whether a class has what ``--instances`` says."""
+    """Return whether a class has instances for an ``--instances`` word."""
     try:
         return bool(library.choose(asset_class, instances))
     except InputError:
@@ -225,16 +221,17 @@ def _classes(spec: TaskSpec) -> dict[str, str]:
 def of_these_objects(
     assets: str | Path | None, tasks: Sequence[str] = (), instances: str = "all", origin: str | None = None
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Tasks that these objects do for, and why the others are left out.
+    """Return the tasks that can be run with the given objects, and for all others the reason why they cannot.
 
     Args:
         assets: as in :class:`~gensim2.scenes.config.SceneArguments`.
-        tasks: names of library tasks, or folders; none: all of ``origin``.
-        instances: one word, as there.
-        origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
+        tasks: names of library tasks, or folders; empty for all tasks of ``origin``.
+        instances: name of the set of objects, as in :class:`~gensim2.scenes.config.SceneArguments`.
+        origin: origin of the tasks if none is named; None: the paper's suite.
 
     Raises:
-        InputError: the folder cannot be used, a task is none, no task is left, or both tasks and an origin are named.
+        InputError: the folder cannot be used, a task is unknown, no task is left, or both tasks and an origin are
+            given.
     """
     if tasks and origin is not None:
         raise InputError("is of no use where tasks are named", field="origin", remedy="name either")
@@ -259,16 +256,16 @@ def of_these_objects(
 
 
 def what_it_lacks(library: Library, spec: TaskSpec) -> str | None:
-    """Say which classes of a task's objects a library lacks; None: it has them all."""
+    """Return a message with the classes of a task's objects that a library lacks; None if it has all."""
     lacking = [each for each in dict.fromkeys(_classes(spec).values()) if each not in library.classes()]
     return f"{library.location} has no {', '.join(lacking)}" if lacking else None
 
 
 def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
-    """Return the spec and the strategies of a library task, or of a folder with task.yaml and strategies/.
+    """Return spec and strategies of a library task, or of a folder with task.yaml and strategies/.
 
     Raises:
-        InputError: there is no such task or folder, or a file in it cannot be used.
+        InputError: the task or folder does not exist, or a file in it cannot be used.
     """
     if not _is_folder(task):
         return load_task(task), load_strategies(task)
@@ -278,7 +275,7 @@ def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
 
 
 def _object_names(spec: TaskSpec, library: Library, word: str) -> dict[str, ObjectNames]:
-    """Return the names that strategies may use of each of the task's objects, of those that ``word`` stands for."""
+    """Return, for each object of the task, the names that strategies may refer to."""
     found: dict[str, ObjectNames] = {}
     for name, ids in taken(spec, library, word).items():
         model = library.load(spec.objects[name].asset_class, ids[0])
@@ -295,7 +292,7 @@ def _is_folder(task: str) -> bool:
 
 
 def check_counts(**values: int) -> None:
-    """Refuse counts under one.
+    """Refuse counts below one.
 
     Raises:
         InputError: names the first.

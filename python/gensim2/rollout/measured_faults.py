@@ -1,4 +1,4 @@
-"""Faults of a step whose criterion did not come true, from the measurements of its turn."""
+"""Find faults of a step whose criterion does not hold, from the measurements of its turn."""
 
 from __future__ import annotations
 
@@ -26,33 +26,33 @@ from gensim2.tasks.spec import HAND, Step
 Array = npt.NDArray[np.float64]
 
 LEAST_TRAVEL = 0.05
-"""Openness by which a joint must have moved for the hand to have had hold of it."""
+"""Change of openness above which the hand must have gripped the joint's handle."""
 
 LEFT_BEHIND = 0.03
-"""Metres by which an object that the hand holds may shift in it."""
+"""Distance (m) that a grasped object may shift in the hand."""
 
 LEAST_OPENING = 0.002
-"""Metres between the pads, or by which they open, that are none."""
+"""Smallest distance of the pads, and smallest change of it, that count as open (m)."""
 
 LIFTED = 0.01
-"""Metres above the place where it lay at which an object has been taken up."""
+"""Height (m) above its start above which an object counts as lifted."""
 
 SLIPPED = 0.08
-"""Metres that the hand goes on in the object's direction after it stopped: more than it backs off by."""
+"""Distance (m) that the hand moves on in the object's direction after the object stopped; more than a retreat."""
 
 DRIFTED = 0.005
-"""Metres by which an object moves before the hand is at its actuation pose."""
+"""Distance (m) above which an object counts as moved before the actuation pose."""
 
 
 def fault_of_criterion(
     step: Step, measured: Sequence[Measurement], at_actuation: Measurement | None
 ) -> tuple[Cause, dict[str, Any]] | None:
-    """Why a step's criteria were not true; None where the measurements do not say.
+    """Return why a step's criteria do not hold; None if the measurements do not show it.
 
     Args:
-        step: whose turn it was.
-        measured: in its turn.
-        at_actuation: measured when the hand was at the step's actuation pose, where anybody knows.
+        step: the step.
+        measured: measurements of its turn.
+        at_actuation: measurement at the step's actuation pose; None if unknown.
     """
     if step.tool == HAND and (moved := drift(measured, at_actuation, step.object)) is not None:
         return Cause.OBJECT_DRIFTED, {"distance": moved}
@@ -84,7 +84,7 @@ def fault_of_criterion(
 
 
 def drift(measured: Sequence[Measurement], at_actuation: Measurement | None, name: str) -> float | None:
-    """Metres that a rigid object went before the hand was at its actuation pose; None: it stayed, or it is unknown."""
+    """Return the distance (m) that a rigid object moved before the actuation pose; None if it stayed or is unknown."""
     if at_actuation is None or name not in at_actuation.poses:
         return None
     moved = change(measured[0], at_actuation, name).distance
@@ -92,7 +92,9 @@ def drift(measured: Sequence[Measurement], at_actuation: Measurement | None, nam
 
 
 def was_left_behind(measured: Sequence[Measurement], name: str) -> float | None:
-    """Metres that the hand ended farther from a rigid object than it had been, or None where it took it along."""
+    """Return the increase of the distance (m) between hand and object at the end; None if the object moved with the
+    hand.
+    """
     if measured[-1].finger_opening < LEAST_OPENING:
         return _distances(measured[-1:], name)[-1]
     distances = _distances(measured, name)
@@ -101,13 +103,15 @@ def was_left_behind(measured: Sequence[Measurement], name: str) -> float | None:
 
 
 def was_lifted(measured: Sequence[Measurement], name: str) -> bool:
-    """Whether a rigid object was once higher than it lay, as only the hand can have had it."""
+    """Return whether a rigid object was higher than at its start, and so in the hand."""
     heights = [float(instant.poses[name][2]) for instant in measured]
     return max(heights) > heights[0] + LIFTED
 
 
 def was_lost(measured: Sequence[Measurement], name: str) -> float | None:
-    """Metres that a held object was away from where the hand had it, or None where it was not, or was released."""
+    """Return the distance (m) that a grasped object slipped from its place in the hand; None if it did not or was
+    released.
+    """
     distances = _distances(measured, name)
     let_go = released(measured)
     for distance, instant in zip(distances, measured, strict=True):
@@ -119,23 +123,23 @@ def was_lost(measured: Sequence[Measurement], name: str) -> float | None:
 
 
 def released(measured: Sequence[Measurement]) -> Measurement | None:
-    """The instant at which the fingers opened, that held something at the first; None: they did not."""
+    """Return the first measurement after the fingers opened; None if they stayed closed."""
     opening = measured[0].finger_opening + LEAST_OPENING
     return next((instant for instant in measured if instant.finger_opening > opening), None)
 
 
 def distance_apart(measured: Measurement, first: str, second: str) -> float:
-    """Metres between the measured points of two objects, horizontally."""
+    """Return the horizontal distance (m) between the measured points of two objects."""
     return float(np.linalg.norm((measured.point(first) - measured.point(second))[:2]))
 
 
 def _apart(measured: Measurement, first: str, second: str) -> float:
-    """Metres between the middles of two rigid objects, horizontally."""
+    """Return the horizontal distance (m) between the centres of two rigid objects."""
     return float(np.linalg.norm((measured.poses[first] - measured.poses[second])[:2]))
 
 
 def _of_push(name: str, measured: Sequence[Measurement]) -> tuple[Cause, dict[str, Any]]:
-    """Of a rigid object that was to be elsewhere."""
+    """Return the fault of a rigid object that should have been moved."""
     way = float(np.linalg.norm((measured[-1].poses[name] - measured[0].poses[name])[:2]))
     if way < DRIFTED:
         return Cause.NO_CONTACT, {"distance": way, "nearest": min(_distances(measured, name))}
@@ -156,7 +160,7 @@ def _of_joint(name: str, sign: float, measured: Sequence[Measurement]) -> tuple[
 
 
 def _slip(name: str, course: Sequence[float], measured: Sequence[Measurement]) -> float:
-    """Metres that the hand went on, in the direction in which the object had gone, once that went no further."""
+    """Return the distance (m) that the hand moved on in the object's direction after the object had stopped."""
     stopped = next(i for i, travelled in enumerate(course) if travelled > max(course) - 0.1 * LEAST_TRAVEL)
     began = next(i for i, travelled in enumerate(course) if travelled > 0.5 * course[stopped])
     hand = np.stack([_hand(instant) for instant in measured])
@@ -168,7 +172,7 @@ def _slip(name: str, course: Sequence[float], measured: Sequence[Measurement]) -
 
 
 def _distances(measured: Sequence[Measurement], name: str) -> list[float]:
-    """Metres from the hand to the nearest keypoint of an object, by instant."""
+    """Return the distances (m) from the hand to the nearest keypoint of an object, by instant."""
     return [
         float(np.linalg.norm(np.stack(list(instant.keypoints[name].values())) - _hand(instant), axis=1).min())
         for instant in measured
@@ -176,5 +180,5 @@ def _distances(measured: Sequence[Measurement], name: str) -> list[float]:
 
 
 def _hand(measured: Measurement) -> Array:
-    """(3,) between the fingertips: the first keypoint of the gripper."""
+    """Return the point (3,) between the fingertips, the first keypoint of the gripper."""
     return next(iter(measured.gripper.values()))

@@ -1,4 +1,4 @@
-"""Displacements between two instants, and whether they are at rest."""
+"""Displacements between two instants, and tests for rest."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ from gensim2.tasks.measurement import Measurement
 Array = npt.NDArray[np.float64]
 
 SETTLED_CHANGE = 0.02
-"""Change of openness a second, over one control step, below which a joint counts as settled."""
+"""Openness change per second below which a joint counts as settled."""
 
 SETTLED_DISTANCE = 0.01
-"""Speed (m/s) over one control step below which a rigid object counts as settled."""
+"""Speed (m/s) below which a rigid object counts as settled."""
 
 SETTLED_TURN = 0.5
-"""Rad/s over one control step below which a rigid object counts as settled: at which a ball that rolls in place is no
-matter."""
+"""Angular speed (rad/s) below which a rigid object counts as settled; a ball may slowly roll in place."""
 
 LARGEST_OVERSHOOT = 0.5
-"""Openness by which a joint may stand outside 0..1; the give of its limits is a hundredth of that."""
+"""Largest openness outside 0..1 in a stable simulation; joint limits yield by a hundredth of that."""
 
 FARTHEST = 10.0
-"""Metres from the world's origin at which a rigid object may be; one that falls off the table stays nearer."""
+"""Largest distance (m) of a rigid object from the world's origin in a stable simulation, also after a fall off the
+table.
+"""
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,10 @@ class Change:
     """Change of one object between two instants.
 
     Attributes:
-        openness: change of its joint's openness, signed; 0 of a rigid object.
-        distance: metres that a rigid object went; 0 of an articulated one, whose root stands fast.
-        turn: rad that it turned by, about whatever axis.
-        tilt: rad between its former and its present upright.
+        openness: signed change of its joint's openness; 0 for a rigid object.
+        distance: displacement of a rigid object, m; 0 for an articulated object, whose root is fixed.
+        turn: rotation angle about any axis, rad.
+        tilt: angle between its former and its present upright axis, rad.
     """
 
     openness: float = 0.0
@@ -49,7 +50,7 @@ class Change:
     tilt: float = 0.0
 
     def exceeds(self, openness: float, distance: float) -> bool:
-        """Whether it is more than that; NaN always is."""
+        """Return whether the change is larger; always True for NaN."""
         return not (abs(self.openness) <= openness and self.distance <= distance)
 
 
@@ -75,7 +76,7 @@ def changes(before: Measurement, after: Measurement) -> Mapping[str, Change]:
 
 
 def is_at_rest(before: Measurement, after: Measurement, period: float) -> bool:
-    """Whether nothing moved to speak of from one control step to the next, which is ``period`` (s) later."""
+    """Return whether nothing moved noticeably between two measurements ``period`` (s) apart."""
     return all(
         not moved.exceeds(SETTLED_CHANGE * period, SETTLED_DISTANCE * period) and moved.turn <= SETTLED_TURN * period
         for moved in changes(before, after).values()
@@ -83,7 +84,7 @@ def is_at_rest(before: Measurement, after: Measurement, period: float) -> bool:
 
 
 def is_stable(measured: Measurement) -> bool:
-    """Whether physics holds together; once it has blown up, positions stay NaN or far out."""
+    """Return whether the simulation is stable; otherwise positions are NaN or far away."""
     return all(-LARGEST_OVERSHOOT <= value <= 1 + LARGEST_OVERSHOOT for value in measured.openness.values()) and all(
         bool(np.isfinite(pose).all()) and float(np.abs(pose[:3]).max()) <= FARTHEST for pose in measured.poses.values()
     )
@@ -94,36 +95,36 @@ def _rotation(pose: Array) -> Rotation:
 
 
 GOAL_SECONDS = 0.5
-"""For which the goal holds without a break before it ends an episode."""
+"""Time (s) for which the goal must hold without interruption to end an episode."""
 
 SETTLE_SECONDS = 0.5
-"""For which the last command is held in any case."""
+"""Shortest time (s) for which the last command is held."""
 
 MAX_SETTLE_SECONDS = 2.0
-"""After which an episode is judged although something still moves."""
+"""Time (s) after which an episode is evaluated even if something still moves."""
 
 LASTING_SECONDS = 1.0
-"""After which a goal that lasts is still there; they count from the last command, too."""
+"""Time (s) after the last command at which a lasting goal must still hold."""
 
 
 def may_judge(held: float, at_rest: bool | None, unit: Callable[[float], float] = float) -> bool:
-    """Whether the last command has been held for long enough to judge the episode.
+    """Return whether the last command has been held long enough to evaluate the episode.
 
     Args:
-        held: time for which it has been held; s, or in the unit that ``unit`` gives.
-        at_rest: whether the scene is at rest; None: it is not measured, and not waited for.
-        unit: of seconds, as control steps: :meth:`RobotProfile.steps`.
+        held: time for which it has been held, in the unit of ``unit``.
+        at_rest: whether the scene is at rest; None: not measured, and not waited for.
+        unit: conversion from seconds, for example to control steps (:meth:`RobotProfile.steps`).
     """
     return held >= unit(MAX_SETTLE_SECONDS) or (held >= unit(SETTLE_SECONDS) and at_rest is not False)
 
 
 def settle(step: Callable[[], Measurement], before: Measurement, profile: RobotProfile) -> bool:
-    """Hold the last command until the episode may be judged; return whether the scene is at rest.
+    """Hold the last command until the episode may be evaluated; return whether the scene is at rest.
 
     Args:
-        step: makes one control step with the last command, and measures.
+        step: function that makes one control step with the last command and measures.
         before: measurement before the first of these steps.
-        profile: says how long a control step is.
+        profile: the robot, for the length of a control step.
     """
     held, at_rest = 0, False
     while not may_judge(held, at_rest, profile.steps):

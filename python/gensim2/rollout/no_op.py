@@ -1,4 +1,4 @@
-"""No-op baseline: the scene in which no arm moves. A goal that comes about by itself counts for nothing."""
+"""No-op baseline: the scene without a moving arm. Goals that are reached without the robot do not count."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
 
 UNMOVED_SECONDS = 2.0
-"""After which objects that have not moved count as ones that stay where they are."""
+"""Time (s) after which objects that have not moved are assumed to stay."""
 
 UNMOVED_CHANGE = 0.002
-"""Change of openness in that time below which a joint has not moved; at that rate an episode of 20 s ends 0.02 away."""
+"""Openness change in that time below which a joint has not moved; at that rate it changes by 0.02 in 20 s."""
 
 UNMOVED_DISTANCE = 0.001
-"""Metres in that time below which a rigid object has not moved; at that rate an episode of 20 s ends 1 cm away."""
+"""Distance (m) in that time below which a rigid object has not moved; at that rate it moves 1 cm in 20 s."""
 
 
 class NoOpController:
-    """Holds the arm where it stands.
+    """Holds the arm where it is.
 
     Args:
-        robot: whose arm it is.
-        steps: control steps until it is done.
+        robot: the robot.
+        steps: number of control steps.
         gripper: command of the fingers, from -1 (closed) to 1 (open).
     """
 
@@ -43,11 +43,11 @@ class NoOpController:
         self._action: Action | None = None
 
     def reset(self, observation: Observation, seed: int = 0) -> None:
-        """Begin an episode."""
+        """Start an episode."""
         self._action = None
 
     def act(self, observation: Observation) -> Action | None:
-        """The joints as they stood at the start; None after as many steps as were asked for."""
+        """Return the joints at the start, and None after all steps."""
         if observation.step >= self._steps:
             return None
         if self._action is None:
@@ -61,8 +61,8 @@ class NoOpResult:
 
     Attributes:
         success: the goal holds at the end.
-        stable: physics held together.
-        start, end: what was measured.
+        stable: the simulation was stable.
+        start, end: measurements.
     """
 
     success: bool
@@ -74,17 +74,18 @@ class NoOpResult:
 def no_op_baseline(
     world: World, seed: int, *, options: Mapping[str, Any] | None = None, steps: int | None = None
 ) -> NoOpResult:
-    """Run the no-op baseline in the scene of ``seed``: no arm moves for ``steps`` control steps and the time to settle.
+    """Run the scene of ``seed`` without a moving arm for ``steps`` control steps and the time to settle.
 
-    The scene is built without the arm: one that stands still touches nothing, and without it physics is ten times
-    quicker. Objects that have lain still for ``UNMOVED_SECONDS`` from the start will not start later, since nothing in
-    the scene moves; they are left there.
+    The scene is built without the arm, because a still arm touches nothing and the simulation is ten times faster
+    without
+    it. The run ends early if all objects are still for the first ``UNMOVED_SECONDS``, because nothing would move them
+    later.
 
     Args:
-        world: is reset.
-        seed: of the reset.
-        options: of the reset.
-        steps: default the task's limit less the time to settle.
+        world: simulated world, which is reset.
+        seed: seed of the reset.
+        options: options of the reset.
+        steps: number of steps; default: the task's limit minus the time to settle.
     """
     steps_in, period = world.profile.steps, 1.0 / world.profile.control_hz
     longest, settle = steps_in(MAX_SETTLE_SECONDS), steps_in(SETTLE_SECONDS)

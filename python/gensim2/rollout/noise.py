@@ -11,23 +11,24 @@ from gensim2.core.seeding import rng
 from gensim2.rollout.controller import Action, Controller, Reference, WrappedController, is_privileged
 
 PERIOD = 0.6
-"""Seconds of one push off the way and back."""
+"""Duration (s) of one disturbance of the arm."""
 SHARE = 0.5
-"""Of the periods in which there is one."""
+"""Share of the periods that have a disturbance."""
 
 
 class Noisy(WrappedController):
-    """Perturb another controller's joint targets now and then, without telling it.
+    """Add noise to another controller's joint targets now and then, without telling it.
 
-    In each period each joint's target is off by a drawn angle times a half wave that begins and ends at zero. The
-    noise-free action is recorded as ``reference/action``.
+    In a period with noise each joint's target has an offset that rises to a random angle and falls back to zero as a
+    half
+    sine wave. The noise-free action is recorded as ``reference/action``.
 
     Args:
-        controller: decides all actions.
-        control_hz: rate of actions.
+        controller: the controller.
+        control_hz: control rate, Hz.
         arm: number of the arm's joints.
         noise: standard deviation of the angles, rad.
-        seed: of the episode.
+        seed: seed of the episode.
     """
 
     def __init__(self, controller: Controller, control_hz: int, arm: int, noise: float, seed: int) -> None:
@@ -42,7 +43,7 @@ class Noisy(WrappedController):
         self._controller.reset(observation, seed)
 
     def act(self, observation: object) -> Action | None:
-        """The controller's action, its arm a little elsewhere."""
+        """Return the controller's action with noise on the arm's joints."""
         given = self._controller.act(observation)
         self._meant = None if given is None else np.asarray(given, dtype=np.float32)
         if self._meant is None:
@@ -58,7 +59,7 @@ class Noisy(WrappedController):
 
     @property
     def reference(self) -> Reference | None:
-        """The controller's, with the action that was meant."""
+        """Return the controller's reference, with the noise-free action added."""
         told = super().reference
         if told is None and self._meant is not None:
             nothing = np.full(self._arm, np.nan, np.float32)

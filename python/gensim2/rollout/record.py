@@ -1,4 +1,4 @@
-"""Record of an episode that is over: one plain value, as JSON in logs, for tables, designers and reports."""
+"""Record of a finished episode as plain data, for logs, tables, design and reports."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ SCHEMA_VERSION: Literal[2] = 2
 
 
 START = "start"
-"""Trigger of the plans that a step begins with."""
+"""Trigger of the first plans of a step."""
 
 
 class Cause(StrEnum):
-    """Why an episode does not count as ``held``: the first thing that went wrong and was not made good."""
+    """Why an episode is not ``held``: the first fault that was not corrected."""
 
     INVALID_PROBLEM = "invalid problem"
     NO_ACTUATION_POSE = "no actuation pose"
@@ -48,11 +48,11 @@ class Cause(StrEnum):
 
 
 _RENAMED = {"happens with a still arm": "happens in the no-op baseline"}
-"""Today's causes by those of the release before."""
+"""Present causes by those of the previous release."""
 
 
 class StrictMiss(StrEnum):
-    """Reason for which an episode is not ``strict``."""
+    """Reason why an episode does not meet the ``strict`` criterion."""
 
     NOT_HELD = "not held"
     NOT_LET_GO = "the hand has not let go"
@@ -67,17 +67,18 @@ class StrictMiss(StrEnum):
 
 @dataclass(frozen=True)
 class ObjectRecord:
-    """Object on the table and its pose: every draw of the episode.
+    """An object in the episode with its pose and random draws.
 
     Attributes:
-        asset_class, id, source, content_hash: which object.
-        pose: (7,) of its root in the world at the start: x, y, z, qw, qx, qy, qz.
-        yaw: rad that the randomization turned it by.
-        openness_start, openness_end: of its joint; None of a rigid object, or where it is no number any more.
-        pose_end: (7,) of a rigid object at the end; None of an articulated one or where it is no number any more.
-        default_pose: physics preset of the default pose that was randomized (earlier files: ``"ours"``);
-            None: its pose was given.
-        mass_factor, contact_friction_factor, joint_friction_factor: by what its physics was multiplied.
+        asset_class, id, source, content_hash: identity of the object.
+        pose: (7,) pose of its root in the world frame at the start: x, y, z (m), qw, qx, qy, qz.
+        yaw: random rotation, rad.
+        openness_start, openness_end: openness of its joint; None for a rigid object or if not finite.
+        pose_end: (7,) pose of a rigid object at the end; None for an articulated object or if not finite.
+        default_pose: physics preset of the default pose that was randomized (``"ours"`` in earlier files); None if the
+            pose
+            was given.
+        mass_factor, contact_friction_factor, joint_friction_factor: random factors on its physical properties.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -99,16 +100,16 @@ class ObjectRecord:
 
 @dataclass(frozen=True)
 class PlanRecord:
-    """One plan that was made, and what became of it.
+    """One plan and its execution.
 
     Attributes:
-        strategy: its name.
-        status, reason: the planner's.
+        strategy: name of its strategy.
+        status, reason: result of the planner.
         at_step: control step at which it was made.
-        trigger: why: ``"start"``, or the deviation that led to it.
-        ran: control steps for which it was followed.
-        detail: what a designer learns from: residuals that are not met, the keyframe not reached, colliding bodies,
-            distances (m or rad). Empty where it is solved.
+        trigger: ``"start"``, or the deviation that caused replanning.
+        ran: number of control steps executed.
+        detail: figures for a designer: unmet residuals, the unreached keyframe, colliding bodies, distances (m or rad);
+            empty if solved.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -127,10 +128,10 @@ class StepRecord:
     """One step of the task.
 
     Attributes:
-        name: of the step.
-        plans: in order; more than one where something deviated or a strategy failed.
-        paper: its criterion was true at some control step of its turn (true where it has none).
-        done: its criterion was true when its turn ended.
+        name: name of the step.
+        plans: plans in order; more than one after a deviation or a failed strategy.
+        paper: its criterion held at some control step of its turn (True without a criterion).
+        done: its criterion held at the end of its turn.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -142,12 +143,12 @@ class StepRecord:
 
     @property
     def partial(self) -> bool:
-        """Whether a part of a motion was executed because the whole could not be had."""
+        """Return whether only part of a motion was executed because no complete plan was found."""
         return any(plan.status == "partial" for plan in self.plans)
 
     @property
     def replans(self) -> int:
-        """Plans that something led to after the step had begun; other strategies tried at its start are none."""
+        """Return the number of plans after the start of the step, without the other strategies tried at its start."""
         return sum(plan.trigger != START for plan in self.plans)
 
 
@@ -156,9 +157,9 @@ class AttemptRecord:
     """One of several attempts from the same start.
 
     Attributes:
-        seed: of the solver.
-        first: strategy that a step began with in place of its own first one, by step.
-        paper, held, strict, cause: as of an episode.
+        seed: seed of the solver.
+        first: strategy that was tried first in place of the default, by step.
+        paper, held, strict, cause: as in :class:`Episode`.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -173,29 +174,29 @@ class AttemptRecord:
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode: one reset, whatever was planned and tried inside it.
+    """One episode: one reset, with everything planned and executed after it.
 
     Attributes:
-        seed: of the reset.
-        objects: by name.
-        placement_draws: draws until all stood apart and within reach.
-        steps: those that were begun.
-        control_steps: executed, settling included.
-        paper: each step's criterion was true at some control step of its turn.
-        held: the goal is true at the end with the scene at rest, and not in the no-op baseline.
-        strict: see docs/reference/episodes.md; ``strict_misses`` says what it lacks.
-        still: whether the goal holds in the no-op baseline; None where that did not need to be run.
-        settled: the scene was at rest when it was judged; it is not held where it was not.
+        seed: seed of the reset.
+        objects: objects by name.
+        placement_draws: number of draws until all objects were apart and within reach.
+        steps: steps that were started.
+        control_steps: number of executed control steps, including settling.
+        paper: each step's criterion held at some control step of its turn.
+        held: the episode succeeded: the goal holds at the end, at rest, and does not hold in the no-op baseline.
+        strict: the strict criterion of docs/reference/episodes.md; ``strict_misses`` has the reasons if it is not met.
+        still: whether the goal holds in the no-op baseline; None if the baseline was not needed.
+        settled: whether the scene was at rest at the evaluation; required for ``held``.
         truncated: the episode was longer than the task allows.
-        cause: why it does not count as held; None where it does.
-        diagnosis: numbers beside the cause and beside each miss of the strict verdict, for a designer and a report.
-        randomization: name of the preset that the scene was drawn with.
+        cause: why the episode is not ``held``; None if it is.
+        diagnosis: figures about the cause and about each unmet strict condition.
+        randomization: name of the scene's randomization preset.
         start: (n,) all active joints of the robot at the start.
-        attempts: where several were allowed, all that were made from this start, in order; everything else is of one of
-            them (:mod:`gensim2.rollout.run`).
-        disturbed_at: control step at which it was disturbed; None where it was not.
-        index: place of the episode in its log or data set; -1 outside of one. Comparisons of episodes ignore it.
-        episode_digest: digest of the episode's file; None where no file was kept.
+        attempts: all attempts from this start in order, if several were allowed; everything else describes one of them
+            (:mod:`gensim2.rollout.run`).
+        disturbed_at: control step of the disturbance; None without one.
+        index: position in its log or data set; -1 outside of one. Ignored when episodes are compared.
+        episode_digest: digest of the episode's file; None without a file.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -222,21 +223,21 @@ class Episode:
     episode_digest: str | None = None
 
     def at(self, index: int, episode_digest: str | None = None) -> Episode:
-        """Return the same episode at a place of a log or data set."""
+        """Return the same episode with a position in a log or data set."""
         return replace(self, index=index, episode_digest=episode_digest)
 
     @property
     def partial(self) -> bool:
-        """Whether any step executed a part of a motion."""
+        """Return whether any step executed only part of a motion."""
         return any(step.partial for step in self.steps)
 
     @property
     def replans(self) -> int:
-        """Plans that something led to after a step had begun."""
+        """Return the number of plans that deviations caused."""
         return sum(step.replans for step in self.steps)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the record as plain data, without the episode's place."""
+        """Return the record as plain data, without the episode's position."""
         told = asdict(self)
         del told["index"], told["episode_digest"]
         return told

@@ -1,4 +1,4 @@
-"""One recorded episode as a plain value that pickles; its arrays follow ManiSkill's trajectory format."""
+"""One recorded episode as a value that can be pickled; arrays as in ManiSkill's trajectory format."""
 
 from __future__ import annotations
 
@@ -20,22 +20,23 @@ from gensim2.tasks.measurement import Measurement
 
 @dataclass(frozen=True)
 class Recording:
-    """Everything that ManiSkill's tools need to replay an episode, with T steps.
+    """Everything that ManiSkill's tools need to replay an episode of T steps.
 
     Attributes:
-        seed: of the reset.
-        reset_options: with which a reset to the seed gives the same scene, whatever instances there are to draw from.
+        seed: seed of the reset.
+        reset_options: options that make the reset reproduce the scene, independently of the available instances.
         instances: id of each object's instance.
-        control_mode: of the actions.
+        control_mode: meaning of the actions.
         actions: (T, m + 1) float32.
         obs: (T + 1, D) float32 state observations.
         env_states: tree of (T + 1, ...) float32: ``actors`` and ``articulations`` by name.
         rewards: (T,) float32.
         terminated, truncated, success: (T,) bool.
-        reference: what the actions are made of, (T, ...) float32, where the controller said: ``joint_positions`` and
+        reference: (T, ...) float32 references of the actions, if the controller reports them: ``joint_positions`` and
             ``joint_velocities`` (m) of the arm, ``tool_pose`` (7, base frame), ``gripper`` (2: distance of the pads, m,
-            and force of each finger, N; NaN: none is meant), and, where noise was on what was sent, ``action`` (m + 1),
-            which was meant. NaN at steps of which nothing was said; {} where of none.
+            and
+            force of each finger, N, or NaN), and, if noise was added, the noise-free ``action`` (m + 1). NaN at steps
+            without a reference.
     """
 
     seed: int
@@ -58,7 +59,7 @@ class Recording:
 
     @property
     def meant(self) -> npt.NDArray[np.float32]:
-        """(T, m + 1) actions without the noise on what was sent; what was meant last where nothing was said."""
+        """Return the actions (T, m + 1) without added noise; steps without a reference repeat the previous one."""
         if "action" not in self.reference:
             return self.actions
         given = self.reference["action"]
@@ -69,11 +70,11 @@ class Recording:
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """One episode that is over, from the loop or from its file.
+    """A finished episode, from the loop or from its file.
 
     Attributes:
         episode: the record.
-        recording: states, actions and flags of every control step; None where they were not asked for or kept.
+        recording: states, actions and flags of every control step; None if not requested or not stored.
     """
 
     episode: Episode
@@ -81,10 +82,10 @@ class EpisodeResult:
 
 
 class Recorder:
-    """Collects an episode from a fresh reset on.
+    """Collects a recording from a reset on.
 
     Args:
-        world: has just been reset.
+        world: the world, just after its reset.
     """
 
     def __init__(self, world: World) -> None:
@@ -97,7 +98,7 @@ class Recorder:
         self._truncated: list[bool] = []
 
     def add(self, action: npt.NDArray[np.float32], measured: Measurement, reference: Reference | None = None) -> None:
-        """Take what came of one step, and what was meant."""
+        """Add the result of one step, and the reference of its action."""
         world = self._world
         self._actions.append(action)
         self._references.append(reference)
@@ -107,7 +108,7 @@ class Recorder:
         self._truncated.append(world.elapsed_steps >= world.profile.steps(world.task.max_seconds))
 
     def finish(self) -> Recording:
-        """Return the recording of the episode; rewards and flags are those of the registered environment."""
+        """Return the recording, with rewards and flags as in the registered environment."""
         success = np.array(self._success, dtype=bool)
         instances = {name: placed.model.id for name, placed in self._world.initial_state.objects.items()}
         return Recording(
@@ -126,7 +127,7 @@ class Recorder:
         )
 
     def _observed(self) -> npt.NDArray[np.float32]:
-        """(T + 1, D) what the environment observes, with the tool's poses worked out all at once."""
+        """Return the observations (T + 1, D), with the tool poses computed for all instants at once."""
         obs = np.stack(self._obs)
         joints = len(self._world.profile.reset_qpos)
         obs[:, 2 * joints : 2 * joints + 7] = tool_pose(self._world.profile, obs[:, :joints])
@@ -160,7 +161,7 @@ def _reference(given: list[Reference | None], profile: RobotProfile) -> Tree:
 
 
 def _plain(value: Any) -> Any:
-    """Reset options as JSON holds them: numbers and arrays of any kind as floats and lists."""
+    """Return reset options as plain data: arrays and numbers as lists and floats."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     return value if value is None or isinstance(value, str) else np.asarray(value, dtype=np.float64).tolist()

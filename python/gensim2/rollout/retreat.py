@@ -1,4 +1,4 @@
-"""Motion to the rest posture after the last step, where the hand is still near what it has acted on."""
+"""Motion to the rest pose after the last step, if the hand is still near its objects."""
 
 from __future__ import annotations
 
@@ -17,22 +17,23 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.float32]
 
 NEAR = 0.06
-"""Metres from a keypoint of the gripper to one of an object below which the hand has not left it: more than the strict
-verdict asks for (:mod:`gensim2.rollout.strict`)."""
+"""Distance (m) between keypoints of gripper and object below which the hand counts as near; larger than ``strict``
+requires (:mod:`gensim2.rollout.strict`).
+"""
 CLEAR = 0.003
-"""Metres from the hand to an object below which it may touch it."""
+"""Distance (m) between hand and object below which they may be in contact."""
 SPEED = 0.5
 """Share of the joints' velocity and acceleration limits."""
 OUT, OUT_SECONDS = 0.08, 1.0
-"""Metres and seconds of the straight way out of what the hand presses on."""
+"""Length (m) and duration (s) of the straight motion out of contact."""
 MAX_STRIDE = 0.2
-"""Rad or m of a joint from one control step to the next on that way: more is another posture."""
+"""Largest joint change (rad or m) per control step on that motion; a larger one means another posture."""
 SLACK = 1e-3
-"""Metres by which something may come nearer on it, as surfaces turn under the hand."""
+"""Distance (m) by which surfaces may come closer on that motion, because they turn under the hand."""
 
 
 def is_near(measured: Measurement, names: Collection[str]) -> bool:
-    """Whether a keypoint of the gripper is within ``NEAR`` of one of these objects' keypoints."""
+    """Return whether a keypoint of the gripper is within ``NEAR`` of a keypoint of the named objects."""
     gripper = np.stack(list(measured.gripper.values()))
     return any(
         np.linalg.norm(gripper[:, None] - np.stack(list(measured.keypoints[name].values())), axis=2).min() < NEAR
@@ -41,11 +42,11 @@ def is_near(measured: Measurement, names: Collection[str]) -> bool:
 
 
 class Retreat:
-    """Motion of the arm back to its rest posture.
+    """Motion of the arm to its rest pose.
 
     Args:
         positions, velocities: (N, m) planned for the arm joints at the end of each control step, rad and rad/s.
-        targets: (N, m) of the simulated drives that bring the arm there, rad.
+        targets: (N, m) targets of the simulated drives that follow them, rad.
     """
 
     def __init__(self, positions: Rows, velocities: Rows, targets: Rows) -> None:
@@ -54,26 +55,25 @@ class Retreat:
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing of it is left."""
+        """Return whether the motion is finished."""
         return self.ran >= len(self.targets)
 
 
 def planned_retreat(
     world: PlanningWorld, scene: Scene, names: Collection[str], near: bool, profile: RobotProfile
 ) -> Retreat | None:
-    """Plan a motion to the rest posture that touches nothing; a hand in contact leaves it first, straight.
+    """Plan a collision-free motion to the rest pose; a hand in contact first moves straight away.
 
-    Where no such motion is found, the straight way away from what it acted on is all of it.
+    If there is no such motion, only the straight motion is returned.
 
     Args:
-        world: of the episode.
-        scene: as it stands.
-        names: of the objects that the hand has acted on.
-        near: whether a keypoint of the hand is near them; if not, contact with them counts.
-        profile: the robot.
+        world: planning world of the episode.
+        scene: present scene.
+        names: objects that the hand has acted on.
+        near: whether a keypoint of the hand is near them; if not, contact with them is checked.
 
     Returns:
-        The motion; None where the hand is away from the objects, or none is found.
+        The motion; None if the hand is away from the objects, or no motion is found.
     """
     solver, q = world.of(scene), world.joints(scene)
     if not near and not _touches(solver, q, names):
@@ -102,9 +102,9 @@ def planned_retreat(
 
 
 def _straight_out(solver: kpam.Scene, q: Array, profile: RobotProfile) -> list[Array]:
-    """Return (n,) joints of each control step on a straight way of the hand on which nothing comes nearer.
+    """Return joints (n,) of each control step on a straight motion of the hand on which no clearance shrinks.
 
-    The hand goes back as the fingers point, up, or both; none where each of these ways is blocked.
+    The hand moves opposite to the fingers, up, or both; empty if all these directions are blocked.
     """
     T_base_hand = profile.model.forward_kinematics(q)
     up = np.linalg.inv(profile.T_world_base)[:3, :3] @ np.array([0.0, 0.0, 1.0])
@@ -135,6 +135,6 @@ def _followed(solver: kpam.Scene, q: Array, T_base_hand: Array, way: Array, coun
 
 
 def _touches(solver: kpam.Scene, q: Array, names: Collection[str]) -> bool:
-    """Whether a link comes within ``CLEAR`` of one of these objects."""
+    """Return whether a link is within ``CLEAR`` of one of the objects."""
     bodies = {body.split("/")[0] for pair in solver.check(q, CLEAR) for body in pair["bodies"]}
     return not bodies.isdisjoint(names)

@@ -1,4 +1,4 @@
-"""The loop: ask the controller, step the world, let it settle, judge; whoever decides and whatever simulates."""
+"""The episode loop: ask the controller, step the world, let it settle, and evaluate."""
 
 from __future__ import annotations
 
@@ -47,9 +47,10 @@ if TYPE_CHECKING:
 
 
 Stop = Literal["controller", "goal"]
-"""Stopping rule of an episode: by the controller alone, which returns None; or also the goal, where it has held for
-``GOAL_SECONDS`` and still does once the scene has settled, and the step limit, so that one that never says that it is
-done can be judged."""
+"""End of an episode: when the controller returns None; or with ``"goal"`` also when the goal has held for
+``GOAL_SECONDS``
+and still holds after settling, or at the step limit.
+"""
 STOPS: tuple[Stop, ...] = get_args(Stop)
 
 
@@ -64,30 +65,33 @@ def run(
     still: Callable[[], NoOpResult] | None = None,
     every: int = 1,
 ) -> EpisodeResult:
-    """Run one episode and judge it.
+    """Run one episode and evaluate it.
 
-    The controller acts until it is done, or until the task's step limit. Then its last command is held until the
-    scene has settled, and the episode is judged. These steps are part of the episode: a replay ends in the same
-    state. A goal that is lost while the scene settles does not end the episode: the controller acts again, for as
-    long as there is time. Only where the goal holds, the rest of a second is run for the strict verdict, and the
-    same seed without the arm; neither is part of the episode. A controller that is done before its first action
-    ends the episode there. So it ends where the cameras see nothing any more, since what was in the workspace has
-    left it.
+    The controller acts until it is done or the task's step limit is reached. Its last command is then held until the
+    scene
+    has settled, and the episode is evaluated. The settling steps are part of the episode, so a replay ends in the same
+    state.
+    If the goal is lost during settling, the controller continues while there is time. If the goal holds, the simulation
+    runs
+    on for the strict criterion, and the no-op baseline is run; neither is part of the episode. The episode also ends if
+    the
+    controller is done before its first action, or if the point cloud becomes empty because all objects left the
+    workspace.
 
     Args:
-        world: is reset, and once more where the no-op baseline is run.
-        controller: decides every action; rounded to float32, which is what a trajectory file keeps.
-        seed: of the reset.
-        options: of the reset.
-        record: keep states and observations of every step.
-        stop: ``"controller"``: one that never says that it is done is cut at the step limit and cannot have held.
-            ``"goal"``: the episode also ends where the goal has held for ``GOAL_SECONDS`` and still does once the scene
-            has settled, or as long before the step limit as settling may take; then it is judged as any other.
-        still: gives what the scene of this seed does by itself, for callers that keep it; default: ``no_op_baseline``.
-        every: control steps from one look at the criteria of steps to the next, for the verdict ``paper``.
+        world: simulated world, which is reset, and reset again for the no-op baseline.
+        controller: the controller; its actions are rounded to float32, as in trajectory files.
+        seed: seed of the reset.
+        options: options of the reset.
+        record: store states and observations of every step.
+        stop: ``"controller"``: an episode whose controller is not done at the step limit has failed. ``"goal"``: the
+            episode also ends when the goal has held for ``GOAL_SECONDS`` and still holds after settling, or at the step
+            limit minus the time to settle; then it is evaluated as usual.
+        still: function that returns the no-op baseline, for callers that cache it; default: ``no_op_baseline``.
+        every: control steps between evaluations of the steps' criteria, for the ``paper`` criterion.
 
     Raises:
-        InputError: the seed, an option or an action cannot be used.
+        InputError: the seed, an option or an action is invalid.
     """
     world.reset(seed, options)
     motion = _Motion(world, controller, record)
@@ -131,7 +135,7 @@ def run(
     stable, settled = world.is_finite and is_stable(trace[-1]), motion.is_at_rest
     goal = all_hold(world.task.success, trace[-1])
     events = events_of(controller)
-    # All that is asked of the world before it is reset once more.
+    # Everything that is read from the world before it is reset for the baseline.
     initial_state = world.initial_state
     objects = _object_records(initial_state, trace[0], trace[-1])
     recording = motion.recording()
@@ -177,15 +181,15 @@ def run(
 
 
 def controller_seed(seed: int) -> int:
-    """Seed of what a controller draws in the episode of a scene's seed; the scene cannot be told from it."""
+    """Return the seed of the controller's random numbers, from which the scene's seed cannot be inferred."""
     return int(rng(seed, "controller").integers(2**32))
 
 
 class _Motion:
-    """An episode under way: what was commanded last and what was measured so far.
+    """A running episode: the last command and all measurements.
 
     Attributes:
-        trace: measurements, before the first control step and after each.
+        trace: measurements before the first control step and after each one.
     """
 
     def __init__(self, world: World, controller: Controller, record: bool) -> None:
@@ -198,16 +202,16 @@ class _Motion:
 
     @property
     def steps(self) -> int:
-        """Control steps so far."""
+        """Number of control steps so far."""
         return len(self.trace) - 1
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether nothing moved to speak of in the last control step."""
+        """Return whether nothing moved noticeably in the last control step."""
         return self.steps > 0 and is_at_rest(self.trace[-2], self.trace[-1], self._period)
 
     def observation(self) -> Observation:
-        """Return the controller's observation, by the spec that it has now."""
+        """Return the controller's observation for its present spec."""
         spec = spec_of(self._controller)
         if self._seen is None or self._seen[:2] != (self.steps, spec):
             self._seen = (self.steps, spec, self._world.observe(spec))
@@ -217,7 +221,6 @@ class _Motion:
         return PrivilegedObservation.of(seen, self.trace[-1], self._world.scene_state)
 
     def step(self, action: Action, reference: Reference | None = None) -> Measurement:
-        """Make one control step, and measure."""
         self._action = np.asarray(action, dtype=np.float32)
         self._world.step(self._action)
         self.trace.append(self._world.measure())
@@ -232,13 +235,13 @@ class _Motion:
         settle(lambda: self.step(action), self.trace[-1], self._world.profile)
 
     def recording(self) -> Recording | None:
-        """Recording, if one was asked for."""
+        """Return the recording if one was requested."""
         return self._recorder.finish() if self._recorder is not None and self.steps else None
 
     def measure_about(self, step: int) -> tuple[Measurement, Measurement]:
-        """Hold the last command until so many control steps have gone by, and measure before and after the last.
+        """Hold the last command up to control step ``step``, and measure before and after the last step.
 
-        They are not part of the episode.
+        These steps are not part of the episode.
         """
         assert self._action is not None
         before, after = self.trace[-2:]
@@ -249,7 +252,7 @@ class _Motion:
 
 
 def _at_actuation(trace: Sequence[Measurement], events: Sequence[Event]) -> Measurement | None:
-    """Return the measurement at the first actuation pose; None where the controller reports none."""
+    """Return the measurement at the first actuation pose; None if the controller reports none."""
     first = next((event.at_step for event in events if event.what == ACTUATION), None)
     return None if first is None else trace[first]
 
@@ -277,7 +280,7 @@ def _object_records(initial_state: InitialState, start: Measurement, end: Measur
 
 
 def _number(value: float | None) -> float | None:
-    """None where physics left no number: JSON has neither NaN nor infinity."""
+    """Return a finite number, or None for NaN and infinity, which JSON lacks."""
     return float(value) if value is not None and math.isfinite(value) else None
 
 
@@ -286,24 +289,26 @@ def _numbers(values: npt.NDArray[np.float64] | None) -> list[float] | None:
 
 
 NUM_SEEDS = 12
-"""Start values of an actuation pose in all attempts but the first: with the default 48 nearly every seed of the solver
-finds the same cheapest pose, and another attempt would be the same motion."""
+"""Number of start values for an actuation pose in all attempts after the first. With the default of 48 nearly all
+solver
+seeds find the same cheapest pose, so another attempt would repeat the motion.
+"""
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One attempt: the solver's seed, and the strategies that are tried first.
+    """One attempt: seed of the solver, and the strategies that are tried first.
 
     Attributes:
-        seed: of the solver.
-        first: strategy that a step begins with, by step; the others begin with their own first one.
+        seed: seed of the solver.
+        first: strategy that is tried first, by step; other steps keep their order.
     """
 
     seed: int = 0
     first: dict[str, str] = field(default_factory=dict)
 
     def task(self, task: TaskSpec) -> TaskSpec:
-        """``task`` with its strategies in this attempt's order."""
+        """Return ``task`` with its strategies in this attempt's order."""
         return task.model_copy(update={"steps": tuple(self._step(step) for step in task.steps)})
 
     def _step(self, step: Step) -> Step:
@@ -313,14 +318,14 @@ class Attempt:
         return step.model_copy(update={"strategies": (first, *(name for name in step.strategies if name != first))})
 
     def controller(self, spec: ControllerSpec) -> ControllerSpec:
-        """The chain of steps with this attempt's seed and start values of the solver."""
+        """Return the controller with this attempt's solver seed and number of start values."""
         if self.seed == 0:
             return spec
         options: kpam.Options = {**PLAN_OPTIONS, "seed": self.seed, "num_seeds": NUM_SEEDS}
         return replace(spec, arguments={**spec.arguments, "options": options})
 
     def after(self, episode: Episode, task: TaskSpec) -> Attempt:
-        """The next attempt: the step to blame begins with its next strategy, and the solver has its next seed."""
+        """Return the next attempt: the blamed step starts with its next strategy, and the solver gets its next seed."""
         begun = [step.name for step in episode.steps]
         blamed = episode.diagnosis.get("step") or (begun or [task.steps[0].name])[-1]
         ways = next(step.strategies for step in task.steps if step.name == blamed)
@@ -329,16 +334,15 @@ class Attempt:
 
 
 def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], max_attempts: int) -> EpisodeResult:
-    """Make attempts until one holds, and return the one that counts.
+    """Make attempts until one succeeds, and return the deciding attempt.
 
-    That is the one that holds; where none does, the first with the paper's verdict, else the first. So all verdicts of
-    an episode are of one attempt. A goal that comes about in the no-op baseline does so in every attempt: then
-    there is no other.
+    That is the successful attempt; or else the first that meets the ``paper`` criterion; or else the first. So all
+    results of
+    an episode are of the same attempt. If the goal holds in the no-op baseline, no further attempt is made.
 
     Args:
-        task: what is to be done.
-        run: makes an attempt from the start, always the same one.
-        max_attempts: attempts.
+        run: function that makes an attempt, always from the same start.
+        max_attempts: largest number of attempts.
     """
     attempt = Attempt()
     counts: EpisodeResult | None = None

@@ -1,4 +1,4 @@
-"""The one runner of episodes: worker processes that share nothing, each with a simulator of its own."""
+"""Runs episodes in worker processes with a simulator each."""
 
 from __future__ import annotations
 
@@ -23,19 +23,17 @@ Result = TypeVar("Result")
 
 
 class EpisodeRunner:
-    """Plans and runs episodes in worker processes; what comes of them does not depend on their number.
-
-    A context manager: leaving it ends the workers.
+    """Context manager that plans and runs episodes in worker processes; results do not depend on their number.
 
     Args:
-        scene: what the scenes of all tasks follow from.
-        execution: where and how the jobs run.
-        progress: is advanced once a job; whoever calls starts the stage.
-        rollout: what all episodes have in common beside their scenes.
-        log: file for tries that came to nothing, with their tracebacks; None keeps none.
+        scene: settings of the scenes of all tasks.
+        execution: settings of the workers.
+        progress: listener that is advanced once per job; the caller starts the stage.
+        rollout: options of all episodes.
+        log: file for failed attempts with their tracebacks; None for no log.
 
     Attributes:
-        failed_tries: tries that came to nothing.
+        failed_tries: number of failed attempts.
     """
 
     def __init__(
@@ -66,31 +64,30 @@ class EpisodeRunner:
 
     @property
     def executor(self) -> Executor:
-        """Executor of the jobs."""
         return self._executor
 
     @property
     def cpu_s(self) -> float:
-        """Seconds of CPU since this was made: of this process, and of the workers' jobs without the workers' start."""
+        """CPU time since the start, s, of this process and of all jobs, without starting workers."""
         return time.process_time() - self._begin + self._elsewhere
 
     def config(self, task: TaskSpec, instances: Drawn) -> EpisodeConfig:
-        """Return what the episodes of a task follow from, as a value that pickles."""
+        """Return the configuration of a task's episodes, as a value that can be pickled."""
         return EpisodeConfig(self.scene.with_task(task, instances), self.rollout)
 
     def run(
         self, function: Callable[..., Result], jobs: Iterable[Job | None], what: str
     ) -> Iterator[tuple[int, Result]]:
-        """Yield (index, result) of jobs as they are finished, in any order.
+        """Yield (index, result) of finished jobs in any order.
 
         Args:
-            function: of :mod:`gensim2.rollout.worker`.
-            jobs: as in ``Executor.map_unordered``.
-            what: the jobs are, for messages.
+            function: function of :mod:`gensim2.rollout.worker`.
+            jobs: jobs as for ``Executor.map_unordered``.
+            what: name of the jobs for messages.
 
         Raises:
-            NotRunError: some could not be run, after all others.
-            InputError: what a job said of its input, after all others.
+            NotRunError: some jobs could not be run; raised after all others.
+            InputError: a job refused its input; raised after all others.
         """
         return results(self._counted(self._executor.map_unordered(function, jobs)), what, self._log)
 
@@ -102,12 +99,12 @@ class EpisodeRunner:
     def each(
         self, function: Callable[..., Result], jobs: Mapping[int, tuple[Any, ...]], what: str
     ) -> Iterator[tuple[int, Result]]:
-        """Yield (index, result) as :meth:`run` does, and advance the progress after each.
+        """Yield (index, result) as :meth:`run`, and advance the progress after each.
 
         Args:
-            function: of :mod:`gensim2.rollout.worker`.
-            jobs: the function's arguments, by index.
-            what: the jobs are, for messages.
+            function: function of :mod:`gensim2.rollout.worker`.
+            jobs: arguments by index.
+            what: name of the jobs for messages.
         """
         numbered = (Job(index, arguments) for index, arguments in jobs.items())
         for index, found in self.run(function, numbered, what):
@@ -117,13 +114,13 @@ class EpisodeRunner:
     def screen(
         self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
     ) -> list[list[worker.Screened]]:
-        """Plan each candidate on each seed's scene; one list a candidate, one result a seed."""
+        """Plan each candidate in each seed's scene; return a list for each candidate with a result for each seed."""
         jobs = {index: (config, seed, candidates) for index, seed in enumerate(seeds)}
         by_seed = dict(self.each(worker.screen_scene, jobs, f"{config.task.name}: planning of candidates"))
         return [list(outcomes) for outcomes in zip(*(by_seed[index] for index in range(len(seeds))), strict=True)]
 
     def trials(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
-        """Run an episode for each (strategies of each step, seed), as :meth:`episodes` does."""
+        """Run an episode for each (strategies of each step, seed), as :meth:`episodes`."""
         return self.episodes(
             f"{config.task.name}: episodes", [(config, ways, seed) for ways, seed in jobs], worker.trial
         )
@@ -135,13 +132,13 @@ class EpisodeRunner:
         function: Callable[..., Episode] | None = None,
         log: EpisodeLog | None = None,
     ) -> list[Episode]:
-        """Run one episode a job, and return the records in the order of the jobs.
+        """Run one episode per job, and return the records in the order of the jobs.
 
         Args:
-            what: the episodes are, for messages.
+            what: name of the episodes for messages.
             jobs: arguments of ``function``.
-            function: of :mod:`gensim2.rollout.worker`; None: ``episode``.
-            log: keeps each episode as soon as it is finished; episodes that it holds are not run again.
+            function: function of :mod:`gensim2.rollout.worker`; None: ``episode``.
+            log: log that stores each finished episode; episodes in it are not run again.
         """
         done = {} if log is None else log.done
         missing = {index: arguments for index, arguments in enumerate(jobs) if index not in done}

@@ -1,4 +1,4 @@
-"""``gensim2 solve``: one motion for each step of one task, without executing it."""
+"""``gensim2 solve``: plan one motion for each step of a task, without executing it."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from gensim2.rollout.inputs import TaskInput, read_task_input
 if TYPE_CHECKING:
     from gensim2.planning.step_plan import StepPlan
 
-#: What can be executed, whole or in part.
+#: Statuses of plans that can be executed, completely or in part.
 FOUND = ("solved", "partial")
 
 
 @dataclass(frozen=True)
 class SolvedStep:
-    """One step, planned on the scene that the plans before it foresee."""
+    """One step, planned in the scene that the earlier plans predict."""
 
     name: str
     strategy: str
@@ -32,8 +32,11 @@ class SolvedStep:
     found: StepPlan
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data; ``plan`` is null where there was no motion to be looked for. Where it is partial and
-        a shorter motion is executed in its place, after which the hand lets go, that is ``part``.
+        """Return the step as plain data.
+
+        ``plan`` is null if no motion was searched. If a shorter motion, after which the hand lets go, is executed in
+        place of an
+        incomplete plan, it is ``part``.
         """
         plan, part = self.found.plan, None
         if self.found.whole is not None:
@@ -50,13 +53,13 @@ class SolvedStep:
 
 @dataclass(frozen=True)
 class SolveResult:
-    """Plans on the scene of one seed.
+    """Plans in the scene of one seed.
 
     Attributes:
-        task: its name.
+        task: name of the task.
         objects: class and id of each object, by name.
-        steps: in order, as far as they could be planned.
-        count: of the task's steps.
+        steps: planned steps in order.
+        count: number of the task's steps.
     """
 
     task: str
@@ -66,11 +69,11 @@ class SolveResult:
 
     @property
     def is_whole(self) -> bool:
-        """Whether every step has something to execute."""
+        """Return whether every step has a motion that can be executed."""
         return len(self.steps) == self.count and all(step.found.status in FOUND for step in self.steps)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data; ``class``, ``instance`` and ``plan`` are those of the first object and step."""
+        """Return the result as plain data, with the first object and step as ``class``, ``instance`` and ``plan``."""
         steps = [step.to_dict() for step in self.steps]
         first = next(iter(self.objects.values()))
         return {
@@ -92,12 +95,13 @@ def solve(
     view: Callable[[Scene, kpam.Plan, RobotProfile], None] | None = None,
     **scene: Unpack[RolloutArguments],
 ) -> SolveResult:
-    """Plan the steps of a task on the scene of one seed as an episode would, without executing them.
+    """Plan the steps of a task in the scene of one seed as in an episode, without executing them.
 
-    Each step after the first is planned on the scene that the plans before it foresee. Where the whole motion of a step
-    cannot be had, its plan holds the longest part (status ``partial``), as episodes take it. Strategies are tried in
-    order until one is planned whole without touching anything early, and the best is taken; without a motion the result
-    ends with that step.
+    Each later step is planned in the scene that the earlier plans predict. If there is no complete plan, the plan has
+    the
+    longest partial motion (status ``partial``), as in an episode. Strategies are tried in order until one has a
+    complete plan
+    without early contact; otherwise the best plan is used. The result ends at a step without a motion.
 
     Example:
         ```python
@@ -106,23 +110,24 @@ def solve(
         ```
 
     Args:
-        task: name of a library task, or a folder that holds task.yaml and strategies/.
+        task: name of a library task, or a folder with task.yaml and strategies/.
         seed: seed of the scene.
-        out: folder to leave ``plan.json`` in.
-        view: called with the scene and the plan of the first step, and the robot, at the end, for example to show them.
-        scene: see :class:`~gensim2.rollout.config.RolloutArguments`; the seed draws one of several instances, and
-            ``open_loop`` takes the first strategy of each step only.
+        out: folder for ``plan.json``.
+        view: function called at the end with the scene, the plan of the first step, and the robot, for example to show
+            them.
+        scene: see :class:`~gensim2.rollout.config.RolloutArguments`; the seed selects one of several instances, and
+            ``open_loop`` uses only the first strategy of each step.
 
     Returns:
-        The plan of each step, as far as the steps could be planned.
+        The plan of each step, up to the first without a motion.
 
     Raises:
-        InputError: an argument cannot be used.
+        InputError: an argument is invalid.
     """
     if out is not None:
         check_writable(Path(out) / "plan.json")
     given = read_task_input(task, seed=seed, **scene)
-    # Only now what takes seconds to import.
+    # Imported late because these modules take seconds to import.
     from gensim2.sim.headless import HeadlessEnv
 
     env = HeadlessEnv(given.scene)

@@ -1,4 +1,4 @@
-"""The strict verdict: what an episode that holds still lacks for a person to call the task done."""
+"""The strict criterion: conditions beyond the goal under which a person would call the task done."""
 
 from __future__ import annotations
 
@@ -19,39 +19,43 @@ from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
 
 StrictMisses = dict[StrictMiss, dict[str, Any]]
-"""Numbers beside each miss, as plain data."""
+"""Figures for each unmet condition, as plain data."""
 
 RETREAT = 0.05
-"""Metres between any keypoint of the gripper and any of what it acted on, once it is done."""
+"""Smallest distance (m) between keypoints of the gripper and of its objects at the end."""
 
 LINEAR_SPEED, ANGULAR_SPEED = 0.01, 0.05
-"""m/s and rad/s below which things are at rest."""
+"""Speeds (m/s and rad/s) below which objects are at rest."""
 
 DISTURBED_OPENNESS, DISTURBED_DISTANCE = 0.02, 0.005
-"""Openness and metres by which the way to the first actuation pose may move things."""
+"""Openness and distance (m) by which objects may move before the first actuation pose."""
 
 INSIDE = "inside"
-"""In the name of the measured point of what contains."""
+"""Part of the name of a container's measured point."""
 
 DEEPEST = 0.001
-"""Metres by which a rigid object may lie in another body; deeper, the contact solver holds it, not its shape."""
+"""Largest penetration (m) of a rigid object into another body; a deeper object is held by the contact solver, not by
+its
+shape.
+"""
 
 OTHERS_DISTANCE, OTHERS_TILT = 0.03, math.radians(20.0)
-"""Metres and rad by which things may move that the task is not about."""
+"""Distance (m) and angle (rad) by which objects may move that no step acts on."""
 
 
 def strict_misses(
     world: World, start: Measurement, at_actuation: Measurement | None, before: Measurement, later: Measurement
 ) -> StrictMisses:
-    """Return the reasons for which an episode whose goal held is not strict.
+    """Return the reasons why an episode whose goal holds does not meet the strict criterion.
 
     Args:
-        world: as it stands a second after the last command.
-        start: measured before the first control step.
-        at_actuation: measured when the hand was first at an actuation pose; None where the controller knows of none,
-            whose episodes are not judged by what moved before.
-        before: measured one control step earlier.
-        later: measured now.
+        world: the world one second after the last command.
+        start: measurement before the first control step.
+        at_actuation: measurement at the first actuation pose; None if the controller does not report it, which skips
+            the
+            check of early motion.
+        before: measurement one control step earlier.
+        later: present measurement.
     """
     task = world.task
     acted_on = task.acted_on
@@ -79,14 +83,14 @@ def strict_misses(
 
 
 def is_about_the_gripper(task: TaskSpec) -> bool:
-    """Whether the goal itself says where the gripper is, or what it holds up."""
+    """Return whether the goal itself is about the gripper or a lifted object."""
     return any(isinstance(c, (*OF_GRIPPER, RigidLifted)) for c in task.success)
 
 
 def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]:
-    """Return the depths (m) beyond ``DEEPEST`` to which each rigid object lies in other bodies, by their names.
+    """Return the penetrations (m) beyond ``DEEPEST`` of each rigid object into other bodies, by name.
 
-    The collision code of the planner measures them, whatever engine simulated the scene; the robot does not count.
+    The planner's collision library measures them for all simulation engines; the robot does not count.
     """
     import gensim2_kpam as kpam  # here: readers of records need no solver
 
@@ -99,7 +103,7 @@ def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]
     for name, thing in scene.objects.items():
         if not thing.is_rigid:
             continue
-        # Riding on the hand, it is checked against all other bodies.
+        # The object is attached to the hand, so that it is checked against all other bodies.
         bodies = [
             kpam.Body(body.name, "attached", shapes[body.name], T_hand_base @ body.T_base_body)
             if body.name == name
@@ -114,17 +118,17 @@ def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]
 
 
 def _from_gripper(measured: Measurement, name: str) -> float:
-    """Metres from the nearest keypoint of the gripper to the nearest of an object."""
+    """Return the distance (m) between the nearest keypoints of gripper and object."""
     gripper, points = np.stack(list(measured.gripper.values())), np.stack(list(measured.keypoints[name].values()))
     return float(np.linalg.norm(gripper[:, None] - points[None], axis=2).min())
 
 
 def _moving(world: World, before: Measurement, later: Measurement) -> dict[str, float]:
-    """Speed of everything that is not at rest: m/s, or rad/s where it is the turning that is too fast.
+    """Return the speeds of objects that are not at rest, in m/s, or in rad/s for rotations.
 
-    It is what was moved in a control step, not the speed that PhysX reports: of what is pressed into something, or
-    lies on the facets of a hull, that is what its solver pushes back in each step, 0.1 rad/s or 25 cm/s of bodies that
-    do not move at all.
+    The speed is computed from the displacement in a control step. The velocity reported by PhysX is not used: for
+    bodies in
+    contact it includes the solver's corrections, up to 0.1 rad/s or 25 cm/s for bodies that do not move.
     """
     moving, rate = {}, world.profile.control_hz
     for name, moved in changes(before, later).items():
@@ -142,7 +146,7 @@ def _moving(world: World, before: Measurement, later: Measurement) -> dict[str, 
 
 
 def _disturbed(start: Measurement, at_actuation: Measurement) -> dict[str, float]:
-    """Return the displacement of each object that was moved too early: openness or metres."""
+    """Return the displacements (openness or m) of objects that moved before the actuation pose."""
     return {
         name: abs(moved.openness) if name in start.openness else moved.distance
         for name, moved in changes(start, at_actuation).items()
@@ -151,9 +155,9 @@ def _disturbed(start: Measurement, at_actuation: Measurement) -> dict[str, float
 
 
 def _outside(world: World) -> dict[str, str]:
-    """Rigid objects whose centre is not in the container that the goal has them in, with its name.
+    """Return the rigid objects whose centre is not inside the container that the goal names, with the container's name.
 
-    What is no container by the name of its measured point (a faucet: the place under it) is near enough where it is.
+    Objects whose measured point is not named as a container's (a faucet) need no check.
     """
     pairs = [
         (c.articulated, c.rigid)
@@ -180,7 +184,7 @@ def _is_inside(world: World, scene: Scene, container: str, rigid: str) -> bool:
 
 
 def _moved_beside(start: Measurement, later: Measurement, acted_on: Set[str]) -> dict[str, dict[str, float]]:
-    """Return the displacements of objects that no step acts on and that did not stay in place."""
+    """Return the displacements of objects that no step acts on and that moved."""
     moved = {}
     for name, points in later.keypoints.items():
         if name in acted_on:

@@ -1,4 +1,4 @@
-"""Figures over episodes: three verdicts, never mixed, each a count of the same episodes."""
+"""Counts of episodes by three success criteria."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from gensim2.rollout.record import Episode
 
 @dataclass(frozen=True)
 class Tally:
-    """Counts over episodes.
+    """Counts of episodes.
 
     Attributes:
-        episodes: how many there are.
-        paper, held, strict: how many fulfil each verdict (docs/reference/episodes.md).
-        partial: in how many a step executed a part of a motion because the whole could not be had.
-        replanned: in how many a step was planned more than once.
-        still: in how many the goal holds in the no-op baseline.
-        causes: why they do not count as held, most frequent first.
-        strict_misses: what those that do not count as strict lack, most frequent first.
+        episodes: number of episodes.
+        paper, held, strict: number of episodes that meet each success criterion (docs/reference/episodes.md).
+        partial: number of episodes in which a step executed only part of a motion because no complete plan was found.
+        replanned: number of episodes in which a step was planned again.
+        still: number of episodes whose goal holds in the no-op baseline.
+        causes: failures by cause, most frequent first.
+        strict_misses: unmet strict conditions, most frequent first.
         objects: number of different objects by class.
-        disturbed: how many were disturbed.
+        disturbed: number of disturbed episodes.
     """
 
     episodes: int
@@ -40,7 +40,6 @@ class Tally:
 
     @staticmethod
     def of(episodes: Sequence[Episode]) -> Tally:
-        """Count."""
         seen = {(record.asset_class, record.id) for episode in episodes for record in episode.objects.values()}
         return Tally(
             episodes=len(episodes),
@@ -57,11 +56,11 @@ class Tally:
         )
 
     def verdicts(self) -> dict[str, int]:
-        """The counts of the three verdicts, by name."""
+        """Return the counts of the three success criteria by name."""
         return {"paper": self.paper, "held": self.held, "strict": self.strict}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a file says of episodes that it holds."""
+        """Return the counts that are stored in files."""
         return {
             **self.verdicts(),
             "partial": self.partial,
@@ -72,7 +71,7 @@ class Tally:
 
 
 def interval(successes: int, trials: int) -> tuple[float, float]:
-    """95 % confidence interval of a rate (Wilson 1927); (0, 1) without trials."""
+    """Return the 95 % confidence interval of a rate (Wilson 1927); (0, 1) without trials."""
     if trials == 0:
         return 0.0, 1.0
     from scipy.stats import binomtest  # here: refusing arguments needs no statistics

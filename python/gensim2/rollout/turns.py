@@ -1,4 +1,4 @@
-"""Assignment of measurements to the steps of a task."""
+"""Assign measurements to the steps of a task."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class Turn:
     """One step's turn.
 
     Attributes:
-        step: of the task.
-        first, last: numbers of the measurements at which it began and ended; a turn that ended as it began has one.
-        paper: ``step.done`` was true at one of them.
-        done: it was true at the last.
+        step: the step.
+        first, last: indices of its first and last measurement, which may be equal.
+        paper: ``step.done`` held at one of them.
+        done: ``step.done`` held at the last.
     """
 
     step: Step
@@ -33,13 +33,12 @@ class Turn:
 def told_turns(
     task: TaskSpec, trace: Sequence[Measurement], begun: Sequence[tuple[str, int]], every: int = 1
 ) -> tuple[Turn, ...]:
-    """The turns of a controller that says what it is at.
+    """Return the turns of a controller that reports its current step.
 
     Args:
-        task: what was to be done.
-        trace: measurements, before the first control step and after each.
-        begun: name of each step that was begun, and the number of the measurement at which it was.
-        every: control steps from one look at the criteria to the next.
+        trace: measurements before the first control step and after each one.
+        begun: name of each started step, and the index of its first measurement.
+        every: control steps between evaluations of the criteria.
 
     Raises:
         ControllerError: the task has no step of that name.
@@ -53,12 +52,11 @@ def told_turns(
 
 
 def turns_by_criteria(task: TaskSpec, trace: Sequence[Measurement], every: int = 1) -> tuple[Turn, ...]:
-    """The turns of a controller that knows nothing of steps: each ends as soon as its criterion is true.
+    """Return the turns of a controller that does not report steps; each turn ends when its criterion holds.
 
     Args:
-        task: what was to be done.
-        trace: measurements, before the first control step and after each.
-        every: control steps from one look at the criteria to the next.
+        trace: measurements before the first control step and after each one.
+        every: control steps between evaluations of the criteria.
     """
     turns: list[Turn] = []
     first = 0
@@ -73,19 +71,19 @@ def turns_by_criteria(task: TaskSpec, trace: Sequence[Measurement], every: int =
 
 
 def paper_verdict(task: TaskSpec, turns: Sequence[Turn]) -> bool:
-    """Whether every step of the task had a turn in which its criterion was true at some control step."""
+    """Return whether each step's criterion held at some control step of one of its turns."""
     accomplished = {turn.step.name for turn in turns if turn.paper}
     return all(step.name in accomplished for step in task.steps)
 
 
 def judged_steps(history: Sequence[StepRecord], turns: Sequence[Turn]) -> list[StepRecord]:
-    """Return the record of each step that was begun, once whatever its turns; made up where there is no history."""
+    """Return one record for each started step, with its results; records are created if there is no history."""
     own: dict[str, list[Turn]] = {}
     for turn in turns:
         own.setdefault(turn.step.name, []).append(turn)
     records = history or [StepRecord(name, [], False, False) for name in own]
     return [
-        # A step that was over within one act had no turn.
+        # A step that was finished within a single action has no turn.
         replace(record, paper=any(t.paper for t in own[record.name]), done=own[record.name][-1].done)
         if record.name in own
         else record
@@ -99,6 +97,6 @@ def _turn(step: Step, trace: Sequence[Measurement], first: int, last: int, every
 
 
 def _looks(first: int, last: int, every: int) -> list[int]:
-    """Numbers of the measurements of a turn at which its criterion is read: every so many, and its last."""
+    """Return the indices of a turn's measurements at which its criterion is evaluated."""
     looks = [index for index in range(first, last + 1) if index % every == 0]
     return looks if looks and looks[-1] == last else [*looks, last]

@@ -1,4 +1,4 @@
-"""Monitors of a chain of steps: deviations from the plan that is executed."""
+"""Detect deviations from the executed plan."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from gensim2.tasks.measurement import Measurement
 Array = npt.NDArray[np.float64]
 
 MAX_DRIFT = 0.005
-"""Metres by which an object may move before the hand is to touch it."""
+"""Distance (m) by which an object may move before it is touched."""
 MAX_OPENNESS_DRIFT = 0.02
-"""Openness by which a joint may move before the hand is to touch it."""
+"""Openness by which a joint may move before it is touched."""
 MAX_SLIP = 0.03
-"""Metres by which an object may lie otherwise in the hand than planned, or move in it."""
+"""Distance (m) by which a grasped object may differ from its planned position in the hand, or slip."""
 LEAST_OPENING = 0.002
-"""Metres between the pads below which they hold nothing."""
+"""Distance of the pads (m) below which the hand holds nothing."""
 LEAST_SHARE = 0.4
-"""Share of the width of a grasp below which its object is no longer between the pads."""
+"""Share of a grasp's planned width below which the object is no longer between the pads."""
 
 
 @dataclass(frozen=True)
 class Held:
-    """An object in the hand.
+    """A grasped object.
 
     Attributes:
-        name: of the object.
-        T_hand_object: (4, 4) as it was when the fingers had closed.
-        width: distance of the pads that the grasp was planned for, m; None where it is unknown.
-        force: with which each finger is to press on it, N; None where it is unknown.
+        name: name of the object.
+        T_hand_object: (4, 4) pose in the hand when the fingers had closed.
+        width: planned distance of the pads, m; None if unknown.
+        force: force of each finger, N; None if unknown.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Held:
     force: float | None = None
 
     def is_lost(self, profile: RobotProfile, q: Array, measured: Measurement) -> bool:
-        """Whether it is no longer in the hand."""
+        """Return whether the object is no longer in the hand."""
         if measured.finger_opening < _least_opening(self.width):
             return True
         now = in_hand(profile, q, measured, self.name)
@@ -52,7 +52,7 @@ class Held:
 
 
 def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan) -> Held | None:
-    """Return what the hand holds once the fingers have closed; None where they closed on nothing."""
+    """Return the grasped object after the fingers have closed; None if they closed on nothing."""
     if plan.picks is None or plan.after is None or measured.finger_opening < _least_opening(plan.width):
         return None
     T_hand_base = np.linalg.inv(profile.model.forward_kinematics(plan.after.q))
@@ -64,7 +64,7 @@ def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan
 
 
 def in_hand(profile: RobotProfile, q: Array, measured: Measurement, name: str) -> Array:
-    """(4, 4) a rigid object in the hand's frame."""
+    """Return the pose (4, 4) of a rigid object in the hand's frame."""
     x, y, z, *quaternion = measured.poses[name]
     T_world_object = np.eye(4)
     T_world_object[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
@@ -74,7 +74,7 @@ def in_hand(profile: RobotProfile, q: Array, measured: Measurement, name: str) -
 
 
 def has_drifted(planned: Scene, measured: Measurement, name: str) -> bool:
-    """Whether an object stands elsewhere than where it was planned for, or is open otherwise."""
+    """Return whether an object's position or openness differs from the planned scene."""
     thing = planned.objects[name]
     if thing.joint is not None:
         return abs(measured.openness[name] - thing.joint.openness) > MAX_OPENNESS_DRIFT

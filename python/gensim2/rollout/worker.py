@@ -1,6 +1,6 @@
-"""Jobs of one simulator worker: plan on a scene, run an episode.
+"""Jobs of a simulator worker: plan in a scene, run an episode.
 
-Functions here run in worker processes; their arguments and results are plain values that pickle.
+Functions here run in worker processes; arguments and results are plain values that can be pickled.
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ Result = TypeVar("Result")
 
 _PLANNING = ("gensim2.rollout.worker", "gensim2.rollout.chain", "gensim2.rollout.run", "gensim2.planning.steps")
 
-#: Modules that a worker needs and that take seconds to import, by the engine of its scenes.
+#: Modules that a worker needs and that take seconds to import, by simulation engine.
 PRELOAD: Mapping[Engine, tuple[str, ...]] = {
     "sapien": (*_PLANNING, "gensim2.sim.headless", "gensim2.sim.sapien_scene"),
     "mujoco": (*_PLANNING, "gensim2.sim.headless", "gensim2.sim.mujoco.scene"),
 }
 
-#: For screening, where hundreds of candidates are planned and most cannot work: few poses, short searches. Measured on
-#: closing real laptops: the same answers as with the planner's defaults, in a 30th of the time.
+#: Solver options for screening, where hundreds of candidates are planned and most fail: few poses, short searches. On
+#: real laptops that are closed the results equal those of the default options, in a thirtieth of the time.
 SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "extra_seeds": 0, "candidates": 6, "samples": 200}
 
-#: What planning says of a candidate on one scene: a score from 0 to 1, what stood in the way of 1, and numbers beside
-#: it as :func:`gensim2.design.diagnosis.diagnoses` takes them.
+#: Screening result of a candidate in one scene: a score from 0 to 1, the obstacle to a score of 1, and figures for
+#: :func:`gensim2.design.diagnosis.diagnoses`.
 Screened = tuple[float, str | None, dict[str, Any]]
 
 
 def prepare(scene: SceneOptions) -> None:
-    """Read and build what every episode of a run needs and only the first of a process would pay for."""
+    """Load everything that all episodes of a run need, so that the first episode does not take longer."""
     from gensim2.sim.engines import scene_class
 
     open_library(scene.assets).classes()
@@ -63,18 +63,18 @@ def prepare(scene: SceneOptions) -> None:
 
 @lru_cache(maxsize=2)
 def simulator(scene: SceneConfig) -> HeadlessEnv:
-    """Return the simulator of scenes; the last two are kept, since jobs come task by task."""
+    """Return the simulator of a scene; the last two are cached, because jobs come task by task."""
     from gensim2.sim.headless import HeadlessEnv
 
     return HeadlessEnv(scene)
 
 
 def screen_scene(config: EpisodeConfig, seed: int, candidates: Sequence[StepStrategies]) -> list[Screened]:
-    """Plan every candidate on the scene of one seed.
+    """Plan every candidate in the scene of one seed.
 
     Returns:
-        One a candidate: 1 and None where every step is planned whole; else the share of steps that are whole, half a
-        step more where the arm gets past the next one's actuation pose but not to its end.
+        For each candidate: 1 and None if every step has a complete plan; else the share of complete steps, plus half a
+        step if the next step's motion passes its actuation pose but not its end.
     """
     from gensim2.planning.steps import StepPlanner
 
@@ -106,7 +106,7 @@ def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepS
     except MemoryError:
         raise
     except BaseException as error:
-        # One candidate in hundreds ends no search, not even by a panic of the solver, which is no Exception.
+        # One failing candidate must not end the search, not even by a panic of the solver, which is not an Exception.
         if not isinstance(error, Exception) and type(error).__module__ != "pyo3_runtime":
             raise
         return 0.0, f"planner error: {type(error).__name__}: {error}", {}
@@ -122,27 +122,27 @@ def _reaches_actuation(plan: kpam.Plan | None) -> bool:
 
 
 def parsed(strategies: Mapping[str, Mapping[str, Any]]) -> dict[str, Strategy]:
-    """Strategies by name, from plain data.
+    """Parse strategies from plain data.
 
     Raises:
-        InputError: one of them cannot be used.
+        InputError: a strategy cannot be used.
     """
     return {name: parse_strategy(data, f"strategies/{name}.yaml") for name, data in strategies.items()}
 
 
 def episode(config: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
-    """Run one episode in physics and, where it seems to succeed, the no-op baseline of the same seed."""
+    """Simulate one episode and, if it seems to succeed, the no-op baseline of the same seed."""
     return _run(config, config.task, strategies, seed, record=False)[0]
 
 
 def trial(config: EpisodeConfig, ways: StepStrategies, seed: int) -> Episode:
-    """Run one episode of a candidate: the configured task, its steps done in these ways."""
+    """Run one episode of a candidate: the configured task with these strategies."""
     strategies = {name: data for own in ways.values() for name, data in own.items()}
     return _run(config, with_strategies(config.task, ways), strategies, seed, record=False)[0]
 
 
 def demonstrate(config: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
-    """Run one episode as ``episode`` does and keep its states; the recording is None where it did not hold."""
+    """Run one episode as :func:`episode` and keep the states of a successful one; otherwise the recording is None."""
     found, recording = _run(config, config.task, strategies, seed, record=True)
     return found, recording if found.held else None
 
@@ -150,13 +150,13 @@ def demonstrate(config: EpisodeConfig, strategies: Strategies, seed: int) -> tup
 def record(
     config: EpisodeConfig, strategies: Strategies, seed: int, keep: Callable[[Episode, Recording | None], Result]
 ) -> Result:
-    """Run one episode as ``episode`` does and hand it on in this process: its states need not travel.
+    """Run one episode as :func:`episode` and pass its states to a function in this process.
 
     Args:
-        keep: is given the record and what was recorded, and writes down what is to be kept; must pickle.
+        keep: function that gets record and recording and stores them; must be picklable.
 
     Returns:
-        What ``keep`` returned.
+        The result of ``keep``.
     """
     return keep(*_run(config, config.task, strategies, seed, record=True))
 
@@ -172,23 +172,23 @@ def evaluate(
     """Run one episode of any controller.
 
     Args:
-        controller: made once a process, and reset for each episode.
-        stop: who ends the episode, as in :func:`gensim2.rollout.run.run`.
+        controller: controller, which is made once per process and reset for each episode.
+        stop: end of the episode, as for :func:`gensim2.rollout.run.run`.
         keep: as for :func:`record`; None keeps no states.
-        index: of the episode among those of its task, for messages.
+        index: index among the task's episodes, for messages.
 
     Returns:
-        The record, or what ``keep`` returned.
+        The record, or the result of ``keep``.
 
     Raises:
-        ControllerError: the controller fails, or gives no action that can be used.
+        ControllerError: the controller fails or returns an invalid action.
     """
     found, recording = _rollout(config, config.task, controller, seed, keep is not None, stop, index)
     return found if keep is None else keep(found, recording)
 
 
 def chain(strategies: Strategies, rollout: RolloutOptions = DEFAULT_ROLLOUT) -> ControllerSpec:
-    """The chain of steps, done in these ways."""
+    """Return the spec of the controller that executes planned steps with these strategies."""
     how = {"open_loop": rollout.open_loop, "one_plan": rollout.one_plan}
     return ControllerSpec(CHAIN, {"strategies": strategies, **how})
 
@@ -237,7 +237,7 @@ def _rollout(
 
 
 def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> Controller:
-    """A controller for an episode; those that know nothing of tasks are kept: loading a network takes its time."""
+    """Return a controller for an episode; unprivileged controllers are cached, because loading a network takes time."""
     from gensim2.rollout.controller import is_privileged
     from gensim2.rollout.guarded import Guarded
 
@@ -247,7 +247,7 @@ def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> 
     if is_privileged(spec.load()):
         controller = spec.make(task, profile)
     else:
-        # What it is made of may have been made anew since: a checkpoint in the same folder, the class in the same file.
+        # The digest detects a changed checkpoint or class at the same path.
         key = (spec.target, json.dumps(spec.arguments, sort_keys=True), spec.digest)
         if key not in _kept:
             forget()
@@ -257,7 +257,7 @@ def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> 
 
 
 def forget() -> None:
-    """Close the controller that is kept."""
+    """Close the cached controller."""
     from gensim2.rollout.controller_spec import close
 
     while _kept:
@@ -270,7 +270,7 @@ _kept: dict[tuple[str, str, str], Controller] = {}
 
 @lru_cache(maxsize=4096)
 def no_op_episode(scene: SceneConfig, seed: int) -> NoOpResult:
-    """Run the no-op baseline of this seed, cached: a search asks for the same seeds again and again."""
+    """Run the no-op baseline of a seed, with a cache for searches that repeat seeds."""
     from gensim2.rollout.no_op import no_op_baseline
 
     return no_op_baseline(simulator(scene), seed)

@@ -1,4 +1,4 @@
-"""Protocols of the loop: a body that acts and sees, and of a simulator what only it knows."""
+"""Interfaces of robots and of simulated worlds."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ Tree = dict[str, Any]
 
 
 class Body(Protocol):
-    """Robot that acts: a simulated one, or a real one.
+    """A simulated or a real robot.
 
     Attributes:
-        profile: of the robot.
-        waits: it stands still while a controller thinks. One that does not must be given an action every control step.
+        profile: profile of the robot.
+        waits: whether the robot waits for the controller; otherwise it needs an action in every control step.
     """
 
     profile: RobotProfile
     waits: bool
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """Begin an episode."""
+        """Start an episode."""
         ...
 
     def step(self, action: npt.ArrayLike) -> None:
-        """One control step, (m + 1,)."""
+        """Make one control step with an action (m + 1,)."""
         ...
 
     def observe(self, spec: ObservationSpec) -> Observation:
@@ -50,7 +50,7 @@ class Body(Protocol):
 
 
 class World(Body, Protocol):
-    """One task's scene: a body, and what only a simulator knows. :class:`gensim2.sim.headless.HeadlessEnv` is one."""
+    """A task's scene in a simulator, for example :class:`gensim2.sim.headless.HeadlessEnv`."""
 
     task: TaskSpec
     seed: int
@@ -59,47 +59,47 @@ class World(Body, Protocol):
 
     @property
     def initial_state(self) -> InitialState:
-        """Initial state that the last reset drew."""
+        """Initial state of the last reset."""
         ...
 
     @property
     def reset_options(self) -> Mapping[str, Any]:
-        """Options with which a reset to the same seed gives the same scene."""
+        """Options with which a reset with the same seed reproduces the scene."""
         ...
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
-        """A fresh scene; without the arm where ``robot`` is False."""
+        """Make a new scene, without the arm if ``robot`` is False."""
         ...
 
     def wait(self) -> None:
-        """One control step in which nothing is commanded."""
+        """Make one control step without a command."""
         ...
 
     def measure(self) -> Measurement:
-        """Everything that criteria and verdicts go by; without the arm as if it stood as at the start."""
+        """Return everything that criteria depend on; a missing arm counts as being at its start."""
         ...
 
     def scene_state(self) -> Scene:
-        """The scene as a planner sees it."""
+        """Return the scene for a planner."""
         ...
 
     def touched(self) -> frozenset[str]:
-        """Names of the objects that any part of the robot touches."""
+        """Return the names of the objects that the robot touches."""
         ...
 
     @property
     def is_finite(self) -> bool:
-        """Whether physics still gives numbers."""
+        """Return whether the simulation has finite values."""
         ...
 
     def state(self) -> Tree:
-        """ManiSkill's ``env_states`` of this instant."""
+        """Return ManiSkill's ``env_states`` of this instant."""
         ...
 
     def observation(self, tool: bool = True) -> npt.NDArray[np.float32]:
-        """(D,) the environment's state observation of this instant: qpos, qvel, pose of the tool (7,), objects.
+        """Return the environment's state observation (D,): qpos, qvel, tool pose (7,), objects.
 
         Args:
-            tool: False leaves NaN for the tool's pose, for recordings, which work out those of an episode at once.
+            tool: False leaves NaN for the tool pose, for recordings, which compute the poses of all instants at once.
         """
         ...
