@@ -1,4 +1,4 @@
-"""Robot profiles as ManiSkill's agents: its own where it has one, else one made of the profile."""
+"""Register robot profiles as ManiSkill agents, unless ManiSkill has the agent already."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gensim2.core.errors import InputError
 from gensim2.robots import RobotProfile
 
 PATCH_RADIUS = 0.1
-"""Metres; of the fingers' surface, as ManiSkill's agents have it."""
+"""Patch radius of the fingers' surface (m), as in ManiSkill's agents."""
 
 
 def urdf_config(friction: float, pads: Sequence[str]) -> dict[str, Any]:
-    """Materials of the pads (names of links), as ManiSkill's agents and their loader take them."""
+    """Return the materials of the pads (names of links) in the format of ManiSkill's agents and loader."""
     pad = {"material": "gripper", "patch_radius": PATCH_RADIUS, "min_patch_radius": PATCH_RADIUS}
     return {
         "_materials": {"gripper": {"static_friction": friction, "dynamic_friction": friction, "restitution": 0.0}},
@@ -27,11 +27,11 @@ def urdf_config(friction: float, pads: Sequence[str]) -> dict[str, Any]:
 
 
 def register(profile: RobotProfile) -> None:
-    """Make ``profile.agent`` known to ManiSkill where it is not; a second time does nothing.
+    """Register ``profile.agent`` with ManiSkill unless it is known.
 
     Raises:
-        MissingExtraError: the robot's files come with a package that is not installed.
-        InputError: the name is that of another agent.
+        MissingExtraError: the robot's files are in a package that is not installed.
+        InputError: another agent has the same name.
     """
     known = REGISTERED_AGENTS.get(profile.agent)
     if known is not None:
@@ -53,7 +53,7 @@ def register(profile: RobotProfile) -> None:
 
 
 class ProfileAgent(BaseAgent):  # type: ignore[misc]
-    """An agent with the numbers of a profile; its control modes are ``pd_joint_pos`` and ``pd_joint_delta_pos``."""
+    """Agent made from a profile, with the control modes ``pd_joint_pos`` and ``pd_joint_delta_pos``."""
 
     profile: ClassVar[RobotProfile]
 
@@ -92,7 +92,7 @@ class ProfileAgent(BaseAgent):  # type: ignore[misc]
         return modes
 
     def _load_articulation(self, initial_pose: Any = None) -> None:
-        """As ManiSkill does, with fixed tendons between joints that mimic only where the profile has them."""
+        """Load as in ManiSkill, but couple mimic joints with fixed tendons only if the profile says so."""
         loader = self.scene.create_urdf_loader()
         loader.name, loader.fix_root_link = self.uid, self.fix_root_link
         sapien_utils.apply_urdf_config(loader, sapien_utils.parse_urdf_config(self.urdf_config))

@@ -13,7 +13,7 @@ from gensim2.core.seeding import check_seed
 
 
 def check_one_of(value: Any, known: Sequence[str], field: str) -> None:
-    """Refuse what is not None and none of the known words."""
+    """Refuse a value that is neither None nor one of the known words."""
     if value is not None and value not in known:
         raise InputError(f"must be one of {', '.join(known)}, is {value!r}", field=field)
 
@@ -30,11 +30,11 @@ OBS_MODES = (
     "rgb+depth",
     "sensor_data",
 )
-"""Observation modes that errors name: the project's own first, then ManiSkill's most used; joined by ``+``."""
+"""Observation modes listed in errors: this project's own, then ManiSkill's most common; they can be joined by ``+``."""
 
 
 def check_obs_mode(obs_mode: str | None, error: Exception) -> None:
-    """Refuse an observation mode that ManiSkill has refused, naming those that there are.
+    """Raise a clear error if ManiSkill refused the observation mode.
 
     Raises:
         InputError: ``error`` is about the observation mode.
@@ -45,7 +45,7 @@ def check_obs_mode(obs_mode: str | None, error: Exception) -> None:
 
 
 def checked_seed(seed: Any) -> int | None:
-    """The seed of a reset: a whole number, one in a list as vectorized environments give it, or None."""
+    """Return the seed of a reset: an integer, the only entry of a list as from vectorized environments, or None."""
     if isinstance(seed, list | tuple | np.ndarray) and np.ndim(seed) == 1:
         if len(seed) != 1:
             raise InputError(f"one environment takes one seed, not {len(seed)}", field="seed")
@@ -54,9 +54,9 @@ def checked_seed(seed: Any) -> int | None:
 
 
 def checked_action(action: Any, size: int, control_modes: Sequence[str]) -> Any:
-    """An action as the simulator takes it: None (no command), (size,) or (1, size) finite numbers.
+    """Return a checked action: None (no command), or (size,) or (1, size) finite numbers.
 
-    ManiSkill's ``{"control_mode": ..., "action": ...}`` goes through with its numbers checked: the size is another.
+    In ManiSkill's ``{"control_mode": ..., "action": ...}`` only finiteness is checked, because the size may differ.
     """
     if action is None:
         return None

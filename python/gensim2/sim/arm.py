@@ -1,4 +1,4 @@
-"""Robot of the headless environment: built from its profile, driven as its controller ``pd_joint_pos`` drives it."""
+"""Robot of the headless environment, built from its profile and driven like ManiSkill's ``pd_joint_pos`` controller."""
 
 from __future__ import annotations
 
@@ -23,12 +23,11 @@ from gensim2.sim.sapien_parts import SapienRobot
 
 
 class Arm:
-    """A robot in a scene of SAPIEN.
+    """A robot in a SAPIEN scene.
 
     Args:
-        scene: where it is built; it stands at the profile's start.
-        profile: of the robot.
-        physics: of the scene.
+        scene: scene, in which the robot is built at the profile's start.
+        physics: physics of the scene.
     """
 
     def __init__(self, scene: sapien.Scene, profile: RobotProfile, physics: Physics) -> None:
@@ -50,11 +49,11 @@ class Arm:
         self.reader = SapienRobot(profile, self.articulation)
 
     def put(self, start: Sequence[float]) -> None:
-        """Stand where an episode starts: (n,) all active joints, rad and m."""
+        """Set the joints (n,) to the start of an episode, rad and m."""
         self.articulation.qpos = np.array(start, dtype=np.float32)
 
     def drive(self, action: npt.ArrayLike) -> None:
-        """Set the drives' targets.
+        """Set the targets of the drives.
 
         Raises:
             InputError: the action has the wrong shape or is not finite.
@@ -71,15 +70,15 @@ class Arm:
 def parsed(
     urdf: str, config: Mapping[str, Any] | None = None, prepare: Callable[[URDFLoader], None] | None = None
 ) -> ArticulationBuilder:
-    """A builder for a URDF, without its visuals.
+    """Return a builder for a URDF, without its visuals.
 
     Args:
         urdf: path of the file.
-        config: ManiSkill's: materials and patch radii of links.
-        prepare: is given the loader before it reads.
+        config: ManiSkill's configuration of materials and patch radii of links.
+        prepare: function called with the loader before it reads the file.
     """
     loader = URDFLoader()
-    # The loader wants a scene for its builders only; a parsed builder builds into any.
+    # The loader needs a scene only for its builders; the parsed builder can build into any scene.
     loader.set_scene(sapien.Scene([physx.PhysxCpuSystem()]))
     loader.fix_root_link = True
     if config is not None:
@@ -95,10 +94,10 @@ def parsed(
 def built(
     builder: ArticulationBuilder, scene: sapien.Scene, pose: sapien.Pose, *, tendons: bool = True
 ) -> physx.PhysxArticulation:
-    """Build an articulation in a scene, its root at ``pose``.
+    """Build an articulation in a scene with its root at ``pose``.
 
     Args:
-        tendons: whether PhysX couples joints that mimic one another.
+        tendons: whether PhysX couples mimic joints.
     """
     builder.set_scene(scene)
     builder.set_initial_pose(pose)
@@ -116,7 +115,7 @@ def _without_visuals(build_link: Callable[[Any, Any], None]) -> Callable[[Any, A
 
 
 def base_pose(profile: RobotProfile) -> sapien.Pose:
-    """The base in the world."""
+    """Return the pose of the base in the world frame."""
     return sapien.Pose(p=list(profile.base_position), q=list(profile.base_quaternion))
 
 
@@ -126,5 +125,5 @@ def _builder(profile: RobotProfile, name: str) -> ArticulationBuilder:
 
 @cache
 def _parsed(urdf: str, friction: float, pads: tuple[str, ...], name: str) -> ArticulationBuilder:
-    """One for each physics: builders keep the default material that there was when they were parsed."""
+    """Parse a robot once for each physics, because builders keep the default material at the time of parsing."""
     return parsed(urdf, urdf_config(friction, pads))

@@ -1,4 +1,4 @@
-"""Physics engines: what the headless environment asks of a scene in one of them, and which classes are such scenes."""
+"""Interface of scenes in a physics engine, and the classes that implement it."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class EngineScene(Protocol):
     """A scene in a physics engine: bodies, drives and contacts.
 
     Attributes:
-        parts: the objects, by name, in the task's order.
-        robot: None where the scene was built without it.
+        parts: objects by name, in the task's order.
+        robot: the robot; None in a scene without it.
     """
 
     @property
@@ -34,43 +34,42 @@ class EngineScene(Protocol):
         """Build the scene of an initial state.
 
         Args:
-            profile: of the robot.
-            physics: the word for its switches.
-            setup: where everything stands.
-            robot: leave the robot out where False.
+            physics: name of the physics.
+            setup: initial state.
+            robot: False leaves the robot out.
         """
 
     @staticmethod
     def prepare(profile: RobotProfile, physics: str) -> None:
-        """Read and build what every scene of a process needs and only the first would pay for."""
+        """Load everything that all scenes of a process need."""
 
     def drive(self, action: npt.ArrayLike) -> None:
-        """Set the targets of the robot's drives; (m + 1,) as an action has them."""
+        """Set the targets of the robot's drives from an action (m + 1,)."""
 
     def step(self) -> None:
-        """Simulate one step of the robot's ``physics_hz``."""
+        """Simulate one step at the robot's ``physics_hz``."""
 
     def touched(self) -> frozenset[str]:
-        """Return the names of the objects that any part of the robot presses against."""
+        """Return the names of the objects in contact with the robot."""
 
     def pressing_force(self) -> float:
-        """Return the force (N) of all contacts of the robot with something else in the last step."""
+        """Return the total contact force (N) on the robot in the last step."""
 
     def robot_state(self) -> Row:
-        """(13 + 2 n,) ManiSkill's: root pose, root velocities, qpos, qvel of the robot."""
+        """Return ManiSkill's state (13 + 2 n,) of the robot: root pose, root velocities, qpos, qvel."""
 
     def snapshot(self) -> tuple[Array, str]:
-        """Return the full state of the physics, and a digest of the scene to which it belongs.
+        """Return the full physics state, and a digest of its scene.
 
         Raises:
-            InputError: the engine cannot go on from a stored state bit for bit.
+            InputError: the engine cannot continue from a stored state bit for bit.
         """
 
     def restore(self, state: Array, scene: str) -> None:
-        """Go on from a state of the scene with this digest.
+        """Set a physics state of the scene with the given digest.
 
         Raises:
-            InputError: the engine cannot, or the digest is that of another scene.
+            InputError: the engine cannot, or the digest is of another scene.
         """
 
 
@@ -81,7 +80,7 @@ _CLASSES: Mapping[Engine, tuple[str, str]] = {
 
 
 def scene_class(engine: Engine) -> type[EngineScene]:
-    """Return the class of an engine's scenes; only its own packages are imported.
+    """Return the scene class of an engine, and import only this engine's packages.
 
     Raises:
         MissingExtraError: the engine is not installed.
@@ -91,10 +90,10 @@ def scene_class(engine: Engine) -> type[EngineScene]:
 
 
 def checked_command(action: npt.ArrayLike, size: int) -> npt.NDArray[np.float32]:
-    """(size,) an action.
+    """Return a checked action (size,).
 
     Raises:
-        InputError: it has another shape or is not finite.
+        InputError: the action has another shape or is not finite.
     """
     command = np.asarray(action, dtype=np.float32)
     if command.shape != (size,) or not np.isfinite(command).all():

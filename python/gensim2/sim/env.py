@@ -1,4 +1,4 @@
-"""The one environment: a robot at a table with the objects of a task spec."""
+"""The simulated environment: a robot at a table with the objects of a task."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ from gensim2.tasks.spec import TaskSpec
 
 
 def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: Physics) -> SapienPart:
-    """Build an object where it was put.
+    """Build an object at its initial pose.
 
     Raises:
-        InputError: the physics engine made something else of it.
+        InputError: the physics engine changed the object.
     """
     pose = sapien.Pose(thing.position, thing.quaternion)
     if isinstance(thing.model, RigidObject):
@@ -62,10 +62,9 @@ def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: P
 
 @cache
 def spare_imports_from_collection() -> None:
-    """Exempt what is alive now, ManiSkill's and torch's modules above all, from garbage collection, once a
-    process.
+    """Exempt all present objects, such as ManiSkill's and torch's modules, from garbage collection, once per process.
 
-    ManiSkill runs a full collection at every reset; this makes it cost 2 ms instead of 180.
+    ManiSkill runs a full collection at every reset; this reduces it from 180 ms to 2 ms.
     """
     gc.collect()
     gc.freeze()
@@ -74,35 +73,40 @@ def spare_imports_from_collection() -> None:
 class GenSim2Env(RaycastObservations):
     """A robot at a table with the objects of a task.
 
-    Physics runs on the CPU, at the rate that the robot says, as control does. PhysX settings are ManiSkill's, stated
-    and fixed here: TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration.
-    Every reset builds the scene anew, which makes it bitwise repeatable: ``reset(seed=s)`` gives the same
-    scene, and the same actions the same states, in any process, with pictures or without.
+    Physics and control run on the CPU at the robot's rates. The PhysX settings are fixed to ManiSkill's: TGS solver,
+    persistent contact manifold, 15 position iterations and 1 velocity iteration. Every reset rebuilds the scene, which
+    makes
+    it bitwise repeatable: ``reset(seed=s)`` gives the same scene, and the same actions the same states, in any process,
+    with
+    or without images.
 
-    An action of the default control mode ``pd_joint_pos`` is (m + 1,): targets of the m arm joints in rad (the
-    Panda's 7), and the gripper from -1 (closed) to 1 (open).
+    An action of the default control mode ``pd_joint_pos`` is (m + 1,): targets of the m arm joints in rad (7 for the
+    Panda),
+    and the gripper from -1 (closed) to 1 (open).
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, or its fields as a dict; or a
-            :class:`~gensim2.scenes.config.SceneConfig`, which says all of the scene.
-        obs_mode: ManiSkill's, or ``"raycast"``: an :class:`~gensim2.perception.Observation` without a renderer, its
+        task: name of a library task, a :class:`TaskSpec`, or its fields as a dict; or a complete
+            :class:`~gensim2.scenes.config.SceneConfig`.
+        obs_mode: a mode of ManiSkill, or ``"raycast"``: an :class:`~gensim2.perception.Observation` without a renderer,
+            as
             arrays by name (docs/guides/observations.md).
         observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
-        reward_mode: ``"sparse"`` (default; 1 where the goal holds, else 0), ``"normalized_dense"`` (0 to 1, rising as
-            steps are done; it keeps which of them have been, so it is read once a step) or ``"none"``.
-        render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
-            works.
-        kwargs: those of :class:`~gensim2.scenes.config.SceneArguments`, and as in ManiSkill's ``BaseEnv``;
-            ``robot_uids`` follows from ``robot``. A reset draws one of ``instances``; an id need not be one that the
-            library lists: any number up to 10^6 is a generated object. It is said of the first object of whose class
-            there are several; or of any, as a mapping from an object's name.
+        reward_mode: ``"sparse"`` (default; 1 if the goal holds, else 0), ``"normalized_dense"`` (0 to 1, rising as
+            steps are completed; it remembers completed steps, so evaluate it once per step) or ``"none"``.
+        render_backend: ``"auto"`` renders only if observations or ``render_mode`` need it and a driver works.
+        kwargs: arguments of :class:`~gensim2.scenes.config.SceneArguments` and of ManiSkill's ``BaseEnv``;
+            ``robot_uids`` follows from ``robot``. A reset chooses one of ``instances``. An id may also be an unlisted
+            generated object, any number up to 10^6. It applies to the first object whose class has several instances;
+            a mapping from object names applies to any object.
 
-    Reset options, each of which replaces what would have been drawn: ``instance`` (id), ``openness`` (0..1),
-    ``offset`` (x, y, yaw from where it stands before) or ``pose`` (root in the world: x, y, z, qw, qx, qy,
-    qz). Where a task has several objects, each is a mapping from an object's name to its value.
+    Reset options replace random draws: ``instance`` (id), ``openness`` (0..1), ``offset`` (x, y, yaw relative to the
+    default
+    pose) or ``pose`` (root in the world frame: x, y, z, qw, qx, qy, qz). For a task with several objects each is a
+    mapping
+    from an object's name to its value.
 
     Raises:
-        InputError: an argument or a reset option is wrong.
+        InputError: an argument or a reset option is invalid.
     """
 
     _robot: SapienRobot
@@ -179,18 +183,17 @@ class GenSim2Env(RaycastObservations):
 
     @property
     def max_episode_steps(self) -> int:
-        """Control steps after which an episode is truncated."""
+        """Number of control steps after which an episode is truncated."""
         return self.profile.steps(self.task.max_seconds)
 
     @property
     def instance_ids(self) -> Mapping[str, tuple[str, ...]]:
-        """Ids that a reset draws from, by object."""
+        """Ids that a reset chooses from, by object."""
         return self._sampler.instances
 
     @property
     def spec(self) -> EnvSpec | None:
-        """The spec that ``gym.make`` gave, its id with the module to import in front, so that a recorder
-        writes an id that works in a process that knows nothing of gensim2."""
+        """Spec of ``gym.make``, with the module in its id, so that recorders write an id that works in any process."""
         return self._spec
 
     @spec.setter
@@ -201,8 +204,6 @@ class GenSim2Env(RaycastObservations):
             assert spec is not None
             spec.kwargs = recordable(spec.kwargs)
         self._spec = spec
-
-    # ------------------------------------------------------------------ scene
 
     @property
     def _default_sim_config(self) -> SimConfig:
@@ -219,10 +220,10 @@ class GenSim2Env(RaycastObservations):
     def reset(
         self, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Build a fresh scene; see the class for ``options``. Seeds are whole numbers from 0 to 2**32 - 1.
+        """Build a new scene; the class describes ``options``. Seeds are integers from 0 to 2**32 - 1.
 
         Raises:
-            InputError: a seed or an option cannot be used.
+            InputError: a seed or an option is invalid.
             ClosedEnvError: the environment is closed.
         """
         self._require_open()
@@ -267,11 +268,11 @@ class GenSim2Env(RaycastObservations):
             part.before_substep()
 
     def show(self, states: Mapping[str, Any], step: int) -> None:
-        """Put everything where it stood at an instant of a recording, whatever engine simulated it.
+        """Set the scene to a recorded instant, of any engine.
 
         Args:
             states: ManiSkill's ``env_states``.
-            step: which of their rows.
+            step: index of the row.
         """
         self.set_state_dict(
             {
@@ -280,14 +281,12 @@ class GenSim2Env(RaycastObservations):
             }
         )
 
-    # ------------------------------------------------------------ measurement
-
     def scene_state(self) -> Scene:
-        """The scene as the planner sees it, in the robot base frame; geometry only."""
+        """Return the scene for the planner, in the robot's base frame."""
         return read_scene(self._robot, self.parts)
 
     def evaluate(self) -> dict[str, Any]:
-        """``success`` (1,) bool: all of the task's goal holds now; ``openness``: (1,) of each articulated object."""
+        """Return ``success`` (1,), whether the goal holds, and ``openness`` (1,) of each articulated object."""
         measured = self.measure()
         return {
             "success": torch.tensor([all_hold(self.task.success, measured)]),
@@ -295,16 +294,18 @@ class GenSim2Env(RaycastObservations):
         }
 
     def compute_sparse_reward(self, obs: Any, action: torch.Tensor, info: dict[str, Any]) -> torch.Tensor:
-        """(1,) float: 1 where the task's goal holds, else 0."""
+        """Return the reward (1,): 1 if the goal holds, else 0."""
         reward: torch.Tensor = info["success"].to(torch.float32)
         return reward
 
     def compute_normalized_dense_reward(self, obs: Any, action: torch.Tensor, info: dict[str, Any]) -> torch.Tensor:
-        """(1,) float from 0 to 1: :class:`~gensim2.tasks.reward.StagedReward`, 1 exactly where the goal holds."""
+        """Return the reward (1,) from 0 to 1 of :class:`~gensim2.tasks.reward.StagedReward`; 1 exactly if the goal
+        holds.
+        """
         return torch.tensor([self._reward.of(self.measure())], dtype=torch.float32)
 
     def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """One control step. ``truncated`` from ``max_episode_steps`` on.
+        """Make one control step; ``truncated`` is True from ``max_episode_steps`` on.
 
         Raises:
             InputError: the action has the wrong shape or is not finite.
@@ -317,7 +318,7 @@ class GenSim2Env(RaycastObservations):
         return obs, reward, terminated, self.elapsed_steps >= self.max_episode_steps, info
 
     def close(self) -> None:
-        """End the simulation; a second time does nothing. Afterwards every other call is a ClosedEnvError."""
+        """End the simulation, which may be repeated; any other call after it raises ClosedEnvError."""
         if not self._closed:
             self._closed = True
             super().close()
@@ -327,10 +328,10 @@ class GenSim2Env(RaycastObservations):
             raise ClosedEnvError("the environment is closed; make a new one")
 
     def render(self) -> Any:
-        """As in ManiSkill.
+        """Render as in ManiSkill.
 
         Raises:
-            GenSim2Error: no Vulkan driver works, or rendering was switched off.
+            GenSim2Error: no Vulkan driver works, or rendering is off.
         """
         self._require_open()
         if self.render_mode is not None and not self.scene.can_render():

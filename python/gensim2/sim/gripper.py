@@ -1,4 +1,4 @@
-"""The gripper of a robot in a scene: what follows a motor, and what nothing moves."""
+"""The robot's gripper in a scene: follower joints and passive joints."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from gensim2.robots import JointDrive, RobotProfile
 
 
 class Transmission:
-    """Joints of a gripper without motors, whoever built the robot: followers are driven to where what they follow is.
+    """Drives of a gripper's joints without motors: followers are driven to the position of their motor.
 
-    PhysX's own coupling, fixed tendons, adds positions of joints in rad and m along one chain; here a follower is a
-    drive of its own, whose target is set before each physics step. Passive joints are springs to 0.
+    PhysX's own coupling by fixed tendons would add positions in rad and m along one chain. Here each follower has a
+    drive,
+    whose target is set before every physics step. Passive joints are springs with target 0.
 
     Args:
-        robot: as it was built.
-        profile: of the robot.
+        robot: built robot.
+        profile: its profile.
     """
 
     def __init__(self, robot: physx.PhysxArticulation, profile: RobotProfile) -> None:
@@ -33,7 +34,7 @@ class Transmission:
             _drive(joints[name], simulation.passive)
 
     def before_substep(self) -> None:
-        """Set the followers' targets to where their motors are."""
+        """Set the followers' targets to the positions of their motors."""
         if not self._follow:
             return
         q = self._robot.qpos
@@ -42,13 +43,13 @@ class Transmission:
 
 
 def robot_joints(robot: physx.PhysxArticulation, profile: RobotProfile) -> dict[str, physx.PhysxArticulationJoint]:
-    """Active joints by the names of the URDF, in order.
+    """Return the active joints by their names in the URDF, in order.
 
     Raises:
-        InputError: the physics engine has them in another order than the profile.
+        InputError: the physics engine has another order than the profile.
     """
     names, built = (*profile.arm_joints, *profile.gripper.joints), robot.active_joints
-    # ManiSkill puts the scene's and the robot's name before a joint's.
+    # ManiSkill prefixes joint names with the names of scene and robot.
     if len(names) != len(built) or not all(joint.name.endswith(name) for name, joint in zip(names, built, strict=True)):
         raise InputError(
             f"SAPIEN has the joints {', '.join(joint.name for joint in built)}",

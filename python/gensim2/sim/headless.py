@@ -1,9 +1,10 @@
-"""Physics-only environment in one of the engines; nothing here imports an engine that is not asked for.
+"""Physics-only environment in one of the engines; only the selected engine is imported.
 
-In SAPIEN it is the scene of :class:`~gensim2.sim.env.GenSim2Env`, without ManiSkill around each step: the same bodies
-in the same order, the same drives and numbers. For the same actions its states are those of the registered
-environment, bit for bit. It leaves out what a search or a collection never reads: tensors of one row, rewards, and
-observations that were not asked for.
+With SAPIEN it builds the same scene as :class:`~gensim2.sim.env.GenSim2Env`, with the same bodies in the same order,
+but
+without ManiSkill's work in each step. For the same actions its states equal those of the registered environment, bit
+for
+bit. It leaves out what searches and collections do not need: batched tensors, rewards, and unrequested observations.
 """
 
 from __future__ import annotations
@@ -38,18 +39,18 @@ if TYPE_CHECKING:
 
 
 NO_POSE = np.full(7, np.nan, dtype=np.float32)
-"""Pose of a tool that is not worked out."""
+"""Pose of a tool that is not computed."""
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """State of an episode from which it goes on.
+    """State of an episode from which it can continue.
 
     Attributes:
-        physics: (D,) of the engine.
-        scene: digest of the scene to which the state belongs.
+        physics: (D,) state of the engine.
+        scene: digest of its scene.
         elapsed_steps: control steps since the reset.
-        command: last command of the gripper.
+        command: last gripper command.
     """
 
     physics: Array
@@ -73,13 +74,14 @@ class HeadlessEnv(SceneAccessMixin):
         ```
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, or its fields; or a
-            :class:`~gensim2.scenes.config.SceneConfig`, which says everything.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset draws one of ``instances``; an id is said of
-            the first object of whose class there are several, or of any, as a mapping from an object's name.
+        task: name of a library task, a :class:`TaskSpec`, or its fields; or a complete
+            :class:`~gensim2.scenes.config.SceneConfig`.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset chooses one of ``instances``; an id applies
+            to
+            the first object whose class has several instances, a mapping from object names to any object.
 
     Raises:
-        InputError: an argument is wrong.
+        InputError: an argument is invalid.
     """
 
     control_mode = "pd_joint_pos"
@@ -99,26 +101,24 @@ class HeadlessEnv(SceneAccessMixin):
 
     @property
     def max_episode_steps(self) -> int:
-        """Control steps after which an episode is truncated."""
+        """Number of control steps after which an episode is truncated."""
         return self.profile.steps(self.task.max_seconds)
 
-    # ------------------------------------------------------------------ scene
-
     def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
-        """Build a fresh scene.
+        """Build a new scene.
 
         Args:
             seed: 0 to 2**32 - 1.
             options: as in :class:`~gensim2.sim.env.GenSim2Env`.
-            robot: leave the arm out where False, to see what the objects do by themselves.
+            robot: False leaves the robot out, for the no-op baseline.
 
         Raises:
-            InputError: a seed or an option cannot be used, or an object's files.
+            InputError: a seed, an option, or an object's file is invalid.
         """
         read_options(options, tuple(self.task.objects))
         self.seed = check_seed(seed)
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
-        # What a seed drew is drawn once, for the episode and for its no-op baseline.
+        # The initial state of a seed is drawn once, for the episode and for its no-op baseline.
         if options or self._drawn is None or self._drawn[0] != self.seed:
             setup = self._sampler.sample(self.seed, options)
             self._drawn = None if options else (self.seed, setup)
@@ -137,10 +137,8 @@ class HeadlessEnv(SceneAccessMixin):
             raise GenSim2Error("the scene was built without the robot")
         return self._robot
 
-    # ------------------------------------------------------------------- time
-
     def step(self, action: npt.ArrayLike) -> None:
-        """One control step.
+        """Make one control step.
 
         Args:
             action: (m + 1,): targets of the m arm joints in rad, and the gripper from -1 (closed) to 1 (open).
@@ -152,10 +150,10 @@ class HeadlessEnv(SceneAccessMixin):
         self._advance()
 
     def substep(self, action: npt.ArrayLike) -> None:
-        """One step of the physics, a part of a control step: for devices that are driven at its rate.
+        """Make one physics step, a part of a control step, for devices that run at the physics rate.
 
         Args:
-            action: as of :meth:`step`.
+            action: as for :meth:`step`.
 
         Raises:
             InputError: the action has the wrong shape or is not finite.
@@ -164,12 +162,12 @@ class HeadlessEnv(SceneAccessMixin):
         self._scene.step()
 
     def pressing_force(self) -> float:
-        """Force (N) with which everything else pressed on the robot in the last step of the physics, all in all."""
+        """Return the total contact force (N) on the robot in the last physics step."""
         assert self._reader
         return self._scene.pressing_force()
 
     def wait(self) -> None:
-        """One control step in which nothing is commanded."""
+        """Make one control step without a command."""
         assert self.initial_state
         self._advance()
 
@@ -184,75 +182,74 @@ class HeadlessEnv(SceneAccessMixin):
         self.elapsed_steps += 1
 
     def snapshot(self) -> Snapshot:
-        """Return the state of this instant, from which :meth:`restore` goes on bit for bit.
+        """Return the present state, from which :meth:`restore` continues bit for bit.
 
         Raises:
-            InputError: the engine is ``sapien``, which cannot.
+            InputError: the engine is ``sapien``, which cannot do this.
         """
         assert self.initial_state
         return Snapshot(*self._scene.snapshot(), self.elapsed_steps, self._command)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go on from a state of the scene that the last reset built, in this process or another.
+        """Continue from a state of the scene of the last reset, in this process or another.
 
         Raises:
-            InputError: the engine cannot, or the state is that of another scene.
+            InputError: the engine cannot do this, or the state is of another scene.
         """
         assert self.initial_state
         self._scene.restore(snapshot.physics, snapshot.scene)
         self.elapsed_steps, self._command = snapshot.elapsed_steps, snapshot.command
 
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:
-        """Disturb an object, as a bump would: what the seed drew (``setup``) stays as it was.
+        """Move an object, as by a bump; the recorded initial state is unchanged.
 
         Args:
-            name: of the object.
-            dx, dy: metres in the world.
-            dyaw: rad about the vertical through its root.
+            name: name of the object.
+            dx, dy: displacement in the world frame, m.
+            dyaw: rotation about the vertical axis through its root, rad.
 
         Raises:
-            InputError: there is no such object.
+            InputError: the object does not exist.
         """
         if name not in self.parts:
             raise InputError(f"there is no object {name!r}", field="name", remedy=near(name, self.parts))
         self._parts[name].nudge(dx, dy, dyaw)
 
-    # ------------------------------------------------------------ measurement
-
     @property
     def success(self) -> bool:
-        """Whether all of the task's goal holds now."""
+        """Whether the goal holds now."""
         return all_hold(self.task.success, self.measure())
 
     @property
     def is_finite(self) -> bool:
-        """Whether physics still gives numbers for the robot and the objects."""
+        """Return whether the states of robot and objects are finite."""
         robot = self._scene.robot
         arm = robot is None or bool(np.isfinite(robot.q).all())
         return arm and all(part.is_finite for part in self.parts.values())
 
     def touched(self) -> frozenset[str]:
-        """Names of the objects that any part of the robot presses against."""
+        """Return the names of the objects in contact with the robot."""
         assert self._reader
         return self._scene.touched()
 
     @property
     def q(self) -> npt.NDArray[np.float64]:
-        """(n,) robot joints, rad and m."""
+        """Robot joints (n,), rad and m."""
         return self._reader.q
 
     @property
     def qvel(self) -> npt.NDArray[np.float64]:
-        """(n,) velocities of the robot's joints, rad/s and m/s."""
+        """Velocities (n,) of the robot's joints, rad/s and m/s."""
         return self._reader.qvel
 
     def scene_state(self) -> Scene:
-        """The scene as the planner sees it, in the robot base frame; geometry only."""
+        """Return the scene for the planner, in the robot's base frame."""
         return read_scene(self._reader, self._parts)
 
     def state(self) -> dict[str, dict[str, Row]]:
-        """ManiSkill's ``env_states`` of this instant: root pose (7,) and velocities (6,) of each; of what has joints
-        also qpos and qvel (n,)."""
+        """Return ManiSkill's ``env_states``: root pose (7,) and velocities (6,), and for articulations qpos and qvel
+        (n,).
+        """
         assert self._reader
         found: dict[str, dict[str, Row]] = {
             "actors": {},
@@ -263,13 +260,13 @@ class HeadlessEnv(SceneAccessMixin):
         return found
 
     def observe(self, spec: ObservationSpec) -> Observation:
-        """Observe this instant; of one state, spec and seed always the same bytes.
+        """Observe this instant; the same state, spec and seed give the same bytes.
 
         Args:
-            spec: what is looked at. Colour pictures (``rgb``) cost a second scene with a renderer, 2 GB.
+            spec: observation spec. Colour images (``rgb``) need a second scene with a renderer, 2 GB.
 
         Raises:
-            EmptyCloudError: the cameras see nothing that a point cloud keeps.
+            EmptyCloudError: the point cloud is empty.
             InputError: an object's files cannot be used, or no renderer works for ``rgb``.
             MissingExtraError: Embree is not installed.
         """
@@ -307,12 +304,14 @@ class HeadlessEnv(SceneAccessMixin):
             self._pictures = None
 
     def observation(self, tool: bool = True) -> Row:
-        """(D,) the environment's state observation of this instant: qpos, qvel and tool pose of the robot, then of each
-        object in the task's order openness, qpos, pose of its root and of its moving link, or the pose alone of a
-        rigid one.
+        """Return the state observation (D,).
+
+        It has the robot's qpos, qvel and tool pose, and then for each object in the task's order its openness, qpos,
+        root pose
+        and moving link's pose, or for a rigid object its pose only.
 
         Args:
-            tool: False leaves NaN for the tool's pose.
+            tool: False leaves NaN for the tool pose.
         """
         q = self.q.astype(np.float32)
         tool_row = tool_pose(self.profile, q) if tool else NO_POSE

@@ -1,4 +1,4 @@
-"""An :class:`~gensim2.objects.types.ArticulatedObject` as an articulation in a ManiSkill scene."""
+"""Build an :class:`~gensim2.objects.types.ArticulatedObject` as an articulation in a ManiSkill scene."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gensim2.sim.physics import DEFAULT, Physics
 
 
 class _PhysicsOnlyLoader(URDFLoader):  # type: ignore[misc]
-    """Leaves the visuals out, whose materials could not be built without a Vulkan driver."""
+    """Loader without visuals, whose materials need a Vulkan driver."""
 
     def _build_link(self, link: Any, link_builder: Any) -> None:
         link.visuals = []
@@ -26,12 +26,14 @@ class _PhysicsOnlyLoader(URDFLoader):  # type: ignore[misc]
 
 
 HULL_TOLERANCE = 0.002
-"""Metres by which a collision shape may reach beyond the hull that it was made from, and fall short of it
-without a warning. SAPIEN puts a box in the place of a flat hull without a word."""
+"""Distance (m) by which a collision shape may exceed the hull that it was made from, or fall short of it without a
+warning. SAPIEN silently replaces a flat hull by a box.
+"""
 
 HULL_LOSS = 0.25
-"""Share of a hull's longest side that cooking may cut off, with a warning: of all hulls of the generated and
-the real objects one, a plate of 3 mm, loses more than 0.7 mm (37.5 of 256)."""
+"""Share of a hull's longest side that cooking may cut off with a warning. Of all generated and real objects' hulls only
+one, a plate of 3 mm, loses more than 0.7 mm (37.5 of 256).
+"""
 
 
 def load_object(
@@ -41,14 +43,13 @@ def load_object(
     name: str = "object",
     physics: Physics = DEFAULT,
 ) -> tuple[Articulation, tuple[str, ...]]:
-    """Build ``instance`` with its root fixed at ``pose`` (root to world); nothing resists its joint yet.
+    """Build ``instance`` with its root fixed at ``pose`` (root to world), without joint resistance.
 
     Returns:
-        the articulation, and a warning for each hull that lost a part when it was cooked.
+        The articulation, and a warning for each hull that was cut during cooking.
 
     Raises:
-        InputError: SAPIEN dropped or replaced a collision hull, or the joint is not the one that the instance
-            promises.
+        InputError: SAPIEN dropped or replaced a collision hull, or the joint differs from the instance's.
     """
     loader = URDFLoader() if scene.can_render() else _PhysicsOnlyLoader()
     loader.set_scene(scene)
@@ -63,18 +64,18 @@ def load_object(
 
 
 def link_name(link: physx.PhysxArticulationLinkComponent) -> str:
-    """Name of a link in its URDF; ManiSkill puts the scene's and the object's before it."""
+    """Return a link's name in its URDF; ManiSkill prefixes it with the names of scene and object."""
     return str(link.entity.name)
 
 
 def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObject) -> tuple[str, ...]:
-    """Make sure that the physics engine made of ``instance`` what it says.
+    """Check that the physics engine built ``instance`` correctly.
 
     Returns:
-        a warning for each hull that lost a part when it was cooked.
+        A warning for each hull that was cut during cooking.
 
     Raises:
-        InputError: SAPIEN dropped or replaced a collision hull, or the joint is not the one that the instance promises.
+        InputError: SAPIEN dropped or replaced a collision hull, or the joint differs from the instance's.
     """
     warnings: list[str] = []
     where = instance.urdf
@@ -116,13 +117,13 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
 
 
 def _joint_name(joint: physx.PhysxArticulationJoint) -> str:
-    """Name of a joint in its URDF: links and joints get the same prefix."""
+    """Return a joint's name in its URDF; joints have the same prefix as links."""
     prefix = joint.child_link.name.removesuffix(link_name(joint.child_link))
     return str(joint.name.removeprefix(prefix))
 
 
 def _corners(shape: physx.PhysxCollisionShape) -> npt.NDArray[np.float64]:
-    """(N, 3) vertices of a collision shape in the frame of its link."""
+    """Return the vertices (N, 3) of a collision shape in the link frame."""
     if isinstance(shape, physx.PhysxCollisionShapeBox):
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)
         local = signs * shape.half_size
@@ -133,13 +134,12 @@ def _corners(shape: physx.PhysxCollisionShape) -> npt.NDArray[np.float64]:
 
 
 def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionShape) -> tuple[float, float]:
-    """By how many metres the bounds of a collision shape fall short of those of the (N, 3) hull that it was made
-    from, and reach beyond them."""
+    """Return by how much (m) the bounds of a collision shape fall short of its hull (N, 3), and exceed it."""
     cooked = _corners(shape)
     beyond = np.concatenate([hull.min(axis=0) - cooked.min(axis=0), cooked.max(axis=0) - hull.max(axis=0)])
     return float(-beyond.min()), float(beyond.max())
 
 
 def cooking_is_fair(hull: npt.NDArray[np.float64], lost: float, grown: float) -> bool:
-    """Whether a shape that lost and grew so much still stands for its (N, 3) hull."""
+    """Return whether a shape with such deviations still represents its hull (N, 3)."""
     return grown <= HULL_TOLERANCE and lost <= HULL_LOSS * float(np.ptp(hull, axis=0).max())

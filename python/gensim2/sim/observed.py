@@ -1,4 +1,4 @@
-"""Observations of an environment: ManiSkill's observations, with where the objects stand, or the project's."""
+"""Observations of an environment: ManiSkill's with object poses added, or this project's."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from gensim2.sim.scene_state import SceneAccessMixin
 from gensim2.tasks.spec import TaskSpec
 
 RAYCAST = "raycast"
-"""Observation mode: :class:`~gensim2.perception.Observation`, without a renderer."""
+"""Observation mode that gives an :class:`~gensim2.perception.Observation` without a renderer."""
 
 
 class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
-    """Adds ``obs_mode="raycast"`` to ManiSkill's; ``_seen`` is None in all others."""
+    """Adds ``obs_mode="raycast"`` to ManiSkill's modes; ``_seen`` is None in all other modes."""
 
     profile: RobotProfile
     task: TaskSpec
@@ -30,7 +30,7 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
     _command = OPEN
 
     def _prepare_observations(self, seed: int) -> None:
-        """Take note of a new scene.
+        """Prepare the observation of a new scene.
 
         Raises:
             InputError: a file of the robot or of an object cannot be used.
@@ -42,13 +42,13 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
             self._observer = Observer(self.profile, models, self._seen, seed, self.task.description)
 
     def _note_command(self, action: Any) -> None:
-        """Take note of the gripper's command, the last number of an action; None commands nothing."""
+        """Remember the gripper command, the last number of an action; None is no command."""
         if action is not None:
             values = action["action"] if isinstance(action, Mapping) else action
             self._command = float(values.reshape(-1)[-1])
 
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Any]:
-        """Tool pose in the base frame; with state observations also where the objects and their links stand."""
+        """Return the tool pose in the base frame and, for state observations, the poses of objects and their links."""
         joints = self.agent.robot.get_qpos()[0].cpu().numpy()
         extra: dict[str, Any] = {TOOL_POSE: torch.from_numpy(tool_pose(self.profile, joints)[None])}
         if self.obs_mode_struct.use_state:
@@ -60,11 +60,10 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
 
     @property
     def obs_mode(self) -> str:
-        """Observation mode."""
         return str(super().obs_mode) if self._seen is None else RAYCAST
 
     def observe(self) -> Observation:
-        """The observation of this instant, of ``obs_mode="raycast"``."""
+        """Return the observation of this instant, for ``obs_mode="raycast"``."""
         rows = {
             kind: {name: row.cpu().numpy() for name, row in group.items()}
             for kind, group in self.get_state_dict().items()
@@ -72,7 +71,7 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
         return self._observer.observe(rows, int(self.elapsed_steps[0]), self._command)
 
     def get_obs(self, info: dict[str, Any] | None = None, unflattened: bool = False) -> Any:
-        """As in ManiSkill; of ``"raycast"`` the arrays of :meth:`observe` by name, (1, ...) each."""
+        """Observe as in ManiSkill; for ``"raycast"`` return the arrays of :meth:`observe` by name, (1, ...) each."""
         if self._seen is None:
             return super().get_obs(info, unflattened)
         return {name: torch.from_numpy(np.ascontiguousarray(array)[None]) for name, array in self.observe().items()}

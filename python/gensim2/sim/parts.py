@@ -1,4 +1,4 @@
-"""Objects as they stand in a simulated scene, whatever engine simulates it: what is read of them, and what moves them.
+"""Interface of objects in a simulated scene, independent of the engine.
 
 Each engine has a subclass of :class:`ArticulatedPart` and of :class:`RigidPart`.
 """
@@ -23,10 +23,10 @@ Row = npt.NDArray[np.float32]
 
 
 class LazyMapping(Mapping[str, Array]):
-    """Arrays by name: most measurements are looked at in one or two numbers, and there is one every control step.
+    """Arrays by name, computed on first access, because most measurements use only one or two of them.
 
     Args:
-        work_out: gives them all; must go by what was read before, not by the simulator.
+        work_out: function that returns all arrays from values read before, not from the simulator.
     """
 
     def __init__(self, work_out: Callable[[], Mapping[str, Array]]) -> None:
@@ -53,23 +53,23 @@ class LazyMapping(Mapping[str, Array]):
 
 
 class Frame(Protocol):
-    """Pose of a link in the world at the instant at which it was read."""
+    """Pose of a link in the world frame at the instant when it was read."""
 
     def row(self) -> Row:
-        """(7,) as ManiSkill writes it: position, quaternion (w, x, y, z)."""
+        """Return the pose (7,): position, quaternion (w, x, y, z)."""
 
     def matrix(self) -> Array:
-        """(4, 4)."""
+        """Return the pose as a matrix (4, 4)."""
 
 
 class ArticulatedPart(ABC):
     """An articulated object in a scene.
 
     Args:
-        name: its role in the task.
-        thing: the object and where it was put.
-        parents: name of each link's parent, None of the root; parents come before their children.
-        warnings: of building it.
+        name: role in the task.
+        thing: the object and its initial pose.
+        parents: name of each link's parent, None for the root; parents come before their children.
+        warnings: warnings from building it.
     """
 
     def __init__(
@@ -81,39 +81,37 @@ class ArticulatedPart(ABC):
         self._parents = parents
         self._root = next(link for link, parent in parents.items() if parent is None)
 
-    # ------------------------------------------------------------------- time
-
     @abstractmethod
     def put(self) -> None:
-        """Open it as far as it was drawn."""
+        """Set the joint to its initial openness."""
 
     @abstractmethod
     def nudge(self, dx: float, dy: float, dyaw: float) -> None:
-        """Shift it by metres in the world, and turn it by rad about the vertical through its root."""
-
-    # ------------------------------------------------------------ measurement
+        """Move the object by dx, dy (m, world frame) and rotate it by dyaw (rad) about the vertical axis through its
+        root.
+        """
 
     @property
     @abstractmethod
     def qpos(self) -> Row:
-        """(1,) value of its joint, rad or m."""
+        """Joint value (1,), rad or m."""
 
     @property
     @abstractmethod
     def qvel(self) -> Row:
-        """(1,) velocity of its joint, rad/s or m/s."""
+        """Joint velocity (1,), rad/s or m/s."""
 
     @abstractmethod
     def frame(self, link: str) -> Frame:
-        """Pose of a link at this instant."""
+        """Return the pose of a link at this instant."""
 
     @abstractmethod
     def state(self) -> Row:
-        """(15,) ManiSkill's: root pose, root velocities, qpos, qvel."""
+        """Return ManiSkill's state (15,): root pose, root velocities, qpos, qvel."""
 
     @property
     def openness(self) -> float:
-        """(q - lower) / (upper - lower); may leave 0..1 by the joint's give."""
+        """Openness (q - lower) / (upper - lower), which may slightly exceed 0..1."""
         joint = self.model.joint
         return (float(self.qpos[0]) - joint.lower) / (joint.upper - joint.lower)
 
@@ -125,11 +123,11 @@ class ArticulatedPart(ABC):
 
     @property
     def is_finite(self) -> bool:
-        """Whether physics still gives numbers for its root and its joint."""
+        """Return whether root pose and joint value are finite."""
         return bool(np.isfinite(self.frame(self._root).row()).all() and np.isfinite(self.qpos).all())
 
     def keypoints(self) -> Mapping[str, Array]:
-        """(3,) each, in the world, m."""
+        """Return the keypoints (3,) in the world frame, m."""
         frames = {name: self.frame(name) for name in self._keypoint_links}
 
         def work_out() -> dict[str, Array]:
@@ -143,8 +141,7 @@ class ArticulatedPart(ABC):
         return frozenset(point.link for point in self.model.keypoints.values())
 
     def observed(self) -> dict[str, Row]:
-        """Return its part of state observations: openness (1,), qpos (1,), poses of root and moving link (7,), in the
-        world."""
+        """Return its state observation: openness (1,), qpos (1,), poses of root and moving link (7,), world frame."""
         return {
             "openness": np.array([self.openness], dtype=np.float32),
             "qpos": np.asarray(self.qpos, dtype=np.float32),
@@ -153,7 +150,7 @@ class ArticulatedPart(ABC):
         }
 
     def scene_object(self, T_base_world: Array) -> SceneObject:
-        """It as the planner sees it."""
+        """Return the object for the planner."""
         poses = {name: T_base_world @ self.frame(name).matrix() for name in self._parents}
         joint = self.model.joint
         T_base_root = poses[self._root]
@@ -183,7 +180,7 @@ class ArticulatedPart(ABC):
 
     @cached_property
     def _moving(self) -> set[str]:
-        """Names of the joint's link and of everything fixed beneath it."""
+        """Return the names of the joint's link and of all links below it."""
         moved = {self.model.joint.child_link}
         for link, parent in self._parents.items():
             if parent in moved:
@@ -195,8 +192,8 @@ class RigidPart(ABC):
     """A rigid object in a scene.
 
     Args:
-        name: its role in the task.
-        thing: the object and where it was put.
+        name: role in the task.
+        thing: the object and its initial pose.
     """
 
     warnings: tuple[str, ...] = ()
@@ -205,53 +202,54 @@ class RigidPart(ABC):
         assert isinstance(thing.model, RigidObject)
         self.name, self.thing, self.model = name, thing, thing.model
 
-    # ------------------------------------------------------------------- time
-
     @abstractmethod
     def put(self) -> None:
-        """Let it stand where it was put."""
+        """Set the object to its initial pose."""
 
     @abstractmethod
     def nudge(self, dx: float, dy: float, dyaw: float) -> None:
-        """Shift it by metres in the world, and turn it by rad about the vertical through its origin; it is at rest."""
-
-    # ------------------------------------------------------------ measurement
+        """Move the object by dx, dy (m, world frame) and rotate it by dyaw (rad) about the vertical; its velocity
+        becomes
+        zero.
+        """
 
     @abstractmethod
     def frame(self) -> Frame:
-        """Pose of its body at this instant."""
+        """Return the pose of the body at this instant."""
 
     @abstractmethod
     def velocities(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
-        """(3,) of its centre of mass, m/s, and (3,) angular, rad/s, in the world."""
+        """Return the velocity (3,) of the centre of mass, m/s, and the angular velocity (3,), rad/s, in the world
+        frame.
+        """
 
     @property
     @abstractmethod
     def mass(self) -> float:
-        """kg, as physics has it."""
+        """Mass in the simulation, kg."""
 
     @property
     @abstractmethod
     def friction(self) -> float:
-        """Coefficient of its surface, as physics has it."""
+        """Friction coefficient in the simulation."""
 
     @property
     def pose(self) -> Array:
-        """(7,) in the world: x, y, z, qw, qx, qy, qz."""
+        """Pose (7,) in the world frame: x, y, z, qw, qx, qy, qz."""
         return self.frame().row().astype(np.float64)
 
     @property
     def speeds(self) -> Array:
-        """(2,) m/s of its centre of mass, and rad/s."""
+        """Speed of the centre of mass, m/s, and angular speed, rad/s, as (2,)."""
         return np.array([np.linalg.norm(np.asarray(velocity, dtype=np.float64)) for velocity in self.velocities()])
 
     @property
     def is_finite(self) -> bool:
-        """Whether physics still gives numbers for it."""
+        """Return whether the pose is finite."""
         return bool(np.isfinite(self.frame().row()).all())
 
     def keypoints(self) -> Mapping[str, Array]:
-        """(3,) each, in the world, m."""
+        """Return the keypoints (3,) in the world frame, m."""
         frame = self.frame()
 
         def work_out() -> dict[str, Array]:
@@ -261,15 +259,15 @@ class RigidPart(ABC):
         return LazyMapping(work_out)
 
     def state(self) -> Row:
-        """(13,) ManiSkill's: pose and velocities."""
+        """Return ManiSkill's state (13,): pose and velocities."""
         return np.concatenate([self.frame().row(), *self.velocities()]).astype(np.float32)
 
     def observed(self) -> dict[str, Row]:
-        """Return its part of state observations: its pose (7,) in the world."""
+        """Return its state observation: its pose (7,) in the world frame."""
         return {"pose": self.frame().row()}
 
     def scene_object(self, T_base_world: Array) -> SceneObject:
-        """It as the planner sees it."""
+        """Return the object for the planner."""
         pose = T_base_world @ self.frame().matrix()
         return SceneObject(
             name=self.name,

@@ -1,7 +1,8 @@
-"""Physics by switches: each the default, or as the original GenSim2 has it.
+"""Physics settings, each either the default or that of the original GenSim2.
 
-All that differs in a simulator is here: PhysX's settings, joint resistance, masses, contact materials and the fingers'
-drives. Both environments ask the same :class:`Physics` for it, so they stay the same.
+All differences of the simulator are here: PhysX settings, joint resistance, masses, contact materials and finger
+drives.
+Both environments use the same :class:`Physics`, so they stay identical.
 """
 
 from __future__ import annotations
@@ -28,34 +29,35 @@ from gensim2.sim.gripper import robot_joints
 Array = npt.NDArray[np.float64]
 
 RIGID_CONTACT_OFFSET = 0.005
-"""Metres, of every shape in a scene with rigid objects and our solver. With ManiSkill's 20 mm each finger is in
-speculative contact with some 60 hulls of a bowl at once, and PhysX throws the bowl although nothing touches it."""
+"""Contact offset (m) of every shape in scenes with rigid objects and the default solver. With ManiSkill's 20 mm each
+finger has speculative contacts with about 60 hulls of a bowl, and PhysX moves the bowl although nothing touches it.
+"""
 
 CREEP_SPEED = 5e-5
-"""Speed, rad/s or m/s, at which our friction gives its full torque: an object left alone creeps slower."""
+"""Speed (rad/s or m/s) at which the joint friction reaches its full torque; a joint at rest creeps slower."""
 
 
 class JointResistance(Protocol):
     """Resistance of an object's joint."""
 
     def update(self) -> None:
-        """To be called before each physics step."""
+        """Update the resistance; call it before each physics step."""
 
 
 class Physics:
-    """Physics by its switches; :func:`named_physics` gives it by name.
+    """Physics of a scene; :func:`named_physics` returns it by name.
 
     Args:
-        name: the word for its switches (:mod:`gensim2.scenes.physics`).
+        name: name of the physics (:mod:`gensim2.scenes.physics`).
 
     Attributes:
         name: the same.
-        switches: what it is made of.
-        scene_config: PhysX's settings, as ManiSkill takes them.
-        material: of what says nothing of its own.
+        switches: its individual settings.
+        scene_config: PhysX settings in ManiSkill's format.
+        material: default contact material.
 
     Raises:
-        InputError: there is no such physics.
+        InputError: the name is unknown.
     """
 
     def __init__(self, name: str) -> None:
@@ -75,7 +77,7 @@ class Physics:
         )
 
     def sim_config(self, robot: RobotProfile) -> SimConfig:
-        """Return ManiSkill's settings: these, and the robot's rates."""
+        """Return ManiSkill's simulation config with these settings and the robot's rates."""
         return SimConfig(
             sim_freq=robot.simulation.physics_hz,
             control_freq=robot.control_hz,
@@ -84,7 +86,7 @@ class Physics:
         )
 
     def new_system(self, robot: RobotProfile) -> physx.PhysxCpuSystem:
-        """A PhysX system with these settings at the robot's rate, as ManiSkill makes one."""
+        """Return a PhysX system with these settings at the robot's rate, as ManiSkill makes it."""
         scene = self.scene_config
         physx.set_shape_config(contact_offset=scene.contact_offset, rest_offset=scene.rest_offset)
         physx.set_body_config(
@@ -114,13 +116,13 @@ class Physics:
         profile: RobotProfile,
         classes: Collection[str] = (),
     ) -> None:
-        """Prepare a scene with rigid objects, once it is built.
+        """Prepare a built scene that has rigid objects.
 
         Args:
-            system: of the scene.
-            robot: None in a scene without one.
-            profile: of the robot.
-            classes: of the rigid objects.
+            system: PhysX system of the scene.
+            robot: the robot; None in a scene without it.
+            profile: its profile.
+            classes: classes of the rigid objects.
         """
         if self.switches.solver == "default":
             for body in (
@@ -141,7 +143,7 @@ class Physics:
                 _drive_fingers(robot, profile, **stiff)
 
     def prepare_robot(self, robot: physx.PhysxArticulation, profile: RobotProfile) -> None:
-        """Give a robot's links their contact materials and its fingers their drives, once it is built."""
+        """Set the contact materials of a built robot's links and the drives of its fingers."""
         if self.switches.materials == "original":
             material = self._material()
             for link in robot.links:
@@ -149,13 +151,13 @@ class Physics:
                     shape.set_physical_material(material)
         drive = profile.finger_drive
         if self.switches.gripper == "soft":
-            # No more damping than the drive has: profiles with the original's own fingers have none.
+            # The damping is limited to the drive's own: profiles with the original's fingers have none.
             _drive_fingers(robot, profile, drive.stiffness, min(drive.damping, self._constants.finger_damping))
         elif self.switches.gripper == "original":
             _drive_fingers(robot, profile, **self._constants.fingers)
 
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
-        """Say what the links of an articulated object weigh, before its URDF is parsed."""
+        """Set the density of an articulated object's links before its URDF is parsed."""
         if self.switches.densities == "default":
             return
         loader.set_density(self._constants.density(asset_class))
@@ -170,11 +172,11 @@ class Physics:
     def resist(
         self, articulation: physx.PhysxArticulation, instance: ArticulatedObject, factors: Factors = AS_IT_IS
     ) -> JointResistance:
-        """Give the joint of an articulated object, as it was built, its resistance."""
+        """Set the resistance of a built object's joint."""
         if self.switches.joint_friction == "original":
             coefficient = self._constants.joint_friction(instance.asset_class)
             return CoefficientFriction(articulation, factors.joint_friction * coefficient)
-        # It is made to hold the joint against gravity, so it goes with the mass.
+        # The friction holds the joint against gravity, so it is proportional to the mass.
         factor = factors.mass * factors.joint_friction
         joint = instance.joint
         return CoulombFriction(
@@ -182,13 +184,13 @@ class Physics:
         )
 
     def rigid_material(self, rigid: RigidObject) -> physx.PhysxMaterial:
-        """Contact material of a rigid object."""
+        """Return the contact material of a rigid object."""
         if self.switches.materials == "original":
             return self._material()
         return physx.PhysxMaterial(rigid.friction, rigid.friction, 0.0)
 
     def rigid_density(self, rigid: RigidObject) -> float | None:
-        """Of a rigid object's hulls, kg/m3; None: mass and inertia are its own."""
+        """Return the density of a rigid object's hulls, kg/m3; None: it has its own mass and inertia."""
         return self._constants.rigid_density if self.switches.densities == "original" else None
 
     def _material(self) -> physx.PhysxMaterial:
@@ -198,17 +200,19 @@ class Physics:
 class CoulombFriction:
     """Coulomb friction of ``joint.friction`` N m (or N), plus viscous damping.
 
-    PhysX's own articulation friction is a coefficient on the load that the joint carries: it has no threshold
-    in N m, and creeps (measured on a 0.3 kg lid, 0.26 N m of gravity torque: 0.23 rad in 5 s at coefficient
-    1). SAPIEN sets it to 0.05 by default, which is enough to double the resistance of a
-    moving lid; here it is 0.
+    PhysX's articulation friction is a coefficient on the joint's load. It has no threshold in N m and it creeps: a 0.3
+    kg lid
+    with a gravity torque of 0.26 N m moves 0.23 rad in 5 s at coefficient 1. SAPIEN's default of 0.05 doubles the
+    resistance
+    of a moving lid; here it is 0.
 
-    Instead a velocity drive with target zero and a force limit is Coulomb friction, regularized below
-    ``CREEP_SPEED``: with a limit of 0.5 N m the same lid creeps under 0.0002 rad in 5 s, holds at 0.98 of the
-    torque that should move it, and at 1.1 of it is as fast after 0.1 s as the excess torque makes it, to 1 %.
+    A velocity drive with target zero and a force limit acts as Coulomb friction that is regularized below
+    ``CREEP_SPEED``.
+    With a limit of 0.5 N m the same lid creeps less than 0.0002 rad in 5 s. It holds at 0.98 of the limit; at 1.1 of
+    the
+    limit its speed after 0.1 s agrees with the excess torque to 1 %.
 
-    The damping, at the joint's present speed, is added to the limit, so that it never reverses the motion however
-    light the link is.
+    Damping at the joint's present speed is added to the limit, so that it never reverses the motion of a light link.
     """
 
     def __init__(self, articulation: physx.PhysxArticulation, joint: MovingJoint) -> None:
@@ -234,7 +238,7 @@ class CoulombFriction:
 
 
 class CoefficientFriction:
-    """PhysX's articulation friction, a coefficient on the load that the joint carries; no drive, no damping."""
+    """PhysX's articulation friction, a coefficient on the joint's load, without drive and damping."""
 
     def __init__(self, articulation: physx.PhysxArticulation, coefficient: float) -> None:
         for active in articulation.active_joints:
@@ -242,7 +246,7 @@ class CoefficientFriction:
             active.set_drive_properties(0.0, 0.0)
 
     def update(self) -> None:
-        """Nothing changes."""
+        """Do nothing."""
 
 
 def _drive_fingers(robot: physx.PhysxArticulation, profile: RobotProfile, stiffness: float, damping: float) -> None:
@@ -252,7 +256,7 @@ def _drive_fingers(robot: physx.PhysxArticulation, profile: RobotProfile, stiffn
 
 
 def vary(bodies: Iterable[physx.PhysxRigidBodyComponent], factors: Factors) -> None:
-    """Multiply masses, inertias and surface friction of bodies as they were built; nothing changes where they are 1."""
+    """Multiply masses, inertias and surface friction of built bodies."""
     if factors == AS_IT_IS:
         return
     for body in bodies:
@@ -267,10 +271,10 @@ def vary(bodies: Iterable[physx.PhysxRigidBodyComponent], factors: Factors) -> N
 
 @cache
 def named_physics(name: str) -> Physics:
-    """Return the physics of that name, one value a process.
+    """Return the physics of that name, one object per process.
 
     Raises:
-        InputError: there is none.
+        InputError: the name is unknown.
     """
     word = physics_name(name)
     return Physics(word) if word == name else named_physics(word)

@@ -1,4 +1,4 @@
-"""SAPIEN's pictures of recorded states, whatever engine simulated them: nothing is simulated again."""
+"""SAPIEN images of recorded states of any engine, without simulation."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Images = dict[str, npt.NDArray[Any]]
 
 
 class StatePictures:
-    """Pictures by the environment's cameras. The scene is built again only where other objects stand in it.
+    """Images from the environment's cameras; the scene is rebuilt only if its objects change.
 
     Args:
-        config: of the scenes.
-        textures: ``rgb``, ``depth`` and ``segmentation``, or some of them.
+        config: settings of the scenes.
+        textures: some of ``rgb``, ``depth`` and ``segmentation``.
 
     Raises:
         InputError: no Vulkan driver works.
@@ -32,23 +32,22 @@ class StatePictures:
         self._shown: Mapping[str, str] | None = None
 
     def show(self, instances: Mapping[str, str], seed: int, options: Mapping[str, Any]) -> None:
-        """Have these objects in the scene.
+        """Build the scene with these objects unless it exists.
 
         Args:
             instances: id of each object's instance.
-            seed, options: of a reset that has them.
+            seed, options: arguments of a reset with these objects.
         """
         if self._shown != instances:
             self._env.reset(seed=seed, options=dict(options))
             self._shown = dict(instances)
 
     def at(self, states: Mapping[str, Any], step: int) -> dict[str, Images]:
-        """Pictures by camera and texture, as ManiSkill's observations have them: (H, W, 3) uint8, (H, W) int16 mm,
-        (H, W) int16.
+        """Return images by camera and texture in ManiSkill's format: (H, W, 3) uint8, (H, W) int16 mm, (H, W) int16.
 
         Args:
             states: ManiSkill's ``env_states``.
-            step: which of their rows.
+            step: index of the row.
         """
         self._env.show(states, step)
         found = self._env._get_obs_sensor_data()
@@ -58,9 +57,8 @@ class StatePictures:
         }
 
     def colors(self, states: Mapping[str, Any], row: int) -> dict[str, npt.NDArray[np.uint8]]:
-        """Colour pictures (H, W, 3) by camera."""
+        """Return colour images (H, W, 3) by camera."""
         return {camera: images["rgb"] for camera, images in self.at(states, row).items()}
 
     def close(self) -> None:
-        """End it."""
         self._env.close()

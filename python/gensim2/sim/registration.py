@@ -14,19 +14,18 @@ from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
 MODULE = "gensim2.sim"
-"""gymnasium imports what stands before a colon in an id; since 1.0 it has no plug-in entry points."""
+"""Module that gymnasium imports, named before the colon in an id; since 1.0 gymnasium has no plug-in entry points."""
 
 TASK_ENV_ID = "GenSim2-Task-v1"
-"""Takes any task: ``gym.make("GenSim2-Task-v1", task={...})``."""
+"""Id of the environment that takes any task: ``gym.make("GenSim2-Task-v1", task={...})``."""
 
 _ENTRY_POINT = "gensim2.sim.env:GenSim2Env"
 
 
 def env_id(task: TaskSpec) -> str:
-    """Id that ``gym.make`` understands in any process where gensim2 is installed.
+    """Return an id for ``gym.make`` in any process in which gensim2 is installed.
 
-    A task that travels with the package has an id of its own; any other goes by ``GenSim2-Task-v1`` with the spec as an
-    argument.
+    A task of the package has its own id; any other task has ``GenSim2-Task-v1`` with the spec as an argument.
     """
     in_library = task.name in packaged_names() and load_task(task.name) == task
     return f"{MODULE}:{task.env_id if in_library else TASK_ENV_ID}"
@@ -51,7 +50,7 @@ def make_env(task: str | TaskSpec | Mapping[str, Any], **kwargs: Any) -> gym.Env
         The environment; ``env.unwrapped`` is a :class:`~gensim2.sim.env.GenSim2Env`.
 
     Raises:
-        InputError: there is no such task, or an argument is none of the environment's.
+        InputError: the task or an argument is unknown.
         ImportError: the simulator is not installed.
     """
     id, given = _id_and_arguments(task)
@@ -68,8 +67,7 @@ def make_vec_env(
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
     """Make several environments of a task as one vector environment.
 
-    ``gymnasium.make_vec`` with ManiSkill's ``CPUGymWrapper``, which takes off the batch of one that ManiSkill gives
-    every value.
+    This is ``gymnasium.make_vec`` with ManiSkill's ``CPUGymWrapper``, which removes ManiSkill's batch dimension of one.
 
     Example:
         ```python
@@ -80,22 +78,22 @@ def make_vec_env(
     Args:
         task: as for :func:`make_env`.
         num_envs: number of environments, n.
-        vectorization_mode: ``"async"``, a process each, or ``"sync"``, all in this one.
+        vectorization_mode: ``"async"``, one process for each, or ``"sync"``, all in this process.
         vector_kwargs: keyword arguments of gymnasium's vector class.
-        kwargs: as for :func:`make_env`, the same in each.
+        kwargs: as for :func:`make_env`, the same for all.
 
     Returns:
         The vector environment; observations, rewards and flags are NumPy arrays (n, ...).
 
     Raises:
-        InputError: there is no such task or mode, or an argument is none of the environment's.
+        InputError: the task, the mode or an argument is unknown.
         ImportError: the simulator is not installed.
     """
     if vectorization_mode not in ("async", "sync"):
         raise InputError(f"must be async or sync, is {vectorization_mode!r}", field="vectorization_mode")
     if not isinstance(num_envs, int) or isinstance(num_envs, bool) or num_envs < 1:
         raise InputError(f"must be a whole number from 1, is {num_envs!r}", field="num_envs")
-    # Here: it brings PyTorch, which registering needs not.
+    # Imported here because it loads PyTorch, which registration does not need.
     from mani_skill.utils.wrappers import CPUGymWrapper
 
     id, given = _id_and_arguments(task)
@@ -120,7 +118,7 @@ def _id_and_arguments(task: str | TaskSpec | Mapping[str, Any]) -> tuple[str, di
 
 
 def register_all() -> None:
-    """Register every task of the package and ``GenSim2-Task-v1``; doing so twice changes nothing."""
+    """Register every task of the package and ``GenSim2-Task-v1``; a repetition has no effect."""
     for name in packaged_names():
         task = load_task(name)
         _register(task.env_id, task.max_episode_steps, {"task": name})
@@ -142,7 +140,7 @@ def _register(id: str, max_episode_steps: int | None, kwargs: dict[str, object])
 
 
 def recordable(kwargs: Mapping[str, Any]) -> dict[str, Any]:
-    """Environment arguments as a recorder can write them."""
+    """Return environment arguments as plain data for a recorder."""
     from gensim2.perception import ObservationSpec
 
     plain = dict(kwargs)

@@ -1,4 +1,4 @@
-"""Cameras, lights and whether pictures can be made at all."""
+"""Cameras, lights, and the check whether this machine can render."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gensim2.perception.camera import FAR, FIELD_OF_VIEW, NEAR, PIXELS, PLACES, 
 from gensim2.robots import RobotProfile
 
 _T_OPENCV_SAPIEN = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
-"""SAPIEN's cameras look along x, y to the left, z up: its axes in OpenCV's frame, as columns."""
+"""Axes of SAPIEN's cameras (x forward, y left, z up) in OpenCV's camera frame, as columns."""
 
 NO_DRIVER = (
     "no Vulkan driver that SAPIEN can use was found, so no pictures can be made "
@@ -31,10 +31,10 @@ WITHOUT_RENDERER = "obs_mode 'raycast' (point clouds, depth, segmentation) or 's
 
 @cache
 def can_render() -> bool:
-    """Whether a Vulkan driver works in this process.
+    """Return whether a Vulkan driver works in this process.
 
-    ``sapien.Device("cpu")`` exists even where no driver does, so this makes the one object that needs a
-    driver. Costs under 0.1 s and about 80 MB, once a process.
+    ``sapien.Device("cpu")`` exists even without a driver, so this creates an object that needs one. It takes less than
+    0.1 s and about 80 MB, once per process.
     """
     sapien.render.set_log_level("off")
     try:
@@ -47,7 +47,7 @@ def can_render() -> bool:
 
 
 def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
-    """Light the scene like a room: soft from everywhere, one lamp from the upper left that casts the shadows."""
+    """Light the scene like a room: ambient light, and a lamp from the upper left that casts shadows."""
     scene.set_ambient_light([0.38, 0.38, 0.4])
     scene.add_directional_light(
         [0.5, -0.8, -1.3], [1.1, 1.08, 1.0], shadow=shadows, shadow_scale=1.5, shadow_map_size=2048
@@ -56,11 +56,11 @@ def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
 
 
 def observation_cameras(profile: RobotProfile, links: Mapping[str, Any]) -> list[CameraConfig]:
-    """The cameras of :mod:`gensim2.perception.camera` for SAPIEN's renderer.
+    """Return the cameras of :mod:`gensim2.perception.camera` for SAPIEN's renderer.
 
     Args:
-        profile: of the robot, which may carry some.
-        links: of the agent, by name.
+        profile: the robot, which may have cameras.
+        links: links of the agent by name.
     """
     fixed = [
         CameraConfig(name, sapien_utils.look_at(place, TARGET), PIXELS, PIXELS, fov=FIELD_OF_VIEW, near=NEAR, far=FAR)
@@ -83,21 +83,20 @@ def observation_cameras(profile: RobotProfile, links: Mapping[str, Any]) -> list
 
 
 def video_camera() -> CameraConfig:
-    """One camera for people: 640 x 480 pixels, from the right.
+    """Return the camera for videos: 640 x 480 pixels, from the right.
 
-    In view are the robot, the object's front, what lies beside it to be taken, and the inside behind most open doors:
-    they are hinged on the left.
+    It shows the robot, the object's front and surroundings, and the inside behind most doors, which are hinged on the
+    left.
     """
     pose = sapien_utils.look_at([-0.55, -1.3, 0.8], [-0.13, -0.07, 0.23])
     return CameraConfig("render_camera", pose, 640, 480, fov=np.deg2rad(50), near=0.01, far=20, shader_pack="default")
 
 
 def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
-    """ManiSkill's ``render_backend``: what was ``asked`` for, or where that is ``"auto"`` the one that works and is
-    needed.
+    """Return ManiSkill's ``render_backend``: the requested one, or for ``"auto"`` one that works, if it is needed.
 
     Raises:
-        InputError: pictures are to be observed, and there is no renderer.
+        InputError: observations need images, and there is no renderer.
     """
     needs_pictures = obs_mode not in (None, "none", "state", "state_dict")
     if asked == "none":
@@ -111,7 +110,6 @@ def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
     if needs_pictures and not can_render():
         raise InputError(NO_DRIVER, field="obs_mode", remedy=f"use {WITHOUT_RENDERER}")
     if not (needs_pictures or render_mode is not None) or not can_render():
-        # Without a driver an environment with a render mode still simulates; render() itself then says why
-        # not.
+        # Without a driver an environment with a render mode still simulates; only render() raises an error.
         return "none"
     return "gpu" if torch.cuda.is_available() else "cpu"

@@ -1,4 +1,4 @@
-"""A :class:`~gensim2.objects.RigidObject`, and the table, as actors in a scene."""
+"""Build a :class:`~gensim2.objects.RigidObject`, and the table, as actors in a scene."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def load_rigid(
     name: str | None = None,
     physics: Physics = DEFAULT,
 ) -> Actor:
-    """Build ``rigid`` at ``pose`` (object to world; default: resting at the world's origin).
+    """Build ``rigid`` at ``pose`` (object to world; default: at rest at the world's origin).
 
     Args:
-        name: unique in the scene; default: the object's class.
+        name: unique name in the scene; default: the object's class.
 
     Raises:
         InputError: the physics engine dropped or replaced a collision hull.
@@ -46,7 +46,7 @@ def load_rigid(
 def build_rigid(
     scene: sapien.Scene, rigid: RigidObject, pose: sapien.Pose, name: str, physics: Physics
 ) -> sapien.Entity:
-    """The same, for physics alone, in a scene of SAPIEN.
+    """Build a rigid object without visuals in a SAPIEN scene.
 
     Raises:
         InputError: the physics engine dropped or replaced a collision hull.
@@ -60,7 +60,7 @@ def build_rigid(
 
 
 def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool, physics: Physics = DEFAULT) -> None:
-    """Give a builder the object's shapes and inertia, and its visual where ``visual``."""
+    """Add the object's shapes and inertia to a builder, and its visual if ``visual``."""
     material, density = physics.rigid_material(rigid), physics.rigid_density(rigid)
     weight = {} if density is None else {"density": density}
     for index in range(len(rigid.hulls[BODY])):
@@ -75,12 +75,12 @@ def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool, physics
 
 
 def resting_pose(rigid: RigidObject, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> sapien.Pose:
-    """Object to world, at rest on the table, its origin above (x, y) m, turned by ``yaw`` rad about the vertical."""
+    """Return the pose (object to world) at rest on the table above (x, y) m with the given yaw in rad."""
     return sapien.Pose(*placed(rigid.placement.position, rigid.placement.quaternion, x, y, yaw))
 
 
 def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
-    """Make sure that the physics engine took every hull as it is.
+    """Check that the physics engine accepted every hull unchanged.
 
     Raises:
         InputError: it did not.
@@ -103,16 +103,16 @@ def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
 
 
 def build_table(scene: ManiSkillScene | sapien.Scene, visible: bool) -> Any:
-    """Build the table: one static box with static friction 1.0, dynamic 0.2, restitution 0.01.
+    """Build the table: one static box with static friction 1.0, dynamic friction 0.2, restitution 0.01.
 
-    Legs and floor are for pictures only: what leaves the table falls for ever.
+    Legs and floor are visual only; an object that leaves the table falls without end.
 
     Args:
-        scene: ManiSkill's, or SAPIEN's own.
-        visible: give it legs and colours.
+        scene: ManiSkill's or SAPIEN's scene.
+        visible: whether to add legs and colours.
 
     Returns:
-        what the scene's builder makes of it: an ``Actor`` or an ``Entity``.
+        The ``Actor`` or ``Entity`` that the scene's builder returns.
     """
     builder = scene.create_actor_builder()
     material = sapien.physx.PhysxMaterial(static_friction=1.0, dynamic_friction=0.2, restitution=0.01)

@@ -1,4 +1,4 @@
-"""Robot and objects of a SAPIEN scene, whoever built it: ManiSkill or the headless environment."""
+"""Robot and objects of a SAPIEN scene built by ManiSkill or by the headless environment."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gensim2.sim.scene_state import RobotReader
 
 
 class SapienFrame:
-    """Pose of an entity at the instant at which it was read."""
+    """Pose of an entity at the instant when it was read."""
 
     def __init__(self, pose: sapien.Pose) -> None:
         self._pose = pose
@@ -36,9 +36,9 @@ class SapienArticulatedPart(ArticulatedPart):
     """An articulated object in a SAPIEN scene.
 
     Args:
-        name, thing, warnings: as :class:`ArticulatedPart` has them.
-        articulation: as it was built.
-        resistance: of its joint.
+        name, thing, warnings: as for :class:`ArticulatedPart`.
+        articulation: built articulation.
+        resistance: resistance of its joint.
     """
 
     def __init__(
@@ -87,8 +87,8 @@ class SapienRigidPart(RigidPart):
     """A rigid object in a SAPIEN scene.
 
     Args:
-        name, thing: as :class:`RigidPart` has them.
-        entity: as it was built.
+        name, thing: as for :class:`RigidPart`.
+        entity: built entity.
     """
 
     def __init__(self, name: str, thing: PlacedObject, entity: sapien.Entity) -> None:
@@ -97,10 +97,10 @@ class SapienRigidPart(RigidPart):
         self.body: physx.PhysxRigidDynamicComponent = entity.find_component_by_type(physx.PhysxRigidDynamicComponent)
 
     def put(self) -> None:
-        """It stands where it was built."""
+        """Do nothing, because it was built at its initial pose."""
 
     def before_substep(self) -> None:
-        """Nothing acts on it but contacts and gravity."""
+        """Do nothing, because only contacts and gravity act on it."""
 
     def nudge(self, dx: float, dy: float, dyaw: float) -> None:
         self.entity.pose = _shifted(self.entity.pose, dx, dy, dyaw)
@@ -123,7 +123,6 @@ class SapienRigidPart(RigidPart):
 
     @property
     def entities(self) -> list[sapien.Entity]:
-        """Its only one."""
         return [self.entity]
 
 
@@ -131,11 +130,10 @@ SapienPart = SapienArticulatedPart | SapienRigidPart
 
 
 class SapienRobot(RobotReader):
-    """Reader of a robot that stands in a SAPIEN scene.
+    """Reader of a robot's state in a SAPIEN scene.
 
     Args:
-        profile: of the robot.
-        articulation: as it was built.
+        articulation: built articulation.
     """
 
     def __init__(self, profile: RobotProfile, articulation: physx.PhysxArticulation) -> None:
@@ -166,7 +164,7 @@ class SapienRobot(RobotReader):
 
 
 def articulation_state(articulation: physx.PhysxArticulation) -> Row:
-    """(13 + 2 n,) ManiSkill's: root pose, root velocities, qpos, qvel."""
+    """Return ManiSkill's state (13 + 2 n,): root pose, root velocities, qpos, qvel."""
     root = articulation.root
     velocity = [root.linear_velocity, root.angular_velocity]
     pose = SapienFrame(root.entity.pose).row()
@@ -176,7 +174,7 @@ def articulation_state(articulation: physx.PhysxArticulation) -> Row:
 def touched(
     system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation, parts: Sequence[SapienPart]
 ) -> frozenset[str]:
-    """Names of the objects that press against any link of the robot; bodies that are merely near do not."""
+    """Return the names of the objects that press on a link of the robot; contacts without a force do not count."""
     links = {link.entity for link in robot.links}
     owners = {entity: part.name for part in parts for entity in part.entities}
     found = set()

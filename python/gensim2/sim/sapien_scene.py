@@ -31,16 +31,16 @@ from gensim2.sim.sapien_parts import (
 
 
 class SapienScene:
-    """A scene in SAPIEN, without ManiSkill; see :class:`~gensim2.sim.engines.EngineScene`.
+    """A scene in SAPIEN without ManiSkill; see :class:`~gensim2.sim.engines.EngineScene`.
 
-    A file that changes under a process is not read again.
+    Files are read once per process; later changes are ignored.
     """
 
     def __init__(self, profile: RobotProfile, physics: str, setup: InitialState, robot: bool) -> None:
         self._profile, how = profile, named_physics(physics)
         self.system = how.new_system(profile)
         self.scene = sapien.Scene([self.system])  # kept: what stands in it goes with it
-        # In the environment's order: PhysX solves contacts in the order in which bodies came.
+        # The order is the environment's, because PhysX solves contacts in the order in which bodies were added.
         self.arm = Arm(self.scene, profile, how) if robot else None
         build_table(self.scene, visible=False)
         self.parts = {name: _build(self.scene, name, thing, how) for name, thing in setup.objects.items()}
@@ -60,7 +60,7 @@ class SapienScene:
 
     @property
     def robot(self) -> SapienRobot | None:
-        """None where the scene was built without it."""
+        """The robot; None in a scene without it."""
         return None if self.arm is None else self.arm.reader
 
     @property
@@ -95,11 +95,11 @@ class SapienScene:
         return articulation_state(self._arm.articulation)
 
     def snapshot(self) -> tuple[Array, str]:
-        """Refuse: PhysX keeps contacts and impulses from step to step that SAPIEN does not give out."""
+        """Refuse: PhysX keeps contacts and impulses between steps, and SAPIEN does not expose them."""
         raise InputError("sapien cannot go on from a stored state bit for bit", field="engine", remedy="use mujoco")
 
     def restore(self, state: Array, scene: str) -> None:
-        """Refuse, as :meth:`snapshot` does."""
+        """Refuse, as :meth:`snapshot`."""
         self.snapshot()
 
 
@@ -121,7 +121,7 @@ def _build(scene: sapien.Scene, name: str, thing: PlacedObject, physics: Physics
 
 @dataclass
 class _Known:
-    """Data of an articulated object that one process computes once: its parsed URDF, and how it was cooked."""
+    """Data of an articulated object that a process computes once: its parsed URDF and the warnings from cooking."""
 
     builder: ArticulationBuilder
     warnings: tuple[str, ...] | None = None

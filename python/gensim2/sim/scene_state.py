@@ -1,4 +1,4 @@
-"""From the simulator to values: :class:`~gensim2.planning.scene.Scene` and :class:`Measurement`, in float64."""
+"""Read :class:`~gensim2.planning.scene.Scene` and :class:`Measurement` from the simulator, in float64."""
 
 from __future__ import annotations
 
@@ -22,11 +22,7 @@ _TABLE_HULLS = (corners(),)
 
 
 class RobotReader(ABC):
-    """Reader of a robot's state in a scene; each engine has a subclass.
-
-    Args:
-        profile: of the robot.
-    """
+    """Reader of a robot's state in a scene; each engine has a subclass."""
 
     def __init__(self, profile: RobotProfile) -> None:
         self.profile = profile
@@ -34,43 +30,42 @@ class RobotReader(ABC):
     @property
     @abstractmethod
     def q(self) -> Array:
-        """(n,) joints, rad and m, in the profile's active joint order."""
+        """Joints (n,), rad and m, in the profile's active joint order."""
 
     @property
     @abstractmethod
     def qvel(self) -> Array:
-        """(n,) their velocities."""
+        """Joint velocities (n,)."""
 
     @abstractmethod
     def hand(self) -> Frame:
-        """Pose of the hand at this instant."""
+        """Return the pose of the hand at this instant."""
 
     @property
     @abstractmethod
     def finger_friction(self) -> float:
-        """Coefficient of the fingers' surface."""
+        """Friction coefficient of the fingers."""
 
     @property
     @abstractmethod
     def finger_stiffness(self) -> float:
-        """Of the drives that press the pads together, N/m or N m/rad."""
+        """Stiffness of the finger drives, N/m or N m/rad."""
 
     def gripper(self) -> Mapping[str, Array]:
-        """Tool keypoints in the world, (3,) m."""
+        """Return the tool keypoints (3,) in the world frame, m."""
         hand = self.hand()
         return LazyMapping(lambda: self.profile.gripper_at(hand.matrix()))
 
     @property
     def finger_opening(self) -> float:
-        """Distance between the fingers' pads, m."""
+        """Return the distance between the finger pads, m."""
         return self.profile.gripper.opening(self.q[self.profile.arm_size :])
 
 
 class StandingRobot:
-    """Robot of a scene that was built without it: it counts as standing at its start, its fingers open.
+    """Robot of a scene that was built without it: it counts as being at its start with open fingers.
 
     Args:
-        profile: of the robot.
         start: (n,) all active joints at the start of the episode.
     """
 
@@ -78,17 +73,17 @@ class StandingRobot:
         self._profile, self._start = profile, start
 
     def gripper(self) -> Mapping[str, Array]:
-        """Tool keypoints in the world, (3,) m."""
+        """Return the tool keypoints (3,) in the world frame, m."""
         return self._profile.gripper_with(self._start)
 
     @property
     def finger_opening(self) -> float:
-        """Distance between the fingers' pads, m."""
+        """Return the distance between the finger pads, m."""
         return self._profile.gripper.widest
 
 
 def measure(robot: RobotReader | StandingRobot, parts: Parts) -> Measurement:
-    """Measure the present instant in the world frame, for criteria and verdicts."""
+    """Measure the present instant in the world frame, for success criteria."""
     articulated = {name: part for name, part in parts.items() if isinstance(part, ArticulatedPart)}
     rigid = {name: part for name, part in parts.items() if isinstance(part, RigidPart)}
     return Measurement(
@@ -104,7 +99,7 @@ def measure(robot: RobotReader | StandingRobot, parts: Parts) -> Measurement:
 
 
 def read_scene(robot: RobotReader, parts: Parts) -> Scene:
-    """Return the poses of everything in the robot's base frame; what the hand holds is for the caller to know."""
+    """Return all poses in the robot's base frame; the caller adds the grasped object."""
     T_world_base = robot.profile.T_world_base  # exact: the simulator's own value is rounded to float32
     T_base_world = np.asarray(np.linalg.inv(T_world_base), dtype=np.float64)
     return Scene(
@@ -132,11 +127,11 @@ class SceneAccessMixin:
     _robot: RobotReader | StandingRobot
 
     def _require_open(self) -> None:
-        """Refuse to go on with what was closed."""
+        """Raise an error if the environment is closed."""
 
     @property
     def initial_state(self) -> InitialState:
-        """Initial state that was drawn at the last reset."""
+        """Initial state of the last reset."""
         self._require_open()
         if self._initial_state is None:
             raise GenSim2Error("the environment has not been reset yet")
@@ -144,16 +139,15 @@ class SceneAccessMixin:
 
     @property
     def parts(self) -> Mapping[str, Part]:
-        """The objects as they stand in the scene, by name."""
+        """Objects in the scene by name."""
         assert self.initial_state
         return self._parts
 
     @property
     def object_warnings(self) -> tuple[str, ...]:
-        """Losses in building the objects, by object."""
+        """Warnings from building the objects."""
         return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
 
     def measure(self) -> Measurement:
-        """Measure the present instant in the world frame, for criteria and verdicts; without an arm, as if it stood
-        still."""
+        """Measure the present instant in the world frame; a missing robot counts as being at its start."""
         return measure(self._robot, self.parts)

@@ -1,4 +1,4 @@
-"""Truncation of episodes after a number of control steps, in batched values as ManiSkill's tools take them."""
+"""Truncation of episodes after a number of control steps, with batched values for ManiSkill's tools."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from gymnasium.envs.registration import EnvSpec
 
 
 class TimeLimit(gym.Wrapper[Any, Any, Any, Any]):
-    """Takes the place of gymnasium's own wrapper, whose ``truncated`` is no tensor.
+    """Replacement for gymnasium's wrapper, whose ``truncated`` is not a tensor.
 
     Args:
-        env: as ``gymnasium.make`` made it; where that put its own wrapper around it, this one does its work.
-        registered: control steps with which the id is registered; the environment knows them for its robot's rate.
+        env: environment from ``gymnasium.make``; this wrapper takes over the limit of gymnasium's own wrapper.
+        registered: number of control steps registered with the id; the environment has the limit for its robot's rate.
     """
 
     def __init__(self, env: gym.Env[Any, Any], registered: int | None = None) -> None:
@@ -26,14 +26,14 @@ class TimeLimit(gym.Wrapper[Any, Any, Any, Any]):
 
     @property
     def spec(self) -> EnvSpec | None:  # type: ignore[override]  # of a wrapper it is a property
-        """The environment's, with the limit that holds here."""
+        """Spec of the environment, with the limit of this wrapper."""
         spec = super().spec
         if spec is not None:
             spec.max_episode_steps = self._max_episode_steps
         return spec
 
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """One control step; ``truncated`` (1,) bool once there have been so many."""
+        """Make one control step; ``truncated`` (1,) bool is True from the limit on."""
         obs, reward, terminated, _, info = self.env.step(action)
         truncated: Any = self.unwrapped.elapsed_steps >= self._max_episode_steps  # type: ignore[attr-defined]
         return obs, reward, terminated, truncated, info

@@ -1,4 +1,4 @@
-"""MuJoCo as a physics engine; neither SAPIEN nor ManiSkill nor PyTorch is imported."""
+"""MuJoCo as physics engine, without importing SAPIEN, ManiSkill or PyTorch."""
 
 from __future__ import annotations
 

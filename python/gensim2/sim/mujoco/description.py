@@ -1,4 +1,4 @@
-"""Links of robots and objects as the builder of MuJoCo models takes them: inertias and convex shapes, read once."""
+"""Links of robots and objects for MuJoCo models: inertias and convex shapes, read once."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class CollisionShape:
     Attributes:
         kind: ``"box"`` (size: half sides), ``"sphere"`` (radius), ``"cylinder"`` or ``"capsule"`` (radius, half length)
             or ``"mesh"``.
-        size: m; empty of a mesh.
+        size: m; empty for a mesh.
         vertices: (N, 3) of a mesh, m.
-        T: (4, 4) pose in its link.
+        T: (4, 4) pose in the link frame.
     """
 
     kind: str
@@ -41,15 +41,15 @@ class CollisionShape:
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """A link of a robot or of an object.
+    """A link of a robot or an object.
 
     Attributes:
-        name: in its URDF; ``"body"`` of a rigid object.
-        parent: name of the link above; None of the root.
-        joint: above it; None of the root.
-        axis: (3,) unit axis of a joint that moves, in its own frame; None otherwise.
-        inertial: None of a frame without a mass.
-        solids: that collide.
+        name: name in the URDF; ``"body"`` for a rigid object.
+        parent: name of the parent link; None for the root.
+        joint: joint to the parent; None for the root.
+        axis: (3,) unit axis of a moving joint, in its own frame; None otherwise.
+        inertial: inertia; None for a frame without mass.
+        solids: collision shapes.
     """
 
     name: str
@@ -62,14 +62,14 @@ class Link:
 
 @lru_cache(maxsize=256)
 def links_of(urdf: Path, content_hash: str = "") -> tuple[Link, ...]:
-    """Read the links of a URDF; parents come before their children.
+    """Read the links of a URDF, parents before children.
 
     Args:
         urdf: the file.
-        content_hash: of what it was made from.
+        content_hash: hash of the sources of the file, as a cache key.
 
     Raises:
-        InputError: it cannot be read, or is none.
+        InputError: the file cannot be read or is not a URDF.
     """
     description = read_urdf(urdf)
     above = {joint.child: joint for joint in description.joints}
@@ -107,7 +107,7 @@ def never_touching(srdf: Path) -> frozenset[frozenset[str]]:
     """Read the pairs of links that an SRDF exempts from collision.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: the file cannot be read.
     """
     pairs = read_xml(srdf).iter("disable_collisions")
     return frozenset(frozenset((str(pair.get("link1")), str(pair.get("link2")))) for pair in pairs)
@@ -135,7 +135,7 @@ def _hull(vertices: Array) -> CollisionShape:
 
 
 def _mesh_vertices(file: Path) -> Array:
-    """(N, 3) vertices of the convex hull of a mesh file."""
+    """Return the vertices (N, 3) of the convex hull of a mesh file."""
     with opened_mesh(file) as scene:
         vertices = np.asarray(scene.to_geometry().vertices, dtype=np.float64)
         return np.asarray(vertices[convex_hull(vertices).vertices])

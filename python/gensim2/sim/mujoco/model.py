@@ -1,6 +1,6 @@
-"""MuJoCo model of a scene: bodies, drives, joint friction and the pairs of shapes that may touch.
+"""MuJoCo model of a scene: bodies, drives, joint friction and collision pairs.
 
-docs/reference/simulation.md says why the numbers at the top are what they are.
+docs/reference/simulation.md explains the constants.
 """
 
 from __future__ import annotations
@@ -21,28 +21,30 @@ from gensim2.sim.mujoco.description import CollisionShape, Link, links_of, never
 from gensim2.sim.parts import Array
 
 PHYSICS_HZ = 500
-"""Least rate of the physics; a robot with a higher ``physics_hz`` has its own."""
+"""Lowest physics rate, Hz; a robot with a higher ``physics_hz`` uses its own."""
 
 SOLREF = (0.004, 1.0)
 """Time constant (s) and damping ratio of contacts, joint limits, joint friction and couplings. The time constant is two
-steps, the least that is stable."""
+steps, the smallest stable value.
+"""
 
 FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-"""Of joint friction: with MuJoCo's default, 0.95, a lid creeps shut under its own weight."""
+"""Impedance of joint friction; with MuJoCo's default of 0.95 a lid slowly closes under its own weight."""
 
 IMPRATIO = 10.0
-"""Ratio of the impedance of friction to that of normal forces; the larger, the less grasped objects slip."""
+"""Ratio of the impedance of friction to that of normal forces; with a larger value grasped objects slip less."""
 
 OTHER_FRICTION = 0.3
-"""Coefficient of surfaces that say nothing of their own, as ManiSkill has it."""
+"""Friction coefficient of surfaces without their own, as in ManiSkill."""
 
 TABLE_FRICTION = 0.2
-"""Coefficient of the table: PhysX's dynamic one; MuJoCo has no static one."""
+"""Friction coefficient of the table: PhysX's dynamic one, because MuJoCo has no static friction."""
 
 ROLLING = 0.002
-"""Radius (m) that, times the coefficient of friction, makes the rolling and torsional friction of rigid objects.
-
-With it balls roll as far as in PhysX, which puts them to sleep."""
+"""Radius (m) that, multiplied by the friction coefficient, gives the rolling and torsional friction of rigid objects.
+With
+this value balls roll as far as in PhysX, which puts them to sleep.
+"""
 
 
 @dataclass(frozen=True)
@@ -53,10 +55,10 @@ class Shape:
         geom: its name.
         owner: the robot's agent, ``"table"`` or the name of an object.
         link: name of its link.
-        is_static: it never moves.
-        slides: it moves by a prismatic joint of an object.
-        friction: coefficient of its surface.
-        is_rigid: it belongs to a rigid object.
+        is_static: whether it never moves.
+        slides: whether it moves by a prismatic joint of an object.
+        friction: friction coefficient.
+        is_rigid: whether it belongs to a rigid object.
     """
 
     geom: str
@@ -69,18 +71,18 @@ class Shape:
 
 
 def mixed_name(owner: str, part: str) -> str:
-    """Name in the model of a link or a joint of a robot or an object."""
+    """Return the model's name of a link or joint."""
     return f"{owner}/{part}"
 
 
 def surface_friction(thing: PlacedObject) -> float:
-    """Coefficient of an object's surface."""
+    """Return the friction coefficient of an object's surface."""
     own = thing.model.friction if isinstance(thing.model, RigidObject) else OTHER_FRICTION
     return own * thing.factors.contact_friction
 
 
 def steps_of(profile: RobotProfile) -> int:
-    """Steps of MuJoCo in a step of the robot's ``physics_hz``."""
+    """Return the number of MuJoCo steps in one step of the robot's ``physics_hz``."""
     return max(1, -(-PHYSICS_HZ // profile.simulation.physics_hz))
 
 
@@ -88,16 +90,13 @@ def build_model(profile: RobotProfile, setup: InitialState, robot: bool) -> mujo
     """Compile the model of a scene.
 
     Args:
-        profile: of the robot.
-        setup: what stands where.
-        robot: leave the robot out where False.
+        setup: initial state.
+        robot: False leaves the robot out.
     """
     return _Builder(profile, setup, robot).spec.compile()
 
 
 class _Builder:
-    """Builder of a scene's model."""
-
     def __init__(self, profile: RobotProfile, setup: InitialState, robot: bool) -> None:
         self._profile = profile
         self.spec = spec = mujoco.MjSpec()
@@ -117,8 +116,6 @@ class _Builder:
         for name, thing in setup.objects.items():
             self._add_object(name, thing)
         self._add_pairs()
-
-    # ----------------------------------------------------------------- bodies
 
     def _add_table(self) -> None:
         half = CollisionShape("box", HALF_SIZE, None, np.eye(4))
@@ -172,7 +169,7 @@ class _Builder:
                     self._couple(mixed_name(agent, link.joint.name), mixed_name(agent, link.joint.mimics))
 
     def _drives(self) -> dict[str, JointDrive]:
-        """Drive of each joint that has one, by name."""
+        """Return the drive of each driven joint by name."""
         profile = self._profile
         gripper, simulation = profile.gripper, profile.simulation
         return {
@@ -185,7 +182,7 @@ class _Builder:
     def _add_link(
         self, owner: str, link: Link, position: Sequence[float] | Array, quaternion: Sequence[float] | Array
     ) -> mujoco.MjsBody:
-        """Add a link's body; the root stands at the pose."""
+        """Add a link's body; the pose is that of a root link."""
         name = mixed_name(owner, link.name)
         if link.parent is None:
             return self.spec.worldbody.add_body(name=name, pos=position, quat=quaternion)
@@ -210,14 +207,14 @@ class _Builder:
         return joint
 
     def _resist(self, joint: mujoco.MjsJoint, model: ArticulatedObject, thing: PlacedObject) -> None:
-        """Give a joint its Coulomb friction and damping; both go with the mass that they hold."""
+        """Set a joint's Coulomb friction and damping; both are proportional to the object's mass."""
         factor = thing.factors.mass * thing.factors.joint_friction
         joint.frictionloss = factor * model.joint.friction
         joint.damping[0] = factor * model.joint.damping
         joint.solref_friction, joint.solimp_friction = SOLREF, FRICTION_IMPEDANCE
 
     def _fill(self, body: mujoco.MjsBody, link: Link, mass: float, shape: Shape) -> None:
-        """Give a body its inertia and its shapes."""
+        """Add inertia and shapes to a body."""
         body.explicitinertial = True
         if link.inertial is not None:
             values, axes = np.linalg.eigh(link.inertial.inertia)
@@ -252,8 +249,6 @@ class _Builder:
             geom.meshname = name
         self._shapes.append(shape)
 
-    # ------------------------------------------------------------------ drives
-
     def _add_drive(self, joint: str, drive: JointDrive) -> None:
         actuator = self.spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.set_to_position(kp=drive.stiffness, kv=drive.damping)
@@ -263,7 +258,7 @@ class _Builder:
         )
 
     def _couple(self, follower: str, leader: str) -> None:
-        """Let a joint stand where another one does."""
+        """Couple a joint to another one."""
         equality = self.spec.add_equality(
             type=mujoco.mjtEq.mjEQ_JOINT,
             objtype=mujoco.mjtObj.mjOBJ_JOINT,
@@ -273,10 +268,10 @@ class _Builder:
         )
         equality.data[:2] = 0.0, 1.0  # offset and multiplier
 
-    # ---------------------------------------------------------------- contacts
-
     def _add_pairs(self) -> None:
-        """Name the pairs that may touch: PhysX averages the frictions of two surfaces, MuJoCo would take the larger."""
+        """Add the pairs of shapes that may touch, with the mean friction as in PhysX; MuJoCo's default is the larger
+        one.
+        """
         apart = never_touching(self._profile.srdf)
         links = {link.name: link for link in links_of(self._profile.urdf)}
         groups: dict[tuple[str, str], list[Shape]] = {}
@@ -295,8 +290,8 @@ class _Builder:
                 return False
             joined = links[one.link].parent == other.link or links[other.link].parent == one.link
             return not joined and frozenset((one.link, other.link)) not in apart
-        # What slides is kept by its rail. A contact with the table would carry it, too, and the friction cone, which is
-        # convex, makes a normal force of every push: a drawer that touches the table jams.
+        # A sliding link is guided by its rail, so contact with the table is left out. With such a contact MuJoCo's
+        # convex friction cone would turn every push into a normal force, and a drawer that touches the table would jam.
         table = {one.owner, other.owner} & {"table"}
         return not (table and (one.slides or other.slides))
 
@@ -313,7 +308,7 @@ class _Builder:
 
 
 def _quaternion(matrix: Array) -> Array:
-    """(4,) unit quaternion (w, x, y, z) of the rotation of a (3, 3) or (4, 4) matrix."""
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix (3, 3) or (4, 4)."""
     found = np.empty(4)
     mujoco.mju_mat2Quat(found, np.ascontiguousarray(matrix[:3, :3]).ravel())
     return found

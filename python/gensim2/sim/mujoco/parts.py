@@ -1,4 +1,4 @@
-"""Robot and objects of a MuJoCo scene: what is read of them, and what moves them."""
+"""Robot and objects of a MuJoCo scene."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ from gensim2.sim.scene_state import RobotReader
 class Simulation:
     """A compiled model and its state.
 
-    ``mj_step`` leaves the poses of bodies one step behind the joints; :attr:`data` brings them up to date when they are
-    read.
+    After ``mj_step`` the poses of bodies are one step behind the joints; :attr:`data` updates them when it is read.
 
     Args:
-        model: as it was compiled.
+        model: compiled model.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -31,17 +30,16 @@ class Simulation:
         self._is_stale = True
 
     def step(self, count: int) -> None:
-        """Simulate so many steps."""
         mujoco.mj_step(self.model, self.raw, count)
         self._is_stale = True
 
     def changed(self) -> None:
-        """Take note that the state was set from outside."""
+        """Note that the state was set from outside."""
         self._is_stale = True
 
     @property
     def data(self) -> mujoco.MjData:
-        """The state, with the poses and velocities of all bodies of this instant."""
+        """The state, with up-to-date poses and velocities of all bodies."""
         if self._is_stale:
             mujoco.mj_kinematics(self.model, self.raw)
             mujoco.mj_comPos(self.model, self.raw)
@@ -50,16 +48,15 @@ class Simulation:
         return self.raw
 
     def joint(self, name: str) -> tuple[int, int]:
-        """Indices of a joint's first coordinate and first velocity."""
+        """Return the indices of a joint's first coordinate and first velocity."""
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name)
         return int(self.model.jnt_qposadr[number]), int(self.model.jnt_dofadr[number])
 
     def body(self, name: str) -> int:
-        """Index of a body."""
         return int(mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, name))
 
     def frame(self, body: int) -> MujocoFrame:
-        """Pose of a body at this instant."""
+        """Return the pose of a body at this instant."""
         return MujocoFrame(self.data, body)
 
 
@@ -80,12 +77,12 @@ class MujocoFrame:
 
 
 class MujocoArticulatedPart(ArticulatedPart):
-    """An articulated object in a MuJoCo scene; its root is a mocap body, which stands where it is put.
+    """An articulated object in a MuJoCo scene, whose root is a mocap body.
 
     Args:
-        name, thing: as :class:`ArticulatedPart` has them.
-        simulation: that it is in.
-        parents: of its links.
+        name, thing: as for :class:`ArticulatedPart`.
+        simulation: its simulation.
+        parents: parents of its links.
     """
 
     def __init__(self, name: str, thing: PlacedObject, simulation: Simulation, parents: dict[str, str | None]) -> None:
@@ -126,8 +123,8 @@ class MujocoRigidPart(RigidPart):
     """A rigid object in a MuJoCo scene.
 
     Args:
-        name, thing: as :class:`RigidPart` has them.
-        simulation: that it is in.
+        name, thing: as for :class:`RigidPart`.
+        simulation: its simulation.
     """
 
     def __init__(self, name: str, thing: PlacedObject, simulation: Simulation) -> None:
@@ -144,7 +141,7 @@ class MujocoRigidPart(RigidPart):
         self._stand(*placed(pose[:3], pose[3:], dx, dy, dyaw))
 
     def _stand(self, position: Array, quaternion: Array) -> None:
-        """Stand still at a pose."""
+        """Set the pose, with zero velocity."""
         data = self._simulation.raw
         data.qpos[self._q : self._q + 3], data.qpos[self._q + 3 : self._q + 7] = position, quaternion
         data.qvel[self._v : self._v + 6] = 0.0
@@ -169,11 +166,10 @@ class MujocoRigidPart(RigidPart):
 
 
 class MujocoRobot(RobotReader):
-    """Reader of a robot in a MuJoCo scene.
+    """Reader of a robot's state in a MuJoCo scene.
 
     Args:
-        profile: of the robot.
-        simulation: that it is in.
+        simulation: its simulation.
     """
 
     def __init__(self, profile: RobotProfile, simulation: Simulation) -> None:
@@ -185,7 +181,7 @@ class MujocoRobot(RobotReader):
         self._hand = simulation.body(mixed_name(profile.agent, profile.hand_link))
 
     def put(self, start: npt.ArrayLike) -> None:
-        """Stand at (n,) joints, rad and m."""
+        """Set the joints (n,), rad and m."""
         self._simulation.raw.qpos[self._q] = start
         self._simulation.changed()
 

@@ -52,7 +52,7 @@ class MujocoScene:
         never_touching(profile.srdf)
 
     def _take_drives(self) -> None:
-        """Look up the drives: of the arm, of the gripper's motors, and of the joints that follow one."""
+        """Look up the drives of the arm, of the gripper's motors, and of their followers."""
         profile, model = self._profile, self.simulation.model
 
         def drive(joint: str) -> int:
@@ -67,7 +67,7 @@ class MujocoScene:
         ]
 
     def _geom_owners(self) -> npt.NDArray[np.int64]:
-        """(G,) number of the object that each geom belongs to; -1: the robot, -2: the table."""
+        """Return the index (G,) of the object that owns each geom; -1 for the robot, -2 for the table."""
         model, numbers = self.simulation.model, {name: number for number, name in enumerate(self.parts)}
         numbers[self._profile.agent], numbers["table"] = -1, -2
         names = (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, int(body)) for body in model.geom_bodyid)
@@ -106,8 +106,12 @@ class MujocoScene:
         return float(np.linalg.norm(total))
 
     def _robot_contacts(self) -> list[tuple[int, float, int]]:
-        """Contacts of the robot with something else that carry a force: number, 1 where the robot is the second shape
-        and -1 where it is the first, and the owner of the other shape."""
+        """Return the robot's contacts that have a force.
+
+        Each entry has the contact's index, 1 if the robot is the second shape and -1 if it is the first, and the owner
+        of the
+        other shape.
+        """
         self._require_robot()
         data = self.simulation.raw
         contacts, owners = data.contact, self._owners
@@ -128,7 +132,7 @@ class MujocoScene:
         return np.concatenate([root, self.robot.q, self.robot.qvel]).astype(np.float32)
 
     def _state(self) -> Array:
-        """Return the state from which MuJoCo goes on bit for bit."""
+        """Return the state from which MuJoCo continues bit for bit."""
         model = self.simulation.model
         state = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, self.simulation.raw, state, _STATE)
@@ -136,7 +140,7 @@ class MujocoScene:
 
     @cached_property
     def _digest(self) -> str:
-        """Digest of the model and of the state that the scene started from."""
+        """Return a digest of the model and of the scene's first state."""
         model = self.simulation.model
         content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, content)
@@ -146,10 +150,10 @@ class MujocoScene:
         return self._state(), self._digest
 
     def restore(self, state: Array, scene: str) -> None:
-        """Go on from a state of the same scene.
+        """Continue from a state of the same scene.
 
         Raises:
-            InputError: the state has another shape, or belongs to another scene.
+            InputError: the state has another shape, or is of another scene.
         """
         size = mujoco.mj_stateSize(self.simulation.model, _STATE)
         if np.shape(state) != (size,):

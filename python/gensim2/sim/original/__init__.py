@@ -1,6 +1,6 @@
-"""Physics of the original GenSim2 as data: constants by class.
+"""Physics constants of the original GenSim2 by object class.
 
-``constants.yaml`` beside this file is read through the package so that a wheel carries it.
+``constants.yaml`` beside this file is read as a package resource, so that wheels include it.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from gensim2.core.yaml_files import parse_yaml
 
 @dataclass(frozen=True)
 class Constants:
-    """Constants of every scene and of a class.
+    """Constants of all scenes and of object classes.
 
     Attributes:
-        scene: PhysX's settings, by their names in ManiSkill's ``SceneConfig``.
-        material: static and dynamic friction and restitution of every surface but the table's.
-        rigid_density: kg/m3 of hulls.
-        fingers: stiffness (N/m) and damping (N s/m) of the original's drives of the fingers.
-        fingers_for: of those where there is a rigid object of a class.
-        finger_damping: of the soft drives where there are no rigid objects, N s/m.
-        picking_fingers: stiffness and damping of the soft drives where there are.
+        scene: PhysX settings, named as in ManiSkill's ``SceneConfig``.
+        material: static and dynamic friction and restitution of every surface except the table's.
+        rigid_density: density of rigid objects' hulls, kg/m3.
+        fingers: stiffness (N/m) and damping (N s/m) of the original's finger drives.
+        fingers_for: the same for scenes with a rigid object of a given class.
+        finger_damping: damping of the soft drives in scenes without rigid objects, N s/m.
+        picking_fingers: stiffness and damping of the soft drives in scenes with rigid objects.
     """
 
     scene: Mapping[str, Any]
@@ -40,17 +40,17 @@ class Constants:
     _joint_frictions: Mapping[str, float]
 
     def density(self, asset_class: str) -> float:
-        """Of an articulated object's hulls, kg/m3."""
+        """Return the density of an articulated object's hulls, kg/m3."""
         return _first_match(self._densities, asset_class)
 
     def joint_friction(self, asset_class: str) -> float:
-        """PhysX's coefficient of articulation friction."""
+        """Return PhysX's articulation friction coefficient."""
         return _first_match(self._joint_frictions, asset_class)
 
 
 @cache
 def constants() -> Constants:
-    """The constants, read once a process."""
+    """Return the constants, read once per process."""
     source = files(__name__) / "constants.yaml"
     data = parse_yaml(source.read_bytes(), str(source))
     density = data["density"]
