@@ -1,9 +1,12 @@
-"""Observations of a policy: the same code for a simulated camera and a real one, in training and in evaluation.
+"""Observations of a policy, with the same code for simulated and real cameras, in training and in evaluation.
 
-Depth pictures of several cameras become one point cloud in the robot's base frame, cropped to the workspace, with the
-robot's own gripper in it, sampled to a set size; beside it stand the robot's joints, its tool pose, its gripper and the
-sentence. An :class:`ObservationSpec` says what is seen, an :class:`Encoder` makes :class:`Observation` of it. Nothing
-here knows a simulator.
+Depth images of several cameras become one point cloud in the robot's base frame. It is cropped to the workspace,
+contains
+the robot's gripper, and is sampled to a fixed size. An observation also has the robot's joints, tool pose and gripper,
+and
+the instruction. An :class:`ObservationSpec` selects the contents, and an :class:`Encoder` makes an
+:class:`Observation`.
+This package does not depend on a simulator.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Cameras of a robot, and the pictures that they take."""
+"""Cameras of a robot and their images."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gensim2.robots import MountedCamera, RobotProfile
 Array = npt.NDArray[np.float64]
 
 MAX_SIDE = 8192
-"""Largest width and height of a picture, pixels."""
+"""Largest width and height of an image, pixels."""
 MAX_DISTANCE = 100.0
 """Largest distance of a camera from the origin of its frame, m."""
 MIN_FOCAL, MAX_INTRINSIC = 0.1, 1e6
@@ -23,23 +23,23 @@ MIN_FOCAL, MAX_INTRINSIC = 0.1, 1e6
 
 
 def pinhole(width: int, height: int, fov: float) -> Array:
-    """(3, 3) intrinsic matrix in pixels, the axis through the picture's middle, for a field of view (rad) in height."""
+    """Return the intrinsic matrix (3, 3), pixels, of a vertical field of view (rad) with a centred optical axis."""
     focal = 0.5 * height / np.tan(0.5 * fov)
     return np.array([[focal, 0.0, 0.5 * width], [0.0, focal, 0.5 * height], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera as OpenCV has it: x to the right of the picture, y down, z forward.
+    """A camera in OpenCV's convention: x to the right of the image, y down, z forward.
 
     Attributes:
-        name: unique among those of a robot.
-        width, height: pixels; the middle of the first one is at (0.5, 0.5).
-        intrinsic: (3, 3) in pixels.
-        T_base_camera: (4, 4) camera in the robot's base frame.
-        far: metres ahead beyond which nothing is seen.
-        link: of the robot, that carries it; None: it stands still.
-        depth_scale, depth_bias: true depth is the measured one times the first, plus the second (m): calibration.
+        name: unique name among the robot's cameras.
+        width, height: pixels; the centre of the first pixel is at (0.5, 0.5).
+        intrinsic: (3, 3), pixels.
+        T_base_camera: (4, 4) pose of the camera in the robot's base frame.
+        far: largest depth, m.
+        link: link of the robot that carries it; None for a fixed camera.
+        depth_scale, depth_bias: calibration: true depth = ``depth_scale`` * measured depth + ``depth_bias`` (m).
 
     Raises:
         InputError: a value has the wrong shape or is out of range; names the attribute.
@@ -79,10 +79,10 @@ class Camera:
 
     @staticmethod
     def looking(name: str, eye: npt.ArrayLike, target: npt.ArrayLike, *, width: int, height: int, fov: float) -> Camera:
-        """A camera at ``eye`` that looks at ``target``, both (3,) m in the base frame, upright.
+        """Return an upright camera at ``eye`` that looks at ``target``, both (3,) m in the base frame.
 
         Args:
-            fov: of the picture's height, rad.
+            fov: vertical field of view, rad.
         """
         place = np.asarray(eye, dtype=np.float64)
         forward = np.asarray(target, dtype=np.float64) - place
@@ -95,7 +95,7 @@ class Camera:
         return Camera(name, width, height, pinhole(width, height, fov), pose)
 
     def metres(self, depth: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
-        """(H, W) m of (H, W) mm as this camera measures them; 0 stays 0."""
+        """Convert measured depth (H, W) in mm to calibrated depth in m; 0 stays 0."""
         found = depth.astype(np.float32) * np.float32(1e-3)
         if self.depth_scale == 1.0 and self.depth_bias == 0.0:
             return found
@@ -103,8 +103,10 @@ class Camera:
 
     @cached_property
     def rays(self) -> npt.NDArray[np.float32]:
-        """(H, W, 3) rays through the pixel centres in the base frame, at unit depth: a point is the camera's position
-        plus its depth (m) times its ray."""
+        """Rays (H, W, 3) through the pixel centres in the base frame, scaled to unit depth.
+
+        A point is the camera's position plus its depth (m) times its ray.
+        """
         columns, rows = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
         pixels = np.stack([columns, rows, np.ones_like(columns)], axis=-1)
         turn = self.T_base_camera[:3, :3] @ np.linalg.inv(self.intrinsic)
@@ -112,33 +114,33 @@ class Camera:
 
     @cached_property
     def position(self) -> npt.NDArray[np.float32]:
-        """(3,) m in the base frame."""
+        """Position (3,) in the base frame, m."""
         return self.T_base_camera[:3, 3].astype(np.float32)
 
     @cached_property
     def projection(self) -> Array:
-        """(3, 4) from the base frame (homogeneous, m) to pixels times depth."""
+        """Projection (3, 4) from the base frame (homogeneous, m) to pixels times depth."""
         return np.asarray(self.intrinsic @ np.linalg.inv(self.T_base_camera)[:3])
 
 
 TARGET = (-0.1, 0.0, 0.15)
-"""Point that the cameras look at, m in the world: the middle of the workspace."""
+"""Point that the cameras look at, the centre of the workspace, m in the world frame."""
 
 PLACES = {"left": (-0.3, 0.75, 0.65), "right": (-0.3, -0.75, 0.65), "front": (0.75, 0.0, 0.65)}
-"""Positions of the cameras, m in the world: to the left, to the right, on the far side."""
+"""Positions of the cameras, m in the world frame: on the left, on the right, and on the far side."""
 
 PIXELS = 128
-"""Width and height of a picture."""
+"""Width and height of an image, pixels."""
 
 FIELD_OF_VIEW = float(np.deg2rad(60))
-"""Rad, of its height."""
+"""Vertical field of view, rad."""
 
 NEAR, FAR = 0.01, 10.0
-"""Metres ahead between which anything is seen."""
+"""Smallest and largest depth, m."""
 
 
 def observation_cameras(profile: RobotProfile) -> tuple[Camera, ...]:
-    """The cameras in the robot's base frame."""
+    """Return the fixed cameras in the robot's base frame."""
     base, turn = np.array(profile.base_position), profile.T_world_base[:3, :3].T
     return tuple(
         Camera.looking(
@@ -149,17 +151,17 @@ def observation_cameras(profile: RobotProfile) -> tuple[Camera, ...]:
 
 
 def mounted(camera: MountedCamera, T_base_link: npt.NDArray[np.float64]) -> Camera:
-    """A camera that a link carries, where that link stands at ``T_base_link`` (4, 4)."""
+    """Return a camera on a link whose pose is ``T_base_link`` (4, 4)."""
     pose = T_base_link @ np.asarray(camera.T_link_camera, dtype=np.float64)
     intrinsic = pinhole(camera.width, camera.height, camera.field_of_view)
     return Camera(camera.name, camera.width, camera.height, intrinsic, pose, FAR, camera.link)
 
 
 def require_cameras(names: tuple[str, ...], profile: RobotProfile) -> None:
-    """Refuse names of cameras that there are not.
+    """Refuse unknown camera names.
 
     Raises:
-        InputError: neither a fixed camera nor one of the robot's is called so, or one of each.
+        InputError: neither a fixed camera nor one of the robot's has the name, or both have it.
     """
     own = [camera.name for camera in profile.cameras]
     for name in own:
@@ -172,31 +174,31 @@ def require_cameras(names: tuple[str, ...], profile: RobotProfile) -> None:
 
 
 class View(Protocol):
-    """A picture."""
+    """An image of a camera."""
 
     @property
     def camera(self) -> Camera:
-        """That took it."""
+        """The camera."""
         ...
 
     @property
     def depth(self) -> npt.NDArray[np.float32]:
-        """(H, W) m ahead of the camera; 0 where nothing was measured."""
+        """Depth (H, W), m; 0 where nothing was measured."""
         ...
 
     @property
     def segmentation(self) -> npt.NDArray[np.int16] | None:
-        """(H, W) id of what each pixel shows, 0 for nothing; None: unknown."""
+        """Segmentation ids (H, W), 0 for nothing; None if unknown."""
         ...
 
     def colors_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
-        """(k, 3) of pixels, by their number in rows of the picture."""
+        """Return the colours (k, 3) of pixels, given by their row-major index."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture that was taken: of a real camera, or with noise on it; as :class:`View` has it."""
+    """An image of a real camera, or one with noise; implements :class:`View`."""
 
     camera: Camera
     depth: npt.NDArray[np.float32]
@@ -204,7 +206,7 @@ class Picture:
     colors: npt.NDArray[np.uint8] | None = None
 
     def colors_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
-        """(k, 3) of pixels; black where there are no colours."""
+        """Return the colours (k, 3) of pixels; black without colours."""
         if self.colors is None:
             return np.zeros((len(pixels), 3), dtype=np.uint8)
         return self.colors.reshape(-1, 3)[pixels]

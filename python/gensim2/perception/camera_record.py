@@ -1,4 +1,4 @@
-"""A camera as plain data: in logs of a robot as JSON, in requests to a policy server with arrays."""
+"""Cameras as plain data: JSON in a robot's logs, arrays in requests to a policy server."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from gensim2.perception.camera import Camera
 
 _CALIBRATED = {"depth_scale": 1.0, "depth_bias": 0.0}
 Matrix = Annotated[list[list[float]], BeforeValidator(lambda value: getattr(value, "tolist", lambda: value)())]
-"""Rows of numbers; an array is taken as well."""
+"""Rows of numbers; arrays are accepted too."""
 
 
 class CameraRecord(BaseModel):
-    """A :class:`~gensim2.perception.Camera` as plain data; its fields are the camera's attributes."""
+    """A :class:`~gensim2.perception.Camera` as plain data, with the same attributes."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -40,7 +40,6 @@ class CameraRecord(BaseModel):
 
     @staticmethod
     def of(camera: Camera) -> CameraRecord:
-        """Return the record of a camera."""
         return CameraRecord(**{name: getattr(camera, name) for name in CameraRecord.model_fields})
 
     def camera(self) -> Camera:
@@ -54,6 +53,6 @@ class CameraRecord(BaseModel):
 
     @staticmethod
     def message(camera: Camera) -> dict[str, Any]:
-        """Return the fields with their arrays; a calibration only where there is one, because version 0.2 has none."""
+        """Return the fields with arrays; default calibration is left out, because version 0.2 does not know it."""
         told = {name: getattr(camera, name) for name in CameraRecord.model_fields}
         return {name: value for name, value in told.items() if name not in _CALIBRATED or value != _CALIBRATED[name]}

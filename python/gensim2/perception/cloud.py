@@ -1,4 +1,4 @@
-"""One point cloud of several depth pictures, in the robot's base frame, cropped and of a set size."""
+"""Fuse several depth images into one point cloud in the robot's base frame, cropped and of fixed size."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Points = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int64]
 
 _TREE_HEIGHT = 5
-"""Of fpsample's buckets: fastest between 2,000 and 8,000 points; any gives a farthest point sampling."""
+"""Height of fpsample's tree: fastest between 2,000 and 8,000 points; any value gives farthest point sampling."""
 
 
 def uniform_stride(count: int, wanted: int) -> Indices:
-    """Indices of at most ``wanted`` of ``count`` things, evenly spread over their order."""
+    """Return at most ``wanted`` indices below ``count``, evenly spaced."""
     if count <= wanted:
         return np.arange(count)
     middles = (np.arange(wanted) + 0.5) * (count / wanted)
@@ -30,12 +30,13 @@ def uniform_stride(count: int, wanted: int) -> Indices:
 
 
 def farthest_points(points: Points, wanted: int) -> Indices:
-    """(wanted,) indices of points, each as far as can be from those chosen before; sorted.
+    """Return the sorted indices (wanted,) of a farthest point sampling.
 
-    Where there are fewer points than that, all of them in turn, over and over.
+    If there are fewer points, all of them are repeated in turn.
 
     Args:
         points: (N, 3) finite, N at least 1.
+        wanted: number of points.
 
     Raises:
         MissingExtraError: fpsample is not installed.
@@ -52,8 +53,12 @@ def farthest_points(points: Points, wanted: int) -> Indices:
 
 
 def inlier_mask(points: Points, neighbors: int, deviations: float) -> npt.NDArray[np.bool_]:
-    """(N,) whether each point is no outlier: its mean distance to its nearest ``neighbors`` is at most the mean of all
-    such distances plus so many standard deviations."""
+    """Return which points (N,) are inliers.
+
+    A point is an inlier if its mean distance to its nearest ``neighbors`` is at most the mean of all these distances
+    plus
+    ``deviations`` standard deviations.
+    """
     from scipy.spatial import cKDTree
 
     if len(points) <= neighbors:
@@ -67,51 +72,53 @@ def inlier_mask(points: Points, neighbors: int, deviations: float) -> npt.NDArra
 ROBOT_PARTS = ("gripper", "all", "none")
 SOURCES = ("depth", "keypoints")
 LOW, HIGH = (0.15, -0.62, 0.01), (1.15, 0.62, 1.0)
-"""Corners of the workspace before a Panda, m in its base frame."""
+"""Corners of the workspace in front of a Panda, m in its base frame."""
 MAX_POINTS = 49152
 
 RESOLUTION = np.float32(1e-4)
-"""Metres to which coordinates are rounded, so that a stored point is the seen one: 16 bits reach 3.2 m."""
+"""Resolution of coordinates, m; stored points equal observed ones, and 16 bits reach 3.2 m."""
 FARTHEST = 3.2
 
 
 class EmptyCloudError(GenSim2Error):
-    """No camera saw anything that a point cloud keeps."""
+    """The point cloud of all cameras is empty."""
 
 
 @dataclass(frozen=True)
 class RobotSegments:
-    """Segmentation ids of the robot's links: the hand with its fingers, and all others."""
+    """Segmentation ids of the robot's links: the hand with its fingers, and all other links."""
 
     gripper: frozenset[int]
     arm: frozenset[int]
 
 
 def candidates_for(points: int) -> int:
-    """Candidates of a cloud where no number is given: four a point and 4,096 at least; 0, all, where these are more
-    than a cloud may have.
-    """
+    """Return the default number of candidates: four per point and at least 4,096; 0 (all) above the limit."""
     wanted = max(4 * points, 4096)
     return wanted if wanted <= MAX_POINTS else 0
 
 
 @dataclass(frozen=True)
 class CloudSettings:
-    """Settings of a point cloud; metres in the robot's base frame.
+    """Settings of a point cloud; lengths in m, base frame.
 
     Attributes:
-        points: in the cloud.
-        low, high: corners of the workspace that it is cropped to. The default holds what stands on the table before a
-            Panda, and not the table's top.
-        robot: what of it is kept, where segmentation knows it: ``"gripper"``, ``"all"`` or ``"none"``.
-        candidates: points taken evenly over the pictures before farthest point sampling; 0: all.
-        outliers: standard deviations from which on a candidate stands alone and is dropped; None: none is.
-        neighbors: that tell.
-        noise: on the depth pictures; None: they are exact.
-        source: ``"depth"``: pictures; ``"keypoints"``: the true places of the objects' keypoints and of the corners of
-            their boxes, in a set order (:mod:`gensim2.perception.raycast.observer`), which only a simulator knows and
-            which are for privileged baselines. Such a cloud has no settings but ``points``: corners, candidates and
-            robot are set to one value, noise and outliers are refused.
+        points: number of points.
+        low, high: corners of the workspace to which the cloud is cropped. The default contains the objects on the table
+            in
+            front of a Panda, but not the table's surface.
+        robot: part of the robot to keep, if segmentation identifies it: ``"gripper"``, ``"all"`` or ``"none"``.
+        candidates: number of points taken evenly from the images before farthest point sampling; 0: all.
+        outliers: number of standard deviations above which a candidate is dropped as an outlier; None: keep all.
+        neighbors: number of neighbours for the outlier test.
+        noise: noise of the depth images; None: exact.
+        source: ``"depth"``: images; ``"keypoints"``: true positions of the objects' keypoints and bounding box corners
+            in a
+            fixed order (:mod:`gensim2.perception.raycast.observer`), which only a simulator knows, for privileged
+            baselines.
+            Such a cloud has no settings except ``points``: corners, candidates and robot get fixed values, and noise
+                and
+            outliers are refused.
     """
 
     points: int = 1024
@@ -145,7 +152,9 @@ class CloudSettings:
             raise InputError("must be positive", field="outliers")
 
     def _keep_points_alone(self) -> None:
-        """Give one value to what a cloud of keypoints does not have, so that alike ones are equal."""
+        """Set all settings that a cloud of keypoints does not use to fixed values, so that equal clouds have equal
+        settings.
+        """
         for name in ("noise", "outliers"):
             if getattr(self, name) is not None:
                 message = "is of depth pictures, and the cloud is made of keypoints"
@@ -155,10 +164,10 @@ class CloudSettings:
 
     @staticmethod
     def of(values: Mapping[str, Any]) -> CloudSettings:
-        """Settings from plain data, as :meth:`to_dict` gives them.
+        """Return settings from plain data of :meth:`to_dict`.
 
         Raises:
-            InputError: there is no such setting, or it cannot be so.
+            InputError: a setting is unknown or invalid.
         """
         given = dict(values)
         known = [each.name for each in fields(CloudSettings)]
@@ -181,9 +190,7 @@ class CloudSettings:
         return CloudSettings(**given)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, for JSON; a cloud of depth pictures does not name its source, as files from before there was
-        another do not.
-        """
+        """Return the settings as plain data; the source ``depth`` is left out, as in older files."""
         told = {**asdict(self), "low": list(self.low), "high": list(self.high)}
         if self.source == "depth":
             del told["source"]
@@ -192,12 +199,12 @@ class CloudSettings:
 
 @dataclass(frozen=True, eq=False)
 class PointCloud:
-    """N points.
+    """A point cloud of N points.
 
     Attributes:
-        xyz: (N, 3) m in the robot's base frame, in whole numbers of ``RESOLUTION``.
-        rgb: (N, 3) of what they lie on.
-        segmentation: (N,) its id; None: unknown.
+        xyz: (N, 3) m in the robot's base frame, multiples of ``RESOLUTION``.
+        rgb: (N, 3) colours.
+        segmentation: (N,) ids; None if unknown.
     """
 
     xyz: npt.NDArray[np.float32]
@@ -206,15 +213,16 @@ class PointCloud:
 
 
 def point_cloud(views: Sequence[View], settings: CloudSettings, robot: RobotSegments | None = None) -> PointCloud:
-    """Fuse pictures into one cloud: crop, sample evenly, drop outliers, sample farthest points. Nothing is drawn.
+    """Fuse images into one cloud: crop, sample evenly, drop outliers, sample farthest points. The result is
+    deterministic.
 
     Args:
-        views: of one instant, their noise on them.
-        settings: how.
-        robot: ids by which segmentation knows it; None: it is kept as anything else is.
+        views: images of one instant, with their noise.
+        settings: settings of the cloud.
+        robot: segmentation ids of the robot; None: the robot is treated like anything else.
 
     Raises:
-        EmptyCloudError: nothing is left.
+        EmptyCloudError: no point is left.
     """
     kept = [_inside(view, settings, robot) for view in views]
     counts = np.cumsum([0, *(len(pixels) for pixels in kept)])
@@ -234,7 +242,7 @@ def point_cloud(views: Sequence[View], settings: CloudSettings, robot: RobotSegm
 
 
 def _inside(view: View, settings: CloudSettings, robot: RobotSegments | None) -> npt.NDArray[np.int64]:
-    """Numbers of the pixels that are kept of a picture."""
+    """Return the indices of an image's pixels inside the workspace, without dropped parts of the robot."""
     depth, camera = view.depth, view.camera
     inside = depth > 0
     for axis in range(3):
@@ -255,7 +263,7 @@ def _is_one_of(segmentation: npt.NDArray[np.int16], ids: frozenset[int]) -> npt.
 
 
 def _points(view: View, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
-    """(k, 3) m in the base frame."""
+    """Return the points (k, 3) of pixels, m in the base frame."""
     camera = view.camera
     found: npt.NDArray[np.float32] = (
         camera.position + view.depth.reshape(-1)[pixels, None] * camera.rays.reshape(-1, 3)[pixels]
@@ -269,7 +277,7 @@ def _gather(
     points: npt.NDArray[np.float32],
     rows: npt.NDArray[np.int64],
 ) -> PointCloud:
-    """The rows (in rising order) of all points, with what the pictures say of them."""
+    """Return the given rows (in ascending order) of all points as a cloud with colours and ids."""
     starts = np.cumsum([0, *(len(part) for part in parts)])
     colors, ids = [], []
     for view, part, first, last in zip(views, parts, starts[:-1], starts[1:], strict=True):
@@ -282,12 +290,12 @@ def _gather(
 
 
 def to_steps(xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.int16]:
-    """Coordinates (m) in whole numbers of ``RESOLUTION``."""
+    """Return coordinates (m) as integer multiples of ``RESOLUTION``."""
     return np.asarray(np.rint(xyz / RESOLUTION), dtype=np.int16)
 
 
 def from_steps(steps: npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
-    """Coordinates in m, bit for bit those of the cloud whose :func:`to_steps` these are."""
+    """Return coordinates in m, bit for bit those given to :func:`to_steps`."""
     return steps * RESOLUTION
 
 

@@ -1,4 +1,4 @@
-"""Noise of a stereo depth camera: steps of disparity, edges, holes; errors of its calibration and clock."""
+"""Noise of a stereo depth camera: disparity steps, edges, holes, and errors of calibration and clock."""
 
 from __future__ import annotations
 
@@ -15,40 +15,43 @@ from pydantic import BaseModel, ConfigDict
 from gensim2.core.errors import InputError
 from gensim2.core.record_files import read_record
 
-# SciPy is imported where it is used: refusing arguments needs it not.
+# SciPy is imported inside functions, because argument checks do not need it.
 
 Depth = npt.NDArray[np.float32]
 Colors = npt.NDArray[np.uint8]
 
 MAX_SETTING = 1e9
 FIELD = 3.0
-"""Pixels of the smooth field that says where edges are fat, where noise is not correlated."""
+"""Standard deviation (pixels) of the smooth field for fattened edges if the noise is uncorrelated."""
 
 
 @dataclass(frozen=True)
 class DepthNoise:
-    """The defaults are white noise with the numbers of a RealSense D435 at 848 x 480; :data:`D435` is all of one.
+    """Parameters of depth noise.
+
+    The defaults are white noise with the figures of a RealSense D435 at 848 x 480; :data:`D435` is its complete model.
 
     Attributes:
-        focal: pixels, of the stereo pair.
-        baseline: m between its two cameras.
-        disparity_sigma: pixels, standard deviation of a measured disparity.
-        disparity_step: pixels to which a disparity is rounded.
-        edge: m between neighbouring pixels from which on they lie at an edge.
-        edge_lost: share of the pixels at an edge that measure nothing.
-        edge_mixed: share of the pixels at an edge that measure something between the two sides.
-        lost: share of all other pixels that measure nothing.
-        correlation: pixels, standard deviation of the Gaussian that neighbouring errors and holes share; 0: white.
-        shadow: what the right camera does not see beside a near thing is not measured, ``f B (1/z_near - 1/z_far)``
-            pixels wide.
-        fattening: pixels at most by which near things grow at their edges.
-        dark, dark_lost: brightness (0 to 1) below which this share measures nothing.
-        grazing, grazing_lost: angle of incidence (rad) above which this share measures nothing.
-        specular, specular_lost: angle of incidence (rad) below which this share does, dazzled by its own light.
-        spread: standard deviation of the logarithm by which noise and losses differ from episode to episode.
-        rotation, translation: standard deviations (rad, m) of a camera's pose about what is believed, an episode.
-        scale, bias: the same of its depth, a share and m.
-        time: the same of its clock, s: joints are read so much later than the picture is taken.
+        focal: focal length of the stereo pair, pixels.
+        baseline: distance of its two cameras, m.
+        disparity_sigma: standard deviation of a measured disparity, pixels.
+        disparity_step: disparities are rounded to multiples of it, pixels.
+        edge: depth difference of neighbouring pixels that counts as an edge, m.
+        edge_lost: share of pixels at an edge without a measurement.
+        edge_mixed: share of pixels at an edge with a depth between both sides.
+        lost: share of all other pixels without a measurement.
+        correlation: standard deviation of the Gaussian by which neighbouring errors are correlated, pixels; 0: white
+            noise.
+        shadow: drop pixels that the right camera does not see beside a near object, ``f B (1/z_near - 1/z_far)`` pixels
+            wide.
+        fattening: largest growth of near objects at their edges, pixels.
+        dark, dark_lost: below this brightness (0 to 1), this share of pixels has no measurement.
+        grazing, grazing_lost: above this angle of incidence (rad), this share of pixels has no measurement.
+        specular, specular_lost: below this angle of incidence (rad), this share of pixels is lost by reflections.
+        spread: standard deviation of the logarithm of the factor on noise and losses in each episode.
+        rotation, translation: standard deviations (rad, m) of the error of a camera's assumed pose in each episode.
+        scale, bias: standard deviations of the errors of depth in each episode, as a ratio and in m.
+        time: standard deviation of the delay of joint readings after the image in each episode, s.
     """
 
     focal: float = 425.0
@@ -97,13 +100,13 @@ class DepthNoise:
         colors: Colors | None = None,
         focal: float | None = None,
     ) -> Depth:
-        """(H, W) m as such a camera would have measured it; 0 stays 0, and stands for nothing measured.
+        """Return depth (H, W), m, with noise; 0 means no measurement and stays 0.
 
         Args:
-            depth: (H, W) m.
-            generator: of all that is drawn.
-            colors: (H, W, 3) by which surfaces are dark; None: none is.
-            focal: pixels of this picture, which shadows and angles go by; None: those of the stereo pair.
+            depth: (H, W), m.
+            generator: random generator.
+            colors: (H, W, 3) for losses on dark surfaces; None: no surface is dark.
+            focal: focal length of this image, for shadows and angles, pixels; None: that of the stereo pair.
         """
         seen = depth > 0
         draws = generator.random(depth.shape, dtype=np.float32)
@@ -128,7 +131,7 @@ class DepthNoise:
         return np.where(lost, 0.0, measured).astype(np.float32)
 
     def drawn(self, generator: np.random.Generator) -> DepthNoise:
-        """The noise of one episode."""
+        """Return the noise of one episode, with its random factors."""
         if not self.spread:
             return self
         factors = np.exp(self.spread * generator.standard_normal(4))
@@ -144,7 +147,7 @@ class DepthNoise:
         )
 
     def error(self, generator: np.random.Generator) -> CameraError:
-        """Calibration error of one camera in one episode."""
+        """Draw the calibration error of one camera in one episode."""
         from scipy.spatial.transform import Rotation
 
         draw = generator.standard_normal(8)
@@ -156,7 +159,7 @@ class DepthNoise:
     def _lost_by_surface(
         self, depth: Depth, generator: np.random.Generator, colors: Colors | None, focal: float
     ) -> npt.NDArray[np.bool_]:
-        """(H, W) of what measures nothing because of what it lies on."""
+        """Return the mask (H, W) of pixels that are lost because of the surface they show."""
         lost = np.zeros(depth.shape, dtype=bool)
         if self.dark_lost and colors is not None:
             lost |= (brightness(colors) < self.dark) & (self._even(depth, generator) < self.dark_lost)
@@ -168,7 +171,7 @@ class DepthNoise:
         return lost
 
     def _even(self, depth: Depth, generator: np.random.Generator) -> npt.NDArray[np.floating]:
-        """(H, W) even draws from 0 to 1, neighbours alike as far as noise is correlated."""
+        """Return uniform random numbers (H, W) from 0 to 1, correlated like the noise."""
         from scipy.special import ndtr
 
         if not self.correlation:
@@ -177,7 +180,7 @@ class DepthNoise:
         return np.asarray(ndtr(field))
 
     def _fattened(self, depth: Depth, generator: np.random.Generator) -> Depth:
-        """Near things grown at their edges, here and there."""
+        """Return depth with near objects grown at random parts of their edges."""
         from scipy.ndimage import minimum_filter
         from scipy.special import ndtr
 
@@ -199,8 +202,8 @@ class CameraError:
     """Calibration error of a camera.
 
     Attributes:
-        T: (4, 4) of the camera that is believed, in the frame of the true one.
-        scale, bias: the measured depth is ``scale`` times the true one, plus ``bias`` (m).
+        T: (4, 4) assumed camera pose in the frame of the true camera.
+        scale, bias: measured depth = ``scale`` * true depth + ``bias`` (m).
     """
 
     T: npt.NDArray[np.float64]
@@ -208,7 +211,7 @@ class CameraError:
     bias: float
 
     def on(self, depth: Depth) -> Depth:
-        """(H, W) m as the camera has them; 0 stays 0."""
+        """Return the depth (H, W) with the error, m; 0 stays 0."""
         found = np.float32(self.scale) * depth + np.float32(self.bias)
         return np.where((depth > 0) & (found > 0), found, np.float32(0.0))
 
@@ -225,22 +228,24 @@ D435 = DepthNoise(
     specular_lost=0.2,
     spread=0.2,
 )
-"""A RealSense D435 at 848 x 480, as far as is published of it; ``gensim2 robot fit-noise`` fits your own."""
+"""Noise of a RealSense D435 at 848 x 480 from published figures; ``gensim2 robot fit-noise`` fits it to your camera."""
 
 DEPLOYED = replace(D435, rotation=0.0035, translation=0.003, scale=0.005, bias=0.002, time=0.01)
-"""The same with what a calibration and clocks leave, drawn each episode: 0.2 degrees, 3 mm, 0.5 % and 2 mm of depth,
-10 ms."""
+"""The same with typical errors of calibration and clock in each episode: 0.2 degrees, 3 mm, 0.5 % and 2 mm of depth, 10
+ms.
+"""
 
 PRESETS = {"white": DepthNoise(), "d435": D435, "deployed": DEPLOYED}
 """Noise by name."""
 
 
 def shadows(depth: Depth, baseline: float, focal: float) -> npt.NDArray[np.bool_]:
-    """(H, W) of what the left camera of a pair sees and the right one does not: something nearer stands before it.
+    """Return the mask (H, W) of pixels that the left camera of a stereo pair sees and the right one does not.
 
     Args:
-        depth: (H, W) m of the left camera; 0 where there is nothing.
-        baseline: m. focal: pixels of this picture.
+        depth: (H, W) of the left camera, m; 0 for nothing.
+        baseline: m.
+        focal: focal length of this image, pixels.
     """
     seen = depth > 0
     disparity = focal * baseline / np.where(seen, depth, np.inf)
@@ -251,18 +256,18 @@ def shadows(depth: Depth, baseline: float, focal: float) -> npt.NDArray[np.bool_
 
 
 def brightness(colors: Colors) -> npt.NDArray[np.float32]:
-    """(H, W) from 0 to 1 of (H, W, 3)."""
+    """Return the brightness (H, W) from 0 to 1 of colours (H, W, 3)."""
     weights = np.array([0.299, 0.587, 0.114], dtype=np.float32) / np.float32(255.0)
     return np.asarray(colors.astype(np.float32) @ weights)
 
 
 def incidence(depth: Depth, focal: float, edge: float) -> npt.NDArray[np.float32]:
-    """(H, W) rad between the camera's axis and what a pixel lies on, from its neighbours; 0.5 where none can be told.
+    """Return the angle (H, W), rad, between the camera's axis and the surface normal; 0.5 where it is unknown.
 
     Args:
-        depth: (H, W) m.
-        focal: pixels of this picture.
-        edge: m between neighbours from which on they lie on different things.
+        depth: (H, W), m.
+        focal: focal length of this image, pixels.
+        edge: depth difference of neighbours above which they belong to different objects, m.
     """
     slopes = []
     for axis in (0, 1):
@@ -276,7 +281,7 @@ def incidence(depth: Depth, focal: float, edge: float) -> npt.NDArray[np.float32
 
 
 def _smooth(field: npt.NDArray[np.float32], sigma: float) -> npt.NDArray[np.float32]:
-    """White noise with its neighbours mixed in, as strong as before."""
+    """Smooth white noise and restore its standard deviation."""
     from scipy.ndimage import gaussian_filter
 
     return np.asarray(gaussian_filter(field, sigma, mode="wrap") / _weakened(float(sigma)), dtype=np.float32)
@@ -292,7 +297,7 @@ def _weakened(sigma: float) -> float:
 
 
 def _around(depth: Depth) -> tuple[Depth, Depth]:
-    """Least and largest depth of each pixel and its four neighbours, those that measure nothing left out."""
+    """Return the smallest and largest depth of each pixel and its four neighbours, without missing measurements."""
     low = np.where(depth > 0, depth, np.float32(np.inf))
     near, far = low.copy(), depth.copy()
     for here, there in (
@@ -310,7 +315,7 @@ REMEDY = "make it anew with gensim2 robot fit-noise"
 
 
 class NoiseFile(BaseModel):
-    """Fitted parameters on the disk."""
+    """File of fitted parameters."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -320,10 +325,10 @@ class NoiseFile(BaseModel):
 
 
 def read_noise(name: str | Path) -> DepthNoise:
-    """Noise by name (``white``, ``d435``, ``deployed``), or from a file that ``gensim2 robot fit-noise`` wrote.
+    """Return noise by name (``white``, ``d435``, ``deployed``), or from a file of ``gensim2 robot fit-noise``.
 
     Raises:
-        InputError: there is none, or a parameter cannot be so.
+        InputError: the name or file does not exist, or a parameter is invalid.
     """
     if str(name) in PRESETS:
         return PRESETS[str(name)]

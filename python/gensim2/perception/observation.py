@@ -1,4 +1,4 @@
-"""Observations: spec, columns of arrays, proprioception, and their encoder."""
+"""Observations: their spec, columns, proprioception and encoder."""
 
 from __future__ import annotations
 
@@ -17,29 +17,31 @@ from gensim2.perception.cloud import CloudSettings, PointCloud, RobotSegments, p
 from gensim2.robots import RobotProfile
 
 STATE, VELOCITY, TOOL_POSE, GRIPPER = "state", "velocity", "tool_pose", "gripper"
-"""(n,) joint positions, rad and m; (n,) their velocities; (7,) tool in the base frame; (2,) pad distance, m, and the
-last command, -1 to 1. All float32."""
+"""Names of proprioception columns, all float32: joint positions (n,), rad and m; velocities (n,); tool pose (7,) in the
+base frame; gripper (2,): distance of the pads, m, and the last command, -1 to 1.
+"""
 
 PROPRIOCEPTION = (STATE, VELOCITY, TOOL_POSE, GRIPPER)
 
 CLOUD, CLOUD_SEGMENTATION = "point_cloud", "point_segmentation"
-"""(N, 6) float32: x, y, z in the base frame, m, then red, green, blue from 0 to 1; (N,) int16 ids."""
+"""Names of cloud columns: (N, 6) float32, x, y, z in the base frame (m) and red, green, blue (0 to 1); (N,) int16 ids.
+"""
 
 ENVIRONMENT_STATE = "environment_state"
-"""(3 N,) float32 in exports, where clouds are made of keypoints: x, y, z of each in the base frame, m."""
+"""Name of the column for clouds of keypoints in exports: (3 N,) float32, x, y, z of each point in the base frame, m."""
 
 IMAGE, DEPTH, SEGMENTATION = "image_", "depth_", "segmentation_"
-"""Before a camera's name: (H, W, 3) uint8; (H, W) uint16, mm, 0 where nothing is seen; (H, W) int16 ids."""
+"""Prefixes of camera columns: colour (H, W, 3) uint8; depth (H, W) uint16 in mm, 0 for nothing; ids (H, W) int16."""
 
 
 def cloud_column(xyz: npt.NDArray[Any], rgb: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.float32]:
-    """(..., N, 6) float32 coordinates in m and colours from 0 to 1; (..., N, 3) where there are no colours."""
+    """Return the column (..., N, 6) of coordinates in m and colours from 0 to 1; (..., N, 3) without colours."""
     points = xyz.astype(np.float32)
     return points if rgb is None else np.concatenate([points, rgb.astype(np.float32) / 255], axis=-1)
 
 
 def depth_column(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
-    """Depth (m) in whole millimetres."""
+    """Return depth in integer millimetres."""
     found: npt.NDArray[np.uint16] = np.rint(1000.0 * depth).astype(np.uint16)
     return found
 
@@ -48,15 +50,15 @@ Row = npt.NDArray[np.float32]
 
 
 class Proprioception(Mapping[str, Row]):
-    """``state``, ``velocity``, ``tool_pose`` and ``gripper`` of one instant (:mod:`gensim2.perception.observation`).
+    """Proprioception of one instant: ``state``, ``velocity``, ``tool_pose`` and ``gripper``.
 
-    The last two are worked out on first access: few controllers look at them every step, and a pose of the tool costs
-    a tenth of a control step. Pickles as a dict.
+    The last two are computed on first access, because few controllers need them in every step and the tool pose takes a
+    tenth
+    of a control step. Pickled as a dict.
 
     Args:
-        profile: of the robot.
-        positions, velocities: (n,) of all active joints, rad and m, and a second.
-        command: the gripper's last, -1 to 1.
+        positions, velocities: (n,) of all active joints, in rad and m, and per second.
+        command: last gripper command, -1 to 1.
     """
 
     def __init__(
@@ -93,11 +95,10 @@ class Proprioception(Mapping[str, Row]):
 
 
 def tool_pose(profile: RobotProfile, positions: npt.NDArray[np.float32]) -> Row:
-    """(7,) of the tool link in the base frame: x, y, z, qw, qx, qy, qz, with qw at least 0.
+    """Return the pose (7,) of the tool link in the base frame: x, y, z, qw, qx, qy, qz, with qw at least 0.
 
     Args:
-        positions: (n,) all active joints, rad and m; or (N, n), which gives (N, 7), the same numbers at a small part of
-            the cost.
+        positions: (n,) all active joints, rad and m; or (N, n), which gives (N, 7) and is much faster than N calls.
     """
     from scipy.spatial.transform import Rotation  # here: who refuses an argument needs it not
 
@@ -110,21 +111,23 @@ def tool_pose(profile: RobotProfile, positions: npt.NDArray[np.float32]) -> Row:
 Modality = Literal["pointcloud", "rgb", "depth", "segmentation"]
 MODALITIES: tuple[Modality, ...] = get_args(Modality)
 CAMERAS: tuple[str, ...] = tuple(PLACES)
-"""The fixed ones; a robot may carry others (:class:`~gensim2.robots.MountedCamera`)."""
+"""Names of the fixed cameras; a robot may have others (:class:`~gensim2.robots.MountedCamera`)."""
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
 @dataclass(frozen=True)
 class ObservationSpec:
-    """Modalities, cameras and cloud settings of an observation, beside what each one holds: time, joints, tool pose,
-    gripper, the sentence.
+    """Modalities, cameras and cloud settings of an observation.
+
+    Every observation also has time, joints, tool pose, gripper and the instruction.
 
     Attributes:
-        modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer; none of
-            them: the robot's own state alone.
-        cameras: names of those that are used: the fixed ones in their order, then the robot's own as they were given.
-        cloud: how point clouds are made; its noise is on depth pictures, too.
+        modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer; empty for
+            the
+            robot's own state only.
+        cameras: names of the cameras: the fixed ones in their order, then the robot's own in the given order.
+        cloud: settings of point clouds; its noise also applies to depth images.
     """
 
     modalities: tuple[Modality, ...] = ("pointcloud",)
@@ -140,32 +143,32 @@ class ObservationSpec:
                 beside = " or names of the robot's own" if name == "cameras" else ""
                 said = ", ".join(map(str, given)) or "nothing"
                 raise InputError(f"must be some of {', '.join(known)}{beside}, each once, is {said}", field=name)
-            # One spelling of one spec, however it was given.
+            # Normalize the order, so that equal specs compare equal.
             object.__setattr__(self, name, tuple(word for word in known if word in given))
 
     @property
     def casts(self) -> bool:
-        """Whether any of it comes from rays."""
+        """Whether any modality needs ray casting."""
         rays = {"depth", "segmentation"} if self.is_privileged else {"pointcloud", "depth", "segmentation"}
         return bool(rays & set(self.modalities))
 
     @property
     def is_privileged(self) -> bool:
-        """Whether the cloud is made of what only a simulator knows."""
+        """Whether the cloud consists of keypoints, which only a simulator knows."""
         return "pointcloud" in self.modalities and self.cloud.source != "depth"
 
     @property
     def is_proprioceptive(self) -> bool:
-        """Whether no camera is looked through."""
+        """Whether no camera is needed."""
         return not self.modalities
 
     @staticmethod
     def of(values: ObservationSpec | Mapping[str, Any] | None) -> ObservationSpec:
-        """A spec from plain data, as :meth:`to_dict` gives it; fields of :class:`CloudSettings` may stand in it
-        directly. None: the default.
+        """Return a spec from plain data of :meth:`to_dict`, also with fields of :class:`CloudSettings`; None: the
+        default.
 
         Raises:
-            InputError: there is no such setting, or it cannot be so.
+            InputError: a setting is unknown or invalid.
         """
         try:
             return ObservationSpec._of(values)
@@ -195,16 +198,16 @@ class ObservationSpec:
         return ObservationSpec(**found, cloud=CloudSettings.of({**(cloud or {}), **given}))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
+        """Return the spec as plain data for JSON."""
         return {"modalities": list(self.modalities), "cameras": list(self.cameras), "cloud": self.cloud.to_dict()}
 
     def require(self, other: ObservationSpec, what: str, *, of: str) -> None:
-        """Refuse to use with one spec what goes by another.
+        """Refuse to combine two things whose specs differ.
 
         Args:
-            other: the spec that must be this one.
-            what: goes by ``other``, for the message.
-            of: what goes by this one.
+            other: spec that must equal this one.
+            what: thing with the spec ``other``, for the message.
+            of: thing with this spec, for the message.
 
         Raises:
             InputError: names the first field that differs, and both values.
@@ -229,15 +232,15 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Observation(Mapping[str, Array]):
-    """Observation of one instant; as a mapping, arrays by the names that they have in exports.
+    """Observation of one instant; as a mapping, arrays by their names in exports.
 
     Attributes:
         step: control steps since the reset.
-        time: seconds since the reset.
-        language: what is to be done, a sentence.
-        arrays: by name (:mod:`gensim2.perception.observation`), but for the point cloud.
-        cloud: the point cloud; None where none was asked for.
-        cameras: those that were looked through, by name: intrinsics, and poses in the base frame.
+        time: time since the reset, s.
+        language: instruction.
+        arrays: arrays by name (:mod:`gensim2.perception.observation`), except the point cloud.
+        cloud: the point cloud; None if not requested.
+        cameras: the used cameras by name, with intrinsics and poses in the base frame.
     """
 
     step: int
@@ -249,17 +252,17 @@ class Observation(Mapping[str, Array]):
 
     @property
     def joint_positions(self) -> npt.NDArray[np.float32]:
-        """(n,) of all active joints, rad and m."""
+        """Positions (n,) of all active joints, rad and m."""
         return self.arrays[STATE]
 
     @property
     def joint_velocities(self) -> npt.NDArray[np.float32]:
-        """(n,) rad/s and m/s."""
+        """Velocities (n,), rad/s and m/s."""
         return self.arrays[VELOCITY]
 
     @property
     def T_base_tool(self) -> npt.NDArray[np.float64]:
-        """(4, 4) tool in the robot's base frame."""
+        """Return the tool pose (4, 4) in the robot's base frame."""
         pose = self.arrays[TOOL_POSE].astype(np.float64)
         found = np.eye(4)
         from scipy.spatial.transform import Rotation  # here: who refuses an argument needs it not
@@ -270,12 +273,12 @@ class Observation(Mapping[str, Array]):
 
     @property
     def gripper_width(self) -> float:
-        """Distance of the pads, m."""
+        """Distance of the finger pads, m."""
         return float(self.arrays[GRIPPER][0])
 
     @property
     def gripper_command(self) -> float:
-        """The last command, from -1 (closed) to 1 (open)."""
+        """Last gripper command, from -1 (closed) to 1 (open)."""
         return float(self.arrays[GRIPPER][1])
 
     def _own_names(self) -> tuple[str, ...]:
@@ -301,13 +304,11 @@ class Observation(Mapping[str, Array]):
 
 
 class Encoder:
-    """Observations of one robot by one spec, whoever drives it.
+    """Makes the observations of one robot by one spec.
 
     Args:
-        spec: what is seen.
-        profile: of the robot.
-        language: what is to be done.
-        robot: ids by which segmentation knows the robot; None: it is kept as anything else is.
+        language: instruction.
+        robot: segmentation ids of the robot; None: the robot is treated like anything else.
     """
 
     def __init__(
@@ -325,18 +326,18 @@ class Encoder:
         pictures: Mapping[str, npt.NDArray[np.uint8]] | None = None,
         known: PointCloud | None = None,
     ) -> Observation:
-        """The observation of one instant.
+        """Return the observation of one instant.
 
         Args:
             step: control steps since the reset.
             positions, velocities: (n,) of all active joints.
-            command: the gripper's last, -1 to 1.
-            views: the cameras' pictures, for all that is not ``rgb``.
+            command: last gripper command, -1 to 1.
+            views: images of the cameras, for all modalities except ``rgb``.
             pictures: (H, W, 3) by camera, for ``rgb``.
-            known: cloud that is not made of the cameras' pictures, of a spec that says so.
+            known: cloud of keypoints, for specs that ask for it.
 
         Raises:
-            EmptyCloudError: the cameras see nothing that a point cloud keeps.
+            EmptyCloudError: the point cloud is empty.
         """
         modalities = self.spec.modalities
         own = Proprioception(self._profile, positions, velocities, command)

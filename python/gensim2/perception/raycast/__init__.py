@@ -1,1 +1,1 @@
-"""Depth, colour and segmentation without a GPU: rays from the environment's cameras at its links."""
+"""Depth, colour and segmentation without a GPU, by casting rays from cameras at the scene's links."""

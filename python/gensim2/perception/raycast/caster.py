@@ -1,4 +1,4 @@
-"""Rays from cameras at posed links: one Embree scene a link, built once; links move, rays are taken to their frames."""
+"""Cast rays at posed links: one Embree scene is built per link, and rays are transformed into link frames."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from gensim2.perception.raycast.shapes import Color, Surface, Texture
 Array = npt.NDArray[np.float64]
 
 NEAR = 1e-3
-"""Metres ahead of a camera: a box that comes nearer may be seen by any of its pixels."""
+"""Depth (m) below which a bounding box is assumed to cover the whole image."""
 
 
 @dataclass(frozen=True, eq=False)
 class CastSolid:
-    """A rigid thing that is seen.
+    """A visible rigid body.
 
     Attributes:
-        id: by which segmentation knows it; from 1 on.
-        surface: in its own frame.
-        still: it stands where it stood in the last picture, as a rule.
+        id: segmentation id, from 1.
+        surface: surface in its own frame.
+        still: whether it usually does not move.
     """
 
     id: int
@@ -35,12 +35,12 @@ class CastSolid:
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """First hits of the rays of some cameras.
+    """First hits of the rays of several cameras.
 
     Attributes:
-        depth: of each camera, (H, W) m ahead; its ``far`` where nothing was met.
-        face: of each camera, (H, W): number of the triangle among all of the caster's; -1 where nothing was met.
-        u, v: of each camera, (H, W): weights of that triangle's second and third corner; only where it is textured.
+        depth: (H, W) per camera, m; the camera's ``far`` without a hit.
+        face: (H, W) per camera: index among all triangles of the caster; -1 without a hit.
+        u, v: (H, W) per camera: weights of the triangle's second and third corner, for textured triangles only.
     """
 
     depth: tuple[npt.NDArray[np.float32], ...]
@@ -50,7 +50,7 @@ class Hits:
 
     @staticmethod
     def none(cameras: Sequence[Camera]) -> Hits:
-        """Nothing met yet."""
+        """Return hits without any hit."""
         sizes = [(camera.height, camera.width) for camera in cameras]
         return Hits(
             tuple(np.full(s, c.far, dtype=np.float32) for s, c in zip(sizes, cameras, strict=True)),
@@ -60,7 +60,7 @@ class Hits:
         )
 
     def copy(self) -> Hits:
-        """The same in memory of its own."""
+        """Return a copy."""
         return Hits(_copied(self.depth), _copied(self.face), _copied(self.u), _copied(self.v))
 
 
@@ -72,13 +72,13 @@ def _copied(arrays: tuple[_Kept, ...]) -> tuple[_Kept, ...]:
 
 
 class Caster:
-    """Solids and the cameras that look at them.
+    """Solids, and the cameras that see them.
 
-    What stands still is cast once and kept while it does; the hits are those of a fresh caster all the same.
+    Still solids are cast once and the result is reused while they do not move, which does not change the hits.
 
     Args:
-        solids: the L things to be seen.
-        cameras: that see them.
+        solids: the L solids.
+        cameras: the cameras.
     """
 
     def __init__(self, solids: Sequence[CastSolid], cameras: Sequence[Camera]) -> None:
@@ -86,7 +86,7 @@ class Caster:
         self._solids = tuple(solids)
         counts = [len(solid.surface.faces) for solid in solids]
         self._first = np.cumsum([0, *counts])
-        # The last row is for -1: nothing.
+        # The last row is for index -1, no hit.
         self._ids = np.repeat([*(solid.id for solid in solids), 0], [*counts, 1]).astype(np.int16)
         self._colors = np.concatenate([*(solid.surface.colors for solid in solids), np.zeros((1, 3), dtype=np.uint8)])
         self._textures = [
@@ -104,18 +104,18 @@ class Caster:
         """Cast the rays of all pixels.
 
         Args:
-            poses: (L, 4, 4) of the solids in the base frame.
+            poses: (L, 4, 4) poses of the solids in the base frame.
         """
         hits = self._stood(poses).copy()
         self._cast(self._moving, poses, hits)
         return hits
 
     def segmentation(self, face: npt.NDArray[np.int32]) -> npt.NDArray[np.int16]:
-        """Ids of what was met, of any shape; 0 where nothing was."""
+        """Return the segmentation ids of hits of any shape; 0 without a hit."""
         return self._ids[face]
 
     def colors(self, face: npt.NDArray[np.int32], u: npt.NDArray[np.float32], v: npt.NDArray[np.float32]) -> Color:
-        """(..., 3) of the material or the texture where rays met; black where nothing was met."""
+        """Return the colours (..., 3) of material or texture at the hits; black without a hit."""
         found = self._colors[face]
         for start, texture in self._textures:
             _paint(found, face - start, u, v, texture)
@@ -151,7 +151,7 @@ class Caster:
         hits: Hits,
         view: int,
     ) -> None:
-        """Cast the rays of a window of a picture; what was met before is met no more, unless this is nearer."""
+        """Cast the rays of a part of an image, and keep hits that are nearer than earlier ones."""
         depth, face = hits.depth[view][window], hits.face[view][window]
         turn = pose[:3, :3]
         rays = camera.rays[window].reshape(-1, 3) @ turn
@@ -168,7 +168,7 @@ class Caster:
             np.copyto(hits.v[view][window], met["v"].reshape(face.shape), where=new)
 
     def _boxes(self, which: list[int], poses: Array) -> list[list[list[int]]]:
-        """Of each camera and solid the pixels that may see it: left, top, right, bottom."""
+        """Return for each camera and solid the pixel range that may show it: left, top, right, bottom."""
         corners = poses[which] @ self._corners[which].transpose(0, 2, 1)  # (l, 4, 8)
         seen = self._projections[:, None] @ corners  # (cameras, l, 3, 8)
         ahead = seen[:, :, 2].clip(min=NEAR)
@@ -190,7 +190,7 @@ def _paint(
     v: npt.NDArray[np.float32],
     texture: Texture,
 ) -> None:
-    """Put a texture's colours where its faces were met; ``face`` counts those of its surface."""
+    """Set a texture's colours where its faces were hit; ``face`` counts within its surface."""
     row = np.searchsorted(texture.faces, face)
     wears = row < len(texture.faces)
     wears[wears] = texture.faces[row[wears]] == face[wears]

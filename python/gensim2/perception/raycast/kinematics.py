@@ -1,4 +1,4 @@
-"""Poses of the links of an articulation, from a URDF alone, for a whole episode at once."""
+"""Link poses of an articulation from its URDF, for a whole episode at once."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ Array = npt.NDArray[np.float64]
 
 @lru_cache(maxsize=256)
 def read_urdf(file: Path) -> Urdf:
-    """A URDF, read once a process.
+    """Read a URDF, once per process.
 
     Raises:
-        InputError: it cannot be read, or its links form no tree.
+        InputError: the file cannot be read, or its links do not form a tree.
     """
     return parse_urdf(read_input(file, MAX_URDF), file)
 
 
 @dataclass(frozen=True)
 class Tree:
-    """The links of an articulation, in the order in which SAPIEN builds them: depth first, children as in the file.
+    """Links of an articulation in SAPIEN's order: depth first, children as in the file.
 
     Attributes:
-        names: of the L links.
-        parents: index of each link's parent; -1 of the root.
-        joints: above each link; None above the root.
-        coordinates: index of each link's joint in ``q``; -1 where it is fixed.
+        names: names of the L links.
+        parents: index of each link's parent; -1 for the root.
+        joints: joint of each link to its parent; None for the root.
+        coordinates: index of each link's joint in ``q``; -1 if fixed.
     """
 
     names: tuple[str, ...]
@@ -53,11 +53,11 @@ class Tree:
         """Build the kinematic tree of a URDF.
 
         Args:
-            urdf: the parsed file.
-            active: names of the joints that are the tree's coordinates, in their order.
+            urdf: parsed file.
+            active: names of the joints that are the tree's coordinates, in order.
 
         Raises:
-            InputError: a joint that moves is not among ``active``, or is neither revolute nor prismatic.
+            InputError: a moving joint is not in ``active``, or is neither revolute nor prismatic.
         """
         below: dict[str, list[UrdfJoint]] = {name: [] for name in urdf.links}
         for joint in urdf.joints:
@@ -80,17 +80,17 @@ class Tree:
 
     @property
     def still(self) -> tuple[bool, ...]:
-        """Whether each link stands still relative to the root."""
+        """Whether each link is fixed relative to the root."""
         found: list[bool] = []
         for parent, coordinate in zip(self.parents, self.coordinates, strict=True):
             found.append(coordinate < 0 and (parent < 0 or found[parent]))
         return tuple(found)
 
     def poses(self, root: Array, q: Array) -> Array:
-        """(T, L, 4, 4) of the links, in the frame of ``root``.
+        """Return the link poses (T, L, 4, 4) in the frame of ``root``.
 
         Args:
-            root: (T, 4, 4) of the root link.
+            root: (T, 4, 4) poses of the root link.
             q: (T, n) coordinates, rad and m.
         """
         found = np.empty((len(root), len(self.names), 4, 4))
@@ -109,7 +109,7 @@ class Tree:
 
 
 def pose_matrices(rows: npt.NDArray[np.floating]) -> Array:
-    """(T, 4, 4) of (T, 7) poses: x, y, z, qw, qx, qy, qz."""
+    """Return matrices (T, 4, 4) of poses (T, 7): x, y, z, qw, qx, qy, qz."""
     rows = rows.astype(np.float64)
     found = np.tile(np.eye(4), (len(rows), 1, 1))
     found[:, :3, :3] = Rotation.from_quat(rows[:, 3:], scalar_first=True).as_matrix()
@@ -118,10 +118,11 @@ def pose_matrices(rows: npt.NDArray[np.floating]) -> Array:
 
 
 def state_rows(states: Mapping[str, Any], kind: str, name: str, width: int) -> npt.NDArray[np.float32]:
-    """(T, width) of one thing in ManiSkill's ``env_states``; ``kind`` is ``"actors"`` or ``"articulations"``.
+    """Return the states (T, width) of one thing in ManiSkill's ``env_states``; ``kind`` is ``"actors"`` or
+    ``"articulations"``.
 
     Raises:
-        InputError: there is none, it has another width, or is not finite.
+        InputError: it is missing, has another width, or is not finite.
     """
     try:
         rows = np.asarray(states[kind][name], dtype=np.float32)

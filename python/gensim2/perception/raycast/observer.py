@@ -1,4 +1,4 @@
-"""Observations of simulated states: one class for data sets, for environments and for controllers."""
+"""Observations of simulated states, for data sets, environments and controllers."""
 
 from __future__ import annotations
 
@@ -32,16 +32,18 @@ Array = npt.NDArray[np.float64]
 
 
 class KnownPoints:
-    """Points of the objects of a scene, which stand for its whole state.
+    """Cloud of known points of a scene's objects, which represents its whole state.
 
-    Of each object in the task's order: the eight corners of the box of what moves, in the frame of the link that the
-    joint moves; the eight of what stands still, in the root's; its keypoints by name. Of a rigid object one box and
-    the keypoints. The list is repeated from its beginning until there are as many as the cloud has.
+    For each object in the task's order the points are: the eight corners of the bounding box of its moving part, in the
+    frame
+    of the joint's link; the eight corners for its fixed part, in the root frame; and its keypoints by name. A rigid
+    object has
+    one box and its keypoints. The list is repeated until the cloud is full.
 
     Args:
-        scene: with these objects.
-        objects: by name, in the task's order.
-        count: N, points of the cloud.
+        scene: scene with these objects.
+        objects: objects by name, in the task's order.
+        count: N, number of points in the cloud.
 
     Raises:
         InputError: the objects have more points than the cloud.
@@ -49,7 +51,7 @@ class KnownPoints:
 
     def __init__(self, scene: RaycastScene, objects: Mapping[str, ObjectModel], count: int) -> None:
         self._scene = scene
-        #: Of each point the object and the link that it goes along with, and (3,) its place in that link's frame.
+        #: Object and link of each point, and its position (3,) in that link's frame.
         self._points: list[tuple[str, str, Array]] = []
         for name, model in objects.items():
             for link, points in _boxes(scene, name, model):
@@ -64,13 +66,13 @@ class KnownPoints:
         self._ids = np.array([scene.ids(name, [link])[0] for name, link, _ in self._points], dtype=np.int16)
 
     def at(self, states: Mapping[str, Any]) -> list[PointCloud]:
-        """Clouds of T recorded instants, in the robot's base frame.
+        """Return the clouds of T recorded instants in the robot's base frame.
 
         Args:
-            states: ManiSkill's ``env_states``, T rows an array.
+            states: ManiSkill's ``env_states``, T rows per array.
 
         Raises:
-            InputError: they are not of this scene.
+            InputError: the states are not of this scene.
         """
         places = dict.fromkeys((name, link) for name, link, _ in self._points)  # many points go along with each
         frames = {(name, link): self._scene.link_poses(states, name, link) for name, link in places}
@@ -83,7 +85,7 @@ class KnownPoints:
 
 
 def _boxes(scene: RaycastScene, name: str, model: ObjectModel) -> list[tuple[str, Array]]:
-    """Of what moves and of what stands still of an object: a link, and (8, 3) corners of the box in its frame."""
+    """Return link and box corners (8, 3) in its frame for the moving and for the fixed part of an object."""
     if model.joint is None:
         return [(name, _corners(np.concatenate([hull for hulls in model.hulls.values() for hull in hulls])))]
     tree = scene.tree(name)
@@ -102,28 +104,26 @@ def _boxes(scene: RaycastScene, name: str, model: ObjectModel) -> list[tuple[str
 
 
 def _corners(points: Array) -> Array:
-    """(8, 3) corners of the box of points (n, 3) along the axes."""
+    """Return the corners (8, 3) of the axis-aligned bounding box of points (n, 3)."""
     ends = np.stack([points.min(0), points.max(0)])
     return np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i, j, k in itertools.product((0, 1), repeat=3)])
 
 
 Photograph = Callable[[Mapping[str, Any], int], Mapping[str, npt.NDArray[np.uint8]]]
-"""Colour pictures (H, W, 3) by camera, of one row of states."""
+"""Function that returns colour images (H, W, 3) by camera for one row of states."""
 
 _ROOT = 13
-"""Numbers before the joints in a state of ManiSkill's: root pose and velocities."""
+"""Number of values before the joints in ManiSkill's states: root pose and velocities."""
 
 
 class Observer:
-    """Observations of one episode, each a function of the state, of the episode's seed and of the step alone.
+    """Observations of one episode; each depends on the state, the episode's seed and the step only.
 
     Args:
-        profile: of the robot.
-        objects: by name, in the task's order.
-        spec: what is seen.
-        seed: of the episode's reset; the noise follows from it.
-        language: what is to be done.
-        photograph: gives colour pictures, where the spec asks for them.
+        objects: objects by name, in the task's order.
+        seed: seed of the episode's reset, which determines the noise.
+        language: instruction.
+        photograph: function that returns colour images, if the spec needs them.
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
@@ -143,7 +143,7 @@ class Observer:
         require_cameras(spec.cameras, profile)
         fixed = {camera.name: camera for camera in observation_cameras(profile)}
         own = {camera.name: mounted(camera, np.eye(4)) for camera in profile.cameras}
-        #: Those that a link carries with their poses in its frame.
+        #: Cameras on the robot have their pose in the link's frame.
         self.cameras = tuple((fixed | own)[name] for name in spec.cameras)
         self._links = tuple(dict.fromkeys(camera.link for camera in self.cameras if camera.link is not None))
         self._scene = RaycastScene(profile, objects, self.cameras) if spec.casts else None
@@ -160,21 +160,21 @@ class Observer:
 
     @property
     def scene(self) -> RaycastScene:
-        """Scene of the rays; of a spec that casts any."""
+        """Scene of the rays; only for specs that cast rays."""
         assert self._scene is not None, "the spec casts no rays"
         return self._scene
 
     def observe(self, states: Mapping[str, Any], step: int, command: float = OPEN) -> Observation:
-        """One instant.
+        """Return the observation of one instant.
 
         Args:
-            states: ManiSkill's ``env_states``, one row an array.
+            states: ManiSkill's ``env_states``, one row per array.
             step: control steps since the reset.
-            command: the gripper's last, -1 to 1.
+            command: last gripper command, -1 to 1.
 
         Raises:
             InputError: the states are not of this scene.
-            EmptyCloudError: the cameras see nothing that a point cloud keeps.
+            EmptyCloudError: the point cloud is empty.
         """
         (found,) = self._encoded(states, [command], step)
         return found
@@ -182,18 +182,18 @@ class Observer:
     def joints(
         self, positions: npt.ArrayLike, velocities: npt.ArrayLike, step: int, command: float = OPEN
     ) -> Observation:
-        """One instant of a spec that looks through no camera, from (n,) joints and their velocities alone."""
+        """Return the observation of a spec without cameras, from joints (n,) and their velocities."""
         return self._encoder.encode(step, positions, velocities, command)
 
     def recorded(self, states: Mapping[str, Any], actions: npt.NDArray[np.float32]) -> Iterator[Observation]:
-        """Every instant of an episode.
+        """Yield the observations of an episode.
 
         Args:
             states: ManiSkill's ``env_states`` of T + 1 instants.
-            actions: (T, m + 1) that were taken between them.
+            actions: (T, m + 1) actions between them.
 
         Raises:
-            InputError, EmptyCloudError: as for :meth:`observe`; the second says at which step.
+            InputError, EmptyCloudError: as for :meth:`observe`; the second names the step.
         """
         return self._encoded(states, [OPEN, *map(float, actions[:, -1])], 0)
 
@@ -220,7 +220,7 @@ class Observer:
                 raise EmptyCloudError(f"step {step}: {error}") from error
 
     def cameras_at(self, positions: npt.ArrayLike) -> tuple[Camera, ...]:
-        """The cameras in the base frame, where the (n,) joints stand at ``positions``."""
+        """Return the cameras in the base frame for the joints ``positions`` (n,)."""
         links = self._links_at(positions)
         return tuple(
             camera if camera.link is None else replace(camera, T_base_camera=links[camera.link] @ camera.T_base_camera)
@@ -234,13 +234,13 @@ class Observer:
     def views(
         self, poses: Array, step: int, positions: npt.ArrayLike | None = None, read: npt.ArrayLike | None = None
     ) -> tuple[View, ...]:
-        """The cameras' pictures, with the noise of the spec on them.
+        """Return the images of the cameras, with the spec's noise.
 
         Args:
             poses: (L, 4, 4), one row of :meth:`RaycastScene.poses`.
             step: control steps since the reset.
-            positions: (n,) of all active joints, where the robot carries cameras that are looked through.
-            read: the same as the robot says them; None: as they are.
+            positions: (n,) all active joints, for cameras on the robot.
+            read: (n,) joints as read by the robot with a delay; None: the same.
         """
         views = self.scene.see(poses, {} if positions is None else self._links_at(positions))
         if self._noise is None:

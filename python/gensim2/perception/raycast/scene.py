@@ -1,4 +1,4 @@
-"""A task's scene for rays: which solids there are, and where recorded states put them."""
+"""A task's scene for ray casting: its solids and their poses in recorded states."""
 
 from __future__ import annotations
 
@@ -25,16 +25,17 @@ TABLE = "table"
 
 
 class RaycastScene:
-    """Robot, table and objects of an episode; nothing of a simulator.
+    """Robot, table and objects of an episode, without a simulator.
 
     Segmentation ids are SAPIEN's: links and bodies are counted from 1 in the order in which the environment builds
-    them, whether they are seen or not.
+    them,
+    whether they are visible or not.
 
     Args:
-        profile: of the robot.
-        objects: by name, in the task's order.
-        cameras: that see the scene; those that a link carries with their poses in its frame. Without any no mesh is
-            read, and there are no solids.
+        objects: objects by name, in the task's order.
+        cameras: cameras; those on the robot have their pose in the link's frame. Without cameras no mesh is read, and
+            there
+            are no solids.
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
@@ -60,7 +61,7 @@ class RaycastScene:
                 self._add(name, name, read_mesh(model.visual) if seen else None, still=False)
             else:
                 raise TypeError(f"no object of {type(model).__name__}")
-        # Of a link that carries cameras everything is told in its frame, where they stand still.
+        # Cameras on a link have a caster of their own in that link's frame, in which they do not move.
         self._casters: dict[str | None, Caster] = {
             link: Caster(self._solids, [camera for camera in self.cameras if camera.link == link])
             for link in dict.fromkeys(camera.link for camera in self.cameras)
@@ -68,28 +69,28 @@ class RaycastScene:
 
     @property
     def names(self) -> Mapping[int, tuple[str, str]]:
-        """Of each segmentation id: what it belongs to (an object's name, the robot's agent, ``table``) and its link."""
+        """Owner (an object's name, the robot's agent, ``table``) and link by segmentation id."""
         return self._names
 
     @property
     def solids(self) -> tuple[CastSolid, ...]:
-        """Solids that rays meet, in the order of :meth:`poses`."""
+        """Solids in the order of :meth:`poses`."""
         return tuple(self._solids)
 
     def tree(self, name: str) -> Tree:
-        """Kinematic tree of an articulated object, or of the robot by its agent."""
+        """Return the kinematic tree of an articulated object, or of the robot by its agent."""
         return self._trees[name][0]
 
     def link_poses(self, states: Mapping[str, Any], name: str, link: str) -> Array:
-        """(T, 4, 4) of a link of an object, or of a rigid object, in the base frame.
+        """Return the poses (T, 4, 4) of an object's link, or of a rigid object, in the base frame.
 
         Args:
-            states: ManiSkill's ``env_states``, T rows an array.
-            name: of the object.
-            link: of it; of a rigid one it is not looked at.
+            states: ManiSkill's ``env_states``, T rows per array.
+            name: name of the object.
+            link: link; ignored for a rigid object.
 
         Raises:
-            InputError: they are not of this scene.
+            InputError: the states are not of this scene.
         """
         if name in self._bodies:
             rows = state_rows(states, "actors", name, 13)
@@ -97,12 +98,12 @@ class RaycastScene:
         return self._links(states, name)[:, self.tree(name).names.index(link)]
 
     def ids(self, owner: str, links: Sequence[str] | None = None) -> tuple[int, ...]:
-        """Segmentation ids of what belongs to ``owner``, of some of its links or of all."""
+        """Return the segmentation ids of ``owner``, for some of its links or for all."""
         return tuple(id for id, (who, link) in self._names.items() if who == owner and (links is None or link in links))
 
     @cached_property
     def robot(self) -> RobotSegments:
-        """Segmentation ids of the hand with all that hangs on it, and of the rest of the robot."""
+        """Return the segmentation ids of the hand with its descendants, and of the rest of the robot."""
         tree, _ = self._trees[self.profile.agent]
         hanging = {self.profile.hand_link}
         for name, parent in zip(tree.names, tree.parents, strict=True):  # parents come before their children
@@ -112,13 +113,13 @@ class RaycastScene:
         return RobotSegments(gripper, frozenset(self.ids(self.profile.agent)) - gripper)
 
     def poses(self, states: Mapping[str, Any]) -> Array:
-        """(T, L, 4, 4) of the solids in the base frame at each of T recorded instants.
+        """Return the poses (T, L, 4, 4) of the solids in the base frame at T recorded instants.
 
         Args:
-            states: ManiSkill's ``env_states``, T rows an array.
+            states: ManiSkill's ``env_states``, T rows per array.
 
         Raises:
-            InputError: they are not of this scene.
+            InputError: the states are not of this scene.
         """
         found: dict[int, Array] = {}
         for name, (_, ids) in self._trees.items():
@@ -133,11 +134,11 @@ class RaycastScene:
         return np.stack([found[solid.id] for solid in self._solids], axis=1)
 
     def see(self, poses: Array, links: Mapping[str, Array] | None = None) -> tuple[RaycastView, ...]:
-        """Cast the rays of all cameras and return the pictures, one a camera, in the cameras' order.
+        """Cast the rays of all cameras and return their images in the cameras' order.
 
         Args:
-            poses: (L, 4, 4) of the solids in the base frame.
-            links: (4, 4) of each link that carries cameras, in the base frame.
+            poses: (L, 4, 4) poses of the solids in the base frame.
+            links: (4, 4) pose of each link with cameras, in the base frame.
         """
         found: dict[str, RaycastView] = {}
         for link, caster in self._casters.items():
@@ -149,7 +150,7 @@ class RaycastScene:
         return tuple(found[camera.name] for camera in self.cameras)
 
     def _links(self, states: Mapping[str, Any], name: str) -> Array:
-        """(T, links, 4, 4) of an articulation in the base frame."""
+        """Return the link poses (T, links, 4, 4) of an articulation in the base frame."""
         tree, _ = self._trees[name]
         count = sum(index >= 0 for index in tree.coordinates)
         rows = state_rows(states, "articulations", name, 13 + 2 * count)
@@ -173,20 +174,20 @@ class RaycastScene:
 
 
 class RaycastView:
-    """Picture of one camera from the hits of its rays; colours are computed on demand.
+    """Image of one camera from the hits of its rays; colours are computed on demand.
 
     Args:
-        caster: that cast the rays.
-        hits: of all cameras of the caster.
-        number: of the camera among them.
-        camera: that took the picture.
+        caster: caster of the rays.
+        hits: hits of all its cameras.
+        number: index of the camera among them.
+        camera: the camera.
     """
 
     def __init__(self, caster: Caster, hits: Hits, number: int, camera: Camera) -> None:
         self._caster, self._hits, self._number, self.camera = caster, hits, number, camera
 
     def measured(self, camera: Camera, depth: npt.NDArray[np.float32]) -> RaycastView:
-        """Return this picture with (H, W) measured depth (m), from the camera's assumed pose."""
+        """Return this image with measured depth (H, W), m, and the camera's assumed pose."""
         found = RaycastView(self._caster, self._hits, self._number, camera)
         found.depth = depth
         return found

@@ -1,4 +1,4 @@
-"""Visible surfaces of a link: triangles, each with the colour of its material or a place in a texture."""
+"""Visible surfaces of links: triangles with the colour of a material or with a texture."""
 
 from __future__ import annotations
 
@@ -24,18 +24,19 @@ SPHERE_DETAIL = 3  # subdivisions of a sphere
 WHITE = (255, 255, 255)
 
 NEARLY = 0.01
-"""By which the entries of a node's transform differ from those of the identity, at most, where SAPIEN's reader of mesh
-files (assimp) takes it for the identity: what is seen is what SAPIEN shows. The Panda's link 4 is 3 mm off by it."""
+"""Largest difference of a node's transform from the identity that SAPIEN's mesh reader (assimp) ignores. It is ignored
+here too, so that images agree with SAPIEN's; the Panda's link 4 is 3 mm off by it.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """A picture on some faces of a shape.
+    """A texture on some faces of a shape.
 
     Attributes:
-        image: (h, w, 3), its first row on top.
-        faces: (n,) that wear it.
-        corners: (n, 3, 2) of their corners in the picture: 0 to 1, from the lower left.
+        image: (h, w, 3), first row on top.
+        faces: (n,) indices of its faces.
+        corners: (n, 3, 2) texture coordinates of their corners: 0 to 1, from the lower left.
     """
 
     image: Color
@@ -43,10 +44,10 @@ class Texture:
     corners: npt.NDArray[np.float32]
 
     def at(self, rows: npt.NDArray[np.int64], u: npt.NDArray[np.float32], v: npt.NDArray[np.float32]) -> Color:
-        """(k, 3) colours, of the nearest texel, at points of faces.
+        """Return the colours (k, 3) of the nearest texels at points on faces.
 
         Args:
-            rows: (k,) of ``faces``.
+            rows: (k,) indices into ``faces``.
             u, v: (k,) weights of the faces' second and third corners.
         """
         weights = np.stack([1.0 - u - v, u, v], axis=-1)
@@ -62,10 +63,10 @@ class Surface:
     """Triangles in the frame of a link.
 
     Attributes:
-        vertices: (V, 3) m.
-        faces: (F, 3) corners.
-        colors: (F, 3) of the material; what wears a texture has it there.
-        textures: of some faces.
+        vertices: (V, 3), m.
+        faces: (F, 3) vertex indices.
+        colors: (F, 3) colours of the material; faces with a texture have it in ``textures``.
+        textures: textures of some faces.
     """
 
     vertices: npt.NDArray[np.float32]
@@ -75,7 +76,7 @@ class Surface:
 
     @cached_property
     def scene(self) -> Any:
-        """Embree's scene of the triangles.
+        """Embree scene of the triangles.
 
         Raises:
             MissingExtraError: Embree is not installed.
@@ -91,32 +92,32 @@ class Surface:
 
     @cached_property
     def corners(self) -> Array:
-        """(8, 4) of the box around it, homogeneous, m."""
+        """Corners (8, 4) of its bounding box, homogeneous, m."""
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
         return np.column_stack([np.where(signs, high, low), np.ones(8)]).astype(np.float64)
 
     def moved(self, T: Array, scale: float | Array = 1.0) -> Surface:
-        """The same, scaled, then in the frame that ``T`` (4, 4) maps its own to."""
+        """Return the surface scaled and transformed by ``T`` (4, 4)."""
         vertices = (scale * self.vertices.astype(np.float64)) @ T[:3, :3].T + T[:3, 3]
         return Surface(vertices.astype(np.float32), self.faces, self.colors, self.textures)
 
     def painted(self, color: Sequence[int] | None) -> Surface:
-        """The same in one colour; as it is where that is None."""
+        """Return the surface in one colour; unchanged for None."""
         if color is None:
             return self
         return Surface(self.vertices, self.faces, np.tile(np.array(color, dtype=np.uint8), (len(self.faces), 1)))
 
     @staticmethod
     def box(center: Sequence[float], half_size: Sequence[float], color: Sequence[int]) -> Surface:
-        """An upright box in one colour."""
+        """Return an axis-aligned box in one colour."""
         shape = trimesh.creation.box(2.0 * np.asarray(half_size))
         bare = _surface(np.asarray(shape.vertices) + center, np.asarray(shape.faces))
         return bare.painted(color)
 
     @staticmethod
     def joined(surfaces: Sequence[Surface]) -> Surface | None:
-        """All of them as one; None where there are none."""
+        """Return all surfaces as one; None for none."""
         if not surfaces:
             return None
         first_vertex = np.cumsum([0, *(len(each.vertices) for each in surfaces)])
@@ -137,10 +138,10 @@ class Surface:
 
 @lru_cache(maxsize=512)
 def read_mesh(file: Path) -> Surface | None:
-    """Read the surface of a mesh file, in its own frame; None where it has no triangle.
+    """Read the surface of a mesh file in its own frame; None without triangles.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: the file cannot be read.
     """
     with opened_mesh(file) as scene:
         surfaces = []
@@ -155,7 +156,7 @@ def read_mesh(file: Path) -> Surface | None:
 
 @lru_cache(maxsize=128)
 def read_links(file: Path) -> Mapping[str, Surface | None]:
-    """Read the visible surface of each link of a URDF, in its frame; None where it has none. Read once a process.
+    """Read the visible surface of each link of a URDF in its frame, once per process; None for links without one.
 
     Raises:
         InputError: a visual cannot be read.
