@@ -1,1 +1,1 @@
-"""Initial scenes: their configuration and what is drawn for them; knows no simulator."""
+"""Initial scenes and their configuration, independent of the simulator."""

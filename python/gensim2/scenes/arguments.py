@@ -1,4 +1,4 @@
-"""Tasks, libraries and instances as users name them, resolved to values."""
+"""Convert users' arguments for tasks, libraries and instances to values."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ObjectSource(Protocol):
 
 
 def as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
-    """A task by name, as it is, or from its fields."""
+    """Return a task from its name, a spec, or the fields of a spec."""
     if isinstance(task, TaskSpec):
         return task
     if isinstance(task, str):
@@ -37,13 +37,13 @@ def as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
 
 
 def check_names(task: TaskSpec, robot: RobotProfile) -> None:
-    """Refuse a task whose object is called as the robot is: states of a scene are kept by name."""
+    """Refuse an object with the robot's name, because states of a scene are stored by name."""
     if robot.agent in task.objects:
         raise InputError(f"no object may be called {robot.agent!r}, as the robot is", field="objects")
 
 
 def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
-    """An opened library, or one as :func:`gensim2.objects.open_library` takes it."""
+    """Return an open library, or open one as :func:`gensim2.objects.open_library`."""
     if assets is None or isinstance(assets, str | Path):
         return open_library(assets)
     if not all(callable(getattr(assets, name, None)) for name in ("instances", "load", "choose")):
@@ -52,18 +52,18 @@ def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
 
 
 Words = str | Sequence[str]
-"""Which instances of a class: ``"all"``, ``"train"``, ``"test"``, ``"new"``, an id, or several of these."""
+"""Selection of a class's instances: ``"all"``, ``"train"``, ``"test"``, ``"new"``, an id, or several of these."""
 
 
 def chosen_instances(
     library: ObjectSource, task: TaskSpec, instances: Words | Mapping[str, Words]
 ) -> dict[str, tuple[str, ...]]:
-    """Ids that resets draw from, by object.
+    """Return the ids that resets choose from, by object.
 
     Args:
-        library: of the objects.
-        task: an object of it may say which instances it takes.
-        instances: of objects by name, in place of what the task says; words alone choose among what it takes
+        library: library of the objects.
+        task: task, which may restrict the instances of its objects.
+        instances: a mapping from object names replaces the task's restriction; plain words choose within it
             (:func:`~gensim2.objects.library.selection.words_of_objects`).
     """
     given = dict(instances) if isinstance(instances, Mapping) else {}

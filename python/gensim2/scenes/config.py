@@ -1,7 +1,8 @@
-"""Configuration of scenes: what initial states follow from beside their seed, spelled once for everybody who takes it.
+"""Configuration of scenes: everything except the seed that determines an initial state.
 
-Users give the keywords of :class:`SceneArguments`; a run keeps :class:`SceneOptions`, which its tasks share; the scenes
-of one task follow from a :class:`SceneConfig`. Command-line options and files carry the same names.
+Users give the keyword arguments of :class:`SceneArguments`. A run stores :class:`SceneOptions`, which all its tasks
+share.
+The scenes of one task follow from a :class:`SceneConfig`. Command-line options and files use the same names.
 """
 
 from __future__ import annotations
@@ -31,24 +32,24 @@ from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
 from gensim2.tasks.spec import TaskSpec
 
 Drawn = str | tuple[str, ...] | frozenset[tuple[str, str | tuple[str, ...]]]
-"""Instances that scenes draw from: one word, several ids, or (object's name, word or ids) pairs."""
+"""Instances that scenes choose from: one word, several ids, or (object's name, word or ids) pairs."""
 
 SceneRecord = Annotated[dict[str, Any], BeforeValidator(with_current_scene)]
-"""Fields of a file that hold those of :class:`SceneOptions`, whatever release wrote them."""
+"""Fields of a file with the fields of :class:`SceneOptions`, of any release."""
 
 
 class SceneArguments(TypedDict, total=False):
-    """Inputs of the scenes of a task beside their seed, by keyword; nothing else in the package spells it.
+    """Keyword arguments for the scenes of a task.
 
     Keys:
         assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library. An
-            environment takes an opened library, too.
-        instances: what is drawn from, where the task does not say itself: ``all``, ``train``, ``test``, ``new``
+            environment also accepts an open library.
+        instances: objects to choose from, unless the task says so itself: ``all``, ``train``, ``test``, ``new``
             (generated ones beyond the listed ones), an id, or ``random``: one, drawn by the seed of a run. An
-            environment takes several of them, too, also by object.
-        physics: ``"default"``, ``"original"``, a mixture of both, or a file of switches (docs/reference/simulation.md).
-        redraw: ``"placement"`` or ``"none"``, in place of what ``physics`` says of it; None: as it says.
-        robot: name of a known robot (:func:`gensim2.load_robot` makes one's own known).
+            environment also accepts several of them, or a mapping from object names.
+        physics: ``"default"``, ``"original"``, a mixture of both, or a file of settings (docs/reference/simulation.md).
+        redraw: ``"placement"`` or ``"none"``, overriding this setting of ``physics``; None: as ``physics`` says.
+        robot: name of a known robot (:func:`gensim2.load_robot` registers your own).
         randomization: ``"paper"`` for the task's ranges, ``"paper-half"`` or ``"wide"`` (docs/reference/simulation.md).
         engine: ``"sapien"`` or ``"mujoco"`` (docs/reference/simulation.md).
     """
@@ -67,17 +68,17 @@ SCENE_FIELDS: tuple[str, ...] = tuple(SceneArguments.__annotations__)
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """Options that the scenes of all tasks of a run share, from a user's keywords (:meth:`of`) or from a file.
+    """Scene options that all tasks of a run share, from a user's arguments (:meth:`of`) or from a file.
 
     Attributes:
-        assets: a folder of objects or ``"builtin"``.
-        physics: the word for its switches (:mod:`gensim2.scenes.physics`); never a file's name.
-        robot: word of a known robot; none is loaded.
-        randomization: name of the preset, which says what becomes of the tasks' ranges.
-        engine: that simulates the scenes.
+        assets: folder of objects or ``"builtin"``.
+        physics: name of the physics (:mod:`gensim2.scenes.physics`), never a file name.
+        robot: name of a known robot, which is not loaded.
+        randomization: name of the randomization preset.
+        engine: simulation engine.
 
     Raises:
-        InputError: there is no such physics, robot, randomization or engine, or the engine cannot simulate the physics.
+        InputError: physics, robot, randomization or engine is unknown, or the engine cannot simulate the physics.
     """
 
     assets: str
@@ -94,7 +95,7 @@ class SceneOptions:
 
     @classmethod
     def of(cls, **scene: Unpack[SceneArguments]) -> SceneOptions:
-        """Options from a user's keywords; ``instances`` is a matter of each task.
+        """Return the options among a user's arguments; ``instances`` belongs to each task instead.
 
         Raises:
             InputError: the folder, the robot or a preset cannot be used.
@@ -120,39 +121,39 @@ class SceneOptions:
             record: the file's fields.
 
         Raises:
-            InputError: there is no such physics, robot or randomization.
+            InputError: physics, robot or randomization is unknown.
         """
         return cls(**{each.name: record[each.name] for each in fields(SceneOptions) if each.name in record})
 
     def to_record(self) -> dict[str, Any]:
-        """Fields of a file."""
+        """Return the fields for a file."""
         return {each.name: getattr(self, each.name) for each in fields(SceneOptions)}
 
     def with_task(self, task: TaskSpec, instances: Drawn = "all") -> SceneConfig:
-        """Configuration of the scenes of one task."""
+        """Return the configuration of one task's scenes."""
         return SceneConfig(**self.to_record(), task=task, instances=instances)
 
     @property
     def environment(self) -> dict[str, str]:
-        """Arguments of the registered environment, where they are not its defaults."""
+        """Return the arguments of the registered environment that differ from its defaults."""
         usual = SceneOptions(self.assets).to_record()
         return {name: value for name, value in self.to_record().items() if value != usual[name]}
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneConfig(SceneOptions):
-    """Inputs of the scenes of one task beside their seed: plain values that pickle.
+    """Everything except the seed that determines the scenes of one task, as values that can be pickled.
 
     Attributes:
-        task: what is to be done.
-        instances: which instances are drawn from.
+        task: the task.
+        instances: instances to choose from.
     """
 
     task: TaskSpec
     instances: Drawn = "all"
 
     def __hash__(self) -> int:
-        """By the task's name: a spec holds mappings."""
+        """Hash by the task's name, because a spec has mappings, which cannot be hashed."""
         return hash((self.task.name, self.instances, *self.to_record().values()))
 
     @property
@@ -162,11 +163,11 @@ class SceneConfig(SceneOptions):
 
     @property
     def drawn(self) -> Words | Mapping[str, Words]:
-        """Instances as :class:`SceneArguments` has them."""
+        """Instances as in :class:`SceneArguments`."""
         return dict(self.instances) if isinstance(self.instances, frozenset) else self.instances
 
 
 def split_arguments(given: Mapping[str, Any]) -> tuple[SceneArguments, dict[str, Any]]:
-    """Keywords of scenes, and all others."""
+    """Return the scene arguments, and all others."""
     scene = {name: value for name, value in given.items() if name in SCENE_FIELDS}
     return cast(SceneArguments, scene), {name: value for name, value in given.items() if name not in scene}

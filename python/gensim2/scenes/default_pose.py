@@ -1,6 +1,8 @@
-"""Poses of objects before their randomization: the project's own, and those of the original as data.
+"""Default poses of objects: the project's own, and those of the original GenSim2.
 
-``default_poses.csv`` beside this file holds the original's; it is read through the package so that a wheel carries it.
+The original's are in ``default_poses.csv`` beside this file, which is read as a package resource, so that wheels
+include
+it.
 """
 
 from __future__ import annotations
@@ -24,13 +26,13 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DefaultPose:
-    """Pose and openness of an object before its randomization.
+    """Pose and openness of an object before randomization.
 
     Attributes:
-        position: (3,) of the root in the world, m.
+        position: (3,) of the root in the world frame, m.
         quaternion: (4,) (w, x, y, z), root to world.
-        openness: mean of the randomized openness, 0..1; 0 of a rigid object.
-        origin: whose it is.
+        openness: mean of the randomized openness, 0..1; 0 for a rigid object.
+        origin: source of the pose.
     """
 
     position: Array
@@ -40,18 +42,18 @@ class DefaultPose:
 
 
 def default_pose(model: ArticulatedObject | RigidObject, poses: PhysicsSource) -> DefaultPose:
-    """Return the pose of an object before its randomization.
+    """Return the pose of an object before randomization.
 
     Args:
         model: the object.
-        poses: ``"original"`` takes the original's pose of a released articulated model that has one. Rigid objects
-            rest on the table in either: the original's height puts some of them into it.
+        poses: ``"original"`` uses the original's pose of a released articulated model, if it has one. Rigid objects
+            always rest on the table, because the original's height puts some of them into it.
     """
     if poses == "original" and isinstance(model, ArticulatedObject):
         pose = released_pose(model)
         if pose is not None:
-            # Some poses have the moving link in the table. SAPIEN 2 lets it slide there at 5 N; in SAPIEN 3 that
-            # contact holds the joint against 400 N.
+            # In some original poses the moving link overlaps the table. SAPIEN 2 lets it slide there with 5 N; in
+            # SAPIEN 3 the contact blocks the joint even at 400 N, so such objects are lifted.
             sunk = max(0.0, -lowest_of_moving_link(model, pose.position, pose.quaternion))
             return DefaultPose(pose.position + np.array([0.0, 0.0, sunk]), pose.quaternion, pose.openness, "original")
     openness = 0.0 if isinstance(model, RigidObject) else model.default_openness
@@ -59,9 +61,9 @@ def default_pose(model: ArticulatedObject | RigidObject, poses: PhysicsSource) -
 
 
 def released_pose(model: ArticulatedObject) -> DefaultPose | None:
-    """Return the original's pose of one of its models as its release has it; None where it says nothing of it.
+    """Return the original's pose of a released model; None if it has none.
 
-    An id says something of the released models only: generated ones have numbers of their own.
+    Only real models have one, because generated objects use the same ids for other shapes.
     """
     return _released_poses().get((model.asset_class, model.id)) if model.source == "real" else None
 

@@ -1,4 +1,4 @@
-"""Outlines of objects seen from above, their separation, and the height of their lowest point."""
+"""Outlines of objects seen from above, gaps between them, and the height of their lowest point."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ JOINT_SAMPLES = 13
 
 
 def hulls_in_root(model: ArticulatedObject | RigidObject, value: float) -> list[Array]:
-    """Convex parts, each (N, 3) m in the root frame, where the joint stands at ``value`` (a rigid object has none)."""
+    """Return the convex hulls, each (N, 3) m in the root frame, at joint value ``value``."""
     if isinstance(model, RigidObject):
         return list(model.hulls[BODY])
     moving = model.joint.child_link
@@ -26,7 +26,10 @@ def hulls_in_root(model: ArticulatedObject | RigidObject, value: float) -> list[
 
 
 def swept_points(model: ArticulatedObject | RigidObject) -> Array:
-    """(N, 3) m in the root frame: corners of the hull of all that the object fills, anywhere in its joint's range."""
+    """Return the convex hull's vertices (N, 3), m in the root frame, of the volume that the object sweeps over its
+    joint
+    range.
+    """
     if isinstance(model, RigidObject):
         values = [0.0]
     else:
@@ -36,11 +39,11 @@ def swept_points(model: ArticulatedObject | RigidObject) -> Array:
 
 
 def lowest_of_moving_link(model: ArticulatedObject, position: Array, quaternion: Array) -> float:
-    """Height in the world (m) of the lowest point of what the joint moves, anywhere in its range.
+    """Return the height (m) of the moving link's lowest point over the joint range.
 
     Args:
-        position: (3,) of the root in the world, m.
-        quaternion: (4,) of the root in the world, (w, x, y, z).
+        position: (3,) of the root in the world frame, m.
+        quaternion: (4,) of the root in the world frame, (w, x, y, z).
     """
     hulls = model.hulls.get(model.joint.child_link, ())
     if not hulls:
@@ -52,7 +55,7 @@ def lowest_of_moving_link(model: ArticulatedObject, position: Array, quaternion:
 
 
 def keypoint_in_root(model: ArticulatedObject, name: str, value: float) -> Array:
-    """(3,) m in the root frame: a keypoint where the joint stands at ``value`` (rad or m)."""
+    """Return a keypoint (3,), m in the root frame, at joint value ``value`` (rad or m)."""
     point = model.keypoints[name]
     if point.link != model.joint.child_link:
         return np.asarray(point.position)
@@ -60,31 +63,29 @@ def keypoint_in_root(model: ArticulatedObject, name: str, value: float) -> Array
 
 
 def outline(points: Array, position: Array, quaternion: Array) -> Array:
-    """(N, 2) m: corners of the convex outline from above, counter-clockwise, of (N, 3) points of a body at a pose.
+    """Return the convex outline (N, 2), m, of a posed body seen from above, counter-clockwise.
 
     Args:
-        points: in the body's frame.
-        position: (3,) of the body in the world.
-        quaternion: (4,) of the body in the world, (w, x, y, z).
+        points: (N, 3) in the body's frame.
+        position: (3,) of the body in the world frame.
+        quaternion: (4,) of the body in the world frame, (w, x, y, z).
     """
     seen = (Rotation.from_quat(quaternion, scalar_first=True).apply(points) + position)[:, :2]
     return np.asarray(seen[ConvexHull(seen).vertices], dtype=np.float64)
 
 
 def square(center: Array, half: float) -> Array:
-    """(4, 2) corners, counter-clockwise."""
+    """Return the corners (4, 2) of a square, counter-clockwise."""
     return np.asarray(center[:2] + half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]))
 
 
 def keep_apart(first: Array, second: Array, gap: float) -> bool:
-    """Whether a strip of the width ``gap`` (m), parallel to an edge of one of two convex outlines, parts them."""
+    """Return whether two convex outlines are at least ``gap`` (m) apart, measured across their edges."""
     return gap_between(first, second) >= gap
 
 
 def gap_between(first: Array, second: Array) -> float:
-    """Width (m) of the widest strip, parallel to an edge of one of two convex outlines, that parts them.
-
-    Below 0 they overlap.
+    """Return the gap (m) between two convex outlines, measured across their edges; negative if they overlap.
 
     Args:
         first, second: (N, 2) and (M, 2) corners in m, counter-clockwise.
@@ -100,5 +101,5 @@ def _beyond_an_edge(of: Array, other: Array) -> float:
 
 
 def _on_moving_link(points: Array, model: ArticulatedObject, value: float) -> Array:
-    """(N, 3) points of the moving link's frame in the root frame, where the joint stands at ``value`` (rad or m)."""
+    """Transform points (N, 3) from the moving link's frame to the root frame at joint value ``value`` (rad or m)."""
     return transform(model.joint.T_root_child_at(value), points)

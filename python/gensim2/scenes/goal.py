@@ -1,4 +1,4 @@
-"""Check of a task's goal against its scenes: refused is a goal that cannot tell success from failure."""
+"""Check that a task's goal can distinguish success from failure."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _DIRECTIONS = {"away": (1.0, 0.0), "closer": (-1.0, 0.0), "left": (0.0, 1.0), "r
 
 
 class GoalError(InputError):
-    """A task's goal holds in every initial scene, or in no state that the robot can bring about."""
+    """A task's goal holds in every initial scene, or in no state that the robot can reach."""
 
 
 def measure_initial_state(state: InitialState, robot: RobotProfile) -> Measurement:
-    """Return what criteria see of a sampled initial state, before any physics: everything is at rest."""
+    """Return the measurement of a sampled initial state at rest, without simulation."""
     articulated = {name: thing for name, thing in state.objects.items() if isinstance(thing.model, ArticulatedObject)}
     rigid = {name: thing for name, thing in state.objects.items() if isinstance(thing.model, RigidObject)}
     return Measurement(
@@ -54,10 +54,12 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
     """Refuse a goal that no state fulfils, or none that the robot can bring about.
 
     Args:
-        task: whose ``goal``, or whose last step's ``done``, is looked at, and the kinds of objects in every ``done``.
-        state: an initial state of it.
-        robot: its reach is what objects can be moved within.
-        placed: names of objects whose placement a caller gave; how far these would have to go is the caller's affair.
+        task: task whose goal (``goal`` or the last step's ``done``) is checked, and whose ``done`` criteria must fit
+            the
+            kinds of their objects.
+        state: an initial state of the task.
+        robot: the robot, which limits how far objects can be moved.
+        placed: objects placed by the caller; their distance to the goal is not checked.
 
     Raises:
         GoalError: a criterion is about an object of the wrong kind, two contradict each other, or a rigid object would
@@ -88,13 +90,13 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
 
 
 def check_false_at_start(task: TaskSpec, states: Iterable[InitialState], robot: RobotProfile) -> None:
-    """Refuse a goal that holds in every one of some initial states, as episodes would succeed without the robot.
+    """Refuse a goal that holds in all given initial states, because episodes would succeed without the robot.
 
     Args:
-        states: looked at one after the other, up to the first in which the goal does not hold.
+        states: initial states, evaluated up to the first in which the goal does not hold.
 
     Raises:
-        GoalError: it holds in all of them.
+        GoalError: the goal holds in all of them.
     """
     if all(all_hold(task.success, measure_initial_state(state, robot)) for state in states):
         raise GoalError(
@@ -118,7 +120,7 @@ def _keypoints(thing: PlacedObject) -> dict[str, Array]:
 
 
 def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str) -> None:
-    """Distances are between measured points, which objects of both kinds have; openness and poses are of one kind."""
+    """Refuse criteria about a joint of a rigid object, or about the pose of an articulated one."""
     for criterion in criteria:
         for types, kind, other in (
             (_OF_JOINTS, ArticulatedObject, "a rigid object, which has no joint"),
@@ -134,7 +136,7 @@ def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str)
 
 
 def _openness_range(criteria: Iterable[Criterion], name: str) -> tuple[float, float]:
-    """Open interval in which the goal wants the openness of an object."""
+    """Return the open interval of openness that a goal requires of an object."""
     low, high = -np.inf, np.inf
     for criterion in criteria:
         if isinstance(criterion, ArticulatedOpen) and criterion.object == name:
@@ -147,9 +149,10 @@ def _openness_range(criteria: Iterable[Criterion], name: str) -> tuple[float, fl
 
 
 def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robot: RobotProfile) -> float:
-    """By how much (m) the nearest place that fulfils a criterion lies beyond the robot's reach; 0 within it.
+    """Return how far (m) the nearest place that fulfils a criterion is beyond the robot's reach; 0 within it.
 
-    The reach is horizontal, of a hand that points down at the table; upwards no arm gets farther than twice that.
+    The horizontal reach is that of a hand that points down at the table. Vertically no arm reaches farther than twice
+    that.
     """
     base = np.array(robot.base_position)
     if isinstance(criterion, RigidLifted):
@@ -157,7 +160,8 @@ def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robo
     along = np.array(_DIRECTIONS[criterion.direction])
     across = np.array([-along[1], along[0]])
     offset = thing.position[:2] - base[:2]
-    # Any way from the asked-for distance on, strayed by up to half of it: the nearest point of that wedge to the base.
+    # Any displacement of at least the required distance counts if it strays sideways by at most half of it; this is the
+    # nearest point of that wedge to the base.
     best = np.inf
     for way in np.linspace(criterion.distance, criterion.distance + 1.0, 101):
         strayed = float(np.clip(-offset @ across, -way / 2, way / 2))

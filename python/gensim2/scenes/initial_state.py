@@ -1,4 +1,4 @@
-"""Initial state of a scene: drawn from the seed, or given by reset options; the same for every simulator."""
+"""Initial states of scenes, drawn from a seed or given by reset options, the same for every simulator."""
 
 from __future__ import annotations
 
@@ -38,29 +38,29 @@ from gensim2.tasks.spec import TABLE, ObjectSpec, TaskSpec
 Array = npt.NDArray[np.float64]
 
 MAX_DRAWS = 100
-"""Of the placements of one scene."""
+"""Largest number of draws of placements for one scene."""
 GAP = 0.02
-"""Metres that footprints keep apart."""
+"""Smallest gap between outlines, m."""
 PAPER = preset(DEFAULT_PRESET)
 """The task's own ranges."""
 
 
 class PlacementError(InputError):
-    """A scene's objects find no room."""
+    """A scene's objects cannot be placed."""
 
 
 @dataclass(frozen=True)
 class PlacedObject:
-    """One object and its pose in the initial state.
+    """An object with its pose in the initial state.
 
     Attributes:
         model: the object.
-        position: (3,) of its root in the world, m.
-        quaternion: (4,) of its root in the world, (w, x, y, z).
-        yaw: what the randomization turned it by about the vertical, rad.
-        openness: of its joint, 0..1; None of a rigid object.
-        default_pose: whose default pose was randomized; None: its pose was given.
-        factors: by what its physics is multiplied.
+        position: (3,) of its root in the world frame, m.
+        quaternion: (4,) of its root in the world frame, (w, x, y, z).
+        yaw: random rotation about the vertical, rad.
+        openness: openness of its joint, 0..1; None for a rigid object.
+        default_pose: source of the default pose that was randomized; None if the pose was given.
+        factors: random factors on its physical properties.
     """
 
     model: ArticulatedObject | RigidObject
@@ -73,14 +73,14 @@ class PlacedObject:
 
     @property
     def joint_value(self) -> float:
-        """Value of the joint (rad or m) at that openness; 0 of a rigid object."""
+        """Joint value (rad or m) at that openness; 0 for a rigid object."""
         if not isinstance(self.model, ArticulatedObject) or self.openness is None:
             return 0.0
         joint = self.model.joint
         return joint.lower + self.openness * (joint.upper - joint.lower)
 
     def point(self) -> Array:
-        """(3,) its last keypoint in the world: the point that criteria go by."""
+        """Return its last keypoint (3,) in the world frame, which criteria measure."""
         if isinstance(self.model, ArticulatedObject):
             local = keypoint_in_root(self.model, list(self.model.keypoints)[-1], self.joint_value)
         else:
@@ -88,11 +88,11 @@ class PlacedObject:
         return self.in_world(local)
 
     def hulls_in_world(self) -> list[Array]:
-        """Vertices (N, 3) of each convex collision part in the world, m."""
+        """Return the vertices (N, 3) of each convex hull in the world frame, m."""
         return [self.in_world(hull) for hull in hulls_in_root(self.model, self.joint_value)]
 
     def in_world(self, point: Array) -> Array:
-        """(3,) or (N, 3) points of the root frame in the world."""
+        """Transform points (3,) or (N, 3) from the root frame to the world frame."""
         return np.asarray(Rotation.from_quat(self.quaternion, scalar_first=True).apply(point) + self.position)
 
 
@@ -101,10 +101,10 @@ class InitialState:
     """Sampled initial state of a scene.
 
     Attributes:
-        objects: by name, in the task's order.
-        draws: of the placements, until all kept apart, within reach and clear of the robot.
+        objects: objects by name, in the task's order.
+        draws: number of draws until all objects were apart, within reach and clear of the robot.
         start: (n,) all active joints of the robot.
-        randomization: name of the preset that all of it was drawn with.
+        randomization: name of the randomization preset.
     """
 
     objects: Mapping[str, PlacedObject]
@@ -114,12 +114,11 @@ class InitialState:
 
     @property
     def has_rigid_objects(self) -> bool:
-        """Whether any of them is rigid."""
         return bool(self.rigid_classes)
 
     @property
     def rigid_classes(self) -> tuple[str, ...]:
-        """Classes of those that are rigid."""
+        """Classes of the rigid objects."""
         models = (thing.model for thing in self.objects.values())
         return tuple(model.asset_class for model in models if isinstance(model, RigidObject))
 
@@ -134,30 +133,33 @@ def sample_initial_state(
     physics: PhysicsSwitches = PRESETS[DEFAULT_PHYSICS],
     randomization: Preset = PAPER,
 ) -> InitialState:
-    """Draw the scene of ``seed``; what ``options`` name takes the place of what was drawn.
+    """Draw the scene of ``seed``; ``options`` replace random values.
 
-    A single object on the table stands where it was drawn. Several are drawn again, at most ``MAX_DRAWS`` times and
-    only where ``physics`` has it so, until they keep ``GAP`` apart (an articulated one with all that its joint sweeps),
-    within the robot's reach, and rigid ones clear of the robot at its start. Where the preset draws that start, too, it
-    is drawn again as well until the robot overlaps none of the objects (:mod:`gensim2.scenes.initial_state`). What
-    options place is taken as it is.
+    A single object on the table keeps its first placement. Several objects are placed again, at most ``MAX_DRAWS``
+    times and
+    only if ``physics`` allows it, until they are ``GAP`` apart (including the volume that a joint sweeps), within the
+    robot's
+    reach, and rigid objects clear of the robot's start. If the preset also randomizes that start, it is drawn again
+    until the
+    robot overlaps no object. Placements from options are not changed.
 
-    The task's ranges are drawn from one generator; what a preset draws besides comes from one of its own, so that no
-    preset shifts what another draws.
+    The task's ranges and a preset's further values come from separate random generators, so that presets do not affect
+    each
+    other's draws.
 
     Args:
-        task: whose ranges are drawn from.
-        library: of the objects.
-        instances: ids to draw from, by object.
-        seed: of the reset.
-        options: by object, checked.
-        robot: that is to reach them.
-        physics: whose default poses are randomized, and whether placements are drawn again.
-        randomization: what becomes of the task's ranges, and what is drawn besides.
+        task: task with the ranges.
+        library: library of the objects.
+        instances: ids to choose from, by object.
+        seed: seed of the reset.
+        options: checked reset options by object.
+        robot: the robot.
+        physics: source of default poses, and whether placements are drawn again.
+        randomization: scale of the task's ranges, and further random values.
 
     Raises:
-        InputError: there is no such instance, or its files cannot be used.
-        PlacementError: there is no room for all of them.
+        InputError: an instance does not exist, or its files cannot be used.
+        PlacementError: the objects cannot be placed.
     """
     generator = rng(seed, task.name)
     draws: dict[str, Draw] = {}
@@ -196,7 +198,7 @@ def _vary(
     robot: RobotProfile,
     randomization: Preset,
 ) -> tuple[dict[str, Factors], tuple[float, ...]]:
-    """Draw what a preset varies besides the task's ranges: factors of each object's physics, and the robot's start."""
+    """Draw the further values of a preset: physical factors of each object, and the robot's start."""
     if not randomization.varies:
         return dict.fromkeys(task.objects, AS_IT_IS), robot.reset_qpos
     generator = rng(seed, f"{task.name}/{randomization.name}")
@@ -205,7 +207,7 @@ def _vary(
 
 
 def model_id(model: ArticulatedObject | RigidObject) -> str:
-    """Class and id of an object, for people."""
+    """Return class and id of an object for messages."""
     return model.asset_class if isinstance(model, RigidObject) else f"{model.asset_class}/{model.id}"
 
 
@@ -217,7 +219,7 @@ def _stand_all(
     poses: PhysicsSource,
     factors: Mapping[str, Factors],
 ) -> dict[str, PlacedObject] | None:
-    """Every object where it was drawn; None where one has no room on what it stands on."""
+    """Place every object as drawn; return None if one does not fit on its support."""
     objects: dict[str, PlacedObject] = {}
     for name, spec in task.objects.items():
         thing = _stand(spec, models[name], draws[name], options[name], objects, poses)
@@ -235,7 +237,7 @@ def _stand(
     before: Mapping[str, PlacedObject],
     poses: PhysicsSource,
 ) -> PlacedObject | None:
-    """The object where it was drawn; None where what it stands on has no room for it there."""
+    """Place an object as drawn; return None if it does not fit on its support."""
     openness = None
     default = default_pose(model, poses)
     if isinstance(model, ArticulatedObject):
@@ -262,7 +264,7 @@ def _stand(
 
 
 class _Room:
-    """Whether objects that were drawn may stand together."""
+    """Check of drawn placements."""
 
     def __init__(
         self,
@@ -282,7 +284,7 @@ class _Room:
         self._hand, self._hand_bottom = square(tool, space.hand_half), float(tool[2]) - space.hand_drop
 
     def holds(self, objects: Mapping[str, PlacedObject]) -> bool:
-        """Whether all that was drawn keeps apart, clear of the robot at its start and within its reach."""
+        """Return whether the drawn objects are apart, clear of the robot's start and within its reach."""
         outlines = {
             name: outline(self._points[name], thing.position, thing.quaternion) for name, thing in objects.items()
         }
@@ -324,22 +326,22 @@ class _Room:
 
 
 MAX_STARTS = 10
-"""Starts that are tried for one placement of the objects."""
+"""Number of robot starts that are tried for one placement of the objects."""
 
 
 def clear_start(
     generator: np.random.Generator, start: tuple[float, ...], robot: RobotProfile, hulls: Sequence[Sequence[Array]]
 ) -> tuple[float, ...] | None:
-    """Return ``start``, or the first of those drawn after it at which the robot overlaps no object.
+    """Return the first of ``start`` and further random starts at which the robot overlaps no object.
 
     Args:
-        generator: of the further starts.
+        generator: random generator of further starts.
         start: (n,) all active joints.
-        robot: that stands there.
-        hulls: by object, (N, 3) vertices of its convex collision parts in the world, m.
+        robot: the robot.
+        hulls: by object, (N, 3) vertices of its convex hulls in the world frame, m.
 
     Returns:
-        (n,) joints; None where ``MAX_STARTS`` of them overlap an object.
+        (n,) joints; None if ``MAX_STARTS`` of them overlap an object.
     """
     import gensim2_kpam as kpam  # here: specs of scenes are read without the solver
 
@@ -359,22 +361,22 @@ def clear_start(
 
 
 CLOSE = 0.0005
-"""Metres by which an object reaches into what it stands on at most; physics takes that for contact."""
+"""Largest overlap (m) of an object with its support, which physics treats as contact."""
 STEP = 0.005
-"""Metres between the heights that are tried; the first that is not free is halved off down to ``CLOSE``."""
+"""Step (m) between tried heights; the first blocked step is then bisected down to ``CLOSE``."""
 ABOVE = 0.02
-"""Metres above the measured point from which an object is lowered."""
+"""Height (m) above the measured point from which an object is lowered."""
 
 
 def set_down(thing: PlacedObject, support: PlacedObject) -> PlacedObject | None:
-    """``thing`` lowered over the measured point of ``support`` until it touches that.
+    """Lower ``thing`` over the measured point of ``support`` until they touch.
 
     Args:
-        thing: at rest on the table, where it is to stand in x and y.
-        support: what it is to stand on or in.
+        thing: object at rest on the table at its final x and y.
+        support: object to stand on or in.
 
     Returns:
-        None where there is no room above the point, or nothing to stand on below it.
+        The lowered object; None if there is no space above the point, or nothing to stand on below it.
     """
     blocks = [ConvexBlock.of(support.in_world(hull)) for hull in hulls_in_root(support.model, support.joint_value)]
     hulls = hulls_in_root(thing.model, thing.joint_value)

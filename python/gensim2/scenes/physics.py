@@ -1,8 +1,9 @@
-"""Physics as named switches, each the project's own or the original GenSim2's, and the engines that simulate it.
+"""Physics as named settings, each either the project's own or the original GenSim2's, and the engines that simulate it.
 
-A mixture is a word: ``original`` and ``default`` are presets, ``original+gripper=default`` is the first but for one
-switch. It says all that it is, so it travels to other processes and stands in records. Users may give a file of
-switches.
+A mixture has a name: ``original`` and ``default`` are presets, and ``original+gripper=default`` changes one setting of
+a
+preset. The name defines the physics completely, so it is used in records and worker processes. Users may give a file of
+settings.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ PhysicsSource = Literal["default", "original"]
 Gripper = Literal["default", "soft", "original"]
 Redraw = Literal["placement", "none"]
 Engine = Literal["sapien", "mujoco"]
-"""``"sapien"``: PhysX, with ManiSkill's environments and renderer. ``"mujoco"``: MuJoCo, headless."""
+"""Engines: ``"sapien"`` is PhysX with ManiSkill's environments and renderer, ``"mujoco"`` is MuJoCo without rendering.
+"""
 
 ENGINES: tuple[Engine, ...] = get_args(Engine)
 DEFAULT_ENGINE: Engine = "sapien"
@@ -32,21 +34,23 @@ DEFAULT_ENGINE: Engine = "sapien"
 
 @dataclass(frozen=True)
 class PhysicsSwitches:
-    """Switches of the physics of a scene; ``"default"`` is the project's own, ``"original"`` the original's.
+    """Settings of a scene's physics; ``"default"`` is the project's own, ``"original"`` the original GenSim2's.
 
     Attributes:
         joint_friction: Coulomb friction and damping of the object, or a coefficient on the joint's load by class.
-        densities: masses of the objects, or hulls times a density by class.
-        materials: contact materials of objects, fingers and all else but the table.
-        solver: settings and contact offsets of the engine, or those that PhysX has in the original.
-        poses: default poses computed from the geometry, or the original's of the released models.
-        gripper: drives of the fingers: the profile's, ``"soft"`` ones, with which the original's solver holds things,
-            or the original's.
-        hulls: collision parts of real objects that leave their cavities open, or each connected piece of a file as its
-            convex hull; the planner knows the same parts.
-        redraw: ``"placement"``: placements of several objects are drawn again until there is room for all;
-            ``"none"``: the first draw counts.
-        criteria_rate: criteria of the verdict ``paper`` are read every control step, or every 0.85 s.
+        densities: masses of the objects, or a density for hulls by class.
+        materials: contact materials of objects, fingers and everything except the table.
+        solver: settings and contact offsets of the engine, or the original's PhysX settings.
+        poses: default poses computed from the geometry, or the original's for released models.
+        gripper: drives of the fingers: the profile's; ``"soft"`` ones, with which the original's solver holds objects;
+            or the
+            original's.
+        hulls: collision hulls of real objects that keep cavities open, or the convex hull of each connected part of a
+            file;
+            the planner uses the same hulls.
+        redraw: ``"placement"``: placements of several objects are drawn again until all fit; ``"none"``: scenes are not
+            redrawn when objects overlap.
+        criteria_rate: evaluate the steps' criteria for ``paper`` every control step, or every 0.85 s.
     """
 
     joint_friction: PhysicsSource = "default"
@@ -60,43 +64,45 @@ class PhysicsSwitches:
     hulls: PhysicsSource = "default"
 
     def criteria_steps(self, robot: RobotProfile) -> int:
-        """Control steps between two evaluations of the criteria of ``paper``."""
+        """Return the number of control steps between evaluations of the steps' criteria for ``paper``."""
         return 1 if self.criteria_rate == "default" else robot.steps(ORIGINAL_CRITERIA_SECONDS)
 
 
 ORIGINAL_CRITERIA_SECONDS = 0.85
-"""Of physics between two looks at the criteria in the original, whose control steps take 0.81 to 0.9."""
+"""Time (s) between evaluations of criteria in the original, whose control steps take 0.81 to 0.9 s."""
 
 DEFAULT_PHYSICS = "default"
 PRESETS: Mapping[str, PhysicsSwitches] = {
     DEFAULT_PHYSICS: PhysicsSwitches(),
     "original": PhysicsSwitches("original", "original", "original", "original", "original", "soft", "none"),
 }
-"""Mixtures with a name. ``original`` is what is compared with the paper: all of the original's but what
-docs/reference/simulation.md says of its fingers."""
+"""Presets. ``original`` is the one for comparisons with the paper: all settings are the original's except for the
+fingers
+(docs/reference/simulation.md).
+"""
 
 PHYSICS_NAMES: tuple[str, ...] = tuple(PRESETS)
 SWITCHES: Mapping[str, tuple[str, ...]] = {
     name: get_args(choices) for name, choices in get_type_hints(PhysicsSwitches).items()
 }
-"""Values of each switch."""
+"""Allowed values of each setting."""
 
 _RENAMED = {"ours": DEFAULT_PHYSICS}
-"""Today's words by those of the release before."""
+"""Present names by those of the previous release."""
 _ONLY_SAPIEN = ("joint_friction", "densities", "materials", "solver", "gripper")
-"""Switches whose other values are numbers of PhysX."""
+"""Settings whose non-default values only PhysX can simulate."""
 _FILES = (".yaml", ".yml", ".json")
 
 
 @cache
 def physics_switches(word: str) -> PhysicsSwitches:
-    """Return what a word stands for.
+    """Return the settings of a physics name.
 
     Args:
-        word: name of a preset, and after each ``+`` a switch and its value.
+        word: name of a preset, followed by ``+setting=value`` for each change.
 
     Raises:
-        InputError: there is no such preset, switch or value.
+        InputError: a preset, setting or value is unknown.
     """
     name, *changes = word.split("+")
     name = current(name, _RENAMED, "physics")
@@ -107,15 +113,15 @@ def physics_switches(word: str) -> PhysicsSwitches:
 
 
 def physics_name(word: object, redraw: str | None = None) -> str:
-    """Return the one word for what a user gave on the command line or in Python.
+    """Return the canonical name of the physics that a user gave on the command line or in Python.
 
     Args:
-        word: as :func:`physics_word` takes it, or the path of a YAML or JSON file of switches, in which ``base`` names
-            the preset that holds for the others.
-        redraw: value of that switch, whatever ``word`` says of it; None: as ``word`` says.
+        word: as for :func:`physics_word`, or the path of a YAML or JSON file of settings, in which ``base`` names the
+            preset for all others.
+        redraw: value of this setting; None: as in ``word``.
 
     Raises:
-        InputError: there is no such preset, switch or value, or the file cannot be read.
+        InputError: a preset, setting or value is unknown, or the file cannot be read.
     """
     if isinstance(word, str | Path) and str(word).endswith(_FILES):
         word = _word(_read(Path(word)))
@@ -124,13 +130,13 @@ def physics_name(word: object, redraw: str | None = None) -> str:
 
 
 def physics_word(word: object) -> str:
-    """Return the one word for a mixture that a file names; ``"ours"``, as earlier files have it, is ``"default"``.
+    """Return the canonical name of a physics name from a file; ``"ours"`` of earlier files is ``"default"``.
 
     Args:
-        word: as :func:`physics_switches` takes it.
+        word: as for :func:`physics_switches`.
 
     Raises:
-        InputError: there is no such preset, switch or value.
+        InputError: a preset, setting or value is unknown.
     """
     if not isinstance(word, str):
         raise InputError(f"no physics {word!r}", field="physics", remedy=f"one of {', '.join(PHYSICS_NAMES)}")
@@ -157,7 +163,7 @@ def _changed(base: PhysicsSwitches, given: Mapping[str, Any], file: Path | None)
 
 
 def _word(switches: PhysicsSwitches) -> str:
-    """The shortest, the default's where two are as short."""
+    """Return the shortest name of settings, preferring the default preset."""
     words = []
     for name, preset in PRESETS.items():
         own = [each.name for each in fields(preset) if getattr(switches, each.name) != getattr(preset, each.name)]
@@ -166,14 +172,14 @@ def _word(switches: PhysicsSwitches) -> str:
 
 
 def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
-    """Return the engine of a name.
+    """Return the engine with a name.
 
     Args:
         engine: the name.
-        physics: the word for the switches that it is to simulate.
+        physics: name of the physics that it must simulate.
 
     Raises:
-        InputError: there is no such engine, or a switch has a value that the engine cannot simulate.
+        InputError: the engine is unknown, or cannot simulate a setting.
     """
     found = next((name for name in ENGINES if name == engine), None)
     if found is None:
@@ -192,7 +198,7 @@ def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
 
 
 def with_current_scene(record: Any) -> Any:
-    """Return the fields of a file with today's name of the physics, and with the engine of releases that had one."""
+    """Return a file's fields with the present physics name and, for old files, the engine."""
     if isinstance(record, dict) and isinstance(word := record.get("physics"), str):
         return {"engine": DEFAULT_ENGINE, **record, "physics": current(word, _RENAMED, "physics")}
     return record

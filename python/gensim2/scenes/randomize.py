@@ -1,4 +1,4 @@
-"""Random variables of the episodes of one task: drawn from (seed, task, preset), as plain values."""
+"""Random values of a task's episodes, drawn from (seed, task, preset)."""
 
 from __future__ import annotations
 
@@ -16,23 +16,25 @@ from gensim2.tasks.spec import Randomization
 Array = npt.NDArray[np.float64]
 
 LIGHTEST, HEAVIEST = 0.5, 2.0
-"""Factors of masses in wide scenes."""
+"""Smallest and largest factor on masses in the ``wide`` preset."""
 SLIPPERIEST, ROUGHEST = 0.5, 2.0
-"""Factors of contact friction in wide scenes."""
+"""Smallest and largest factor on contact friction in the ``wide`` preset."""
 LOOSEST, STIFFEST = 0.8, 2.0
-"""Factors of joint friction in wide scenes, beside that of the mass: below 0.77 our lids would fall by themselves."""
+"""Smallest and largest factor on joint friction in the ``wide`` preset, in addition to the mass factor; below 0.77 lids
+would fall by themselves.
+"""
 START_SPREAD = 0.1
-"""Radians by which each arm joint may stand off its start in wide scenes, either way."""
+"""Largest offset (rad) of each arm joint from its start in the ``wide`` preset."""
 
 
 @dataclass(frozen=True)
 class Draw:
-    """Random draw for one object.
+    """Random values of one object.
 
     Attributes:
         instance: id of the instance.
-        x, y, yaw: offset from where it stands before, m and rad, about the world's z axis.
-        openness_offset: added to the mean openness.
+        x, y, yaw: offset from its default pose, m and rad, about the world's z axis.
+        openness_offset: offset from the mean openness.
     """
 
     instance: str
@@ -44,12 +46,12 @@ class Draw:
 
 @dataclass(frozen=True)
 class Factors:
-    """By what an object's physics is multiplied.
+    """Factors on an object's physical properties.
 
     Attributes:
-        mass: masses and inertias of all its links.
-        contact_friction: static and dynamic friction of all its surfaces.
-        joint_friction: what resists its joint, beside what follows from the mass; 1 of a rigid object.
+        mass: factor on masses and inertias of all links.
+        contact_friction: factor on static and dynamic friction of all surfaces.
+        joint_friction: factor on the joint's resistance, in addition to that of the mass; 1 for a rigid object.
     """
 
     mass: float = 1.0
@@ -63,8 +65,10 @@ AS_IT_IS = Factors()
 def draw_object(
     generator: np.random.Generator, ranges: Randomization, preset: Preset, instances: Sequence[str]
 ) -> Draw:
-    """Five uniform numbers: every value is drawn whether it will be used or not, so that none shifts another."""
-    # One uniform number whatever there is to choose from, so that the rest of the scene does not depend on it.
+    """Draw the random values of an object; always five numbers, so that later draws do not depend on the task's
+    settings.
+    """
+    # One uniform number for any number of instances, so that the rest of the scene does not depend on it.
     instance = instances[int(generator.random() * len(instances))]
     x, y, yaw = _placement(generator, ranges, preset)
     spread = preset.scale * ranges.openness_spread
@@ -72,7 +76,7 @@ def draw_object(
 
 
 def redraw_placement(generator: np.random.Generator, ranges: Randomization, preset: Preset, draw: Draw) -> Draw:
-    """The same object elsewhere: three uniform numbers."""
+    """Draw another placement of the same object: three uniform numbers."""
     x, y, yaw = _placement(generator, ranges, preset)
     return replace(draw, x=x, y=y, yaw=yaw)
 
@@ -87,7 +91,7 @@ def _placement(generator: np.random.Generator, ranges: Randomization, preset: Pr
 
 
 def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
-    """Three uniform numbers, on a logarithmic scale, whether there is a joint or not."""
+    """Draw log-uniform factors; always three numbers, even without a joint."""
     mass, contact, joint = (
         float(np.exp(generator.uniform(np.log(low), np.log(high))))
         for low, high in ((LIGHTEST, HEAVIEST), (SLIPPERIEST, ROUGHEST), (LOOSEST, STIFFEST))
@@ -96,7 +100,7 @@ def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
 
 
 def draw_start(generator: np.random.Generator, robot: RobotProfile) -> tuple[float, ...]:
-    """All active joints at the start of an episode: one uniform number a joint of the arm, within its limits."""
+    """Draw all active joints at the start: one uniform offset for each arm joint, within its limits."""
     size = robot.arm_size
     start = np.array(robot.reset_qpos)
     start[:size] += generator.uniform(-START_SPREAD, START_SPREAD, size)
@@ -105,12 +109,12 @@ def draw_start(generator: np.random.Generator, robot: RobotProfile) -> tuple[flo
 
 
 def openness_at_reset(ranges: Randomization, draw: Draw, default_openness: float) -> float:
-    """Mean of the task (or of the instance) plus the drawn offset, clipped to 0..1."""
+    """Return the mean openness of the task (or of the instance) plus the drawn offset, clipped to 0..1."""
     mean = ranges.openness_mean
     return float(np.clip((default_openness if mean is None else mean) + draw.openness_offset, 0.0, 1.0))
 
 
 def placed(position: Array, quaternion: Array, x: float, y: float, yaw: float) -> tuple[Array, Array]:
-    """Shift a placement by (x, y) and turn it by ``yaw`` about the vertical through its own position."""
+    """Shift a pose by (x, y) and rotate it by ``yaw`` about the vertical through its position."""
     turned = Rotation.from_euler("z", yaw) * Rotation.from_quat(quaternion, scalar_first=True)
     return np.asarray(position, dtype=np.float64) + np.array([x, y, 0.0]), turned.as_quat(scalar_first=True)

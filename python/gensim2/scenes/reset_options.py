@@ -1,4 +1,4 @@
-"""Reset options: what takes the place of what a seed would draw."""
+"""Reset options, which replace random values of a scene."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ import numpy as np
 from gensim2.core.errors import InputError, near
 
 RESET_OPTIONS = frozenset({"instance", "openness", "offset", "pose"})
-"""Reset options of ours; ManiSkill knows ``reconfigure``, ``env_idx`` and ``reset_to_env_states`` besides."""
+"""The project's reset options; ManiSkill has ``reconfigure``, ``env_idx`` and ``reset_to_env_states`` in addition."""
 FARTHEST = 10.0
-"""Metres from the world's origin at which an object may be put: far beyond the table, and no overflow."""
+"""Largest distance (m) of an object from the world's origin, far beyond the table but without numerical overflow."""
 
 _MANISKILL_OPTIONS = frozenset({"reconfigure", "env_idx", "reset_to_env_states"})
 _NUMBERS = {"offset": (3, "x, y, yaw"), "pose": (7, "x, y, z, qw, qx, qy, qz"), "openness": (0, "")}
 
 ObjectOptions = Mapping[str, Any]
-"""Of one object: option to value."""
+"""Options of one object by name."""
 
 
 def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Mapping[str, ObjectOptions]:
-    """Reset options by object; ManiSkill's own are checked and left to it.
+    """Return reset options by object; ManiSkill's own options are only checked.
 
     Args:
-        options: each option of ours is a mapping from an object's name to its value, or the value itself where there
-            is one object.
-        names: of the objects.
+        options: each of the project's options is a mapping from an object's name to its value, or the value itself if
+            there is only one object.
+        names: names of the objects.
 
     Raises:
-        InputError: an option or an object is unknown, or a value has the wrong form; names it.
+        InputError: an option or an object is unknown, or a value is invalid; names it.
     """
     if options is not None and not isinstance(options, Mapping):
         raise InputError(f"must be a mapping, is {options!r}", field="options")

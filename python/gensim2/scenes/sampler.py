@@ -1,4 +1,4 @@
-"""Sampler of initial states: a task, its objects and the presets, resolved once."""
+"""Sampler of initial states of one task."""
 
 from __future__ import annotations
 
@@ -16,28 +16,27 @@ from gensim2.tasks.presets import preset
 from gensim2.tasks.spec import TaskSpec
 
 GOAL_SEEDS = range(8)
-"""Seeds whose scenes a goal is tried in where it holds in the first that is drawn."""
+"""Seeds of further scenes in which a goal is tested if it holds in the first scene."""
 
 
 class SceneSampler:
     """Initial states of one task by seed, the same in every environment.
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, or its fields; or a configuration, which says everything.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`.
+        task: name of a library task, a :class:`TaskSpec`, or its fields; or a complete configuration.
 
     Attributes:
-        task: what is to be done.
-        library: of the objects.
-        robot: word by which any process finds the robot.
-        profile: of it.
-        physics: the word for its switches.
-        engine: that simulates them.
-        randomization: the preset.
-        instances: ids that are drawn from, by object.
+        task: the task.
+        library: library of the objects.
+        robot: name of the robot, valid in any process.
+        profile: profile of the robot.
+        physics: name of the physics.
+        engine: simulation engine.
+        randomization: randomization preset.
+        instances: ids to choose from, by object.
 
     Raises:
-        InputError: an argument is wrong.
+        InputError: an argument is invalid.
     """
 
     def __init__(self, task: str | TaskSpec | Mapping[str, Any] | SceneConfig, **scene: Unpack[SceneArguments]) -> None:
@@ -59,12 +58,12 @@ class SceneSampler:
 
         Args:
             seed: 0 to 2**32 - 1.
-            options: of a reset; each takes the place of what would have been drawn.
+            options: reset options, which replace random values.
 
         Raises:
-            InputError: an option cannot be used, or an object's files.
-            PlacementError: there is no room for all objects.
-            GoalError: the goal holds at the start whatever is drawn, or nothing can reach it.
+            InputError: an option or an object's file is invalid.
+            PlacementError: the objects cannot be placed.
+            GoalError: the goal always holds at the start, or cannot be reached.
         """
         given = read_options(options, tuple(self.task.objects))
         state = self._draw(seed, given)
@@ -76,7 +75,7 @@ class SceneSampler:
         return state
 
     def _drawn(self, first: InitialState) -> Iterator[InitialState]:
-        """The state that was drawn first and, where the caller still wants to know, those of other seeds."""
+        """Yield the first state and, on demand, those of other seeds."""
         yield first
         nothing = read_options(None, tuple(self.task.objects))
         for seed in GOAL_SEEDS:

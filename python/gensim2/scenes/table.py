@@ -1,4 +1,4 @@
-"""The table that everything stands on."""
+"""The table."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 HALF_SIZE: tuple[float, float, float] = (0.65, 0.65, 0.025)
-"""Metres; centred below the world's origin, its top at z = 0."""
+"""Half sizes (m); the table is centred below the world's origin, with its top at z = 0."""
 
 _HEIGHT = 0.6
 _WOOD, _METAL, _FLOOR = (0.62, 0.47, 0.32, 1.0), (0.25, 0.25, 0.28, 1.0), (0.78, 0.78, 0.76, 1.0)
@@ -16,7 +16,7 @@ _WOOD, _METAL, _FLOOR = (0.62, 0.47, 0.32, 1.0), (0.25, 0.25, 0.28, 1.0), (0.78,
 
 @dataclass(frozen=True)
 class Box:
-    """A part of the table that is seen: upright, in the table's frame (centre of its top's box), m; its material."""
+    """Visible part of the table: an axis-aligned box in the frame of the table top's centre, m, with its material."""
 
     center: tuple[float, float, float]
     half_size: tuple[float, float, float]
@@ -26,7 +26,7 @@ class Box:
 
 
 def visible_boxes() -> tuple[Box, ...]:
-    """Return the boxes that pictures show: top, legs and floor."""
+    """Return the visible boxes: top, legs and floor."""
     leg = (0.025, 0.025, _HEIGHT / 2 - HALF_SIZE[2])
     places = [(x, y, -HALF_SIZE[2] - leg[2]) for x in (-0.6, 0.6) for y in (-0.6, 0.6)]
     return (
@@ -37,6 +37,6 @@ def visible_boxes() -> tuple[Box, ...]:
 
 
 def corners() -> npt.NDArray[np.float64]:
-    """(8, 3) corners of the table in its own frame (box centre at the origin)."""
+    """Return the corners (8, 3) of the table top in its own frame, whose origin is the box centre."""
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)
     return np.asarray(signs * np.array(HALF_SIZE), dtype=np.float64)
