@@ -1,4 +1,4 @@
-"""Evaluation: the benchmark of tasks, its table and its figures."""
+"""Evaluation: benchmark of the tasks, with its table."""
 
 from __future__ import annotations
 

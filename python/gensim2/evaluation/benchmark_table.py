@@ -1,4 +1,4 @@
-"""The table of ``gensim2 benchmark``: every figure in it is counted from the episodes that stand beside it."""
+"""Table of ``gensim2 benchmark``, computed from its episodes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gensim2.tasks.spec import TaskSpec
 
 TaskType = Literal["single-step", "long-horizon"]
 
-#: In the JSON ``success`` is the verdict that the paper counts.
+#: Success criteria by their names in the JSON output, in which ``success`` is the paper's criterion.
 VERDICTS = {"success": "paper", "held": "held", "strict": "strict"}
 
 
@@ -23,9 +23,9 @@ class TaskRow:
     """One task in the table.
 
     Attributes:
-        task: its spec.
-        runs: number of runs, each of equally many episodes.
-        episodes: in the order of runs.
+        task: the task.
+        runs: number of runs with equally many episodes.
+        episodes: episodes in the order of runs.
     """
 
     task: TaskSpec
@@ -39,19 +39,18 @@ class TaskRow:
 
     @property
     def seen(self) -> Literal["train", "all"] | None:
-        """Instances that its strategies were made on; ``"all"`` where one was; None where it is unknown."""
+        """Instances used when its strategies were made; ``"all"`` if any of them saw all; None if unknown."""
         made = self.task.provenance.strategies.values() if self.task.provenance is not None else ()
         found = {each.seen for each in made}
         return "all" if "all" in found else "train" if found else None
 
     def rates(self, verdict: str) -> list[float]:
-        """Share of episodes that fulfil ``"paper"``, ``"held"`` or ``"strict"``, one a run."""
+        """Return the success rate of each run by the criterion ``"paper"``, ``"held"`` or ``"strict"``."""
         size = len(self.episodes) // self.runs
         flags = [bool(getattr(episode, verdict)) for episode in self.episodes]
         return [mean(flags[run * size : (run + 1) * size]) for run in range(self.runs)]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         tally = Tally.of(self.episodes)
         paper, measured = paper_of(self.task), released_of(self.task)
         return {
@@ -79,7 +78,7 @@ class TaskRow:
 
 
 def by_instance(episodes: Sequence[Episode]) -> dict[str, dict[str, int]]:
-    """Episodes and those that fulfil each verdict, by the objects that they were run with."""
+    """Return the number of episodes, and of successes by each criterion, for each combination of objects."""
     found: dict[str, list[Episode]] = {}
     for episode in episodes:
         name = " + ".join(f"{record.asset_class}/{record.id}" for record in episode.objects.values())
@@ -94,7 +93,9 @@ def by_instance(episodes: Sequence[Episode]) -> dict[str, dict[str, int]]:
 
 
 def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
-    """Means over the tasks of each type, each task counted once; and over the paper's figures of the same tasks."""
+    """Return the means over the tasks of each type, all tasks weighted equally, with the paper's figures for the same
+    tasks.
+    """
     found = []
     for kind in ("single-step", "long-horizon"):
         if not (members := [row for row in rows if row.type == kind]):
@@ -115,9 +116,10 @@ def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
 
 
 def _rates(rows: Sequence[TaskRow]) -> dict[str, Any]:
-    """Mean, deviation between the runs and 95 % interval of each verdict; all rows have equally many episodes.
+    """Return mean, standard deviation between runs and 95 % interval of each criterion.
 
-    The interval of several tasks is that of as many episodes of one task with their mean rate: too wide rather than
+    The interval of several tasks is that of as many episodes of one task with their mean rate, which is rather too wide
+    than
     too narrow.
     """
     found: dict[str, Any] = {}

@@ -1,4 +1,6 @@
-"""``gensim2 benchmark``: the task library in the paper's protocol, several runs of many random episodes a task."""
+"""``gensim2 benchmark``: run the task library by the paper's protocol, several runs of many random episodes for each
+task.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ NOTHING_TO_DISTURB = "takes no rigid object, so that there is nothing to push or
 
 @dataclass(frozen=True, kw_only=True)
 class BenchmarkResult(Table):
-    """The table of a benchmark.
+    """Result of a benchmark.
 
     Attributes:
         provenance: commit, date and command.
@@ -29,7 +31,6 @@ class BenchmarkResult(Table):
     provenance: dict[str, str]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         return {**super().to_dict(), "provenance": self.provenance}
 
 
@@ -48,37 +49,37 @@ def benchmark(
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[RunArguments],
 ) -> BenchmarkResult:
-    """Run the planner on random scenes of every task; each episode is kept as soon as it is finished.
+    """Run the planner in random scenes of every task; each episode is stored as soon as it is finished.
 
     Example:
         ```python
         result = gensim2.benchmark(["OpenDrawer"], runs=1, episodes=10, assets="builtin", out=Path("runs/drawer"))
-        result.rows[0].rates("held")  # share of the episodes, by run
+        result.rows[0].rates("held")  # success rate of each run
         ```
 
     Args:
-        tasks: names of library tasks, or folders that hold task.yaml and strategies/. None given: all tasks of
-            ``origin``. A task whose classes the objects lack is named in the result and left out.
-        origin: proposer of the tasks, where none is named; None: the paper's suite.
-        runs: repetitions, for the deviation between them.
+        tasks: names of library tasks, or folders with task.yaml and strategies/; empty for all tasks of ``origin``. A
+            task
+            whose object classes are not available is skipped and listed in the result.
+        origin: origin of the tasks if none is named; None: the paper's suite.
+        runs: number of runs, for the deviation between them.
         episodes: number of episodes of each task in each run.
-        seed: seed of the scenes; no search draws from the same ones.
-        attempts: largest number of attempts of an episode from its start, until one holds.
-        one_plan: each step is planned once, at its turn, by its first strategy: the paper's method with our solver.
-        disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; tasks in which no rigid object is
-            taken are left out.
+        seed: seed of the scenes, which differ from those of all searches.
+        attempts: largest number of attempts from an episode's start until one succeeds.
+        one_plan: plan each step once, when its turn comes, by its first strategy: the paper's method with our solver.
+        disturbance: ``"push"`` or ``"drop"``, once in an episode at a seeded moment; tasks that grasp no rigid object
+            are
+            skipped.
         out: run folder; default ``runs/<date>-<time>``.
-        resume: go on with the run that ``out`` holds.
-        progress: listener for stages and steps.
-        scene: of the scenes, the chain of steps and the worker processes: see
-            :class:`~gensim2.rollout.config.RunArguments`.
+        resume: continue the run in ``out``.
+        scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Returns:
-        The table: one row a task with its three verdicts and their 95 % intervals.
+        A table with one row per task: the success rate by each of the three criteria with its 95 % interval.
 
     Raises:
-        InputError: an argument cannot be used.
-        NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
+        InputError: an argument is invalid.
+        NotRunError: some episodes could not be run; all others are finished, and ``resume`` continues.
     """
     check_counts(runs=runs, episodes=episodes, attempts=attempts)
     execution = Execution.of(scene)
@@ -89,7 +90,7 @@ def benchmark(
     if one_plan and scene.get("open_loop", False):
         raise InputError("plans all steps at the start", field="open_loop", remedy="leave it or one_plan out")
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
-    # Only now what takes long to import.
+    # Imported late because these modules take long to import.
     from gensim2.data.runfolder import RUN_JSON
     from gensim2.rollout import worker
     from gensim2.rollout.identity import identity, provenance
@@ -125,12 +126,14 @@ def benchmark(
 
 
 def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskInput], list[str]]:
-    """Return the tasks in which a rigid object is taken, and the names of the others.
+    """Return the tasks that grasp a rigid object, and the names of all others.
 
-    A run that is begun and has none of the former was begun undisturbed: its folder says so.
+    If no task does and the run exists already, all tasks are returned, because the run was started without disturbance
+    and
+    its record reports the difference.
 
     Raises:
-        InputError: there is none of the former.
+        InputError: no task of a new run does.
     """
     found = [one for one in given if any(_is_rigid(one, step) for step in one.spec.steps)]
     if not found and is_begun:

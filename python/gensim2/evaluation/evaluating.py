@@ -1,4 +1,4 @@
-"""``gensim2 evaluate``: the benchmark's scenes, verdicts and table for anybody's controller."""
+"""``gensim2 evaluate``: run any controller in the benchmark's scenes, with the same criteria and table."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationResult(Table):
-    """The table of an evaluation.
+    """Result of an evaluation.
 
     Attributes:
-        controller: ``target`` and ``arguments`` that it was made with, ``privileged``, and its ``observation`` spec.
-        videos: films, by task.
+        controller: its ``target``, ``arguments``, ``privileged`` and ``observation`` spec.
+        videos: video files by task.
     """
 
     controller: dict[str, Any]
@@ -40,12 +40,11 @@ class EvaluationResult(Table):
 
     @property
     def held_mean(self) -> float:
-        """Mean over the tasks of the share of episodes that held, 0 to 1."""
+        """Success rate, averaged over the tasks, 0 to 1."""
         rates = [rate for row in self.rows for rate in row.rates("held")]
         return sum(rates) / len(rates)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         return {**super().to_dict(), "controller": self.controller, "videos": self.videos}
 
 
@@ -65,7 +64,7 @@ def evaluate(
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[EvaluationArguments],
 ) -> EvaluationResult:
-    """Run a controller on the scenes that a benchmark with this seed has, and judge its episodes as it does.
+    """Run a controller in the scenes of the benchmark with the same seed, and evaluate it by the same criteria.
 
     Example:
         ```python
@@ -76,22 +75,24 @@ def evaluate(
     Args:
         controller: ``module:Class``, ``FILE.py:Class``, or a class that another process can import
             (docs/guides/controllers.md).
-        tasks: names of library tasks, or folders that hold task.yaml and strategies/.
+        tasks: names of library tasks, or folders with task.yaml and strategies/.
         arguments: keyword arguments of the controller, plain data.
-        data: rendered data set that the controller was trained on: its observations must be of the same spec.
-        stop: ``"goal"``: an episode ends where the controller says None, where the goal has held for half a second and
-            still does when the scene rests, or at the step limit, and is judged. ``"controller"``: one that never says
-            None is cut and has not held.
+        data: rendered data set that the controller was trained on; its observation spec must agree.
+        stop: ``"goal"``: an episode ends when the controller returns None, when the goal has held for half a second and
+            still holds after settling, or at the step limit; then it is evaluated. ``"controller"``: an episode whose
+            controller does not return None before the step limit has failed.
         runs, episodes, seed, out, resume, progress, scene: as for :func:`~gensim2.evaluation.benchmark`.
-        videos: number of episodes of each task that are filmed by ray casting, beside the controller's point cloud.
+        videos: number of episodes of each task that are recorded as videos by ray casting, with the controller's point
+            cloud beside the image.
 
     Returns:
-        The table: one row a task with its three verdicts and their 95 % intervals, and the films.
+        A table with one row per task: the success rate by each of the three criteria with its 95 % interval; and the
+            videos.
 
     Raises:
-        ControllerError: the controller cannot be made, fails, or gives no action that can be used.
-        InputError: an argument cannot be used.
-        NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
+        ControllerError: the controller cannot be made, fails, or returns an invalid action.
+        InputError: an argument is invalid.
+        NotRunError: some episodes could not be run; all others are finished, and ``resume`` continues.
     """
     check_counts(runs=runs, episodes=episodes)
     execution = Execution.of(scene)
@@ -100,7 +101,7 @@ def evaluate(
     given, skipped = read_task_inputs((tasks,) if isinstance(tasks, str) else tasks, seed=seed, **scene)
     spec = ControllerSpec.of(controller, arguments)
     about = _about(spec, given[0], data)
-    # Only now what takes long to import.
+    # Imported late because these modules take long to import.
     from gensim2.rollout.identity import identity
 
     films: dict[str, list[str]] = {}
@@ -133,10 +134,10 @@ def evaluate(
 
 
 def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[str, Any]:
-    """Describe a controller, which is made once before anything starts.
+    """Make a controller once before the start, and return its description.
 
     Raises:
-        InputError: it cannot be made, or looks at something else than its data.
+        InputError: it cannot be made, or its observation spec differs from its data's.
     """
     from gensim2.perception.camera import require_cameras
     from gensim2.robots import robot
@@ -162,14 +163,14 @@ def _arguments(
 def _episode(
     config: EpisodeConfig, spec: ControllerSpec, seed: int, stop: Stop, keep: partial[Episode] | None, index: int
 ) -> Episode:
-    """One episode; called in a worker."""
+    """Run one episode in a worker process."""
     from gensim2.rollout import worker
 
     return worker.evaluate(config, spec, seed, stop, keep, index)
 
 
 def _keep(folder: Path, index: int, episode: Episode, recording: Recording | None) -> Episode:
-    """Keep the states of an episode that is to be filmed; called in a worker."""
+    """Store the states of an episode for its video, in a worker process."""
     from gensim2.data.store import TaskStore
 
     TaskStore(folder).add(index, episode, recording)
@@ -186,7 +187,7 @@ def _keep_missing(
     episodes: Sequence[Episode],
     progress: Progress,
 ) -> None:
-    """Run those of the first episodes once more whose states were not kept, for no film was asked for then."""
+    """Repeat the first episodes whose states were not stored because an earlier call made no videos."""
     files = folder.task(given.spec.name).path
     kept = _recorded(files)
     config = runner.config(given.spec, given.instances)
@@ -206,11 +207,11 @@ def _keep_missing(
 
 
 def _recorded(folder: Path) -> dict[int, tuple[Path, str]]:
-    """Files and digests of a task's episodes whose states were kept, by index."""
+    """Return files and digests of a task's episodes with states, by index."""
     from gensim2.data.store import TaskStore
 
     found = TaskStore(folder).found()
-    # One without a control step has no states.
+    # An episode without control steps has no states.
     return {index: (path, str(each.episode_digest)) for index, path, each in found if each and each.control_steps}
 
 
@@ -223,7 +224,7 @@ def _film(
     seed: int,
     progress: Progress,
 ) -> list[str]:
-    """Film the episodes of a task whose states were kept, with the cloud that the controller is given."""
+    """Record videos of a task's episodes with states, with the controller's point cloud beside the image."""
     from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
     from gensim2.evaluation.films import film_episode, film_path
     from gensim2.rollout.identity import versions

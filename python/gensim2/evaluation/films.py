@@ -1,4 +1,4 @@
-"""Films of recorded episodes by ray casting, the point cloud that the controller is given beside the picture."""
+"""Videos of recorded episodes by ray casting, with the controller's point cloud beside the image."""
 
 from __future__ import annotations
 
@@ -24,41 +24,41 @@ from gensim2.scenes.config import SceneConfig
 Frame = npt.NDArray[np.uint8]
 
 SIZE = 384
-"""Pixels of a picture's sides; the cloud's are the same."""
+"""Width and height of the image and of the cloud's image, pixels."""
 FRAMES_PER_SECOND = 10
 EYE, TARGET = (-0.45, -1.15, 0.75), (-0.13, -0.07, 0.2)
-"""m in the world: the camera stands to the right, from where the inside of most open doors is seen."""
+"""Position of the camera (world frame, m): on the right, where the inside of most open doors is visible."""
 FIELD_OF_VIEW = float(np.deg2rad(40))
 SKY, PAPER = (235, 238, 242), (24, 26, 30)
 LIGHT = (0.3, -0.5, 0.8)
 AMBIENT = 0.45
 DOT = 2
-"""Pixels from a point's middle to the edge of its square."""
+"""Half the width of the square drawn for a point, pixels."""
 
 
 def film_path(folder: Path, index: int) -> Path:
-    """Return the path of an episode's film in its task's folder."""
+    """Return the path of an episode's video in its task's folder."""
     return folder / f"video_{index:06d}.mp4"
 
 
 def film_index(film: Path) -> int:
-    """Number of the episode that a film of :func:`film_path` shows."""
+    """Return the episode number of a video of :func:`film_path`."""
     return int(film.stem.removeprefix("video_"))
 
 
 def film_episode(episode: Path, scene: SceneConfig, spec: ObservationSpec, video: Path) -> int:
-    """Film a recorded episode and return the number of frames; called in a worker.
+    """Record a video of an episode in a worker process and return the number of frames.
 
-    Needs no renderer and no graphics driver. Frames are ten a second of the episode's time.
+    It needs no renderer and no graphics driver. The video has ten frames per second of the episode's time.
 
     Args:
-        episode: its file, with states.
-        scene: that it was recorded in.
-        spec: of the controller; its cloud is shown beside the picture, where it has one.
+        episode: file of the episode, with states.
+        scene: scene of the episode.
+        spec: observation spec of the controller; its cloud is shown beside the image.
         video: file to write, atomically.
 
     Raises:
-        InputError: the file is damaged or holds no states, or an object's files cannot be used.
+        InputError: the file is damaged or has no states, or an object's files cannot be used.
     """
     recording = read_episode(episode).recording
     if recording is None:
@@ -97,7 +97,7 @@ def _frames(
 
 
 def film_camera(profile: RobotProfile) -> Camera:
-    """The camera that looks at a robot and what it works on."""
+    """Return the camera for videos of a robot and its workspace."""
     turn, base = profile.T_world_base[:3, :3].T, np.array(profile.base_position)
     place, target = turn @ (EYE - base), turn @ (TARGET - base)
     return Camera.looking("film", place, target, width=SIZE, height=SIZE, fov=FIELD_OF_VIEW)
@@ -108,7 +108,7 @@ def _row(states: Mapping[str, Any], step: int) -> dict[str, Any]:
 
 
 def shaded(view: View) -> Frame:
-    """(H, W, 3) picture of a view: its colours, darker the more a surface turns away from the light."""
+    """Return an image (H, W, 3) of a view, in which surfaces are darker the more they face away from the light."""
     camera, depth = view.camera, view.depth.astype(np.float64)
     points = depth[..., None] * camera.rays
     right, down = np.diff(points, axis=1, append=points[:, -1:]), np.diff(points, axis=0, append=points[-1:])
@@ -121,7 +121,9 @@ def shaded(view: View) -> Frame:
 
 
 def dotted(points: npt.NDArray[Any], colours: npt.NDArray[np.uint8], camera: Camera) -> Frame:
-    """(H, W, 3) picture of points (N, 3) m in the base frame as squares of their (N, 3) colours, near ones in front."""
+    """Return an image (H, W, 3) of points (N, 3), m in the base frame, as squares in their colours (N, 3), near ones on
+    top.
+    """
     picture = np.empty((camera.height, camera.width, 3), np.uint8)
     picture[:] = PAPER
     seen = np.c_[points, np.ones(len(points))] @ camera.projection.T
@@ -129,7 +131,7 @@ def dotted(points: npt.NDArray[Any], colours: npt.NDArray[np.uint8], camera: Cam
     seen, colours = seen[order], colours[order]
     ahead = seen[:, 2] > 0
     pixels = np.floor(seen[ahead, :2] / seen[ahead, 2:]).astype(np.int64)
-    # From dark paper dark colours would not stand out.
+    # Colours are brightened, because dark ones would not stand out from the dark background.
     shown = (96 + 0.62 * colours[ahead]).astype(np.uint8)
     for (column, row), colour in zip(pixels, shown, strict=True):
         if 0 <= column < camera.width and 0 <= row < camera.height:

@@ -1,4 +1,4 @@
-"""Tables of episodes: the same scenes whoever acts, each episode logged as soon as it is finished."""
+"""Run the episodes of a table in fixed scenes, and log each one as soon as it is finished."""
 
 from __future__ import annotations
 
@@ -25,11 +25,9 @@ Made = TypeVar("Made", bound="Told")
 
 
 class Told(Protocol):
-    """A result that can be written down."""
+    """A result that can be written to a file."""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
-        ...
+    def to_dict(self) -> dict[str, Any]: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,13 +35,13 @@ class Table:
     """A table of tasks.
 
     Attributes:
-        run_dir: the run folder.
-        arguments: what was asked for: everything that the episodes follow from, beside the tasks.
-        versions: of the packages that decide the outcome.
-        rows: one a task.
-        skipped: tasks that could not be run on these objects, with the reason.
-        speeds: episodes a second of wall time in this call, by task; None where all were there.
-        cpu_s: CPU of all processes in this call, their start apart.
+        run_dir: run folder.
+        arguments: settings that determine the episodes, other than the tasks.
+        versions: versions of the packages that affect results.
+        rows: one row per task.
+        skipped: reasons by task for tasks that cannot be run with these objects.
+        speeds: episodes per second of wall time in this call, by task; None if all were finished before.
+        cpu_s: CPU time of all processes in this call, s, without their start.
     """
 
     run_dir: str
@@ -55,7 +53,6 @@ class Table:
     cpu_s: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
         return {
             "schema_version": SCHEMA_VERSION,
             "run_dir": self.run_dir,
@@ -71,7 +68,7 @@ class Table:
 
 @dataclass(frozen=True)
 class TableExtent:
-    """Scenes of each task of a table: those of ``runs`` times ``episodes`` seeds that follow from ``seed``."""
+    """Scenes of each task of a table: ``runs`` times ``episodes`` seeds derived from ``seed``."""
 
     runs: int
     episodes: int
@@ -79,7 +76,7 @@ class TableExtent:
 
 
 Arguments = Callable[[int, int], tuple[Any, ...]]
-"""Arguments of the function that runs an episode, for the episode's index and seed."""
+"""Arguments of the function that runs an episode, by the episode's index and seed."""
 
 
 def tabulate(
@@ -100,16 +97,16 @@ def tabulate(
     progress: Progress,
     after: Callable[[TaskInput, RunFolder, EpisodeRunner, Sequence[Episode]], None] | None = None,
 ) -> Made:
-    """Run all episodes of tasks, and leave a run folder with their table.
+    """Run all episodes of the tasks, and write a run folder with their table.
 
     Args:
-        given: the tasks, of one library and the same options.
-        told: arguments of the episodes beside ``extent``, the scenes and the rollout.
-        identity: digests of what the run's results follow from.
-        function: of :mod:`gensim2.rollout.worker`.
-        arguments: gives those of the function, for a task, its configuration and its folder.
-        make: makes the command's result of the table.
-        after: is called with each task's episodes when they are all there.
+        given: tasks of one library with the same options.
+        told: further arguments of the episodes for the record.
+        identity: digests that determine the results.
+        function: function of :mod:`gensim2.rollout.worker`.
+        arguments: function that returns the episode arguments for a task, its configuration and its folder.
+        make: function that makes the command's result from the table.
+        after: callback with each task's finished episodes.
     """
     from gensim2.data.runfolder import RunFolder, default_run_dir
     from gensim2.rollout.identity import versions
@@ -161,13 +158,13 @@ def run_episodes(
     extent: TableExtent,
     progress: Progress,
 ) -> tuple[list[Episode], float | None]:
-    """Run all episodes of a task, run after run, and say how many a second; those in its log are not run again.
+    """Run all episodes of a task that are not in its log; return them and the number of episodes per second.
 
-    A benchmark and an evaluation with one seed have the same scenes.
+    A benchmark and an evaluation with the same seed have the same scenes.
 
     Args:
-        folder: of the task, in which the log lies.
-        function: of :mod:`gensim2.rollout.worker`.
+        folder: folder of the task, with the log.
+        function: function of :mod:`gensim2.rollout.worker`.
     """
     from gensim2.core.seeding import scene_seeds
     from gensim2.rollout.episode_log import ATTEMPTS, EpisodeLog
@@ -185,14 +182,15 @@ def run_episodes(
 
 
 def finish_table(folder: RunFolder, told: dict[str, Any]) -> None:
-    """Write the outcome of a table into its run folder, and finish the run.
+    """Write the result of a table into its run folder, and finish the run.
 
-    A folder is the same on whatever day and by however many commands it was made, so it says nothing of ``provenance``;
-    the ``records`` of episodes stand in the tasks' folders.
+    ``provenance`` is left out, so that the folder does not depend on date and commands. The ``records`` of episodes are
+    in
+    the tasks' folders.
 
     Args:
-        folder: of the run.
-        told: the result as plain data; left as it is.
+        folder: run folder.
+        told: result as plain data, which is not changed.
     """
     tasks = [{name: value for name, value in task.items() if name != "records"} for task in told["tasks"]]
     folder.finish({name: value for name, value in {**told, "tasks": tasks}.items() if name != "provenance"})
