@@ -1,4 +1,4 @@
-"""The solver on files of recorded planning problems: read, convert, solve, write."""
+"""Run the solver on files of recorded planning problems."""
 
 from gensim2.bench.motion import MotionProblem, MotionSummary, motion_summary, read_motion_problems, solve_motions
 from gensim2.bench.problems import PlanProblem, read_problems

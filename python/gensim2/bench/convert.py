@@ -1,4 +1,4 @@
-"""Recorded problem and its scene in, problem of the solver out."""
+"""Convert a recorded problem and its scene to a solver problem."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ def keypoint_problem(
     frames: Frames = "original",
     options: kpam.Options | None = None,
 ) -> kpam.KeypointProblem:
-    """Return what the solver is asked.
+    """Return the solver problem of a recorded problem.
 
     Args:
-        problem: as read from the file; its own clock and keypoints are kept.
+        problem: recorded problem, with its own clock and keypoints.
         scene: its obstacles.
-        robot: the arm, with hand and fingers.
-        frames: which reading of motion frames; ``"original"`` turns list-type motions by the drawn yaw.
-        options: of the solver, over those that the records were made with.
+        robot: arm with hand and fingers.
+        frames: meaning of motion frames; ``"original"`` rotates list-type motions by the object's random yaw.
+        options: solver options that override those of the recording.
 
     Raises:
-        InputError: the config or a number is one that the solver refuses; names the problem.
+        InputError: the solver refuses the config or a number; names the problem.
     """
     joint = scene.joint
-    # The original knows no margin and lets the hand reach into what it works on, at the start as well.
+    # The original has no collision margin and lets the hand overlap the object that it works on, also at the start.
     recorded: kpam.Options = {
         "timing": "config",
         "frames": frames,

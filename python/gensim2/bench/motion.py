@@ -1,4 +1,4 @@
-"""``gensim2 bench motion``: joint-to-joint problems, one JSON object a problem."""
+"""``gensim2 bench motion``: plan joint-to-joint motions from a file of problems."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from gensim2.robots.profile import rotation_matrix
 
 Array = npt.NDArray[np.float64]
 
-#: Joints of each motion are written every so many seconds.
+#: Time step (s) of the joints that are written for each motion.
 SAMPLE_DT = 0.005
-#: Both fingers of a gripper stand so far open (m) where a problem gives the arm's joints alone.
+#: Position (m) of both fingers if a problem gives only the arm's joints.
 FINGERS_OPEN = 0.04
 
 
@@ -32,7 +32,7 @@ FINGERS_OPEN = 0.04
 class MotionProblem:
     """Motion from one joint vector to any of several, among obstacles in the robot's base frame.
 
-    ``start`` is (m,), each of ``goals`` too: the joints of the arm, in order.
+    ``start`` and each of ``goals`` are (m,), the joints of the arm in order.
     """
 
     id: str
@@ -46,7 +46,7 @@ _PROBLEM = TypeAdapter(MotionProblem)
 
 @dataclass(frozen=True)
 class MotionSummary:
-    """Figures over all problems: CPU milliseconds, seconds of motion."""
+    """Summary of all problems: CPU times in ms, durations of motions in s."""
 
     problems: int
     statuses: dict[str, int]
@@ -56,15 +56,14 @@ class MotionSummary:
     length_median: float
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
         return asdict(self)
 
 
 def read_motion_problems(path: Path) -> list[MotionProblem]:
-    """Read joint-to-joint problems, one JSON object a line.
+    """Read joint-to-joint problems, one JSON object per line.
 
     Raises:
-        InputError: an unreadable file or a bad line; names line and field.
+        InputError: the file cannot be read or a line is invalid; names line and field.
     """
     remedy = "give id, start, goals and obstacles; docs/reference/benchmarks.md has the format"
     lines = read_input(path, MAX_RECORD, "name a JSON Lines file").split(b"\n")
@@ -79,7 +78,7 @@ def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
     """Return an obstacle of a problem as a body.
 
     Raises:
-        InputError: a type or a field that is not known.
+        InputError: a type or a field is unknown.
     """
     pose = np.eye(4)
     try:
@@ -106,7 +105,7 @@ def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
 
 
 def _full(robot: kpam.Robot, values: Sequence[float]) -> Array:
-    """Return the full joint vector: the arm's joints as given, the fingers open."""
+    """Return the full joint vector: the given arm joints, and open fingers."""
     q = np.full(len(robot.joint_names), FINGERS_OPEN)
     q[: len(values)] = values
     if len(values) < len(q):
@@ -122,16 +121,18 @@ def solve_motions(
     deadline_ms: float | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> list[dict[str, Any]]:
-    """Plan every problem and return one record each: ``id``, ``status``, ``reason``, ``cpu_ms``, ``duration`` (s),
-    ``length`` (of the way in joint space, rad), ``nearer`` and ``samples`` (joints every 5 ms).
+    """Plan every problem and return one record for each.
 
-    ``cpu_ms`` holds everything from the problem to the timed motion: the scene is built anew for each.
+    A record has ``id``, ``status``, ``reason``, ``cpu_ms``, ``duration`` (s), ``length`` (of the path in joint space,
+    rad),
+    ``nearer`` and ``samples`` (joints every 5 ms). ``cpu_ms`` covers everything from the problem to the timed motion,
+    including building the scene.
 
     Raises:
-        InputError: an unknown robot, or a problem that does not fit it.
+        InputError: the robot is unknown, or a problem does not fit it.
     """
     model = robots.robot(robot).model
-    # What is made once a robot is made before: balls around its links.
+    # Data that are computed once per robot, balls around its links, are computed before the timing.
     rest = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
     kpam.Scene(model).in_collision(rest)
     records: list[dict[str, Any]] = []
@@ -144,7 +145,7 @@ def solve_motions(
                 np.stack([_full(model, goal) for goal in problem.goals]),
                 margin=margin,
                 deadline_ms=deadline_ms,
-                # What Franka publishes; nothing is known of other arms.
+                # Only Franka's published limits are known.
                 limits="panda" if robot == "panda" else None,
             )
         except (kpam.KpamError, ValueError) as error:

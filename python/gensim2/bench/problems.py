@@ -1,7 +1,8 @@
-"""Planning problems as JSON Lines: one validated value a line.
+"""Planning problems as JSON Lines, one validated problem per line.
 
-Lengths in metres, angles in radians, poses 4x4 row-major, quaternions (w, x, y, z), times in seconds on the
-problem's own clock. Fields that are not named here (``reference``, for example) are left alone.
+Lengths are in m, angles in rad, poses are 4x4 row-major, quaternions (w, x, y, z), times in s on the problem's own
+clock.
+Fields that are not named here (such as ``reference``) are ignored.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ from gensim2.core.validation import input_error
 
 Array = npt.NDArray[np.float64]
 
-#: How far a stored rotation may be from orthonormal; the data are single precision.
+#: Largest deviation of a stored rotation from orthonormality; the data are single precision.
 ROTATION_TOLERANCE = 1e-4
 
 
-#: Frames that an axis can be written in.
+#: Allowed frames of an axis.
 AXIS_FRAMES = ("world", "object", "joint")
 
 
@@ -69,7 +70,7 @@ class _Record(BaseModel):
 
 
 class ArticulatedRecord(_Record):
-    """The articulated object as it stands: root pose in the world, joint value, scale of its files."""
+    """State of the articulated object: root pose in the world frame, joint value, scale of its files."""
 
     cls: str
     id: str
@@ -88,7 +89,7 @@ class ArticulatedRecord(_Record):
 
 
 class RigidRecord(_Record):
-    """The rigid object as it stands: pose in the world and scale of its file."""
+    """State of the rigid object: pose in the world frame, scale of its file."""
 
     cls: str
     p: Vector3
@@ -104,9 +105,9 @@ class ObjectsRecord(_Record):
 
 
 class PlanProblem(_Record):
-    """One line of a problem file; see the module's docstring for units and frames.
+    """One line of a problem file; the module's docstring has units and frames.
 
-    ``task`` and ``sub_task`` say which episode it is of, and which of its steps; empty where that is not recorded.
+    ``task`` and ``sub_task`` name the recorded episode's task and step; empty if they were not recorded.
     """
 
     id: Annotated[str, Field(min_length=1)]
@@ -127,18 +128,18 @@ class PlanProblem(_Record):
     object_axis: Literal["x", "y", "z"] | None
 
     def pose(self, name: Literal["T_world_base", "T_base_object"]) -> Array:
-        """Return a pose as (4, 4), its rotation made orthonormal again after storage in single precision."""
+        """Return a pose (4, 4) with an orthonormal rotation, because poses are stored in single precision."""
         pose = np.asarray(getattr(self, name), dtype=np.float64)
         left, _, right = np.linalg.svd(pose[:3, :3])
         pose[:3, :3] = left @ right
         return pose
 
     def keyframe_times(self) -> list[float]:
-        """Times of all keyframes on the problem's clock, in order."""
+        """Return the times of all keyframes on the problem's clock, in order."""
         return [*self.pre_actuation_times, self.actuation_time, *self.post_actuation_times]
 
     def odd_frames(self) -> list[str]:
-        """Axis frames of the config that are no frames; the original reads each of them as the world's."""
+        """Return the config's invalid axis frames, which the original treats as the world frame."""
         return [str(entry["target_axis_frame"]) for entry in self._constraints() if _is_odd(entry)]
 
     def _constraints(self) -> list[Any]:
@@ -146,7 +147,7 @@ class PlanProblem(_Record):
         return entries if isinstance(entries, list) else []
 
     def timed_config(self) -> dict[str, Any]:
-        """Return the solver config with this problem's clock written into it, and ``odd_frames`` as world."""
+        """Return the solver config with this problem's clock; invalid axis frames become the world frame."""
         constraints = [
             {**entry, "target_axis_frame": "world"} if _is_odd(entry) else entry for entry in self._constraints()
         ]
@@ -159,7 +160,7 @@ class PlanProblem(_Record):
         }
 
     def check_times(self) -> None:
-        """Raise ValueError where the clock and the motions do not fit each other."""
+        """Raise ValueError if the clock does not fit the motions."""
         for kind, times in (("pre", self.pre_actuation_times), ("post", self.post_actuation_times)):
             motions = self.config.get(f"{kind}_actuation_motions", [])
             if not isinstance(motions, list) or len(motions) != len(times):
@@ -178,11 +179,11 @@ def parse_problem(line: str, *, file: Path | str, number: int) -> PlanProblem:
 
     Args:
         line: JSON text of one problem.
-        file: where it comes from, for messages.
-        number: its line number, for messages.
+        file: file name for messages.
+        number: line number for messages.
 
     Raises:
-        InputError: not JSON, a field missing, of the wrong kind, or not finite.
+        InputError: the line is not JSON, or a field is missing, invalid, or not finite.
     """
     where = f"line {number}"
     try:
@@ -214,10 +215,10 @@ def parse_problem(line: str, *, file: Path | str, number: int) -> PlanProblem:
 
 
 def read_problems(path: Path) -> list[PlanProblem]:
-    """Read a problem file, in its order; blank lines are skipped.
+    """Read a problem file in order; blank lines are skipped.
 
     Raises:
-        InputError: the file is missing, unreadable, empty, holds a bad line, or names a problem twice.
+        InputError: the file is missing, unreadable or empty, or has an invalid line or a repeated id.
     """
     remedy = "give a JSON Lines file"
     try:

@@ -1,4 +1,4 @@
-"""Scene geometry of a recorded problem: table, articulated object and rigid object as convex parts."""
+"""Scene geometry of a recorded problem: convex hulls of table, articulated object and rigid object."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 
-#: A part that is flatter than this (metres, at its final scale) is given this thickness: hulls need a volume.
+#: Smallest thickness of a part (m, at its final scale), because convex hulls need a volume.
 MINIMUM_THICKNESS = 5e-4
 SAME_PLACE = 1e-9  # units of the file
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Connected parts of one mesh file: vertex sets, each (N, 3) in the file's own units."""
+    """Connected parts of one mesh file: vertices (N, 3) each, in the file's units."""
 
     vertices: tuple[Array, ...]
 
 
 @lru_cache(maxsize=4096)
 def load_parts(folder: Path, name: str) -> Parts:
-    """Read an OBJ file and split it where no triangle connects it; vertices at one place count as one.
+    """Read an OBJ file and split it into connected parts; coincident vertices are merged.
 
     Args:
-        folder: of the object.
-        name: of the file in it.
+        folder: folder of the object.
+        name: name of the file in it.
 
     Raises:
-        MissingFileError: no such file (callers count these).
-        InputError: the file is no mesh, leads out of the folder, or has numbers that are not finite.
+        MissingFileError: the file does not exist (callers count these).
+        InputError: the file is not a mesh, is outside the folder, or has numbers that are not finite.
     """
     from gensim2.objects.library.meshes import read_obj  # here: refusing a file of problems needs no mesh work
     from gensim2.objects.meshwork.decompose import components, weld
@@ -59,9 +59,9 @@ def load_parts(folder: Path, name: str) -> Parts:
 
 
 def convex_points(points: Array) -> Array | None:
-    """Return the corners of the convex hull of (N, 3) points in metres, or None where there is no area.
+    """Return the convex hull's vertices of points (N, 3), m; None if they have no area.
 
-    A flat set is thickened to ``MINIMUM_THICKNESS`` along its normal.
+    Flat points are thickened to ``MINIMUM_THICKNESS`` along their normal.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -83,23 +83,23 @@ def convex_points(points: Array) -> Array | None:
 Array = npt.NDArray[np.float64]
 Role = Literal["table", "object_body", "moving_link", "rigid", "target", "attached"]
 
-#: The recorded scenes' table: half extents and centre, world frame, metres.
+#: Table of the recorded scenes: half extents and centre, world frame, m.
 TABLE_HALF_EXTENTS = np.array([0.65, 0.65, 0.025])
 TABLE_CENTER = np.array([0.0, 0.0, -0.025])
 
-#: A rigid object whose origin is this close to ``tool_head`` is held by the hand, metres.
+#: Largest distance (m) between ``tool_head`` and a rigid object's origin at which it counts as grasped.
 GRASP_DISTANCE = 0.03
 
 
 @dataclass(frozen=True)
 class SceneObstacle:
-    """Convex parts that move as one.
+    """Convex hulls that move together.
 
     Attributes:
-        name: unique in the scene.
-        role: ``"target"`` is a rigid object that the constraints aim at, ``"attached"`` one that the hand holds.
-        hulls: vertex sets, each (N, 3) metres in the body frame.
-        pose: (4, 4) body in the robot base frame; in the hand frame where the role is ``"attached"``.
+        name: unique name in the scene.
+        role: ``"target"`` for a rigid object that constraints refer to, ``"attached"`` for a grasped object.
+        hulls: vertices (N, 3) of each hull in the body frame, m.
+        pose: (4, 4) body in the robot base frame; in the hand frame if ``"attached"``.
     """
 
     name: str
@@ -122,7 +122,7 @@ class SceneJoint:
 
 @dataclass(frozen=True)
 class ProblemScene:
-    """Obstacles and joint of a problem; ``warnings`` says what could not be loaded."""
+    """Obstacles and joint of a problem; ``warnings`` lists meshes that could not be loaded."""
 
     obstacles: tuple[SceneObstacle, ...]
     joint: SceneJoint | None
@@ -143,7 +143,7 @@ def _pose(rotation: Rotation, position: Array | list[float]) -> Array:
 
 
 def _scaled(T: Array, scale: float) -> Array:
-    """A pose whose translation is in a model's units, in metres."""
+    """Return a pose in m from one whose translation is in a model's units."""
     pose = T.copy()
     pose[:3, 3] *= scale
     return pose
@@ -178,7 +178,7 @@ def _link_hulls(urdf: Urdf, link: str, T_body_link: Array, scale: float, warning
 
 
 def _articulated(problem: PlanProblem, folder: Path, warnings: list[str]) -> tuple[list[SceneObstacle], SceneJoint]:
-    """The object's body and moving link at the recorded joint value."""
+    """Return the body and the moving link of the object at the recorded joint value."""
 
     record = problem.objects.articulated
     urdf = _urdf(folder / "articulated_objs" / record.cls / record.id)
@@ -236,12 +236,12 @@ def problem_scene(problem: PlanProblem, assets: Path | None, T_base_hand: Array)
     """Return the obstacles of a problem.
 
     Args:
-        problem: a recorded problem.
+        problem: recorded problem.
         assets: folder with ``articulated_objs`` and ``rigidbody_objs``; None leaves the objects out.
         T_base_hand: (4, 4) hand at ``q_current``, in the robot base frame.
 
     Raises:
-        InputError: an object's folder is missing or its files are broken (a missing mesh is only a warning).
+        InputError: an object's folder is missing or its files are invalid (a missing mesh is only a warning).
     """
     T_base_world = np.linalg.inv(problem.pose("T_world_base"))
     table = T_base_world @ pose_from(TABLE_CENTER, [1.0, 0.0, 0.0, 0.0])
@@ -259,7 +259,7 @@ def problem_scene(problem: PlanProblem, assets: Path | None, T_base_hand: Array)
 
 
 def _with_role(rigid: SceneObstacle, problem: PlanProblem, T_base_hand: Array) -> SceneObstacle:
-    """Held by the hand, aimed at, or in the way."""
+    """Return the rigid object with its role: grasped, target, or obstacle."""
     head = problem.tool_keypoints_hand.get("tool_head")
     T_hand_rigid = np.linalg.inv(T_base_hand) @ rigid.pose
     closed = max(problem.q_current[7:]) < 0.0399
@@ -271,7 +271,7 @@ def _with_role(rigid: SceneObstacle, problem: PlanProblem, T_base_hand: Array) -
 
 
 def check_assets(folder: Path) -> Path:
-    """Return the folder, or raise InputError where it does not hold ``articulated_objs``."""
+    """Return the folder; raise InputError if it has no ``articulated_objs``."""
     if not (folder / "articulated_objs").is_dir():
         raise InputError(
             "no articulated_objs in it", file=folder, field="--assets", remedy="name the folder of real objects"

@@ -1,4 +1,4 @@
-"""``gensim2 bench solver``: solve a file of problems, write one JSON object a problem."""
+"""``gensim2 bench solver``: solve a file of recorded problems."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from gensim2.core.errors import InputError
 from gensim2.core.files import check_writable, write_output
 from gensim2.core.progress import NULL_PROGRESS, Progress
 
-#: Problems that the solver's threads get at once, a thread.
+#: Number of problems given to the solver at once, per thread.
 BATCH_PER_THREAD = 8
-#: Distances for the report are taken every so many seconds of the motion.
+#: Time step (s) at which clearances are computed for the report.
 CLEARANCE_STEP = 0.02
-#: A motion of 30 s is then 30,000 samples.
+#: Shortest time step of written joints, s; a motion of 30 s then has 30,000 samples.
 SHORTEST_SAMPLE_DT = 0.001
 
 
 @dataclass(frozen=True)
 class BenchSummary:
-    """Summary of a run over all problems; times are medians of CPU time in milliseconds.
+    """Summary of all problems; times are medians of CPU time in ms.
 
-    ``peak_memory_mb`` is that of the process, scenes and output included.
+    ``peak_memory_mb`` is that of the process, including scenes and output.
     """
 
     problems: int
@@ -48,7 +48,6 @@ class BenchSummary:
     peak_memory_mb: float
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
         return asdict(self)
 
 
@@ -57,7 +56,7 @@ def _listed(value: Any) -> Any:
 
 
 def _clearance(question: kpam.KeypointProblem, plan: kpam.Plan) -> dict[str, float | None]:
-    """Smallest signed distances of the judged pairs; None where there is no motion or no such pair."""
+    """Return the smallest signed distances of the checked pairs; None without a motion or without such a pair."""
     found = kpam.min_clearance(question, plan, CLEARANCE_STEP)
     values: dict[str, float | None] = {"self": None, "table": None, "object": None}
     if found is not None:
@@ -72,7 +71,7 @@ def record_of(
     warnings: tuple[str, ...],
     sample_dt: float | None,
 ) -> dict[str, Any]:
-    """Return one output line; docs/reference/benchmarks.md says what the fields mean."""
+    """Return one output line; docs/reference/benchmarks.md describes its fields."""
     trajectory = plan.trajectory
     record: dict[str, Any] = {
         "id": problem.id,
@@ -114,22 +113,21 @@ def bench_solver(
     sample_dt: float | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> BenchSummary:
-    """Solve every problem of a file and write what was found to ``out``, as JSON Lines in the order of the input.
+    """Solve every problem of a file and write the results to ``out`` as JSON Lines in the same order.
 
     Args:
         problems: JSON Lines file of planning problems, see ``gensim2.bench.problems``.
         out: file to write.
-        assets: folder of real objects, which are then obstacles; None plans with the table alone.
-        frames: reading of list-type translations.
-        threads: number of solver threads; the result does not depend on it.
-        sample_dt: interval of the joint positions that are also written, s; None: none are.
-        progress: listener for stages and steps.
+        assets: folder of real objects, which then are obstacles; None plans with the table only.
+        frames: meaning of list-type translations.
+        threads: number of solver threads; results do not depend on it.
+        sample_dt: time step of joint positions to write, s; None: write none.
 
     Returns:
         Counts of the problems by status.
 
     Raises:
-        InputError: as there, or ``out`` cannot be written.
+        InputError: as for :func:`solve_problems`, or ``out`` cannot be written.
     """
     check_writable(out)
     records = solve_problems(
@@ -140,7 +138,7 @@ def bench_solver(
 
 
 def json_lines(records: Sequence[dict[str, Any]]) -> str:
-    """One JSON object a line."""
+    """Return records as JSON Lines."""
     return "".join(json.dumps(record, allow_nan=False) + "\n" for record in records)
 
 
@@ -153,20 +151,19 @@ def solve_problems(
     sample_dt: float | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> list[dict[str, Any]]:
-    """Solve every problem of a file and return what was found, one record a problem, in the order of the input.
+    """Solve every problem of a file and return one record for each, in the same order.
 
-    Scenes are loaded before the solver is called, so that ``cpu_ms`` holds the solver's own work.
+    Scenes are loaded before the solver runs, so that ``cpu_ms`` covers the solver only.
 
     Args:
         problems: JSON Lines, see ``gensim2.bench.problems``.
-        assets: folder of real objects, which are then obstacles; None plans with the table alone.
-        frames: reading of motion frames.
-        threads: solver threads; the result does not depend on their number.
-        sample_dt: also write the joint positions every so many seconds.
-        progress: told of every problem.
+        assets: folder of real objects, which then are obstacles; None plans with the table only.
+        frames: meaning of motion frames.
+        threads: number of solver threads; results do not depend on it.
+        sample_dt: time step of joint positions in the records, s; None: none.
 
     Raises:
-        InputError: a bad line, a missing folder, or an object that cannot be read.
+        InputError: a line is invalid, a folder is missing, or an object cannot be read.
     """
     if sample_dt is not None and not SHORTEST_SAMPLE_DT <= sample_dt < float("inf"):
         raise InputError(
