@@ -1,4 +1,4 @@
-"""Whether objects are sound, and what they look like; with the simulator where it is installed."""
+"""Check objects and make pictures of them, with the simulator if it is installed."""
 
 from __future__ import annotations
 

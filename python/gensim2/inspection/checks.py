@@ -1,4 +1,4 @@
-"""Checks of an object's soundness from its geometry alone."""
+"""Check an object's geometry without simulation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FREE = ("above", "inside", "base")  # parts of the names of keypoints in free sp
 
 @dataclass(frozen=True)
 class Finding:
-    """One check that an object does not pass: a value beyond its limit."""
+    """A failed check of an object: a value beyond its limit."""
 
     check: str
     value: float | str
@@ -34,7 +34,7 @@ class Finding:
 
 
 def distance_to_link(instance: ArticulatedObject, name: str) -> float:
-    """Distance in metres of a keypoint from its link's hulls, 0 inside; the least distance to their surface samples."""
+    """Return the distance (m) of a keypoint from its link's hulls, 0 inside, computed from surface samples."""
     keypoint = instance.keypoints[name]
     hulls = list(instance.hulls.get(keypoint.link, ()))
     if not hulls:
@@ -47,12 +47,12 @@ def distance_to_link(instance: ArticulatedObject, name: str) -> float:
 
 
 def world_rotation(instance: ArticulatedObject) -> Array:
-    """(3, 3) root to world of the default placement."""
+    """Return the rotation (3, 3), root to world, of the default placement."""
     return instance.placement.rotation
 
 
 def geometric_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Checks that need no physics, and what the reader noted."""
+    """Return the failed checks that need no simulation, and the reader's warnings."""
     joint = instance.joint
     found = [Finding("note", warning, "none") for warning in instance.warnings]
 
@@ -89,7 +89,7 @@ def geometric_findings(instance: ArticulatedObject) -> list[Finding]:
 
 
 def overlap_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Links that reach into each other off the hinge: the model's own meshes, or what convex parts add to them."""
+    """Return overlaps of links away from the hinge, of the model's meshes or only of their convex hulls."""
     overlap = links_overlap(instance, OVERLAP / 1000)
     found = []
     if 1000 * overlap.meshes > OVERLAP:
@@ -102,7 +102,7 @@ def overlap_findings(instance: ArticulatedObject) -> list[Finding]:
 
 
 def clearance_of(instance: ArticulatedObject, name: str) -> float:
-    """Distance in metres of a keypoint from the hulls of both links of the open object; negative inside one."""
+    """Return the distance (m) of a keypoint from the hulls of both links of the open object; negative inside."""
     keypoint, child = instance.keypoints[name], instance.joint.child_link
     T = instance.link_pose(1.0)
     point = transform(T, keypoint.position[None]) if keypoint.link == child else keypoint.position[None]

@@ -1,4 +1,4 @@
-"""A page of pictures of every object of one or more libraries, with what was found wrong with each."""
+"""HTML page with pictures of every object of one or more libraries, and the failed checks of each."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class Gallery:
     """Result of ``build_gallery``.
 
     Attributes:
-        index: the page; pictures lie in ``pictures/`` beside it.
-        made: pictures made now.
-        kept: pictures that were there from an earlier run.
-        refused: (class, id, reason) of objects that cannot be loaded; they are on the page without a picture.
+        index: HTML page; pictures are in ``pictures/`` beside it.
+        made: number of pictures made.
+        kept: number of pictures kept from an earlier run.
+        refused: (class, id, reason) of objects that cannot be loaded; they are listed without a picture.
     """
 
     index: Path
@@ -72,24 +72,23 @@ def build_gallery(
     size: int = SIZE,
     progress: Progress = NULL_PROGRESS,
 ) -> Gallery:
-    """Make a static page with a turntable picture of every object, at openness 0, 0.5 and 1 or at rest.
+    """Make an HTML page with a turntable picture of every object, at openness 0, 0.5 and 1 or at rest.
 
-    A picture that an earlier run made of the same object is kept, so an interrupted run is gone on with by the same
-    call.
+    Pictures of unchanged objects are kept, so the same call continues an interrupted run.
 
     Args:
-        libraries: whose objects to show, of each the articulated ones first.
+        libraries: libraries of the objects; the articulated ones of each come first.
         out: folder for ``index.html`` and ``pictures/``.
-        classes: only these; None: all.
+        classes: classes to show; None: all.
         findings: JSON files of ``gensim2 assets validate --json``.
-        views: pictures around an object.
-        size: edge of each in pixels.
+        views: number of views around an object.
+        size: width and height of a view, pixels.
 
     Raises:
-        InputError: no library has one of ``classes``; two folders have one name; a findings file is none; the folder
-            cannot be written to.
+        InputError: no library has one of ``classes``; two folders have the same name; a findings file is invalid; the
+            folder cannot be written to.
         MissingExtraError: SAPIEN is not installed.
-        GenSim2Error: no Vulkan driver works here.
+        GenSim2Error: no Vulkan driver works on this machine.
     """
     wanted = wanted_classes(libraries, classes)
     verdicts = [_verdicts(path) for path in findings]
@@ -128,7 +127,7 @@ def build_gallery(
 
 
 class _Maker:
-    """Makes cards and the pictures that are not there yet; the studio is set up for the first of them."""
+    """Makes cards and missing pictures; the studio is set up for the first picture."""
 
     def __init__(self, out: Path, views: int, size: int) -> None:
         self.made = self.kept = 0
@@ -157,10 +156,10 @@ class _Maker:
         return _Card(asset_class, name, None, "cannot be loaded", error=str(error))
 
     def _picture(self, place: str, content: str, draw: Callable[[pictures.Studio], Image.Image]) -> str:
-        """The picture's path in the page's folder, drawn unless it is there; outdated ones are removed.
+        """Return the path of a picture, drawn if it is missing, and remove outdated versions.
 
         Args:
-            content: names what is shown: the prepared object's folder, named by content and code.
+            content: identity of the content: the prepared object's folder, which is named by content and code.
         """
         text = f"{FORMAT_VERSION}/{self._views}/{self._size}/{content}"
         picture = f"{place}-{hashlib.sha256(text.encode()).hexdigest()[:8]}.webp"
@@ -224,10 +223,10 @@ _Verdicts = tuple[str | None, Mapping[tuple[str, str], list[dict[str, Any]]]]
 
 
 def _verdicts(path: Path) -> _Verdicts:
-    """Name of the library, where the file says it, and findings by (class, id).
+    """Return the library's name, if the file has it, and the findings by (class, id).
 
     Raises:
-        InputError: not a file of ``gensim2 assets validate --json``.
+        InputError: the file is not from ``gensim2 assets validate --json``.
     """
     file = Path(os.path.realpath(path))
     try:

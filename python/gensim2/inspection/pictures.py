@@ -1,4 +1,4 @@
-"""Pictures of objects: one studio that is set up once, and one object after the other in it."""
+"""Make pictures of objects in a studio that is set up once."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ MARK_RADIUS = 4  # pixels
 
 @dataclass(frozen=True)
 class Mark:
-    """Image position of a keypoint: pixel ``x``, ``y`` from the upper left, and whether something is in front of it."""
+    """Image position of a keypoint: pixel ``x``, ``y`` from the upper left, and whether it is occluded."""
 
     x: float
     y: float
@@ -43,35 +43,38 @@ class Mark:
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture (H, W, 3) and the keypoints on it by name."""
+    """An image (H, W, 3) and the keypoints in it by name."""
 
     pixels: Pixels
     marks: dict[str, Mark]
 
 
 def short_name(keypoint: str) -> str:
-    """A keypoint's name without what all of an object's keypoints share."""
+    """Return a keypoint's name without the prefix that all keypoints share."""
     return keypoint.removeprefix("articulated_object_").removeprefix("rigidbody_object_")
 
 
 def mark_colour(instance: ArticulatedObject | RigidObject, keypoint: str) -> str:
-    """Colour of a keypoint in all pictures of an object, as ``#rrggbb``."""
+    """Return the colour of a keypoint in all pictures of an object, as ``#rrggbb``."""
     return MARK_COLOURS[sorted(instance.keypoints).index(keypoint) % len(MARK_COLOURS)]
 
 
 class Studio:
-    """A table, lamps and a camera; objects are put on the table one after the other.
+    """A table, lamps and a camera, for pictures of one object at a time.
 
-    The first picture of a process takes seconds on a software driver (it compiles the shaders), later ones tens of
-    milliseconds, so keep one studio for all of them.
+    The first picture of a process takes seconds with a software driver, which compiles shaders; later ones take tens of
+    milliseconds. So use one studio for all pictures.
     """
 
     def __init__(self, size: int = 200) -> None:
-        """``size``: edge of the square pictures in pixels.
+        """Set up the studio.
+
+        Args:
+            size: width and height of the pictures, pixels.
 
         Raises:
             MissingExtraError: SAPIEN is not installed.
-            GenSim2Error: no Vulkan driver works here.
+            GenSim2Error: no Vulkan driver works on this machine.
         """
         try:
             import sapien
@@ -106,9 +109,10 @@ class Studio:
         openness: Sequence[float] = OPENNESS,
         azimuths: Sequence[float] = (THREE_QUARTER,),
     ) -> None:
-        """Take the last object away and put this one where it stands by default.
+        """Replace the object by an articulated one in its default placement.
 
-        The camera is set so that nothing leaves the picture from any of ``azimuths`` (degrees) at any ``openness``.
+        The camera is placed so that the object fits the picture from all ``azimuths`` (degrees) at all ``openness``
+        values.
         """
         self._clear()
         builder = self._scene.create_urdf_loader().parse(str(instance.urdf))[0][0]
@@ -121,7 +125,7 @@ class Studio:
         self._frame(np.concatenate([_world_points(instance, share) for share in openness]), azimuths)
 
     def put_rigid(self, rigid: RigidObject, azimuths: Sequence[float] = (THREE_QUARTER,)) -> None:
-        """As ``put``, for an object without a joint, in the pose in which it rests."""
+        """Replace the object by a rigid one in its resting pose."""
         self._clear()
         builder = self._scene.create_actor_builder()
         if rigid.visual is not None:
@@ -146,12 +150,12 @@ class Studio:
         self._object = self._subject = None
 
     def _frame(self, points: Array, azimuths: Sequence[float]) -> None:
-        """Set the camera so that (N, 3) points in the world frame stay in the picture."""
+        """Place the camera so that points (N, 3) in the world frame fit the picture."""
         self._center = (points.min(axis=0) + points.max(axis=0)) / 2
         self._distance = MARGIN * max(_clear_distance(points - self._center, azimuth) for azimuth in azimuths)
 
     def shoot(self, openness: float = 0.0, azimuth: float = THREE_QUARTER, elevation: float = ELEVATION) -> Shot:
-        """A picture of the object that was put last.
+        """Return a picture of the present object.
 
         Args:
             openness: 0 to 1.
@@ -189,7 +193,7 @@ class Studio:
 
 
 def _camera_pose(center: Array, distance: float, azimuth: float, elevation: float) -> tuple[Array, Array]:
-    """(3, 3) rotation with columns ahead, left, up, and (3,) position of a camera that looks at ``center``."""
+    """Return rotation (3, 3) with columns forward, left, up, and position (3,) of a camera that looks at ``center``."""
     a, e = np.radians(azimuth), np.radians(elevation)
     ahead = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), -np.sin(e)])
     left = np.array([-np.sin(a), np.cos(a), 0.0])
@@ -197,14 +201,14 @@ def _camera_pose(center: Array, distance: float, azimuth: float, elevation: floa
 
 
 def _clear_distance(points: Array, azimuth: float) -> float:
-    """Distance of a camera from which (N, 3) points around its target fill the picture and do not leave it."""
+    """Return the smallest distance of a camera at which points (N, 3) around its target fit the picture."""
     R, _ = _camera_pose(np.zeros(3), 0.0, azimuth, ELEVATION)
     ahead, left, up = R.T @ points.T
     return float((np.maximum(np.abs(left), np.abs(up)) / np.tan(FIELD_OF_VIEW / 2) - ahead).max())
 
 
 def _world_points(instance: ArticulatedObject, openness: float) -> Array:
-    """(N, 3) hull vertices and keypoints in the world frame."""
+    """Return hull vertices and keypoints (N, 3) in the world frame."""
     R, position = world_rotation(instance), instance.placement.position
     T = instance.link_pose(openness)
     child = instance.joint.child_link
@@ -214,7 +218,7 @@ def _world_points(instance: ArticulatedObject, openness: float) -> Array:
 
 
 def _keypoints(instance: ArticulatedObject | RigidObject, openness: float) -> dict[str, Array]:
-    """(3,) keypoints in the world frame by name."""
+    """Return the keypoints (3,) in the world frame by name."""
     if isinstance(instance, RigidObject):
         place = instance.placement
         return {
@@ -232,7 +236,7 @@ def _keypoints(instance: ArticulatedObject | RigidObject, openness: float) -> di
 
 
 def annotated(shot: Shot, instance: ArticulatedObject | RigidObject, names: bool) -> Image.Image:
-    """The picture with its keypoints: a disc, a ring where something is in front; beside it the name if ``names``."""
+    """Return the picture with its keypoints: a disc, or a ring if occluded; with ``names`` also their names."""
     from PIL import Image, ImageDraw, ImageFont
 
     picture = Image.fromarray(shot.pixels)
@@ -268,7 +272,7 @@ def annotated(shot: Shot, instance: ArticulatedObject | RigidObject, names: bool
 
 
 def turntable(studio: Studio, instance: ArticulatedObject, views: int) -> Image.Image:
-    """All views of an object on one sheet: a row an openness, a column an azimuth, the robot's side first."""
+    """Return all views of an object on one sheet, with a row for each openness and a column for each azimuth."""
     from PIL import Image
 
     azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]
@@ -282,7 +286,7 @@ def turntable(studio: Studio, instance: ArticulatedObject, views: int) -> Image.
 
 
 def rigid_turntable(studio: Studio, rigid: RigidObject, views: int) -> Image.Image:
-    """All views of a rigid object in one row, the robot's side first."""
+    """Return all views of a rigid object in one row, starting at the robot's side."""
     from PIL import Image
 
     azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]
@@ -294,7 +298,7 @@ def rigid_turntable(studio: Studio, rigid: RigidObject, views: int) -> Image.Ima
 
 
 def strip(studio: Studio, model: ArticulatedObject | RigidObject) -> Image.Image:
-    """An object at openness 0, 0.5 and 1 beside each other, or a rigid one from three sides; its keypoints named."""
+    """Return an object at openness 0, 0.5 and 1, or a rigid object from three sides, with named keypoints."""
     from PIL import Image, ImageDraw, ImageFont
 
     if isinstance(model, RigidObject):
@@ -317,7 +321,7 @@ def strip(studio: Studio, model: ArticulatedObject | RigidObject) -> Image.Image
 
 
 def contact_sheet(studio: Studio, models: Iterable[ArticulatedObject | RigidObject], columns: int) -> Image.Image:
-    """One picture of each object in a grid, half open where it has a joint, the class's name under it."""
+    """Return a grid with a picture of each object, half open if it has a joint, and the name of its class."""
     from PIL import Image, ImageDraw, ImageFont
 
     caption, gap = 22, 6

@@ -1,4 +1,4 @@
-"""Whether a rigid object is sound: loads whole, stays where it rests, has a plausible mass, fits into a gripper."""
+"""Check a rigid object: its hulls, its resting pose, its mass, and whether it fits the gripper."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SPARE = 0.004  # m that open fingers need to get about an object
 
 
 def geometric_findings(rigid: RigidObject) -> list[Finding]:
-    """Return the findings that need no physics."""
+    """Return the failed checks that need no simulation."""
     findings: list[Finding] = []
 
     def at_most(check: str, value: float, limit: float) -> None:
@@ -42,10 +42,10 @@ def geometric_findings(rigid: RigidObject) -> list[Finding]:
 
 
 def physical_findings(rigid: RigidObject) -> list[Finding]:
-    """Return the findings of five seconds on a table.
+    """Return the failed checks of five seconds of simulation on a table.
 
     Raises:
-        InputError: the physics engine does not take the object as it is.
+        InputError: the physics engine changes the object.
     """
     try:
         import sapien

@@ -1,4 +1,4 @@
-"""Whether an object is sound: geometry first, then physics without pictures."""
+"""Check objects: first the geometry, then in simulation without rendering."""
 
 from __future__ import annotations
 
@@ -35,13 +35,14 @@ BUDGET: kpam.Options = {
 
 
 def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Finding]:
-    """Openness at which no motion that is clear of the table brings the fingertips to the head keypoint.
+    """Return the openness values at which the fingertips cannot reach the head keypoint without hitting the table.
 
-    The head is ``articulated_object_head``, or the first keypoint where there is none. What is said is by how many
-    millimetres they miss it, or that the table is in the way.
+    The head is ``articulated_object_head``, or else the first keypoint. A finding states the remaining distance in mm,
+    or
+    that the table is in the way.
 
     Raises:
-        MissingExtraError: the robot's files come with a package that is not installed.
+        MissingExtraError: the robot's files are in a package that is not installed.
     """
     name = HEAD if HEAD in instance.keypoints else next(iter(instance.keypoints))
     found = []
@@ -58,7 +59,7 @@ def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Fin
 
 
 def in_base(instance: ArticulatedObject, name: str, openness: float, robot: RobotProfile) -> Array:
-    """(3,) keypoint of an instance at its default placement in the robot's base frame, metres."""
+    """Return a keypoint (3,) of an object in its default placement, m in the robot's base frame."""
     keypoint = instance.keypoints[name]
     point = keypoint.position
     if keypoint.link == instance.joint.child_link:
@@ -113,9 +114,9 @@ CONTROL_STEPS = 5
 
 @dataclass(frozen=True)
 class ObjectReport:
-    """Findings about one object; sound where there are none.
+    """Failed checks of one object, which is sound if there are none.
 
-    ``seconds`` is what loading and checking took.
+    ``seconds`` is the time for loading and checking.
     """
 
     asset_class: str
@@ -128,7 +129,7 @@ class ObjectReport:
         return not self.findings
 
     def to_dict(self) -> dict[str, Any]:
-        """``class``, ``id``, ``sound``, ``findings`` (``check``, ``value``, ``limit``)."""
+        """Return ``class``, ``id``, ``sound`` and ``findings`` (``check``, ``value``, ``limit``)."""
         return {
             "class": self.asset_class,
             "id": self.id,
@@ -138,7 +139,7 @@ class ObjectReport:
 
 
 def check_object(library: Library, asset_class: str, instance_id: str, physics: bool = True) -> ObjectReport:
-    """Check one object; one that cannot be used is a finding, not an error."""
+    """Check one object; an object that cannot be loaded is a finding, not an error."""
     started = time.perf_counter()
     try:
         findings = _findings(library.load(asset_class, instance_id), physics)
@@ -156,15 +157,16 @@ def _findings(model: ArticulatedObject | RigidObject, physics: bool) -> list[Fin
 def validate(
     library: Library, items: Sequence[tuple[str, str]], physics: bool = True, workers: int = 0
 ) -> Iterator[ObjectReport]:
-    """Check (class, id) pairs; reports come in their order, whatever the number of workers.
+    """Check (class, id) pairs and yield the reports in their order, for any number of workers.
 
     Args:
-        items: what to check.
-        physics: whether to simulate; without, geometry alone is looked at.
-        workers: processes; 0 checks in this one. An object that ends its process is a finding then.
+        items: pairs to check.
+        physics: whether to simulate; otherwise only the geometry is checked.
+        workers: number of processes; 0 checks in this process. With workers, an object that crashes its process is a
+            finding.
 
     Raises:
-        MissingExtraError: ``physics`` without SAPIEN.
+        MissingExtraError: ``physics`` is set and SAPIEN is not installed.
     """
     modules = ("gensim2.inspection.validate", "gensim2.sim.objects") if physics else ("gensim2.inspection.validate",)
     with WorkerPool(workers, preload=modules) as pool:
@@ -178,8 +180,7 @@ def validate(
 
 
 def reaching(instance: ArticulatedObject) -> list[Finding]:
-    """Return the findings about scenes in which the robot does not reach the head keypoint; needs the robot's model,
-    which comes with the simulator."""
+    """Return the findings about reaching the head keypoint; this needs the robot's model from the ``sim`` extra."""
     from gensim2.inspection.validate import reach_findings
     from gensim2.robots import robot
 
@@ -187,7 +188,7 @@ def reaching(instance: ArticulatedObject) -> list[Finding]:
 
 
 def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]:
-    """Plain values of several reports: ``objects``, how many are ``sound``, and how many have which finding."""
+    """Return several reports as plain data: ``objects``, the number of ``sound`` ones, and counts by check."""
     checks = Counter(check for report in reports for check in {family(f.check) for f in report.findings})
     return {
         "schema_version": 1,
@@ -199,12 +200,12 @@ def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]
 
 
 def family(check: str) -> str:
-    """A check's name without the number of what it was made on."""
+    """Return a check's name with its numbers replaced by X."""
     return re.sub(r"\b(openness|from|hull) [\d.]+", r"\1 X", check)
 
 
 def physical_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Loads whole; stays where it is left; moves through its whole range under 1.5 times its load.
+    """Check in simulation: the hulls, drift at rest, and motion over the whole joint range under 1.5 times its load.
 
     Raises:
         MissingExtraError: SAPIEN is not installed.
@@ -227,7 +228,7 @@ def physical_findings(instance: ArticulatedObject) -> list[Finding]:
 
 
 class _Stage:
-    """One object in an empty SAPIEN scene, physics only."""
+    """One object in an empty SAPIEN scene, without rendering."""
 
     def __init__(self, instance: ArticulatedObject) -> None:
         try:
@@ -253,7 +254,7 @@ class _Stage:
         self._resistance = DEFAULT.resist(self._object, instance)
 
     def whole(self) -> list[Finding]:
-        """Nothing vanished or became something else on the way into the physics engine."""
+        """Return the hulls that the physics engine dropped or changed."""
         found = []
         for link in self._object.links:
             hulls, shapes = self.instance.hulls.get(link.name, ()), link.collision_shapes
@@ -290,14 +291,16 @@ class _Stage:
             self._scene.step()
 
     def rest(self, openness: float) -> float:
-        """Change of openness of an object that is left alone."""
+        """Return the change of openness of an object that is left alone."""
         self._set(openness)
         self._run(REST_SECONDS)
         return self._openness() - openness
 
     def sweep(self, start: float, goal: float) -> float:
-        """Farthest openness from ``start`` under 1.5 times the load of gravity and friction towards ``goal``, and on
-        against the end of the range."""
+        """Push the joint from ``start`` towards ``goal`` with 1.5 times the load of gravity and friction.
+
+        Return the farthest openness, including a further push against the end of the range.
+        """
         instance, joint = self.instance, self.instance.joint
         moving = inertial(list(instance.hulls[joint.child_link]), class_rule(instance.asset_class).density)
         R_world_root = world_rotation(instance)
@@ -331,5 +334,5 @@ class _Stage:
         return float(sign * max(farthest, sign * self._openness()))
 
     def body_moved(self) -> float:
-        """Distance in metres of the root from where it was put."""
+        """Return the displacement (m) of the root from its placement."""
         return float(np.linalg.norm(self._object.root_pose.p - self.instance.placement.position))
