@@ -1,6 +1,6 @@
-"""Articulated objects in, verified manipulation tasks and demonstrations out.
+"""Turn articulated objects into verified manipulation tasks, demonstrations and policies.
 
-What most programs need is here, and imported when asked for: ``import gensim2`` alone costs nothing.
+The most common functions are here and are imported on first use, so ``import gensim2`` itself is fast.
 
     library = gensim2.open_library("builtin")     # objects: gensim2.objects
     task = gensim2.load_task("OpenDrawer")        # tasks and strategies: gensim2.tasks
@@ -9,10 +9,10 @@ What most programs need is here, and imported when asked for: ``import gensim2``
     result = gensim2.run_pipeline(num_tasks=1)    # propose, search, verify, record
     result = gensim2.solve("OpenDrawer")          # plan one scene
     gensim2.collect(["OpenDrawer"], episodes=100, out="night")     # data sets: gensim2.data
-    gensim2.render("night")                                        # what cameras would have seen
+    gensim2.render("night")                                        # observations of its cameras
     frames = gensim2.DataSet.open("night").frames()                # by number; frames.torch() for PyTorch
     result = gensim2.evaluate("mine.py:Policy", ["OpenDrawer"])    # your controller: docs/guides/controllers.md
-    result = gensim2.benchmark(["OpenDrawer"])                     # the planner, on the same scenes
+    result = gensim2.benchmark(["OpenDrawer"])                     # the planner, in the same scenes
     panda = gensim2.robot("panda")                # robots: gensim2.robots
 """
 

@@ -1,4 +1,4 @@
-"""Checks of what this machine can run, with remedies."""
+"""Check what this machine can run, and suggest remedies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from gensim2.core.errors import GenSim2Error, MissingExtraError
 
-# In a process of its own: a driver that crashes takes its process with it, and SAPIEN keeps what it set up.
+# The probe runs in a subprocess, because a crashing driver would end this process and SAPIEN keeps its settings.
 _VULKAN_PROBE = """
 import sapien
 print(sapien.render.RenderSystem().device.name)
@@ -33,18 +33,18 @@ EXTRAS = {
     "Ray": ("ray", ("ray",), "processes of this machine work without"),
     "Plans in the browser": ("viz", ("viser", "yourdfpy"), "all but view and --show works without"),
 }
-"""By name: the extra, what it brings, and what works without it; what is looked at more closely is not among them."""
+"""Extras by name: the extra, its packages, and what works without it; extras with a detailed check are not listed."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing looked at.
+    """One check.
 
     Attributes:
-        name: what was looked at.
-        status: ``"ok"``; ``"limited"`` where gensim2 does less without it; ``"missing"`` where nothing works.
-        value: what was found.
-        remedy: what to do, empty where nothing is to be done.
+        name: name of the check.
+        status: ``"ok"``; ``"limited"`` if some functions are unavailable; ``"missing"`` if nothing works.
+        value: result.
+        remedy: what to do; empty if nothing.
     """
 
     name: str
@@ -61,11 +61,10 @@ class DoctorReport:
 
     @property
     def healthy(self) -> bool:
-        """Nothing that gensim2 needs is missing."""
+        """Whether nothing is missing that gensim2 needs."""
         return all(check.status != "missing" for check in self.checks)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready form."""
         return {
             "schema_version": 1,
             "healthy": self.healthy,
@@ -76,13 +75,12 @@ class DoctorReport:
 def doctor(
     assets: str | Path | None = None, model: str | None = None, base_url: str | None = None, config: Path | None = None
 ) -> DoctorReport:
-    """Look at everything gensim2 stands on.
+    """Run all checks.
 
     Args:
-        assets: the library to look at: a folder, ``"builtin"``, or ``None`` for ``GENSIM2_ASSETS``, else the
-            built-in one.
-        model: a language model, which is asked for one word; None: which models there are.
-        base_url: of its endpoint; None: ``OPENAI_BASE_URL``, else OpenAI's where there is a key.
+        assets: library to check: a folder, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
+        model: language model to test with a one-word request; None: only list the models.
+        base_url: URL of its endpoint; None: ``OPENAI_BASE_URL``, or OpenAI's if there is a key.
         config: YAML file with fields of :class:`~gensim2.design.llm.ModelOptions`.
 
     Raises:
@@ -108,7 +106,7 @@ def doctor(
 
 
 def vulkan() -> Check:
-    """Whether SAPIEN finds a driver to draw pictures with; takes about a second."""
+    """Check whether SAPIEN finds a driver for rendering; takes about a second."""
     name = "Vulkan driver"
     remedy = "run scripts/system_packages.sh vulkan or install Mesa 24.3 or newer; all but pictures works without"
     if importlib.util.find_spec("sapien") is None:
@@ -127,7 +125,7 @@ def vulkan() -> Check:
 
 
 def ray_casting() -> Check:
-    """Whether Embree finds a triangle and points can be sampled: point clouds need both."""
+    """Check whether Embree and farthest point sampling work, which point clouds need."""
     name, remedy = "Ray casting", "pip install 'gensim2[sim]'; all but point clouds works without"
     try:
         from gensim2.perception.cloud import farthest_points
@@ -145,13 +143,13 @@ def ray_casting() -> Check:
 
 
 def extra(name: str, which: str, packages: Sequence[str], without: str) -> Check:
-    """Whether the packages of an extra are there and load.
+    """Check whether the packages of an extra are installed and can be imported.
 
     Args:
-        name: of the check.
-        which: the extra.
-        packages: that it brings, under the names by which they are imported.
-        without: what works without.
+        name: name of the check.
+        which: name of the extra.
+        packages: import names of its packages.
+        without: what works without it.
     """
     remedy = f"pip install 'gensim2[{which}]'; {without}"
     absent = [each for each in packages if importlib.util.find_spec(each) is None]
@@ -170,7 +168,7 @@ def _versions(packages: Sequence[str]) -> str:
 
 
 def language_model(model: str | None = None, base_url: str | None = None, config: Path | None = None) -> Check:
-    """Whether a language model answers; no question is sent where no endpoint is named."""
+    """Check whether a language model answers; without an endpoint nothing is sent."""
     name, without = "Language model", "the offline designer works without"
     absent = [each for each in ("openai", "json_repair") if importlib.util.find_spec(each) is None]
     if absent:

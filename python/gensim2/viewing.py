@@ -1,4 +1,4 @@
-"""An episode in the browser: meshes, the planner's keyframes, a policy's cloud, a slider over time (viser)."""
+"""Show an episode in the browser (viser): meshes, planned keyframes, a policy's point cloud, and a time slider."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 CLOUD_POINT = 0.006
-"""Metres across of a drawn point of the cloud."""
+"""Size of a drawn point, m."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,11 @@ class Shown:
     """Contents of a page.
 
     Attributes:
-        title: one line of text.
-        scene: what the episode follows from.
+        title: title line.
+        scene: scene of the episode.
         recording: its states and actions.
-        plans: of the planner, where it decided: one a step, made on the scenes that the steps before foresee.
+        plans: plans of the planner, if it was the controller: one per step, each in the scene predicted by the steps
+            before.
     """
 
     title: str
@@ -50,12 +51,11 @@ class Shown:
 
     @property
     def profile(self) -> RobotProfile:
-        """The robot."""
         return robot_profile(self.scene.robot)
 
     @property
     def times(self) -> Array:
-        """(T + 1,) s of each recorded state, from the reset on."""
+        """Times (T + 1,) of the recorded states since the reset, s."""
         return np.arange(self.recording.steps + 1) / self.profile.control_hz
 
 
@@ -70,24 +70,26 @@ def view(
     port: int = 8080,
     **scene: Unpack[RolloutArguments],
 ) -> Any:
-    """Serve a page on which an episode can be watched; return at once.
+    """Serve a page that shows an episode, and return at once.
 
     Args:
-        what: name or folder of a task, which is planned and run; folder of a data set; or file of one of its episodes.
-        task: of a data set; None: its first.
-        episode: index in a data set; None: the first that held.
-        seed: of the scene that is planned and run.
-        spec: of the cloud; None takes what a policy sees by default.
+        what: name or folder of a task, which is planned and run; or folder of a data set; or file of one of its
+            episodes.
+        task: task of a data set; None: its first.
+        episode: index in a data set; None: the first successful one.
+        seed: seed of the scene of a task.
+        spec: observation spec of the cloud; None: a policy's default.
         host: address to listen on.
-        port: of the page; the next free one is taken where it is in use.
-        scene: of a task, see :class:`~gensim2.rollout.config.RolloutArguments`; ``assets`` also says where the objects
-            of a data set are now.
+        port: port of the page; if it is in use, the next free one.
+        scene: options of a task, see :class:`~gensim2.rollout.config.RolloutArguments`; ``assets`` is also the present
+            folder
+            of a data set's objects.
 
     Returns:
         The ``viser.ViserServer``; ``stop()`` ends it.
 
     Raises:
-        InputError: there is no such task or episode, or an argument cannot be used.
+        InputError: the task or episode does not exist, or an argument is invalid.
         MissingExtraError: viser is not installed.
     """
     viser_module()
@@ -104,15 +106,15 @@ def view(
 
 
 def _location(assets: object) -> Path | str | None:
-    """Return where objects are; a library that is open says so itself."""
+    """Return the location of an open library, or the argument itself."""
     return cast(Path | str | None, getattr(assets, "location", assets))
 
 
 def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
-    """Plan a task on the scene of a seed and run the episode.
+    """Plan a task in the scene of a seed and run the episode.
 
     Raises:
-        InputError: there is no such task, or an argument cannot be used.
+        InputError: the task does not exist, or an argument is invalid.
     """
     from gensim2.rollout.inputs import read_task_input
     from gensim2.rollout.solving import solve
@@ -131,11 +133,10 @@ def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
 
 
 def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path | str | None = None) -> Shown:
-    """Read an episode of a data set, whose objects are in ``assets`` now; None: where they were.
+    """Read an episode of a data set, whose objects may be in another folder ``assets`` now.
 
     Raises:
-        InputError: there is no such task or episode, its states were not kept, or an object is not there or another
-            one.
+        InputError: the task or episode does not exist, has no states, or an object is missing or has changed.
     """
     dataset = DataSet.open(folder, assets)
     store = dataset.task(task or dataset.tasks[0])
@@ -152,10 +153,10 @@ def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path 
 
 
 def of_file(path: Path, assets: Path | str | None = None) -> Shown:
-    """Read an episode of a data set by its file, as :func:`of_data_set` does.
+    """Read an episode of a data set from its file, as :func:`of_data_set`.
 
     Raises:
-        InputError: it is none, or cannot be read.
+        InputError: the file is not an episode of a data set, or cannot be read.
     """
     folder = path.parent.parent
     if not (folder.parent / DATASET_JSON).exists() or not path.stem.isdigit():
@@ -214,13 +215,13 @@ def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port:
 
 
 class _Clock:
-    """The numbers of recorded states, in the place of a trajectory: what the solver's slider goes over."""
+    """Indices of recorded states as a trajectory, for the viewer's time slider."""
 
     def __init__(self, times: Array) -> None:
         self.times = times
 
     def sample(self, time: float) -> tuple[int]:
-        """The state that stands at a time, s."""
+        """Return the index of the state at a time, s."""
         return (int(np.clip(np.searchsorted(self.times, time + 1e-9) - 1, 0, len(self.times) - 1)),)
 
 
@@ -241,13 +242,13 @@ def _add_switches(server: Any, meshes: Sequence[Any], cloud: Any, has_plan: bool
 
 
 def _said_of(name: str, plan: Any) -> str:
-    """One line about a plan: how it ended, and the clearance that it keeps from what it may not touch."""
+    """Return a line about a plan: its status and its collision margin."""
     nearer = f", {len(plan.tight)} nearer at keyframes" if plan.tight else ""
     return f"{name}: {plan.status}, keeps {1e3 * plan.margin:.1f} mm{nearer}"
 
 
 def draw_solid(server: Any, name: tuple[str, str], surface: Any) -> Any:
-    """Draw what the ray caster's rays meet, in the colours of its materials; textures in their mean."""
+    """Draw a surface of the ray caster in the colours of its materials; textures in their mean colour."""
     import trimesh
 
     colors = np.array(surface.colors, dtype=np.uint8)

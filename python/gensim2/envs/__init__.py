@@ -1,4 +1,4 @@
-"""Gymnasium's ids: ``import gensim2.envs`` registers them, as suites of environments do; it brings no simulator.
+"""Register the Gymnasium ids on import, without importing a simulator.
 
 import gymnasium as gym
 import gensim2.envs
