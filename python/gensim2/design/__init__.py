@@ -1,6 +1,6 @@
-"""Designers, the search that judges what they propose, and the runs that keep what holds.
+"""Designers, the search that tests their proposals in simulation, and the pipeline that keeps the successful tasks.
 
-Names are imported when asked for: what refuses bad input needs none of what runs good input.
+Names are imported on first use, so that checking an argument does not load the simulator.
 """
 
 from __future__ import annotations

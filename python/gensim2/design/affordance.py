@@ -1,4 +1,4 @@
-"""Affordances of a class of objects, for designers: no simulator, no geometry beyond what it needs."""
+"""Summarize a class of objects for designers: sizes, keypoints and joint, without the simulator."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from gensim2.objects.words import noun
 JointType = Literal["revolute", "prismatic"]
 
 INSIDE = "inside"
-"""In the name of the measured point of what contains."""
+"""Substring of the name of a container's measured keypoint."""
 
 
 @dataclass(frozen=True)
 class Affordance:
-    """A class of objects; where its objects differ, the mean of those that were looked at.
+    """Summary of a class of objects; sizes and distances are means over a few instances.
 
     Attributes:
         asset_class: class name.
         kind: ``"articulated"`` or ``"rigid"``.
-        noun: what a person calls one.
+        noun: everyday name of such an object.
         description: one phrase.
-        size: (3,) extents in metres as it stands: away from the robot, to its side, up; an articulated one with its
-            joint at zero.
+        size: (3,) extents in metres in the resting pose with the joint at zero: depth (away from the robot), width,
+            height.
         mass: kg.
-        keypoints: name to description, those that every seen object has; the last one is the measured point, by which
-            distances go.
-        lever_arms: of those on the moving link, name to distance in metres from the joint's axis (revolute) or zero
-            (prismatic); empty of a rigid object.
-        joint_type: of the joint; None of a rigid object.
-        joint_range: lower and upper limit, rad or m; openness goes from 0 to 1 between them.
-        joint_axis: ``"vertical"`` or ``"level"`` as it stands: a hinge's axis, or the way of what slides.
+        keypoints: description by name, for the keypoints that every sampled instance has. The last one is the measured
+            keypoint; distance criteria use it.
+        lever_arms: distance in metres from the joint axis by keypoint name, for the keypoints on the moving link; zero
+            for a prismatic joint, empty for a rigid object.
+        joint_type: ``"revolute"`` or ``"prismatic"``; None for a rigid object.
+        joint_range: lower and upper joint limit, rad or m, at openness 0 and 1.
+        joint_axis: ``"vertical"`` or ``"level"``: direction of a hinge's axis or of a prismatic joint's travel.
         default_openness: mean openness at the start of an episode.
-        grip_width: metres between the fingertips that hold a rigid object at its narrowest, as it rests.
-        picture: of one, its keypoints named; None: there is none.
+        grip_width: distance in metres between the fingertips that hold a rigid object across its narrowest side.
+        picture: picture of one instance with its keypoints named, or None.
     """
 
     asset_class: str
@@ -60,16 +60,16 @@ class Affordance:
 
     @property
     def measured(self) -> str:
-        """Name of the keypoint by which distances go."""
+        """Name of the keypoint that distance criteria use."""
         return list(self.keypoints)[-1]
 
     @property
     def is_container(self) -> bool:
-        """Whether it has room inside, by the name of its measured point."""
+        """Whether objects can be put inside, judged by the name of the measured keypoint."""
         return bool(self.keypoints) and self.joint_type is not None and INSIDE in self.measured
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data, without what there is not, and without the picture."""
+        """Return plain data without the picture and without empty fields."""
         values = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "picture"}
         return {name: value for name, value in values.items() if value not in (None, {})}
 
@@ -79,7 +79,7 @@ class Affordance:
         description: str = "",
         picture: LazyPicture | None = None,
     ) -> Affordance:
-        """Return what ``objects`` of one class have in common."""
+        """Return the summary of ``objects``, all of one class."""
         first = objects[0]
         shared = {
             name: point.description
@@ -122,7 +122,7 @@ def _lever_arm(instance: ArticulatedObject, keypoint: str) -> float:
 
 
 def _extents(model: ArticulatedObject | RigidObject) -> np.ndarray[Any, Any]:
-    """(3,) as it stands before its randomization, m."""
+    """Return the extents (3,) in metres in the resting pose, before the scene is randomized."""
     corners = []
     for link, hulls in model.hulls.items():
         turn = np.eye(4)

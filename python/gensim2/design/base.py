@@ -1,4 +1,4 @@
-"""The interface of a designer, whether a search or a language model stands behind it."""
+"""The designer interface, implemented by the offline search and by language models."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ DESIGNED = "designed"
 
 
 class Declined(GenSim2Error):
-    """A designer has nothing for a task; the task is rejected with this reason, and the run goes on."""
+    """A designer has no candidate for a task; the task is rejected and the run continues."""
 
 
 @dataclass(frozen=True)
 class RobotSummary:
-    """The robot, as far as a designer needs to know.
+    """Facts about the robot that a designer needs.
 
     Attributes:
-        robot: its name.
-        base: x and y of its base in the world, m; the table's top is at z = 0, x points away from the robot.
-        reach: horizontal distance (m) from the base within which the hand, pointing down, reaches the table.
-        stroke: most that the fingers open, m between the pads.
-        tool_keypoints: name to description.
+        robot: name of the robot.
+        base: x and y of the robot's base in the world, m. The table's top is at z = 0, and x points away from the
+            robot.
+        reach: horizontal distance in metres from the base within which the hand, pointing down, reaches the table.
+        stroke: maximum opening of the gripper, m between the pads.
+        tool_keypoints: description of each keypoint of the hand, by name.
     """
 
     robot: str
@@ -44,12 +45,12 @@ class RobotSummary:
 
 @dataclass(frozen=True)
 class Known:
-    """A task that is there already.
+    """A task that already exists.
 
     Attributes:
-        task: its spec.
-        strategies: how its steps are done, by name.
-        held, episodes: of its last verification; zero where it is unknown.
+        task: task spec.
+        strategies: strategies of its steps, by name.
+        held, episodes: successful and total episodes of its last verification; zero if unknown.
     """
 
     task: TaskSpec
@@ -60,13 +61,13 @@ class Known:
 
 @dataclass(frozen=True)
 class Brief:
-    """All that a designer is told.
+    """Input of a designer: the robot, the objects and the existing tasks.
 
     Attributes:
-        settings: of the robot.
-        classes: what each class of objects affords, articulated and rigid, by class name.
-        known: tasks that are there: nothing proposed may repeat one, and long tasks can be made of them. A run adds
-            what it keeps while it goes on, so a designer that yields its proposals one by one can build on them.
+        settings: facts about the robot.
+        classes: affordance of each articulated or rigid class, by class name.
+        known: existing tasks. A proposal must not repeat one of them, and long tasks may be built from them. The run
+            appends each task that it keeps, so a designer that yields proposals one by one can build on earlier ones.
     """
 
     settings: RobotSummary
@@ -81,13 +82,13 @@ class Brief:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One way to do a task.
+    """Strategies that a designer suggests for all steps of a task.
 
     Attributes:
-        label: a phrase for the report.
-        steps: for each step of the task its strategies by name, in order of preference. The task that is kept names
-            them so, whatever names its proposal had. Steps may share one.
-        provenance: how it came about (search parameters, or prompt and answer).
+        label: phrase for the report.
+        steps: strategies by name for each step, in order of preference. A kept task uses these names. Steps may share a
+            strategy.
+        provenance: search parameters, or prompt and answer.
     """
 
     label: str
@@ -96,11 +97,11 @@ class Candidate:
 
     @property
     def strategies(self) -> Strategies:
-        """Those of all steps by name, as a task's folder holds them."""
+        """Return the strategies of all steps by name, as a task folder stores them."""
         return {name: data for strategies in self.steps.values() for name, data in strategies.items()}
 
     def of(self, task: TaskSpec) -> TaskSpec:
-        """The task with its steps' strategies named as here."""
+        """Return the task whose steps name this candidate's strategies."""
         return with_strategies(task, self.steps)
 
 
@@ -109,12 +110,12 @@ class StageResult:
     """Result of a candidate in one stage of the search.
 
     Attributes:
-        name: of the stage.
-        trials: scenes planned, or episodes.
-        score: share of them that were planned whole, or held.
-        causes: counts of what went wrong.
-        strict: share of the episodes that meet the strict verdict as well; 0 where none was run.
-        diagnoses: what went wrong, in words with numbers, the most frequent first.
+        name: stage name.
+        trials: number of planned scenes or of episodes.
+        score: share of trials with a complete plan, or share of successful episodes.
+        causes: number of failures by cause.
+        strict: share of episodes that also pass the strict verdict; 0 without episodes.
+        diagnoses: failures in words with numbers, the most frequent first.
     """
 
     name: Literal["plan", "physics"]
@@ -127,39 +128,39 @@ class StageResult:
 
 @dataclass(frozen=True)
 class CandidateResult:
-    """A candidate and all that is known of it."""
+    """A candidate with its results in all stages so far."""
 
     candidate: Candidate
     stages: tuple[StageResult, ...]
 
     @property
     def physics_score(self) -> float:
-        """Share of physics episodes that held over all stages, shrunk towards zero where few were run."""
+        """Success rate over all simulated episodes, shrunk towards zero if there are few episodes."""
         return self.held / (self.episodes + 1)
 
     @property
     def strict_score(self) -> float:
-        """The same of episodes that meet the strict verdict."""
+        """Strict success rate over all simulated episodes, shrunk towards zero if there are few episodes."""
         return self.strict / (self.episodes + 1)
 
     @property
     def episodes(self) -> int:
-        """Physics episodes over all stages."""
+        """Number of simulated episodes over all stages."""
         return sum(stage.trials for stage in self._physics)
 
     @property
     def held(self) -> float:
-        """Number of them that held."""
+        """Number of successful episodes over all stages."""
         return sum(stage.score * stage.trials for stage in self._physics)
 
     @property
     def strict(self) -> float:
-        """Number of them that meet the strict verdict."""
+        """Number of episodes that pass the strict verdict, over all stages."""
         return sum(stage.strict * stage.trials for stage in self._physics)
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """Diagnoses of the last stage that had any."""
+        """Diagnoses of the last stage that has any."""
         return next((stage.diagnoses for stage in reversed(self.stages) if stage.diagnoses), ())
 
     @property
@@ -168,17 +169,17 @@ class CandidateResult:
 
     @property
     def plan_score(self) -> float:
-        """Share of scenes in which a whole plan was found."""
+        """Share of scenes with a complete plan."""
         plans = [stage for stage in self.stages if stage.name == "plan"]
         return plans[-1].score if plans else 0.0
 
 
 class Designer(Protocol):
-    """Proposes tasks, writes candidates, and learns from how they fared.
+    """Interface of a designer: it proposes tasks, writes candidates and refines them by their results.
 
     Attributes:
-        name: stands in run.json, and as the origin of its tasks.
-        notes: what a reader of the run should know; read when the run ends.
+        name: recorded in run.json and as the origin of the designer's tasks.
+        notes: remarks for the reader of the report; read at the end of the run.
     """
 
     @property
@@ -188,26 +189,27 @@ class Designer(Protocol):
     def notes(self) -> Sequence[str]: ...
 
     def open(self, folder: Path) -> None:
-        """Called once, before anything else, with the run's folder: for records of the designer's own."""
+        """Store the designer's own records in the run folder; called once, before any other method."""
         ...
 
     def propose(self, brief: Brief, seed: int) -> Iterable[TaskSpec]:
-        """Yield new tasks, best first, of one or several steps and objects; none repeats a known one.
+        """Yield new tasks, best first; no task repeats a known one.
 
-        Their provenance says who proposes them. Their steps name at least one strategy each, which candidates replace.
+        Each task names its origin in its provenance. Each step names at least one placeholder strategy, which
+        candidates replace.
         """
         ...
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """Return the first round of candidates for a task.
+        """Return the first candidates for a task.
 
         Raises:
-            Declined: the designer has nothing for it.
+            Declined: the designer has no candidate for the task.
         """
         ...
 
     def refine(
         self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
     ) -> list[Candidate]:
-        """Return new candidates given how earlier ones fared, best first; an empty list ends the search."""
+        """Return new candidates in view of earlier results, best first; an empty list ends the search."""
         ...

@@ -1,4 +1,4 @@
-"""Brief for designers about a library and the robot."""
+"""Summarize an object library and a robot as the input of a designer."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from gensim2.objects.library.meshes import listed
 from gensim2.robots import robot
 from gensim2.rollout.inputs import has_instances
 
-#: Instances from which an affordance is read.
+#: Number of instances that an affordance averages over.
 AFFORDANCE_INSTANCES = 3
-#: Classes that a note names.
+#: Maximum number of classes named in one note.
 NAMED = 6
 
 
 def robot_summary(name: str) -> RobotSummary:
-    """Return the part of a brief about a robot."""
+    """Return the facts about a robot that designers need."""
     profile = robot(name)
     x, y, _ = profile.base_position
     return RobotSummary(
@@ -43,17 +43,17 @@ def _left_out(instances: str, classes: Sequence[str]) -> str:
 
 
 class Classes(Mapping[str, Affordance]):
-    """Lazy mapping from the classes of a library to their affordances, articulated ones first, in a seeded order.
+    """Lazy mapping from each class of a library to its affordance, articulated classes first, in a seeded order.
 
     Args:
-        library: of the objects.
-        instances: as in ``--instances``: only classes that have such are there.
-        seed: of the order, and of which instances are looked at.
-        folder: notes the objects that were looked at.
-        progress: listener.
+        library: object library.
+        instances: value of ``--instances``; classes without matching instances are left out.
+        seed: seed of the order and of the sampled instances.
+        folder: run folder; the sampled objects are recorded there.
+        progress: progress listener.
 
     Attributes:
-        notes: classes and instances that were left out, and why.
+        notes: the classes and instances that were left out, with reasons.
     """
 
     def __init__(self, library: Library, instances: str, seed: int, folder: RunFolder, progress: Progress) -> None:
@@ -85,7 +85,7 @@ class Classes(Mapping[str, Affordance]):
         return self._read[name]
 
     def _affordance(self, name: str) -> Affordance:
-        """Return the affordance that a few instances share, of those that a search may see."""
+        """Return the affordance of a class, averaged over a few instances that the search may use."""
         ids = seen_by_search(self._library, name)
         order = seeding.rng(self._seed, f"{name}/affordance").permutation(len(ids))
         found: list[ArticulatedObject | RigidObject] = []

@@ -1,4 +1,4 @@
-"""Long tasks made of joints that are worked one after the other for one purpose, and of one joint worked to and fro."""
+"""Draft long tasks from joint motions: two joints for one purpose, or one joint opened and closed again."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from gensim2.objects.words import Purpose, camel_case, noun, purposes, to_and_fr
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Place
 
-#: Long tasks for purposes that one piece is in at most.
+#: Maximum number of drafts that use the same joint task.
 OF_ONE = 3
 
-#: Where a plate or a bowl stands beside what has a joint.
+#: Position (x, y) in metres of a plate or bowl beside an articulated object.
 ASIDE = (-0.12, -0.22)
 
 
 def again(brief: Brief) -> Iterator[Draft]:
-    """Draft tasks that switch something on and off, or open it for a look."""
+    """Draft tasks that switch an object on and off, or open and close it again."""
     for each in to_and_fro():
         if each.asset_class not in brief.classes or not all(is_known(brief, each.asset_class, end) for end in ENDS):
             continue
@@ -35,7 +35,7 @@ def again(brief: Brief) -> Iterator[Draft]:
 
 
 def pairs(brief: Brief) -> Iterator[Draft]:
-    """Two pieces that serve one purpose; purposes take turns, and each piece is in as few as can be."""
+    """Draft tasks that move two joints for one purpose, with purposes in turn and each joint task used rarely."""
     there = _narrow(brief)
     choices = list(in_turn(_pairs_for(purpose, there) for purpose in purposes()))
     used: Counter[tuple[str, str]] = Counter()
@@ -50,7 +50,7 @@ def pairs(brief: Brief) -> Iterator[Draft]:
 
 
 def errands(brief: Brief) -> Iterator[Draft]:
-    """One piece and something that is put on a plate or into a bowl, for one purpose."""
+    """Draft tasks that move one joint and put an object on a plate or into a bowl, for one purpose."""
     there = {piece[:2]: piece for piece in _narrow(brief)}
     queues = [[(purpose, there[goal], put) for goal, put in purpose.errands if goal in there] for purpose in purposes()]
     used: Counter[tuple[str, str]] = Counter()
@@ -73,13 +73,13 @@ FAMILIES: dict[str, Family] = {"pairs": pairs, "to and fro": again, "errands": e
 
 
 def wanted_ends() -> set[tuple[str, str]]:
-    """Classes and goals that chores are made of."""
+    """Return the joint goals (class and end state) that these long tasks are made of."""
     goals = {goal for purpose in purposes() for goal in (*purpose.goals, *(goal for goal, _ in purpose.errands))}
     return goals | {(each.asset_class, end) for each in to_and_fro() for end in ENDS}
 
 
 def _narrow(brief: Brief) -> list[Piece]:
-    """Pieces on things that leave room for another beside them."""
+    """Return joint tasks on objects narrow enough to leave room for a second object."""
     return [piece for piece in pieces(brief) if max(brief.classes[piece.asset_class].size[:2]) < NARROW]
 
 
@@ -102,7 +102,7 @@ def _pair(purpose: Purpose, first: Piece, second: Piece) -> Draft:
 
 
 def _both(first: Piece, second: Piece) -> str:
-    """Return one phrase for two actions, a shared verb said once."""
+    """Return one phrase for two actions; a shared verb appears once."""
     said = [piece.known.task.description for piece in (first, second)]
     parts = [
         sentence.partition(f" the {noun(piece.asset_class)}")
@@ -114,7 +114,7 @@ def _both(first: Piece, second: Piece) -> str:
 
 
 def _work(draft: Draft, piece: Piece, at: tuple[float, float], yaw: float) -> None:
-    """A step that does what a piece does, on its object at another place."""
+    """Add the step of a known joint task to a draft, with its object at another place."""
     (step,) = piece.known.task.steps
     thing = piece.known.task.objects[step.object]
     role = step.object if step.object not in draft.objects else f"other_{step.object}"[:60]

@@ -1,4 +1,4 @@
-"""Long tasks about what is kept in what: put away, put away two at once, taken out, moved from one into another."""
+"""Draft long tasks about containers: put one or two objects away, take one out, or move one between containers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from gensim2.objects.words import belongs, camel_case
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, DistanceArticulatedRigid
 from gensim2.tasks.spec import ObjectSpec, Place, Randomization
 
-#: Ways to put something away: name, sentence, and whether the container is opened before.
+#: Ways to put an object away: name, sentence, and whether the container is opened first.
 _TIDYING = {
     "stow": ("Stow{thing}In{box}", "open the {box}, put the {thing} in and close it again", True),
     "put": ("Put{thing}In{box}", "open the {box} and put the {thing} in", True),
@@ -35,16 +35,16 @@ _TIDYING = {
 }
 CLOSED_AFTER = ("stow", "shut")
 
-#: Widest side (m) of a container that leaves room for another beside it.
+#: Maximum width (m) of a container that leaves room for a second one beside it.
 NARROW = 0.36
 
-#: Longest side (m) from which on a container has a shelf or a turntable, and no room for two things.
+#: Containers whose longest side (m) exceeds this have a shelf or a turntable, and no room for two objects.
 LARGE = 0.34
 
 
 def tidied(brief: Brief, how: str) -> Iterator[Draft]:
-    """Something is put into a container that is opened before or closed after, both or neither; all in turn."""
-    # Each way of doing it begins with another thing, so that more of them are handled.
+    """Draft tasks that put one object into a container, which is opened first or closed afterwards as ``how`` says."""
+    # Each value of ``how`` starts with a different object, so that the drafts use more objects.
     turn = list(_TIDYING).index(how)
     queues = []
     for container in _containers(brief):
@@ -74,7 +74,7 @@ def tidied(brief: Brief, how: str) -> Iterator[Draft]:
 
 
 def filled(brief: Brief, shuts: bool) -> Iterator[Draft]:
-    """Two things are put into an open container, which is closed after or not."""
+    """Draft tasks that put two objects into an open container and close it if ``shuts``."""
     queues = []
     for container in _containers(brief):
         known = not shuts or is_known(brief, container.asset_class, "articulated_closed")
@@ -105,7 +105,7 @@ def filled(brief: Brief, shuts: bool) -> Iterator[Draft]:
 
 
 def taken_out(brief: Brief, opens: bool, shuts: bool) -> Iterator[Draft]:
-    """Something is taken out of a container and put on a plate or into a bowl."""
+    """Draft tasks that take an object out of a container and put it on a plate or into a bowl."""
     name, sentence = {
         (False, False): ("Take{thing}OutOf{box}", "take the {thing} out of the {box} and put it {into} the {support}"),
         (False, True): (
@@ -141,7 +141,7 @@ def taken_out(brief: Brief, opens: bool, shuts: bool) -> Iterator[Draft]:
 
 
 def moved_over(brief: Brief, shuts: bool) -> Iterator[Draft]:
-    """Something is taken out of one open container and put into another, and what is empty then is closed or not."""
+    """Draft tasks that move an object from one open container into another; close the empty one if ``shuts``."""
     narrow = [each for each in _containers(brief) if max(each.size[:2]) < NARROW]
     queues = []
     for source, target in itertools.permutations(narrow, 2):
@@ -198,13 +198,13 @@ def _named(name: str, sentence: str, container: Affordance, thing: Affordance, *
 
 
 def _support_for(thing: Affordance, number: int) -> str:
-    """A plate or a bowl: where a thing belongs, if to either, else one after the other."""
+    """Return the support (plate or bowl) on which an object belongs; alternate if it belongs on both or neither."""
     places = [name for name in SUPPORTS if thing.asset_class in belongs(name)] or SUPPORTS
     return places[number % len(places)]
 
 
 def _about(openness: tuple[float, float] | None = None) -> Randomization:
-    """Return the ranges of a container's pose; ``openness`` gives mean and spread, None takes the object's own."""
+    """Return the ranges of a container's pose; ``openness`` is mean and spread, None keeps the object's own."""
     if openness is None:
         return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05))
     return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05), openness_mean=openness[0], openness_spread=openness[1])
@@ -220,11 +220,13 @@ def _containers(brief: Brief) -> Iterator[Affordance]:
 
 
 def _roomy(brief: Brief) -> list[Affordance]:
-    """Those in which a thing may lie at the start without touching a wall: what slides, and what opens at the top."""
+    """Return the containers in which an object can lie at the start without touching a wall: drawers and top-opening
+    boxes.
+    """
     return [each for each in _containers(brief) if each.joint_type == "prismatic" or each.joint_axis == "level"]
 
 
 def _things(brief: Brief, asset_class: str) -> list[Affordance]:
-    """Rigid objects that people keep there and that a hand can hold."""
+    """Return the rigid objects that people keep in such a container and that the hand can grasp."""
     found = [brief.classes[name] for name in belongs(asset_class) if name in brief.classes]
     return [thing for thing in found if holdable(thing, brief.settings.stroke)]

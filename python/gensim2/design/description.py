@@ -1,4 +1,4 @@
-"""Everything that is known of a task, as plain data: for ``gensim2 tasks show`` and for pages."""
+"""Describe a task as plain data for ``gensim2 tasks show`` and for HTML pages."""
 
 from __future__ import annotations
 
@@ -18,11 +18,14 @@ VERDICTS = ("paper", "held", "strict")
 
 
 def description_of(task: TaskSpec, strategies: Strategies, library: Library) -> dict[str, Any]:
-    """Objects, steps, strategies and goal in words; figures where the task and its strategies are those of the library.
+    """Return a task's objects, steps, strategies and goal in words, with its measured success rates.
+
+    Success rates are included only if the task and its strategies are those of the packaged task library.
 
     Args:
-        strategies: by name, as plain data.
-        library: says which objects have joints.
+        task: task to describe.
+        strategies: strategies by name, as plain data.
+        library: object library; tells which objects have joints.
     """
     return {
         "name": task.name,
@@ -53,14 +56,14 @@ def _provenance(task: TaskSpec) -> dict[str, Any]:
 
 
 def _is_stored(task: TaskSpec, strategies: Strategies) -> bool:
-    """Whether figures under the task's name are its own."""
+    """Return whether the task and its strategies equal those of the packaged library, so that its figures apply."""
     if task.name not in packaged_names():
         return False
     return task == load_task(task.name) and dict(strategies) == load_strategies(task.name)
 
 
 def _has_joint(task: TaskSpec, name: str, library: Library) -> bool:
-    """Whether an object of a task has a joint; of a class that is not there its criteria say so."""
+    """Return whether an object has a joint; if the library lacks its class, judge by the task's criteria."""
     asset_class = task.objects[name].asset_class
     if asset_class in library.classes():
         return library.kind(asset_class) == "articulated"
@@ -92,12 +95,11 @@ def _step(task: TaskSpec, step: Step, strategies: Strategies) -> dict[str, Any]:
 
 
 def _as_data(criteria: tuple[Criterion, ...]) -> list[dict[str, Any]]:
-    """Criteria as task.yaml has them: ``type``, the objects by their fields, ``threshold``."""
     return [criterion.model_dump(mode="json") for criterion in criteria]
 
 
 def _figures(task: TaskSpec, *, measured: bool) -> dict[str, Any]:
-    """Figures under a task's name: the paper's and its release's where it is that task, whatever its strategies."""
+    """Return the success rates recorded for a task's name: the paper's, its release's and our own."""
     published, released = paper_of(task), released_of(task)
     return {
         "paper": None if published is None else {"mean": published[0], "deviation": published[1]},

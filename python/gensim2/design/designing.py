@@ -1,4 +1,4 @@
-"""Choice of the designer: offline, or a language model."""
+"""Create the designer that the user selected: offline or a language model."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from gensim2.tasks.spec import TaskSpec
 
 
 class Chosen:
-    """Fills :class:`~gensim2.design.base.Designer` for another designer.
+    """Designer that passes on only some proposals of another designer.
 
     Args:
-        designer: proposes and designs.
-        accepts: says of a proposal whether it is to be designed.
-        left_out: what is said of those that are not: ``"are not wanted"``.
-        wish: what is wished for, in a word that a resumed run must repeat; None: whoever is asked says it anew.
+        designer: designer that proposes tasks and writes candidates.
+        accepts: returns whether a proposal is to be designed.
+        left_out: words for the rejected proposals in the notes, such as ``"are not wanted"``.
+        wish: keyword for the filter; a resumed run must use the same one. None: the filter may differ after a resume.
     """
 
     def __init__(
@@ -38,21 +38,17 @@ class Chosen:
 
     @property
     def name(self) -> str:
-        """The other's."""
         return self.designer.name
 
     @property
     def notes(self) -> Sequence[str]:
-        """The other's, and what was left out."""
         left = [f"{len(self._left)} proposals {self.left_out}"] if self._left else []
         return [*self.designer.notes, *left]
 
     def open(self, folder: Path) -> None:
-        """As the other."""
         self.designer.open(folder)
 
     def propose(self, brief: Brief, seed: int) -> Iterator[TaskSpec]:
-        """Yield the other's proposals that are accepted."""
         for task in self.designer.propose(brief, seed):
             if self.accepts(task):
                 yield task
@@ -60,25 +56,23 @@ class Chosen:
                 self._left.append(task.name)
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """As the other."""
         return self.designer.candidates(task, brief, seed)
 
     def refine(
         self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
     ) -> list[Candidate]:
-        """As the other."""
         return self.designer.refine(task, brief, results, seed, round)
 
 
 def offline_designer(
     mode: Mode | None = None, target_object: str | None = None, review: Callable[[TaskSpec], bool] | None = None
 ) -> Designer:
-    """The designer that needs no model.
+    """Return the designer that works without a language model.
 
     Args:
-        mode: ``"explore"``: tasks of one step; ``"bottomup"``: of several; None: any.
-        target_object: class that tasks are to be about; None: any.
-        review: asked of every proposal; None: no one is asked.
+        mode: ``"explore"`` for tasks of one step, ``"bottomup"`` for tasks of several; None: both.
+        target_object: class that every task must use; None: any.
+        review: callback that accepts or rejects each proposal; None: accept all.
     """
     designer: Designer = OfflineDesigner()
     if mode is not None:
@@ -105,17 +99,19 @@ def model_designer(
     review: Callable[[TaskSpec], bool] | None = None,
     **options: Any,
 ) -> Designer:
-    """A language model as a designer.
+    """Return a designer that asks a language model.
 
     Args:
-        model: its name at its endpoint; None: what ``config`` or ``replay`` says.
-        asking: what for.
-        scene: of the run; for what the model is shown.
-        prompts: folder with prompts of one's own.
-        replay: run folder whose answers are used; no model is asked. The folder names the model and ``asking``.
+        model: model name at its endpoint; None: the name in ``config`` or ``replay``.
+        asking: mode, targets and number of trials.
+        scene: scene options of the run, for the pictures shown to the model.
+        prompts: folder of the user's own prompts.
+        replay: run folder whose recorded answers are used instead of a model. The folder determines the model and
+            ``asking``.
         config: YAML file with fields of :class:`~gensim2.design.llm.ModelOptions`.
-        review: asked of every proposal; None: no one is asked.
-        **options: fields of :class:`~gensim2.design.llm.ModelOptions`, which go before the file's; None: not given.
+        review: callback that accepts or rejects each proposal; None: accept all.
+        **options: fields of :class:`~gensim2.design.llm.ModelOptions` that override those of ``config``; None: not
+            given.
 
     Raises:
         InputError: an argument cannot be used.

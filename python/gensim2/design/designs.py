@@ -1,4 +1,4 @@
-"""The outcome of a search, as a value and as ``design.json``."""
+"""The result of a strategy search, in memory and in ``design.json``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gensim2.tasks.strategies import StepStrategies
 
 
 class DiagnosisRecord(Record):
-    """One way in which trials of a candidate failed, in ``design.json``."""
+    """A failure of a candidate in ``design.json``."""
 
     step: str | None
     cause: str
@@ -26,7 +26,7 @@ class DiagnosisRecord(Record):
 
 
 class StageRecord(Record):
-    """One stage of a candidate in ``design.json``."""
+    """The result of one search stage in ``design.json``."""
 
     name: Literal["plan", "physics"]
     episodes: Annotated[int, Field(ge=0)]
@@ -37,7 +37,7 @@ class StageRecord(Record):
 
 
 class CandidateRecord(Record):
-    """One candidate in ``design.json``."""
+    """A candidate in ``design.json``."""
 
     index: Annotated[int, Field(ge=0)]
     label: str
@@ -48,7 +48,7 @@ class CandidateRecord(Record):
 
 
 class DesignRecord(Record):
-    """``design.json``."""
+    """Content of ``design.json``."""
 
     schema_version: Literal[3]
     candidates: list[CandidateRecord]
@@ -67,14 +67,16 @@ class DesignRecord(Record):
 
 @dataclass(frozen=True)
 class Design:
-    """The outcome of a search: every candidate with its stages, best first, and each step's ways that won, if any."""
+    """Result of a search: every candidate with its stages, best first, and the winning strategies of each step, if
+    any.
+    """
 
     results: tuple[CandidateResult, ...]
     chosen: StepStrategies | None
     notes: tuple[str, ...] = field(default=())
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
+        """Return plain data."""
         return {
             "schema_version": 3,
             "candidates": [_candidate(index, result) for index, result in enumerate(self.results)],
@@ -114,7 +116,7 @@ def write_design(folder: Path, design: Design) -> None:
 
 
 def read_design(folder: Path) -> DesignRecord | None:
-    """Return the ``design.json`` of a task's folder, or None where there is none yet.
+    """Return the content of ``design.json`` in a task's folder; None if the file does not exist.
 
     Raises:
         InputError: the file is damaged.

@@ -1,4 +1,4 @@
-"""Diagnoses of failures that a designer can act on: which constraint, by how much, what was hit, what slipped."""
+"""Summarize failures for designers: violated constraint, error, collision or slip."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-#: Sentences that a stage keeps of all its failures: the most frequent first.
+#: Maximum number of failure sentences kept for each stage, the most frequent first.
 KEPT = 6
 
-#: What a number of an episode's diagnosis means, by its name; {} is the number.
+#: Sentence for each number of an episode's diagnosis; {} stands for the number.
 NUMBERS = {
     "distance": "by {:.0f} mm",
     "nearest": "the hand came within {:.0f} mm of its nearest keypoint",
@@ -25,14 +25,14 @@ SHARES = {
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """One way in which trials of a candidate failed.
+    """A kind of failure of a candidate.
 
     Attributes:
-        step: name of the step that was to blame; None where it was none of them.
-        cause: the fixed phrase for it (docs/reference/episodes.md), or the planner's status.
-        words: one sentence with the numbers of one such trial.
-        count: trials that failed like this.
-        numbers: what ``words`` tells of, as :func:`diagnoses` was given it.
+        step: name of the failed step; None if no step is to blame.
+        cause: cause of failure (docs/reference/episodes.md) or status of the planner.
+        words: one sentence with the numbers of one failed trial.
+        count: number of trials that failed in this way.
+        numbers: the numbers of that trial, as passed to :func:`diagnoses`.
     """
 
     step: str | None
@@ -42,7 +42,7 @@ class Diagnosis:
     numbers: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
+        """Return plain data."""
         return {"step": self.step, "cause": self.cause, "words": self.words, "count": self.count}
 
     def __str__(self) -> str:
@@ -50,11 +50,11 @@ class Diagnosis:
 
 
 def diagnoses(failures: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[Diagnosis, ...]:
-    """Return the ways in which trials failed, the most frequent first, at most ``KEPT``.
+    """Return the most frequent failures, at most ``KEPT``.
 
     Args:
-        failures: of each trial the cause and its numbers: an episode's ``diagnosis``, or a plan's ``detail`` with the
-            ``step`` and the ``strategy`` beside it.
+        failures: cause and numbers of each failed trial. The numbers are an episode's ``diagnosis``, or a plan's
+            ``detail`` with the ``step`` and ``strategy`` added.
     """
     counts: Counter[tuple[str | None, str, str]] = Counter()
     example: dict[tuple[str | None, str, str], Mapping[str, Any]] = {}
@@ -69,7 +69,7 @@ def diagnoses(failures: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[Diagno
 
 
 def in_words(cause: str, numbers: Mapping[str, Any]) -> str:
-    """One sentence: what failed in which step, done how, and the numbers beside it."""
+    """Return one sentence that names the step, the strategy, the cause and the numbers."""
     step, strategy = numbers.get("step"), numbers.get("strategy")
     where = f"step {step!r}" + (f" by {strategy!r}" if strategy else "") + ": " if step else ""
     facts = [
@@ -103,7 +103,7 @@ def _of_plan(detail: Mapping[str, Any]) -> list[str]:
 
 
 def _length(residual: Mapping[str, Any], name: str = "residual") -> str:
-    """A point's residual is in metres, any other in radians."""
+    """Format the residual: in millimetres for a point constraint, in radians for any other."""
     value = float(residual[name])
     return f"{1000 * value:.0f} mm" if str(residual["name"]).startswith("point2point") else f"{value:.2f} rad"
 

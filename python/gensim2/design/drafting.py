@@ -1,7 +1,7 @@
-"""A long task in the making, and whether its steps follow from one another.
+"""Draft long tasks and check that each step's preconditions are established by the steps before.
 
-Taking something up needs an empty hand and leaves it full; putting it down needs a full hand and what it is put into
-open, and leaves the hand empty; a joint is not brought to where it stands (:func:`chains`).
+Picking up needs an empty hand and fills it. Putting down needs a full hand and an open container, and empties the hand.
+A joint is not moved to a state that it already has (:func:`chains`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ENDS = ("articulated_open", "articulated_closed")
 
 
 class Piece(NamedTuple):
-    """A known task that brings a joint to one of its ends."""
+    """A known task that opens or closes a joint."""
 
     asset_class: str
     goal: End
@@ -30,7 +30,7 @@ class Piece(NamedTuple):
 
 
 def pieces(brief: Brief) -> list[Piece]:
-    """Return the known ones on classes that the library has, the most useful first."""
+    """Return the known joint tasks on classes of the library, the most useful first."""
     goals = [(joint_goal(known.task), known) for known in brief.known]
     found = [
         Piece(goal[0], goal[1], known)  # type: ignore[arg-type]
@@ -41,18 +41,21 @@ def pieces(brief: Brief) -> list[Piece]:
 
 
 def has_joint(brief: Brief, asset_class: str) -> bool:
-    """Return whether the library has a class of this name whose objects have a joint; known tasks may be on others."""
+    """Return whether the library has an articulated class of this name; known tasks may use other libraries'
+    classes.
+    """
     return asset_class in brief.classes and brief.classes[asset_class].kind == "articulated"
 
 
 def is_known(brief: Brief, asset_class: str, goal: str) -> bool:
-    """Whether there is a piece for this class and goal."""
+    """Return whether a known task moves this class's joint to ``goal``."""
     return any((each.asset_class, each.goal) == (asset_class, goal) for each in pieces(brief))
 
 
 def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
-    """Return the strategies by which a known task brings a joint to ``goal``, under telling names; empty where none is
-    known."""
+    """Return the strategies of the known task that moves this class's joint to ``goal``; empty if there is no such
+    task.
+    """
     for known in brief.known:
         if joint_goal(known.task) == (asset_class, goal):
             wanted = known.task.steps[0].strategies
@@ -61,7 +64,7 @@ def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
 
 
 def _own_name(strategy: str, task: TaskSpec) -> str:
-    """A name that no other piece has, where a designer gave none."""
+    """Return a name that is unique among joint tasks, in place of a designer's generic name."""
     (thing,) = task.objects.values()
     number = strategy.removeprefix(DESIGNED)
     return f"{task.steps[0].name}_{thing.asset_class}{number}" if number != strategy else strategy
@@ -69,30 +72,30 @@ def _own_name(strategy: str, task: TaskSpec) -> str:
 
 Item = TypeVar("Item")
 
-#: Tasks that differ in nothing but the rigid object.
+#: Maximum number of tasks that differ only in the rigid object.
 ALIKE = 3
 
-#: Control steps that a step of a long task is given.
+#: Control steps allowed for each step of a long task.
 STEPS_EACH = 300
 
-#: Where a rigid object waits beside what it is put into, x and y in the world, and what is drawn about it.
+#: Start positions (x, y) in the world, m, of a rigid object beside its destination, and their randomization.
 BESIDE, OTHER_SIDE = (-0.2, -0.45), (-0.2, 0.45)
 ABOUT = Randomization(x=(-0.1, 0.1), y=(-0.1, 0.1))
 CLOSE_ABOUT = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
 
-#: Where two things with joints stand beside each other, x and y in the world, and by how much they are turned.
+#: Poses of two articulated objects side by side: ((x, y) in the world in metres, yaw in radians).
 PAIRED = (((-0.05, 0.3), -0.4), ((-0.05, -0.3), 0.4))
 
 
 @dataclass
 class Draft:
-    """A task in the making.
+    """A task under construction.
 
     Attributes:
-        name, sentence: of the task.
-        objects: by name, in the order in which they are placed.
-        steps: in order.
-        goal: what must hold in the end.
+        name, sentence: name and description of the task.
+        objects: objects by name, in the order of placement.
+        steps: steps in order.
+        goal: criteria that must hold at the end.
     """
 
     name: str
@@ -102,22 +105,22 @@ class Draft:
     goal: list[Criterion] = field(default_factory=list)
 
     def joint(self, verb: str, role: str, criterion: Criterion, lasting: bool = True) -> None:
-        """A step that works a joint."""
+        """Add a step that moves a joint; ``lasting`` adds its criterion to the goal."""
         self._step(f"{verb}_{role}", role, HAND, (criterion,))
         if lasting:
             self.goal.append(criterion)
 
     def grasp(self, role: str) -> None:
-        """A step that takes something up."""
+        """Add a step that picks up an object."""
         self._step(f"grasp_{role}", role, HAND, (DistanceGripperRigid(rigid=role),))
 
     def put(self, verb: str, role: str, where: str, criterion: Criterion) -> None:
-        """A step that puts down what is held."""
+        """Add a step that puts the grasped object down."""
         self._step(f"{verb}_{role}", where, role, (criterion,))
         self.goal.append(criterion)
 
     def task(self) -> TaskSpec:
-        """As a value."""
+        """Return the finished task spec."""
         return TaskSpec(
             name=self.name,
             description=self.sentence,
@@ -133,11 +136,11 @@ class Draft:
 
 
 Family = Callable[[Brief], Iterator[Draft]]
-"""Drafts of one kind, as far as they can be made of what is known."""
+"""Generator of the drafts of one kind that the brief's classes and known tasks allow."""
 
 
 def chains(task: TaskSpec) -> list[str]:
-    """List the preconditions that steps of a chain need and the steps before them do not establish."""
+    """Return the preconditions of steps that no earlier step establishes."""
     held: str | None = None
     openness: dict[str, str] = {}
     wrong = []
@@ -163,11 +166,11 @@ def chains(task: TaskSpec) -> list[str]:
 
 
 def verbs(task: TaskSpec) -> tuple[str, ...]:
-    """The chain of verbs of a task: the first word of each step."""
+    """Return the first word of each step's name."""
     return tuple(step.name.split("_")[0] for step in task.steps)
 
 
 def in_turn(queues: Iterable[Iterable[Item]]) -> Iterator[Item]:
-    """The first of each, then the second of each, and so on."""
+    """Yield the first item of each queue, then the second of each, and so on."""
     for row in itertools.zip_longest(*queues):
         yield from (item for item in row if item is not None)

@@ -1,4 +1,4 @@
-"""One run of the pipeline, task by task: propose, search, verify, keep, collect."""
+"""Run the pipeline task by task: propose, search, verify, keep, collect demonstrations."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import Made, Provenance, TaskSpec
 from gensim2.tasks.strategies import StepStrategies, Strategies, with_strategies
 
-#: Share of fresh episodes that must hold for a task to be kept: of one step, of several.
+#: Minimum success rate in verification for a task to be kept: for one step, and for several.
 KEEP_THRESHOLD, KEEP_LONG = 0.8, 0.6
 
-#: Fresh episodes of a verification by default.
+#: Default number of verification episodes.
 VERIFY_EPISODES = 20
 
-#: Episodes after which it is looked at whether the threshold can still be reached.
+#: Number of episodes between checks whether the threshold can still be reached.
 STRIDE = 10
 
-#: Episodes of a verification that is under way.
+#: File with the episodes of an unfinished verification.
 UNDER_WAY = "verification.jsonl"
 
 
@@ -57,17 +57,25 @@ def verify(
     seed: int,
     progress: Progress = NULL_PROGRESS,
 ) -> Verification:
-    """Run fresh episodes and write ``verification.json``; a second call reads it.
+    """Run fresh episodes of a task and write ``verification.json``; a second call reads the file.
 
-    A task that can no longer reach its threshold is not run to the end: what it has then is all of its verification.
+    The verification ends early if the success rate can no longer reach the threshold.
 
     Args:
-        apart: which instances the episodes draw from.
-        episodes: how many.
+        task: task to verify.
+        strategies: strategies of its steps, by name.
+        files: the task's folder.
+        run: the run's folder.
+        evaluator: runs the episodes.
+        library: object library.
+        apart: division of the instances; the episodes use those that the search did not.
+        episodes: number of episodes.
+        seed: seed of the scenes.
+        progress: progress listener.
 
     Raises:
-        NotRunError: episodes could not be run; all others are finished.
-        InputError: what an earlier run left cannot be used.
+        NotRunError: some episodes could not be run; all others are finished.
+        InputError: files of an earlier run cannot be used.
     """
     seeds = scene_seeds(seed, task.name, "verify", episodes)
     log_path = files.path / UNDER_WAY
@@ -99,23 +107,23 @@ def verify(
     return verification
 
 
-#: Proposals put to the search for each task that was asked for, before the run gives up on reaching that number.
+#: The run gives up after this many searched proposals for each requested task.
 PROPOSALS_PER_TASK = 3
 
-#: Proposals in a row of a kind that no more of are wanted, before the run gives up: each may cost a model's answer.
+#: The run gives up after this many consecutive proposals of a kind that is complete; each may cost a model request.
 MAX_UNWANTED = 300
 
-#: Seconds of CPU after which the report is written anew: it takes the longer the more tasks there are.
+#: CPU seconds between rewrites of the report, whose cost grows with the number of tasks.
 REPORT_EVERY = 60.0
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """Number of tasks that a run is to keep.
+    """Number of tasks that a run should keep.
 
     Attributes:
-        total: of any kind.
-        single, long: of these no more than so many of one step, of several; None: any number.
+        total: number of tasks of any kind.
+        single, long: maximum number of single-step and of long tasks; None: no limit.
     """
 
     total: int
@@ -123,20 +131,20 @@ class Wanted:
     long: int | None = None
 
     def wants(self, task: TaskSpec, kept: Sequence[TaskSpec]) -> bool:
-        """Whether a task of this kind is still wanted."""
+        """Return whether another task of this kind is wanted."""
         most = self.single if task.is_single_step else self.long
         return most is None or sum(each.is_single_step == task.is_single_step for each in kept) < most
 
 
 @dataclass(frozen=True)
 class Extent:
-    """Extent of the work on each task.
+    """Amount of work on each task.
 
     Attributes:
-        verify: fresh episodes of the verification.
-        demos: demonstrations to collect; 0: none.
-        instances: what demonstrations draw from, as in ``--instances``.
-        video: film each kept task where this machine can render.
+        verify: number of verification episodes.
+        demos: number of demonstrations to collect.
+        instances: instances that demonstrations use, as in ``--instances``.
+        video: record a video of each kept task if this machine can render.
     """
 
     verify: int
@@ -146,24 +154,25 @@ class Extent:
 
 
 def classes_of(task: TaskSpec) -> str:
-    """Classes of a task's objects, in their order."""
+    """Return the classes of a task's objects, separated by commas."""
     return ", ".join(dict.fromkeys(thing.asset_class for thing in task.objects.values()))
 
 
 class PipelineRun:
-    """One call of ``run_pipeline``: the state that its steps share.
+    """State of one call of ``run_pipeline``.
 
     Args:
-        library: of the objects.
-        designer: proposes and designs.
-        folder: of the run.
-        evaluator: tries what is designed.
-        seed: of everything that is drawn.
-        extent: what is done with each task.
+        library: object library.
+        designer: proposes tasks and writes candidates.
+        folder: run folder.
+        evaluator: plans and runs episodes.
+        seed: seed of every random draw.
+        extent: amount of work on each task.
         known: tasks that the designer knows.
-        familiar: tasks that are no news: what repeats one is a piece of longer ones at best and is not counted.
-        budget: of the search; None: the usual one of each task.
-        progress: listener.
+        familiar: tasks that count as already solved; a repetition serves only as a part of longer tasks and does not
+            count.
+        budget: budget of the search; None: the default for each task.
+        progress: progress listener.
     """
 
     def __init__(
@@ -189,7 +198,7 @@ class PipelineRun:
         self._kept: list[TaskSpec] = []
 
     def run(self, wanted: Wanted, target: TaskSpec | None, stored: Sequence[TaskInput]) -> PipelineResult:
-        """Design until what is wanted is kept, or the one that is the target; then take the stored ones."""
+        """Design tasks until enough are kept, or only the target; then verify the stored tasks."""
         rejected: list[dict[str, str]] = []
         tried, unwanted, reported = 0, 0, 0.0
         self.designer.open(self.folder.path)
@@ -230,7 +239,7 @@ class PipelineRun:
         return PipelineResult(str(self.folder.path), tuple(self._outcomes), tuple(rejected), notes)
 
     def _designed(self, task: TaskSpec) -> str | None:
-        """Take one proposal as far as it goes; why it was not designed, or None."""
+        """Search and verify one proposal; return why it was rejected before the search, or None."""
         from gensim2.scenes.goal import GoalError
         from gensim2.scenes.initial_state import PlacementError
 
@@ -249,7 +258,7 @@ class PipelineRun:
             outcome = self._tested(task, strategies, folder)
         except Declined as declined:
             return self._rejected(task, folder, str(declined))
-        except (PlacementError, GoalError) as error:  # the proposal's fault, which ends no run
+        except (PlacementError, GoalError) as error:  # The proposal is at fault, so the run continues.
             return self._rejected(task, folder, error.message)
         effort = replace(effort, cpu_s=self.evaluator.cpu_s - begin - outcome.cpu_s)
         self._outcomes[-1] = replace(outcome, effort=effort)
@@ -263,7 +272,7 @@ class PipelineRun:
         return first_alike(task, self._familiar) is not None
 
     def _to_verify(self, task: TaskSpec) -> int:
-        """Episodes of its verification: of a piece that is not counted no more than usual."""
+        """Return the number of verification episodes; a familiar task gets no more than the default."""
         verify = min(self.extent.verify, VERIFY_EPISODES) if self._is_familiar(task) else self.extent.verify
         return max(verify, self.extent.demos)
 
@@ -274,9 +283,9 @@ class PipelineRun:
         return reason
 
     def _search(self, task: TaskSpec, folder: TaskFolder) -> tuple[StepStrategies, DesignEffort] | str:
-        """The ways that a search found, now or in an earlier call, or why there are none."""
+        """Return the strategies that the search found, now or in an earlier call, or the reason why it found none."""
         for thing in task.objects.values():
-            _ = self._classes[thing.asset_class]  # also where it is not needed: its notes are part of the result
+            _ = self._classes[thing.asset_class]  # for its notes, which belong to the result
         self.folder.save()
         record = read_design(folder.path)
         if record is None:
@@ -292,7 +301,6 @@ class PipelineRun:
         return record.notes[-1] if record.steps is None else (record.steps, effort)
 
     def _tested(self, task: TaskSpec, strategies: Strategies, folder: TaskFolder) -> TaskOutcome:
-        """Verify, and collect demonstrations of what is kept."""
         folder.write_strategies(strategies)
         begin = self.evaluator.cpu_s
         apart = kept_apart(self.library, task)
@@ -349,7 +357,7 @@ class PipelineRun:
 
 
 def _made(task: TaskSpec, seen: Literal["train", "all"]) -> TaskSpec:
-    """The task, and that its strategies were found by a search on objects of that word."""
+    """Return the task with its provenance: a search on training objects or on all objects found its strategies."""
     origin = "search" if task.provenance is None else task.provenance.origin
     strategies = {name: Made(by="search", seen=seen) for name in strategies_of(task)}
     return task.model_copy(update={"provenance": Provenance(origin=origin, strategies=strategies)})

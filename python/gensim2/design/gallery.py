@@ -1,4 +1,4 @@
-"""``gensim2 tasks gallery``: a page with a film of each task, in which an episode is shown that held."""
+"""Write the page of ``gensim2 tasks gallery``, with a video of one successful episode for each task."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ from gensim2.tasks.strategies import Strategies
 VIDEO, STILL = "video.mp4", "still.webp"
 
 STRIDE = 4
-"""Control steps from one frame to the next: without a GPU a picture takes a tenth of a second."""
+"""Control steps between video frames; without a GPU each frame takes a tenth of a second."""
 SPEED = 2
-"""Speed of films relative to real time."""
+"""Playback speed relative to real time."""
 
 
 class GalleryEntry:
-    """Pictures of one task of a gallery, present and planned.
+    """Video and still of one task in a gallery.
 
     Args:
-        given: the task.
-        files: its folder.
-        seed: of the gallery.
+        given: task with its strategies.
+        files: the task's folder.
+        seed: seed of the gallery.
 
     Attributes:
-        description: everything that is known of the task, as plain data.
-        seeds: of the episodes that are tried until one holds: those of ``gensim2 demo --episodes 1`` with this seed.
-        log: of those that were.
+        description: description of the task as plain data.
+        seeds: scene seeds to try until an episode succeeds, as in ``gensim2 demo --episodes 1`` with this seed.
+        log: record of the episodes that were run.
 
     Raises:
-        InputError: what an earlier run left cannot be used.
+        InputError: files of an earlier run cannot be used.
     """
 
     def __init__(self, given: TaskInput, files: TaskFolder, seed: int) -> None:
@@ -62,38 +62,38 @@ class GalleryEntry:
 
     @property
     def name(self) -> str:
-        """Of the task."""
+        """Name of the task."""
         return self.spec.name
 
     @property
     def episodes(self) -> list[Episode]:
-        """Those that were tried, in order."""
+        """Episodes that were run, in order."""
         return [self.log.done[index] for index in sorted(self.log.done)]
 
     @property
     def shown(self) -> Episode | None:
-        """The episode in the film; None where none has held."""
+        """The successful episode shown in the video, or None."""
         return next((episode for episode in self.episodes if episode.held), None)
 
     @property
     def is_finished(self) -> bool:
-        """Whether there is a film, or none to be made."""
+        """Whether the video exists, or every episode failed."""
         if self.shown is None:
             return len(self.log.done) == len(self.seeds)
         return all((self.folder / name).is_file() for name in (VIDEO, STILL))
 
     @property
     def video(self) -> str | None:
-        """Path of the film in the gallery."""
+        """Path of the video relative to the gallery, or None."""
         return self._place(VIDEO)
 
     @property
     def still(self) -> str | None:
-        """Path of the picture in the gallery."""
+        """Path of the still relative to the gallery, or None."""
         return self._place(STILL)
 
     def finish(self, episodes: Sequence[Episode]) -> None:
-        """Log the episodes that were tried; the last may have been filmed."""
+        """Log the episodes that were run; the last one may have a video."""
         for index in list(self.log.done):
             self.log.forget(index)
         for index, episode in enumerate(episodes):
@@ -108,13 +108,13 @@ class GalleryEntry:
 def film_one_that_holds(
     config: EpisodeConfig, strategies: Strategies, seeds: Sequence[int], folder: Path
 ) -> list[Episode]:
-    """Run episodes until one holds, and film that one; runs in a worker.
+    """Run episodes until one succeeds, and record a video of that episode; runs in a worker process.
 
     Returns:
-        The episodes that were run, in the order of the seeds; the last held, unless none did.
+        The episodes in the order of the seeds. The last one succeeded, or none did.
 
     Raises:
-        GenSim2Error: the replay that was filmed does not end in the goal.
+        GenSim2Error: the replay for the video does not reach the goal.
     """
     tried = []
     for seed in seeds:
@@ -139,10 +139,10 @@ class TasksGallery:
     """Result of ``tasks_gallery``.
 
     Attributes:
-        index: the page.
-        shown: seed of the episode that is shown, by task.
-        without: tasks of which no episode held, with the cause of the last.
-        skipped: tasks that these objects do not do for, with the reason.
+        index: path of the page.
+        shown: seed of the episode in the video, by task.
+        without: tasks without a successful episode, with the cause of the last failure.
+        skipped: tasks that these objects do not support, with the reason.
     """
 
     index: Path
@@ -151,7 +151,7 @@ class TasksGallery:
     skipped: dict[str, str]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
+        """Return plain data."""
         return {"schema_version": SCHEMA_VERSION, **asdict(self), "index": str(self.index)}
 
 
@@ -165,23 +165,23 @@ def tasks_gallery(
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[EvaluationArguments],
 ) -> TasksGallery:
-    """Make a folder with a page that shows each task: an episode that held, its sentence, its steps, its figures.
+    """Write a page that shows a successful episode, the sentence, the steps and the success rates of each task.
 
-    The page is written anew whenever a task is finished. Films are H.264, about 100 kB.
+    The page is updated after every task. Videos are H.264 files of about 100 kB.
 
     Args:
-        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: all of ``origin``.
-        origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
-        out: folder to write to.
-        seed: of the scenes; of the first five of each task the first that holds is shown.
-        resume: go on with the gallery that ``out`` holds.
-        progress: listener.
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/; empty: all tasks of ``origin``.
+        origin: origin of the tasks if none are named; None: the paper's suite.
+        out: output folder.
+        seed: seed of the scenes; the first successful one of five scenes is shown.
+        resume: continue the gallery in ``out``.
+        progress: progress listener.
         scene: see :class:`~gensim2.rollout.config.EvaluationArguments`.
 
     Raises:
         InputError: an argument cannot be used.
         GenSim2Error: no Vulkan driver works on this machine.
-        NotRunError: some tasks could not be run; all others are finished, and ``resume`` goes on.
+        NotRunError: some tasks could not be run; the others are finished. Call again with ``resume``.
     """
     execution = Execution.of(scene)
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)

@@ -1,7 +1,7 @@
-"""Ways to work one joint, found by search: alignments, keypoints and motions in the joint's own frame.
+"""Enumerate and vary strategies for one joint: contacts, approach directions and motions in the joint's frame.
 
-It knows nothing of any class. What it tries follows from the joint's type, from which keypoints the moving link has and
-how far they lie from the axis, and from where the joint is to go.
+The candidates depend only on the joint's type, the keypoints on the moving link, their distance from the axis and the
+goal, not on the object's class.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from gensim2.core import seeding
 from gensim2.design.affordance import Affordance
 from gensim2.design.manipulation import Axis, Direction, Manipulation, Motion
 
-#: Where a motion is to end, by where the joint is to go: beyond the ends, since what is pushed gives way late.
+#: Openness at which the motion ends for each goal; beyond the end because a pushed part lags behind.
 OPENED, CLOSED_UP, HALFWAY = 1.05, -0.1, 0.5
 
 _HALF = math.sqrt(0.5)
@@ -25,7 +25,9 @@ _NAMES = "xyz"
 
 
 def _directions() -> list[Direction]:
-    """Six axes of the joint frame, their twelve diagonals, and three directions that an arm on a table is good at."""
+    """Return the six axes of the joint frame, their twelve diagonals, and three directions that suit a table-top
+    arm.
+    """
     found = []
     for index, axis in enumerate(_AXES):
         for sign in (1.0, -1.0):
@@ -46,7 +48,7 @@ def _directions() -> list[Direction]:
 DIRECTIONS = tuple(_directions())
 
 
-#: What served often where something slides: direction, gripper, roll, behind, inset, motion, tolerance.
+#: Contacts that often work for sliding parts: direction, gripper, roll, behind, inset, motion, tolerance.
 LIKELY: tuple[tuple[str, Literal["closed", "grasp"], Axis | None, float, float, Motion, float], ...] = (
     ("straight down", "grasp", "z", 0.0, 0.0, "follow_joint_to", 0.15),
     ("straight down", "closed", None, 0.0, 0.0, "trace_joint_to", 0.05),
@@ -56,7 +58,7 @@ LIKELY: tuple[tuple[str, Literal["closed", "grasp"], Axis | None, float, float, 
 
 
 def likely(thing: Affordance, opening: bool, goal: float) -> list[Manipulation]:
-    """Alignments that are worth a try before any draw, at the keypoint furthest from the axis."""
+    """Return the alignments tried before any random draw, at the keypoint furthest from the axis."""
     if thing.joint_type != "prismatic" or not thing.lever_arms:
         return []
     named = {direction.name: direction for direction in DIRECTIONS}
@@ -79,14 +81,14 @@ def likely(thing: Affordance, opening: bool, goal: float) -> list[Manipulation]:
 
 
 def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int, what: str) -> list[Manipulation]:
-    """A seeded draw of ``count`` out of every alignment.
+    """Draw up to ``count`` alignments.
 
     Args:
-        thing: whose joint.
-        opening: whether it is to open.
-        goal: openness at which motions end.
-        count: how many at most.
-        seed, what: of the draw.
+        thing: class whose joint is moved.
+        opening: whether the joint is opened.
+        goal: openness at which the motions end.
+        count: maximum number of alignments.
+        seed, what: seed and name of the random stream.
     """
     found = list(alignments(thing, opening, goal))
     if len(found) <= count:
@@ -96,7 +98,7 @@ def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int,
 
 
 def vary(parent: Manipulation, halfway: bool, generator: Any) -> Manipulation:
-    """Another one near it: its offsets, its reach, its tolerance and where it ends are drawn anew."""
+    """Return a copy with offsets, retreat, tolerance and end openness redrawn near those of ``parent``."""
     step = 1.0 if parent.opening else -1.0
     further = 0.0 if halfway else step * generator.uniform(-0.1, 0.2)
     return replace(
@@ -111,36 +113,36 @@ def vary(parent: Manipulation, halfway: bool, generator: Any) -> Manipulation:
 
 
 def manipulation_from(provenance: dict[str, Any]) -> Manipulation:
-    """Return the manipulation whose ``provenance()`` this is."""
+    """Return the manipulation from its ``provenance()``."""
     values = dict(provenance)
     approach = values.pop("approach")
     return Manipulation(approach=Direction(approach["name"], approach["frame"], tuple(approach["vector"])), **values)
 
 
 def round_to(value: float, step: float = 0.005) -> float:
-    """Round to a multiple of ``step``, so that configs stay legible."""
+    """Round to a multiple of ``step``, so that configs stay readable."""
     return round(round(value / step) * step, 6)
 
 
 def alignments(thing: Affordance, opening: bool, goal: float) -> Iterator[Manipulation]:
-    """Yield every alignment, on a grid of directions, offsets and motions; arguments as of :func:`sample`."""
+    """Yield every alignment on a grid of directions, offsets and motions; arguments as for :func:`sample`."""
     longest = max(thing.lever_arms.values(), default=0.0)
     for keypoint in thing.lever_arms:
         if longest and thing.lever_arms[keypoint] < 0.3 * longest:
-            continue  # too near the hinge to move it
+            continue  # Too near the hinge to move the part.
         for direction in DIRECTIONS:
             yield from _pushes(keypoint, direction, opening, goal)
             yield from _grasps(keypoint, direction, opening, goal)
 
 
 def _pushes_from_the_wrong_side(direction: Direction, opening: bool) -> bool:
-    """True where the fingers would point against the motion, so the palm would have to pass through the part."""
+    """Return whether the fingers point against the motion, so that the palm would have to pass through the part."""
     along = direction.vector[1] if direction.frame == "joint" else 0.0
     return (along if opening else -along) < -0.5
 
 
 def _pushes(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Manipulation]:
-    """Closed fingers, which are nearly round: their roll is left to the solver."""
+    """Yield pushes with closed fingers; the solver chooses their roll because closed fingers are nearly round."""
     if _pushes_from_the_wrong_side(direction, opening):
         return
     motions: Sequence[Motion] = ("follow_joint_to", "trace_joint_to")
@@ -161,11 +163,11 @@ def _pushes(keypoint: str, direction: Direction, opening: bool, goal: float) -> 
 
 
 def _grasps(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Manipulation]:
-    """Fingers that close across one axis of the joint frame: without it they would miss thin parts."""
+    """Yield grasps across each axis of the joint frame; without an axis the fingers would miss thin parts."""
     axes: Sequence[Axis] = ("x", "y", "z")
     for roll, inset in itertools.product(axes, (0.0, 0.015)):
         if direction.frame == "joint" and abs(direction.vector["xyz".index(roll)]) > 0.9:
-            continue  # orthogonal already
+            continue  # This axis is already orthogonal to the approach.
         yield Manipulation(
             keypoint=keypoint,
             gripper="grasp",

@@ -1,8 +1,8 @@
-"""A way to work an object's joint, written in the joint's own frame, and the solver config that it stands for.
+"""One way to move an object's joint, described in the joint's frame, and the solver config for it.
 
-Everything is relative to the joint frame at the contact keypoint (docs/architecture.md): y is where the keypoint goes
-as the joint opens, z the axis, x away from the hinge. So one manipulation reads the same for a lid, a door and a
-drawer.
+The frame lies at the contact keypoint (docs/architecture.md): y is the direction in which the keypoint moves as the
+joint opens, z is the joint axis, x points away from the hinge. The same description therefore works for a lid, a door
+and a drawer.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ Motion = Literal["follow_joint_to", "trace_joint_to"]
 #: Position tolerance of the contact, metres.
 CONTACT_TOLERANCE = 0.001
 
-#: Metres by which the hand backs off at the end: a hand that still holds the part has not shown that it stays.
+#: Distance in metres by which the hand retreats at the end, so that the result is judged without its support.
 LET_GO = 0.06
 
 
 @dataclass(frozen=True)
 class Direction:
-    """A unit vector in a frame, with a name for people."""
+    """A unit vector in a frame, with a readable name."""
 
     name: str
     frame: Frame
@@ -33,21 +33,21 @@ class Direction:
 
 @dataclass(frozen=True)
 class Manipulation:
-    """One way to move the joint.
+    """Contact, approach and motion that move a joint.
 
     Attributes:
         keypoint: contact keypoint of the object.
-        gripper: ``"closed"`` pushes with the fingertips, ``"grasp"`` closes on the part; ``"open"`` hooks.
-        approach: where the fingers point.
-        roll: axis of the joint frame that the line between the fingers is orthogonal to, or None for any.
-        behind: metres from the keypoint to the contact, against the wanted motion.
-        inset: metres from the keypoint to the contact, towards the hinge (or against joint-frame x).
-        retreat: metres along the fingers from which the hand comes to the contact.
-        motion: post-actuation motion that follows the joint, with or without turning the hand.
-        goal_openness: where that motion ends; may overshoot.
-        tolerance: of the alignment, radians.
-        opening: whether the joint is to open.
-        let_go: metres by which the hand backs off, fingers open, when the motion is done.
+        gripper: ``"closed"`` pushes with the fingertips, ``"grasp"`` closes on the part, ``"open"`` hooks it.
+        approach: direction of the fingers.
+        roll: axis of the joint frame to which the line between the fingertips is orthogonal; None: any.
+        behind: distance in metres from the keypoint to the contact, against the wanted motion.
+        inset: distance in metres from the keypoint to the contact, towards the hinge (or against joint-frame x).
+        retreat: distance in metres along the fingers from which the hand approaches the contact.
+        motion: motion after the actuation pose that follows the joint, with or without rotating the hand.
+        goal_openness: openness at which that motion ends; may exceed the joint's range.
+        tolerance: angular tolerance of the approach direction, rad.
+        opening: whether the joint is opened.
+        let_go: distance in metres by which the open hand retreats after the motion.
     """
 
     keypoint: str
@@ -65,7 +65,7 @@ class Manipulation:
 
     @property
     def label(self) -> str:
-        """One phrase for the report."""
+        """Return one phrase for the report."""
         verb = {"closed": "push", "open": "push with open fingers", "grasp": "grasp"}[self.gripper]
         roll = f", fingers across {self.roll}" if self.roll else ""
         offset = "".join(

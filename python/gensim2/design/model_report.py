@@ -1,4 +1,4 @@
-"""Part of a report about a language model: every question and answer of a task, and what they cost."""
+"""Report section about a language model: the questions, answers and costs of each task."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 from gensim2.design.llm.conversations import ConversationRecord, read_log
 from gensim2.design.llm.store import MODEL_FOLDER, MODEL_JSON, AnswerRecord, AnswerStore
 
-#: Characters of an answer that are shown; the rest is counted.
+#: Maximum number of characters shown of an answer.
 SHOWN_ANSWER = 20_000
 
-#: The order in which a task comes to be.
+#: Stages in the order in which a task is designed.
 STAGES = (
     "proposal",
     "composition",
@@ -28,13 +28,13 @@ STAGES = (
 
 
 class ModelReport:
-    """Of one run folder.
+    """Reads the conversations of one run folder for the report.
 
     Args:
-        run_dir: the folder.
+        run_dir: run folder.
 
     Raises:
-        InputError: a file of it is damaged.
+        InputError: a file of the folder is damaged.
     """
 
     def __init__(self, run_dir: Path) -> None:
@@ -44,12 +44,14 @@ class ModelReport:
         self._conversations = read_log(folder).conversations
 
     def of_task(self, name: str) -> dict[str, Any] | None:
-        """The conversations about a task and what they cost; None where there are none."""
+        """Return the conversations about a task and their cost; None if there are none."""
         own = [each for each in self._conversations if each.subject == name]
         return self._told(own) if own else None
 
     def of_run(self) -> dict[str, Any] | None:
-        """The model, its conversations by stage, those that came to no task, the whole cost; None without a model."""
+        """Return the model, its conversations by stage, those without a task, and the total cost; None without a
+        model.
+        """
         if self._model is None:
             return None
         stages = sorted({each.stage for each in self._conversations}, key=_rank)
@@ -98,7 +100,7 @@ class ModelReport:
         }
 
     def _sums(self, conversations: Iterable[ConversationRecord]) -> dict[str, Any]:
-        """Answers, retries, tokens and USD; ``cost`` is None where no prices are known."""
+        """Return totals of answers, retries, tokens and USD; ``cost`` is None if the prices are unknown."""
         records = [self._store.record(turn.answer) for each in conversations for turn in each.turns]
         found: list[AnswerRecord] = [record for record in records if record is not None]
         costs = [record.cost for record in found]

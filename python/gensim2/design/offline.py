@@ -1,7 +1,7 @@
-"""A designer that needs no key: rules first, then a search over alignments, keypoints and motions.
+"""A designer without a language model: rules first, then a search over alignments, keypoints and motions.
 
-Tasks of one step come from what objects afford, longer ones from those by their pre- and post-conditions. Physics says
-what holds.
+Single-step tasks follow from what objects afford; long tasks combine them by their pre- and postconditions. Simulation
+decides which strategies are kept.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 
-#: Kinds of long tasks, each a function of what is known; they take turns in this order.
+#: Generators of long tasks by kind; the designer takes turns between them in this order.
 FAMILIES: list[Family] = [
     chores.FAMILIES["pairs"],
     serving.FAMILIES["serve"],
@@ -48,11 +48,10 @@ FAMILIES: list[Family] = [
 
 
 def long_tasks(brief: Brief) -> Iterator[TaskSpec | None]:
-    """Yield long tasks that can be made of what is known, families in turn, none of a name that is there, and none that
-    is no news.
+    """Yield new long tasks that can be composed from known ones, one kind after the other; names are never repeated.
 
-    What is known is looked at when a task's turn has come, so that what a run keeps meanwhile counts. None: there is
-    nothing new for now.
+    The known tasks are read anew for each proposal, so that tasks kept in the meantime are used. None means that
+    nothing new can be composed at present.
     """
     proposed: set[str] = set()
     while True:
@@ -72,23 +71,23 @@ def long_tasks(brief: Brief) -> Iterator[TaskSpec | None]:
 
 
 def wanted_ends(brief: Brief) -> set[tuple[str, str]]:
-    """Classes and goals that long tasks are made of."""
+    """Return the joint goals (class and end state) that long tasks are composed of."""
     kept_in = {name for name, thing in brief.classes.items() if thing.is_container and belongs(name)}
     return chores.wanted_ends() | {(name, end) for name in kept_in for end in ENDS}
 
 
-#: Alignments drawn for a joint beside the rules, at first, and once more where those beside them hold too seldom.
+#: Number of alignments drawn for a joint in the first round, and in the second if success rates are still low.
 FIRST_DRAW, SECOND_DRAW = 8, 60
 
-#: How many of the best are varied in a round of refinement, and how often each.
+#: Number of the best candidates varied in each round, and of variations of each.
 REFINE_PARENTS = 3
 REFINE_CHILDREN = 4
 REFINE_ROUNDS = 3
 
-#: Tasks of one step that are proposed before the first long one, which needs some to be made of.
+#: Number of single-step tasks proposed before the first long task, which needs some of them.
 FIRST_SINGLE = 12
 
-#: Strategies of one step that is done by several.
+#: Maximum number of strategies combined for one step.
 TEAM = 3
 
 OPENING: dict[Goal, bool] = {
@@ -100,16 +99,16 @@ OPENING: dict[Goal, bool] = {
 
 
 class OfflineDesigner:
-    """Proposes what the library lacks and searches for how to do it."""
+    """Proposes tasks that the library lacks, and searches for strategies without a language model."""
 
     name = "offline"
     notes: Sequence[str] = ()
 
     def open(self, folder: Path) -> None:
-        """It keeps no records of its own."""
+        """Do nothing: this designer keeps no records."""
 
     def propose(self, brief: Brief, seed: int) -> Iterator[TaskSpec]:
-        """Yield tasks of one step, and soon in turn with them such as can be made of what is known by then."""
+        """Yield single-step tasks, and after the first few alternate with long tasks composed of known ones."""
         known = [each.task for each in brief.known]
         wanted = wanted_ends(brief)
         single = proposals.propose(brief.classes, known, brief.settings.stroke, brief.familiar, wanted)
@@ -122,7 +121,9 @@ class OfflineDesigner:
             yield from found
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """Return the first round: all rules together, each alone, and for a joint a draw of alignments beside them."""
+        """Return the first candidates: all rules together, each rule alone, and for a joint also a draw of
+        alignments.
+        """
         if task.is_single_step and (goal := proposals.joint_goal(task)) is not None:
             step, thing = task.steps[0], brief.classes[goal[0]]
             if not thing.lever_arms:
@@ -139,7 +140,7 @@ class OfflineDesigner:
     def refine(
         self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
     ) -> list[Candidate]:
-        """Put the best together, vary those that were drawn, and draw more of what is likely by how all fared."""
+        """Return combinations and variations of the best candidates, and new alignments chosen by earlier results."""
         if round >= REFINE_ROUNDS:
             return []
         seen = {str(result.candidate.steps) for result in results}
@@ -161,7 +162,6 @@ class OfflineDesigner:
 
     @staticmethod
     def _ways(task: TaskSpec, step: Step, brief: Brief) -> Strategies:
-        """Return known strategies for one step of a long task."""
         things = brief.of(task)
         thing = things[step.object]
         if step.tool == HAND and thing.kind == "rigid":
@@ -192,7 +192,6 @@ def _drawn(task: TaskSpec, thing: Affordance, goal: Goal, count: int, seed: int)
 
 
 def _end(goal: Goal) -> float:
-    """Openness at which motions end."""
     ends = {"articulated_open": joint_search.OPENED, "articulated_closed": joint_search.CLOSED_UP}
     return ends.get(goal, joint_search.HALFWAY)
 
@@ -205,13 +204,13 @@ def _candidate(task: TaskSpec, manipulation: Manipulation) -> Candidate:
 
 
 def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
-    """The best that held at all, two and three at once, each with the first in front."""
+    """Return the two and the three best candidates that succeeded at least once, the best one first."""
     alone = [result for result in results if result.held and len(result.candidate.strategies) == 1]
     return [alone[:count] for count in range(2, TEAM + 1) if len(alone) >= count]
 
 
 def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
-    """One candidate that does a step as several do: as the first where that can be planned, else as the next."""
+    """Return a candidate that tries several strategies for a step, in order, until one can be planned."""
     ways: Strategies = {}
     for number, result in enumerate(group, 1):
         ((name, data),) = result.candidate.strategies.items()
@@ -221,7 +220,9 @@ def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
 
 
 def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
-    """All ways of all steps; and the same with those of one or of every step in another order of preference."""
+    """Return the candidate with all strategies of all steps, and copies with another preference for one or all
+    steps.
+    """
     turned = {name: dict([*list(own.items())[1:], *list(own.items())[:1]]) for name, own in ways.items()}
     found = [Candidate("every step by its first rule that serves", ways, {"turned": []})]
     several = [name for name, own in ways.items() if len(own) > 1]
@@ -234,7 +235,7 @@ def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
 
 
 def _reordered(results: Sequence[CandidateResult]) -> list[Candidate]:
-    """The best, with the first two rules of the step changed that its failures blame most."""
+    """Return the two best candidates with the first two strategies of their most blamed step swapped."""
     found = []
     for result in results[:2]:
         blamed = next((each.step for each in result.diagnoses if each.step in result.candidate.steps), None)

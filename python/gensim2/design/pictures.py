@@ -1,4 +1,4 @@
-"""Pictures that go along with what a designer is told; drawn when they are first read."""
+"""Pictures for designers, rendered on first use."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LazyPicture:
-    """A PNG.
+    """A PNG image that is rendered on first use.
 
     Attributes:
-        of: what it shows, exactly: two pictures of the same are the same, whatever draws them. A recorded run is
-            replayed where nothing can be drawn.
-        make: draws it, at its first look after seconds. Raises GenSim2Error where nothing can be drawn.
+        of: description that identifies the content; equal descriptions mean equal pictures. A recorded run can
+            therefore be replayed on a machine that cannot render.
+        make: renders the picture, which takes seconds at first. Raises GenSim2Error if this machine cannot render.
     """
 
     of: str

@@ -1,4 +1,4 @@
-"""Which tasks of one step objects afford, in the words of people: by its joint, its openness, its size."""
+"""Propose single-step tasks from an object's joint, openness and size, in everyday words."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from gensim2.tasks.criteria import (
 )
 from gensim2.tasks.spec import HAND, TABLE, ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
 
-#: Usefulness of a phrase below which a task is proposed only when nothing better is left.
+#: A task whose phrase is less useful than this is proposed only if nothing better is left.
 ASKED_FOR = 0.5
 
-#: Half the width of the band from which the initial openness is drawn, as in the paper's scenes.
+#: Half the width of the range of the initial openness, as in the paper's scenes.
 OPENNESS_SPREAD = 0.15
 
-#: Mean and spread of the openness of what is to start shut, and open.
+#: Mean and spread of the initial openness of a closed and of an open object.
 SHUT_AT, OPEN_AT = (0.05, 0.05), (0.95, 0.05)
 
-#: Metres by which something is lifted: half of what a grasp lifts by.
+#: Height in metres by which an object must be lifted: half the height of a grasp's lift.
 LIFT = 0.06
 
-#: Tasks that differ in nothing but the rigid object, and how likely anybody is to ask for one.
+#: Maximum number of tasks that differ only in the rigid object, and their usefulness.
 RIGID, RIGID_USEFUL = 3, 0.8
 
 Direction = Literal["left", "right", "away"]
 
-#: Ways to hand something over: name, sentence, and where it begins, x and y in the world.
+#: Ways to hand an object over: name, sentence, and start position (x, y) in the world, m.
 HANDING: dict[Direction, tuple[str, str, tuple[float, float]]] = {
     "left": ("Hand{}ToTheLeft", "hand the {} to the person on the left", (-0.1, 0.0)),
     "right": ("Hand{}ToTheRight", "hand the {} to the person on the right", (-0.1, 0.0)),
@@ -48,7 +48,7 @@ GOALS: tuple[Goal, ...] = get_args(Goal)
 
 
 def joint_goal(task: TaskSpec) -> tuple[str, Goal] | None:
-    """Return which class a task of one step brings to which openness; None for a task that is something else."""
+    """Return the class and the goal of a single-step joint task; None for any other task."""
     if not task.is_single_step or len(task.success) != 1:
         return None
     criterion = task.success[0]
@@ -62,12 +62,12 @@ def joint_goal(task: TaskSpec) -> tuple[str, Goal] | None:
 
 
 def goal_of(task: TaskSpec) -> str:
-    """Return the types of the criteria that must hold in the end, in one phrase."""
+    """Return the types of the criteria that must hold at the end, in one phrase."""
     return ", ".join(criterion.type for criterion in task.success)
 
 
 def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
-    """Return the task of bringing an object of this class to ``goal``: one object, one step, in people's words."""
+    """Return the task that brings an object of this class to ``goal``, with one object and one step."""
     phrase = phrase_of(thing, goal)
     assert phrase is not None, f"no phrase asks for {thing.asset_class} to be {goal}"
     role = role_of(phrase.noun)
@@ -85,22 +85,21 @@ def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
 
 
 def phrase_of(thing: Affordance, goal: Goal) -> Phrase | None:
-    """Return the phrase by which a person asks for it; None where there is none."""
+    """Return the everyday phrase for the goal, or None."""
     if goal in ("half_open", "half_closed"):
         return halfway(thing.asset_class, goal)
     return words(thing.asset_class, goal, thing.joint_type or "revolute")  # type: ignore[arg-type]
 
 
 def criterion_of(role: str, goal: Goal) -> Criterion:
-    """Return the criterion of an object whose joint is brought to ``goal``."""
+    """Return the criterion for an object whose joint is brought to ``goal``."""
     if goal == "articulated_open":
         return ArticulatedOpen(object=role)
     return ArticulatedClosed(object=role) if goal == "articulated_closed" else ArticulatedBetween(object=role)
 
 
 def start(thing: Affordance, goal: Goal, **given: Any) -> Randomization:
-    """Ranges of a scene in which ``goal`` is left to be done: the object's own openness, or where that is there already
-    the other end."""
+    """Return ranges of a scene in which ``goal`` does not hold yet: the object's own openness, or the opposite end."""
     if goal in ("half_open", "half_closed") or not _undone(thing, goal):
         mean, spread = SHUT_AT if goal in ("articulated_open", "half_open") else OPEN_AT
         return Randomization(openness_mean=mean, openness_spread=spread, **given)
@@ -108,7 +107,7 @@ def start(thing: Affordance, goal: Goal, **given: Any) -> Randomization:
 
 
 def goals(thing: Affordance) -> list[Goal]:
-    """Return the goals that people ask for and that can be left undone: what hangs falls shut by itself."""
+    """Return the goals that people ask for and that can be unmet at first; a hanging part closes by itself."""
     hangs = thing.joint_type == "prismatic" and thing.joint_axis == "vertical"
     return [
         goal
@@ -153,11 +152,18 @@ def propose(
     familiar: Iterable[TaskSpec] = (),
     wanted: Collection[tuple[str, str]] = (),
 ) -> Iterator[TaskSpec]:
-    """Yield tasks of one step that ``known`` lacks, no two of one name.
+    """Yield single-step tasks that ``known`` lacks, without repeated names.
 
-    First one a class, its most useful one, opening and closing in turn where both are as useful; then the others, the
-    most useful ones first. What hardly anybody would ask for (below ``ASKED_FOR``) comes last. What longer tasks are
-    made of (``wanted``: classes and goals) comes before all that; only as such is proposed what is ``familiar``.
+    First come the tasks that longer tasks are composed of (``wanted``). Then comes the most useful task of each class,
+    with opening and closing in turn if both are equally useful; then the others by usefulness. Tasks that are rarely
+    asked for (below ``ASKED_FOR``) come last.
+
+    Args:
+        classes: affordance by class name.
+        known: existing tasks.
+        stroke: maximum opening of the gripper, m.
+        familiar: tasks that are proposed only if ``wanted`` contains their goal.
+        wanted: joint goals (class and goal) that longer tasks are composed of.
     """
     known = list(known)
     names = {task.name for task in known}
@@ -189,8 +195,8 @@ def propose(
 
 
 def redesigned(task: TaskSpec) -> TaskSpec:
-    """Return the task with one strategy a step, under the name of the first, which a designer is to write: how the
-    former ones came about is not said of it.
+    """Return the task with one strategy for each step, to be written by a designer, and without the strategies'
+    provenance.
     """
     steps = tuple(step.model_copy(update={"strategies": step.strategies[:1]}) for step in task.steps)
     provenance = None if task.provenance is None else Provenance(origin=task.provenance.origin)
@@ -198,12 +204,12 @@ def redesigned(task: TaskSpec) -> TaskSpec:
 
 
 def holdable(thing: Affordance, stroke: float) -> bool:
-    """Whether two fingers get around a rigid object, and it is not too flat for them on a table."""
+    """Return whether two fingers fit around a rigid object that is thick enough to be grasped from a table."""
     return thing.kind == "rigid" and 0.0 < (thing.grip_width or 0.0) < stroke - 0.005 and thing.size[2] > 0.015
 
 
 def role_of(noun: str) -> str:
-    """A noun as an object's name in a task; what a task cannot call an object gets an article."""
+    """Return the noun as a valid object name in a task; an article is added if the noun alone is reserved."""
     role = in_ascii(noun).lower().replace(" ", "_").replace("'", "")[:50]
     return f"the_{role}" if role in (HAND, TABLE) or not role[0].isalpha() else role
 
@@ -224,7 +230,7 @@ def _usefulness(thing: Affordance, goal: Goal) -> float:
 
 
 def _undone(thing: Affordance, goal: Goal) -> bool:
-    """Whether every start at the object's own openness leaves an end undone."""
+    """Return whether the goal is unmet at every initial openness of the object."""
     openness = thing.default_openness or 0.0
     if goal == "articulated_open":
         return openness + OPENNESS_SPREAD < OPEN

@@ -1,4 +1,4 @@
-"""Import of a run's kept tasks into the user's library: ``gensim2 tasks add``, and the end of ``run-pipeline``."""
+"""Add kept tasks to the user's library, for ``gensim2 tasks add`` and at the end of ``run-pipeline``."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from gensim2.tasks.memory import LEAST_EPISODES, LEAST_SHARE, KnownTaskError, Me
 from gensim2.tasks.spec import Provenance, Verified
 
 BY_HAND = "hand"
-"""Origin of a task that names none."""
+"""Origin of a task whose spec names no origin."""
 
 
 def add_task(
@@ -43,21 +43,21 @@ def add_task(
     progress: Progress = NULL_PROGRESS,
     **given: Unpack[RunArguments],
 ) -> Remembered:
-    """Run fresh episodes of a task with its strategies and add it to a library where enough of them hold.
+    """Run fresh episodes of a task and add it to a library if enough of them succeed.
 
     Args:
-        folder: holds task.yaml and strategies/.
-        episodes: of the verification, at least ``LEAST_EPISODES``.
-        seed: of the scenes.
-        memory: default: the user's library.
-        progress: listener.
+        folder: folder that holds task.yaml and strategies/.
+        episodes: number of verification episodes, at least ``LEAST_EPISODES``.
+        seed: seed of the scenes.
+        memory: library; default: the user's library.
+        progress: progress listener.
         given: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Raises:
         InputError: the folder or an argument cannot be used, or there is no library.
-        KnownTaskError: the library has the task already, which is said before anything is run.
-        UnverifiedTaskError: too few episodes held; says how many, and why the others did not.
-        NotRunError: episodes could not be run.
+        KnownTaskError: the library has the task already; raised before any episode.
+        UnverifiedTaskError: too few episodes succeeded; gives the number and the causes of failure.
+        NotRunError: some episodes could not be run.
     """
     check_counts(episodes=episodes)
     execution = Execution.of(given)
@@ -71,7 +71,8 @@ def add_task(
         task = task.model_copy(update={"provenance": Provenance(origin=BY_HAND)})
     memory.check_new(task, read.strategies)
     seeds = scene_seeds(seed, task.name, "verify", episodes)
-    # What its author tried it on is unknown, so that generated objects are new ones and others any of the folder's.
+    # The author's instances are unknown. Generated classes therefore use new objects, other classes all of the
+    # folder's.
     apart = kept_apart(read.library, task)
     drawn = apart.verification(episodes, seed) if read.instances == "all" else [read.instances] * episodes
     kind = apart.kind if read.instances == "all" else "all"
@@ -93,12 +94,12 @@ def add_task(
 
 @dataclass(frozen=True)
 class Remembered:
-    """Outcome for the tasks that a run kept.
+    """Result of adding the tasks that a run kept.
 
     Attributes:
-        library: folder of the library; None: there is none.
-        added: names of those that are in the library now.
-        left_out: why the others are not, by name.
+        library: folder of the library; None: there is no library.
+        added: names of the run's tasks that are now in the library.
+        left_out: reason for each of the other tasks, by name.
     """
 
     library: str | None
@@ -107,11 +108,11 @@ class Remembered:
 
 
 def verified(verification: Verification, seed: int) -> Verified:
-    """Summarise the episodes of a verification, as part of a task's provenance.
+    """Summarize the episodes of a verification for a task's provenance.
 
     Args:
-        verification: of the task.
-        seed: of the run.
+        verification: verification of the task.
+        seed: seed of the run.
     """
     tally = verification.tally
     low, high = interval(tally.held, tally.episodes)
@@ -126,10 +127,10 @@ def verified(verification: Verification, seed: int) -> Verified:
 
 
 def known_before(run: Path | None) -> tuple[str, ...]:
-    """Names of the tasks that the library has, without what this very run has added: it may be resumed.
+    """Return the names of the library's tasks, except those that this run added before it was resumed.
 
     Args:
-        run: its folder; None: one that is still to be made.
+        run: run folder; None: the run is new.
     """
     memory = Memory()
     if run is None or not memory.is_there:
@@ -139,24 +140,24 @@ def known_before(run: Path | None) -> tuple[str, ...]:
 
 
 def _verify_anew(folder: Path, record: RunRecord) -> str:
-    """The command that verifies a task on the objects and in the scenes of its run, as a shell takes it."""
+    """Return the shell command that verifies a task with the objects and scenes of its run."""
     words = ["gensim2", "tasks", "add", str(folder)]
     for name in ("assets", "instances", "engine", "physics", "robot", "randomization"):
         told = record.arguments.get(name)
-        if isinstance(told, str):  # a mixture of physics is a file's, whose name is not recorded
+        if isinstance(told, str):  # The record does not name the file of a mixture of physics settings.
             words += [f"--{name}", told]
     return shlex.join(words)
 
 
 def remember(run: Path, memory: Memory | None = None) -> Remembered:
-    """Add the tasks that a run designed and kept to a library; to do so again changes nothing.
+    """Add the tasks that a run designed and kept to a library; repeated calls change nothing.
 
     Args:
         run: folder of ``gensim2 run-pipeline``.
-        memory: default: the user's library.
+        memory: library; default: the user's library.
 
     Raises:
-        InputError: there is no such run, a file of it cannot be used, or the library cannot be written to.
+        InputError: the run folder is missing or damaged, or the library cannot be written to.
     """
     memory = memory or Memory()
     if not memory.is_there:

@@ -1,4 +1,4 @@
-"""``report.html``: everything a run found out, on one page that needs nothing but the run folder."""
+"""Write ``report.html``: all results of a run on one page, made from the run folder alone."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import Step, TaskSpec
 from gensim2.tasks.wording import criteria_in_words, name_in_words
 
-#: Candidates shown of a design; the rest are counted.
+#: Maximum number of candidates shown for a task.
 SHOWN_CANDIDATES = 12
 
 
@@ -34,7 +34,7 @@ def write_report(run_dir: Path) -> Path:
     """Write ``report.html`` from the files of a run folder, finished or not, and return its path.
 
     Raises:
-        InputError: ``run_dir`` holds no run, a link leads out of it, or one of its files cannot be read.
+        InputError: ``run_dir`` holds no run, a link leads out of the folder, or a file cannot be read.
     """
     ForeignTree(run_dir).refuse_links_out()
     run = read_record(run_dir / RUN_JSON, RunRecord, "restore the file")
@@ -66,7 +66,7 @@ def write_report(run_dir: Path) -> Path:
 
 @contextlib.contextmanager
 def reported(run_dir: Path) -> Iterator[None]:
-    """Leave a report behind, however the block ends; except where a file of the folder cannot be read."""
+    """Write the report when the block ends, also after an exception, unless a file of the folder is unreadable."""
     try:
         yield
     except InputError:
@@ -132,7 +132,7 @@ def _verification(verification: Verification | None, spec: TaskSpec | None) -> d
 
 
 def _figures(episodes: Sequence[Episode], spec: TaskSpec | None) -> dict[str, Any]:
-    """Return the figures of episodes for a page: verdicts with their intervals, causes, objects, steps."""
+    """Return the figures of episodes for a page: verdicts with confidence intervals, causes, objects, steps."""
     tally = Tally.of(episodes)
     names = [step.name for step in spec.steps] if spec is not None else []
     return {
@@ -228,7 +228,6 @@ def _why_rejected(task: dict[str, Any]) -> str:
 
 
 def _licenses(licenses: dict[str, str]) -> list[tuple[str, list[str]]]:
-    """Each licence with the objects under it."""
     objects: dict[str, list[str]] = {}
     for name, license in sorted(licenses.items()):
         objects.setdefault(license, []).append(name)
@@ -240,7 +239,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _beside(folder: Path, pattern: str) -> str | None:
-    """Path of the first match, relative to the run folder."""
+    """Return the path of the first match relative to the run folder, or None."""
     found = sorted(folder.glob(pattern))
     return f"{folder.parent.name}/{folder.name}/{found[0].name}" if found else None
 

@@ -1,4 +1,4 @@
-"""``gensim2 run-pipeline``: propose, design, verify, keep, demonstrate; whatever is finished stays finished."""
+"""Run the pipeline of ``gensim2 run-pipeline``; a resumed run repeats no finished work."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def run_pipeline(
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[RunArguments],
 ) -> PipelineResult:
-    """Design new tasks, verify them in physics and collect demonstrations of those that hold.
+    """Design new tasks, verify them in simulation and collect demonstrations of the successful ones.
 
     Example:
         ```python
@@ -66,33 +66,33 @@ def run_pipeline(
         ```
 
     Args:
-        num_tasks: number of tasks to keep; fewer if the library affords fewer, and the notes say so. ``single`` and
-            ``long`` take its place where one of them is given.
-        single, long: number of tasks of one step, and of several; both 0: ``stored_tasks`` alone.
+        num_tasks: number of tasks to keep; fewer, with a note, if the library does not support as many. Ignored if
+            ``single`` or ``long`` is given.
+        single, long: number of single-step and of long tasks to keep; with both 0, only ``stored_tasks`` are run.
         verify: number of fresh episodes that decide whether a task is kept.
-        from_empty: the designer knows of no task; else of all that are stored, and proposes none of them again. What
-            repeats the paper's suite is then made as a piece of longer tasks at best, and not counted.
-        episodes: number of demonstrations to keep of each task; 0: none.
-        seed: seed of every draw.
+        from_empty: hide the stored tasks from the designer. By default it knows all of them and proposes none again.
+            With this option, a task that repeats the paper's suite serves only as a part of longer tasks and does not
+            count.
+        episodes: number of demonstrations to keep for each task.
+        seed: seed of every random draw.
         out: run folder; default ``runs/<date>-<time>``.
-        target_task: design this task of the task library anew, with that task hidden from the designer.
-        stored_tasks: tasks of the library that are also verified and demonstrated, with the strategies stored there.
-        resume: go on with the run that ``out`` holds.
+        target_task: redesign this library task without using its stored solution.
+        stored_tasks: library tasks to verify and demonstrate with their stored strategies, in addition.
+        resume: continue the run in ``out``.
         designer: ``"offline"``, or a :class:`~gensim2.design.base.Designer`.
-        video: film each kept task where this machine can render.
-        budget: episodes and rounds of the search of each task; None: the usual ones.
+        video: record a video of each kept task if this machine can render.
+        budget: episodes and rounds of the search for each task; None: the defaults.
         progress: listener for stages and steps.
-        scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``, as
-            :class:`~gensim2.rollout.config.RunArguments` has them. Demonstrations draw from ``instances``, search
-            and verification keep theirs apart; only tasks on objects that have such instances are proposed.
+        scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``; see
+            :class:`~gensim2.rollout.config.RunArguments`. Demonstrations use ``instances``; search and verification use
+            separate instances. Tasks are proposed only on classes that have matching instances.
 
     Returns:
-        The run folder, every task that was designed with its verification, and the proposals that were rejected.
+        The run folder, every designed task with its verification, and the rejected proposals.
 
     Raises:
         InputError: an argument cannot be used.
-        NotRunError: some jobs could not be run; what else there was to do with the task at hand is done, and
-            ``resume`` goes on.
+        NotRunError: some jobs could not be run; the rest of the current task is finished. Call again with ``resume``.
     """
     wanted = Wanted(num_tasks) if single is None and long is None else _by_kind(single or 0, long or 0)
     check_counts(verify=verify)
@@ -109,7 +109,7 @@ def run_pipeline(
     options, rollout = scene_options(**scene), RolloutOptions(open_loop=scene.get("open_loop", False))
     library, instances = open_library(options.assets), instances_word(**scene)
     if target is not None:
-        chosen_word(target, library, instances, seed)  # what is not there is said before anything starts
+        chosen_word(target, library, instances, seed)  # Report a class without such instances before any work starts.
     elif not any(has_instances(library, name, instances) for name in library.classes()):
         raise InputError(f"no class of {library.location} has the instances {instances!r}", field="instances")
     stored = [read_task_input(name, seed=seed, **scene) for name in dict.fromkeys(stored_tasks)]

@@ -1,13 +1,13 @@
-"""Search for strategies that work: screen by planning, thin by successive halving in physics, refine the best.
+"""Search for strategies that work: screen by planning, select by successive halving in simulation, refine the best.
 
-Planning is cheap, so every candidate is planned on a few scenes first. What plans goes to physics, a few episodes each;
-the better half gets more episodes, and so on, so that effort goes where it can pay. As long as the best holds nearly
-always it alone goes on, and ends the search when it has done so for long enough. Otherwise leaders that are within the
-noise of each other get more episodes until one is ahead, or they are called equal, the designer varies the best, and
-they are compared again; until a task is hopeless, or the budget is spent.
+Planning is cheap, so every candidate is planned on a few scenes first. Those with a plan are simulated for a few
+episodes each; the better half gets more episodes, and so on. If the best candidate succeeds nearly always, only that
+candidate continues, and it ends the search after enough episodes. Otherwise candidates whose success rates differ by no
+more than chance get more episodes until one leads or all count as equal. The designer then varies the best ones, and
+they are compared again, until the task is judged hopeless or the budget is spent.
 
-Candidates are ranked by how often they hold. Where that tells the first ones apart by no more than chance would, the
-strict verdict decides among them.
+Candidates are ranked by success rate. If the leaders' rates differ by no more than chance, the strict success rate
+decides.
 """
 
 from __future__ import annotations
@@ -33,38 +33,38 @@ from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies
 
 LEADERS = 1.96
-"""Standard errors of the difference within which two candidates are in the noise of each other."""
+"""Candidates count as equal if their success rates differ by fewer standard errors than this."""
 
 
 class Evaluator(Protocol):
-    """Interface of the search to the simulator; the same interface serves one process or many."""
+    """Interface of the search to the simulator, for one process or many."""
 
     def screen(
         self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
     ) -> list[list[Screened]]:
-        """Plan each candidate on each seed's scene: for each candidate, one result a seed."""
+        """Plan each candidate on the scene of each seed; return one list of results for each candidate."""
         ...
 
     def trials(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
-        """Run (strategies of each step, seed) episodes in physics, in order."""
+        """Simulate one episode for each job (strategies of each step, seed), and return the episodes in order."""
         ...
 
 
 @dataclass(frozen=True)
 class Budget:
-    """Budget of the search; all of it in counts, none in seconds.
+    """Budget of a search, in counts rather than seconds so that results do not depend on the machine.
 
     Attributes:
-        screen_scenes: scenes on which every candidate is planned.
-        rounds: (candidates, episodes each) of successive physics rounds of the first generation.
+        screen_scenes: number of scenes on which every candidate is planned.
+        rounds: (candidates, episodes for each) of the successive simulation rounds of the first candidates.
         refine_episodes: episodes of each refined candidate.
-        comparison: (candidates at once, episodes each) of the comparisons before and after each refinement.
-        max_episodes: of a candidate; leaders with so many that are still within the noise are called equal.
-        enough, enough_strict: a candidate that holds and that meets the strict verdict at these rates over at least
-            ``enough_episodes`` episodes ends the search. For the strict verdict's sake there is one refinement at most.
-        enough_episodes: see ``enough``; a candidate with fewer neither ends the search nor wins it.
-        hopeless: where after a refinement no candidate holds at a greater rate than this, there is no other.
-        max_physics_episodes: episodes of physics after which candidates are neither compared nor refined any further.
+        comparison: (candidates at once, episodes for each) of the comparisons before and after each refinement.
+        max_episodes: maximum episodes of a candidate; leaders that are still indistinguishable then count as equal.
+        enough, enough_strict: success rate and strict success rate, over at least ``enough_episodes`` episodes, that
+            end the search. A low strict rate alone causes at most one refinement.
+        enough_episodes: minimum episodes of a candidate that ends or wins the search.
+        hopeless: the search ends if no candidate exceeds this success rate after a refinement.
+        max_physics_episodes: number of simulated episodes after which no candidates are compared or refined.
     """
 
     screen_scenes: int = 3
@@ -79,7 +79,7 @@ class Budget:
     max_physics_episodes: int = 150
 
 
-#: Of a task of several steps, whose episodes take ten times as long and whose candidates are few.
+#: Budget for long tasks, whose episodes take ten times as long and whose candidates are few.
 LONG_BUDGET = Budget(
     screen_scenes=2,
     rounds=((3, 1), (2, 2)),
@@ -94,21 +94,21 @@ LONG_BUDGET = Budget(
 
 
 def budget_for(task: TaskSpec) -> Budget:
-    """The usual budget of a search for this task."""
+    """Return the default budget of a search for this task."""
     return Budget() if task.is_single_step else LONG_BUDGET
 
 
 class Search:
-    """One search for one task.
+    """Strategy search for one task.
 
     Args:
-        config: the task, and which instances the search may see.
-        brief: what the designer is told.
+        config: the task, and the instances that the search may use.
+        brief: input of the designer.
         designer: writes the candidates.
-        evaluator: tries them.
-        seed: of everything that is drawn.
-        budget: how much it may spend.
-        progress: listener.
+        evaluator: plans and simulates them.
+        seed: seed of every random draw.
+        budget: budget of the search.
+        progress: progress listener.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class Search:
         self._notes: list[str] = []
 
     def run(self) -> Design:
-        """Return the search's outcome; ``chosen`` is None where nothing held even once."""
+        """Run the search; ``chosen`` is None if no episode succeeded."""
         first = self._screen(self.designer.candidates(self.task, self.brief, self.seed))
         everything = {self._key(result): result for result in first}
         standing = [result for result in first if result.plan_score > 0]
@@ -148,7 +148,7 @@ class Search:
                     break
             if round_index and self._hopeless(standing):
                 break
-            # What stood in the way of those that fell out says where not to look.
+            # The failures of dropped candidates show the designer which choices to avoid.
             learned = [*standing, *self._sorted([each for each in everything.values() if each not in standing])]
             children = self.designer.refine(self.task, self.brief, learned, self.seed, round_index)
             if not children:
@@ -192,7 +192,7 @@ class Search:
         return self._spread(results)
 
     def _spread(self, results: Sequence[CandidateResult]) -> list[CandidateResult]:
-        """Order by plan score, equals in a seeded order, so that neighbours in the grid do not crowd out others."""
+        """Order by plan score, with ties in a seeded order, so that similar neighbours do not crowd out the rest."""
         order = seeding.rng(self.seed, f"{self.task.name}/spread").permutation(len(results))
         return sorted((results[index] for index in order), key=lambda result: -result.plan_score)
 
@@ -215,8 +215,9 @@ class Search:
         return self._sorted(updated)
 
     def _compare(self, standing: Sequence[CandidateResult], round_index: int) -> list[CandidateResult]:
-        """Give further episodes to the best as long as it promises to be enough, else to the first few within the noise
-        of it, until one is ahead or all are equal."""
+        """Run further episodes of the best candidate if it may end the search, else of those equal to it, until one
+        leads or all count as equal.
+        """
         count, episodes = self.budget.comparison
         known = {self._key(result): result for result in standing}
         while True:
@@ -245,12 +246,12 @@ class Search:
         )
 
     def _promises(self, result: CandidateResult) -> bool:
-        """Whether it can still be enough after ``enough_episodes``."""
+        """Return whether the candidate can still reach the rate that ends the search."""
         budget = self.budget
         return result.held > 0 and result.episodes - result.held <= (1 - budget.enough) * budget.enough_episodes
 
     def _hopeless(self, standing: Sequence[CandidateResult]) -> bool:
-        """Whether a further refinement is not worth its episodes."""
+        """Return whether a further refinement is not worth its episodes."""
         best = max((result.held / result.episodes for result in standing if result.episodes), default=0.0)
         return best <= self.budget.hopeless or self._spent
 
@@ -271,7 +272,7 @@ class Search:
 
 
 def _is_tied(result: CandidateResult, best: CandidateResult, errors: float = 1.0) -> bool:
-    """Whether a candidate holds less often than the best by no more than so many standard errors of that difference."""
+    """Return whether a candidate's success rate lies within ``errors`` standard errors of the best one's."""
     if not result.held:
         return False
     rate = (result.held + best.held + 1) / (result.episodes + best.episodes + 2)
@@ -280,7 +281,7 @@ def _is_tied(result: CandidateResult, best: CandidateResult, errors: float = 1.0
 
 
 def _compared(standing: Sequence[CandidateResult]) -> str:
-    """Describe in one sentence the winner, its lead and its equals."""
+    """Return one sentence about the winner, its lead and its equals."""
     best = standing[0]
     low, high = interval(round(best.held), best.episodes)
     equal = [other for other in standing[1:] if other.episodes and _is_tied(other, best, LEADERS)]

@@ -1,4 +1,4 @@
-"""Long tasks about plates and bowls: something is put there, two things are, on both one."""
+"""Draft long tasks that put one or two objects on a plate, into a bowl, or one on each."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gensim2.objects.words import belongs, camel_case
 from gensim2.tasks.criteria import RigidOnRigid
 from gensim2.tasks.spec import ObjectSpec, Place
 
-#: Where a bowl or a plate stands, alone and with another.
+#: Position (x, y) in metres of a bowl or a plate, alone and beside a second one.
 SUPPORT_AT = (-0.1, 0.1)
 BOTH_AT = ((-0.05, 0.16), (-0.05, -0.16))
 SUPPORTS = ("bowl", "plate")
 
 
 def served(brief: Brief, count: int) -> Iterator[Draft]:
-    """So many things are put on a plate or into a bowl."""
+    """Draft tasks that put ``count`` objects on a plate or into a bowl."""
     queues = []
     for support in _supports(brief):
         things = fits(brief, support)
@@ -41,7 +41,7 @@ def served(brief: Brief, count: int) -> Iterator[Draft]:
 
 
 def laid(brief: Brief) -> Iterator[Draft]:
-    """One thing is put into the bowl and another on the plate."""
+    """Draft tasks that put one object into the bowl and another on the plate."""
     both = _supports(brief)
     if len(both) < len(SUPPORTS):
         return
@@ -68,14 +68,14 @@ FAMILIES: dict[str, Family] = {
 
 
 def place_support(draft: Draft, support: Affordance, at: tuple[float, float]) -> str:
-    """Put a bowl or a plate into a draft; its name there."""
+    """Add a bowl or a plate to a draft and return its name."""
     below = role_of(support.noun)
     draft.objects[below] = ObjectSpec(asset_class=support.asset_class, place=Place(at=at), randomization=CLOSE_ABOUT)
     return below
 
 
 def carry(draft: Draft, support: Affordance, thing: Affordance, at: tuple[float, float]) -> None:
-    """Two steps: a thing that waits at ``at`` is taken up and put on a support."""
+    """Add two steps that pick an object up at ``at`` and put it on a support."""
     role, below = role_of(thing.noun), role_of(support.noun)
     draft.objects[role] = ObjectSpec(asset_class=thing.asset_class, place=Place(at=at), randomization=CLOSE_ABOUT)
     draft.grasp(role)
@@ -83,7 +83,7 @@ def carry(draft: Draft, support: Affordance, thing: Affordance, at: tuple[float,
 
 
 def on_it(support: Affordance, thing: Affordance, role: str, below: str) -> RigidOnRigid:
-    """Well within the edge of what it is on, no higher than lying there and on another."""
+    """Return the criterion that an object lies well within the support's edge, at most one object high."""
     return RigidOnRigid(
         rigid=role,
         support=below,
@@ -93,12 +93,12 @@ def on_it(support: Affordance, thing: Affordance, role: str, below: str) -> Rigi
 
 
 def into_it(support: Affordance) -> str:
-    """The preposition."""
+    """Return the preposition for the support."""
     return "in" if support.asset_class == "bowl" else "on"
 
 
 def fits(brief: Brief, support: Affordance) -> list[Affordance]:
-    """Return the objects that people put there and a hand can hold."""
+    """Return the objects that people put on this support and that the hand can grasp."""
     found = [brief.classes[name] for name in belongs(support.asset_class) if name in brief.classes]
     return [thing for thing in found if holdable(thing, brief.settings.stroke)]
 

@@ -1,4 +1,4 @@
-"""``gensim2 demo``: one task of the library, or one that a run left behind."""
+"""Record demonstrations of one task with its stored strategies, for ``gensim2 demo``."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class DemoResult:
     """Result of ``demo``.
 
     Attributes:
-        name: of the task.
-        run_dir: the run folder.
+        name: name of the task.
+        run_dir: run folder.
         demos: number of demonstrations.
-        tally: over the episodes that were run for them.
-        cpu_s: CPU of all processes, in this call; their start apart.
-        notes: what a reader should know.
+        tally: counts over all episodes that were run.
+        cpu_s: CPU seconds of all processes in this call, without their start.
+        notes: remarks for the reader.
     """
 
     name: str
@@ -41,7 +41,7 @@ class DemoResult:
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
+        """Return plain data."""
         return {
             "schema_version": SCHEMA_VERSION,
             "name": self.name,
@@ -79,18 +79,17 @@ def demo(
         episodes: number of successful demonstrations to keep.
         seed: seed of the scenes.
         out: run folder; default ``runs/<date>-<time>``.
-        resume: go on with the run that ``out`` holds.
-        video: film the first demonstration where this machine can render.
+        resume: continue the run in ``out``.
+        video: record a video of the first demonstration if this machine can render.
         progress: listener for stages and steps.
-        scene: of the scenes, the chain of steps and the worker processes: see
-            :class:`~gensim2.rollout.config.RunArguments`.
+        scene: options of scenes, execution and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Returns:
-        The run folder, the number of demonstrations, and counts over the episodes that were run for them.
+        The run folder, the number of demonstrations, and counts over all episodes that were run.
 
     Raises:
         InputError: an argument cannot be used.
-        NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
+        NotRunError: some episodes could not be run; the others are finished. Call again with ``resume``.
     """
     check_counts(episodes=episodes)
     execution = Execution.of(scene)

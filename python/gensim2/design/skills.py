@@ -1,8 +1,8 @@
-"""Skills of the offline designer: rules over joints, grasps and places, none per class.
+"""Strategies of the offline designer for joints, grasps and placements, independent of an object's class.
 
-Many lie in the library of shared ways (``gensim2/tasks/library/strategies``), written in the joint's own frame; places
-in containers, on plates and in bowls are worked out from sizes. A step is given several, in order of preference: which
-of them serves is seen on the scene when it is planned.
+Many are shared strategies (``gensim2/tasks/library/strategies``) in the joint's frame; placements are computed from the
+sizes of the objects. A step gets several strategies in order of preference, and the planner uses the first that it can
+plan on the scene.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from gensim2.tasks.strategies import Strategies
 
 Way = Literal["open", "close"]
 
-#: Shared ways to work a joint, by its type and by which end it is brought to.
+#: Shared strategies for a joint, by its type and the end it is moved to.
 _JOINTS: dict[tuple[str, Way], tuple[str, ...]] = {
     ("revolute", "open"): (
         "hook_door_inside",
@@ -46,7 +46,7 @@ _JOINTS: dict[tuple[str, Way], tuple[str, ...]] = {
     ("prismatic", "close"): ("close_drawer_from_the_front", "close_drawer_from_the_side"),
 }
 
-#: Ways to take something up, in the order in which they are tried.
+#: Grasp strategies, in order of preference.
 _GRASPS = ("grasp", "grasp_from_any_side", "grasp_from_the_side")
 
 _IN_DRAWERS = (
@@ -58,13 +58,13 @@ _IN_DRAWERS = (
 )
 _IN_BOXES = ("place_deep_in_box", "place_in_box", "drop_into_box")
 
-#: Directions of the fingers that reach into what stands open in front, with the tolerance of each (rad).
+#: Finger directions for reaching into a container from the front, each with its angular tolerance (rad).
 _INTO = (((0.87, 0.42, -0.25), 0.7), ((0.9, 0.1, -0.42), 0.8), ((1.0, 0.0, 0.0), 0.6), ((0.6, 0.3, -0.74), 0.9))
 
-#: Metres above the floor of a cabinet at which things are let go, lowest first.
+#: Heights in metres above the floor of a cabinet at which an object is released, lowest first.
 _ABOVE_FLOOR = (0.022, 0.045, 0.06)
 
-#: The config language's motions by which something is held out, and metres below its top at which it is held.
+#: Motions of the config language that hand an object over, and the grasp depth in metres below the object's top.
 _HANDING: dict[str, tuple[str, ...]] = {
     "left": ("move-left", "move-left"),
     "right": ("move-right", "move-right"),
@@ -72,18 +72,18 @@ _HANDING: dict[str, tuple[str, ...]] = {
 }
 _DEPTHS = (0.02, 0.03)
 
-#: Metres between what is put down and what it is put on, lowest first.
+#: Gaps in metres between the released object and its support, lowest first.
 _ABOVE_SUPPORT = (0.008, 0.02, 0.035)
 
 
 def joint_ways(thing: Affordance, way: Way, halfway: bool = False) -> Strategies:
-    """Shared ways to bring a joint to an end, or halfway."""
+    """Return the shared strategies that move a joint to one end, or halfway."""
     found = {name: shared_strategy(name) for name in _JOINTS[thing.joint_type or "revolute", way]}
     return {f"{name}_halfway": stopping(data, 0.5) for name, data in found.items()} if halfway else found
 
 
 def stopping(strategy: dict[str, Any], openness: float) -> dict[str, Any]:
-    """The same motion, but the joint is followed or traced to this openness."""
+    """Return the strategy with its joint motion ending at this openness."""
     changed = copy.deepcopy(strategy)
     changed["post_actuation_motions"] = [
         [motion[0], openness] if isinstance(motion, list) and str(motion[0]).endswith("_joint_to") else motion
@@ -93,12 +93,12 @@ def stopping(strategy: dict[str, Any], openness: float) -> dict[str, Any]:
 
 
 def grasps() -> Strategies:
-    """Ways to take up a rigid object."""
+    """Return the strategies that grasp a rigid object."""
     return {name: shared_strategy(name) for name in _GRASPS}
 
 
 def places_in(container: Affordance, thing: Affordance) -> Strategies:
-    """Ways to put what is held into a container with a joint."""
+    """Return strategies that put the grasped object into an articulated container."""
     if container.joint_type == "prismatic":
         return {name: shared_strategy(name) for name in _IN_DRAWERS}
     if container.joint_axis == "level":
@@ -118,7 +118,7 @@ def places_in(container: Affordance, thing: Affordance) -> Strategies:
 
 
 def places_on(support: Affordance, thing: Affordance) -> Strategies:
-    """Ways to put what is held on or into a rigid object: from above, let go closely over it, then from higher."""
+    """Return strategies that put the grasped object on or into a rigid one from above, with increasing gaps."""
     hollow = min(thing.size[:2]) < 0.6 * min(support.size[:2]) and support.size[2] > 0.03
     base = thing.size[2] / 2 - (support.size[2] / 2 - 0.012 if hollow else -support.size[2] / 2)
     return {
@@ -132,7 +132,7 @@ def places_on(support: Affordance, thing: Affordance) -> Strategies:
 
 
 def hand_overs(thing: Affordance, direction: str) -> Strategies:
-    """Ways to hand over something round: it is held from above, lifted, and carried a little way."""
+    """Return strategies that hand over a round object: grasp it from above, lift it and carry it a short distance."""
     found: Strategies = {}
     for depth in _DEPTHS:
         height = max(0.0, thing.size[2] / 2 - depth)
@@ -143,14 +143,13 @@ def hand_overs(thing: Affordance, direction: str) -> Strategies:
 
 
 def _stands(thing: Affordance) -> bool:
-    """Whether a rigid object is measured at its foot."""
+    """Return whether the measured keypoint of a rigid object lies at its foot."""
     return "rigidbody_object_tail" in thing.keypoints and thing.size[2] > 0.5 * max(thing.size[:2])
 
 
 def _from_above(
     keypoint: str, offset: tuple[float, float, float], tolerance: float, lean: float, before: list[Any]
 ) -> dict[str, Any]:
-    """A keypoint comes to the middle of a rigid object, fingers down."""
     return _pose(keypoint, "rigidbody_object_center", offset, tolerance, (0.0, 0.0, -1.0), lean, before)
 
 

@@ -1,10 +1,10 @@
-"""A draw of alignments that learns from how earlier ones fared.
+"""Draw alignments by weights learned from the results of earlier ones.
 
-An alignment works where three questions are answered with yes: the arm gets to the actuation pose, it can follow the
-joint from there on, and the part comes along. A diagnosis says which of them was answered with no, and by what it was
-asked: an axis that cannot be had speaks against this direction of the fingers at every keypoint, a finger that hits the
-part only against this very contact. So each question is estimated from what was tried, by likeness in those parts of an
-alignment that were to blame, and what is likely to get three times yes is drawn more often.
+An alignment works if the arm reaches the actuation pose (``reach``), can follow the joint from there (``follow``), and
+moves the part (``effect``). The diagnosis of a failure tells which of the three failed, and which parts of the
+alignment are to blame: an unreachable finger direction counts against this direction at every keypoint, but a finger
+that hits the part counts against this contact only. The probability of each condition is estimated from trials of
+alignments that are similar in the blamed parts. Alignments likely to meet all three conditions are drawn more often.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ Question = Literal["reach", "follow", "effect"]
 
 Part = Literal["approach", "keypoint", "gripper", "roll", "motion", "offset"]
 
-#: What is thought of each question where nothing alike was tried: share of yes, and how many trials that counts for.
+#: Prior probability of each condition, and the number of trials that the prior counts for.
 PRIOR, PRIOR_TRIALS = 0.5, 1.0
 
-#: Times that a likely alignment is preferred: odds go with this power of the estimate.
+#: The odds of drawing an alignment are its estimated probability to this power.
 SHARPNESS = 3.0
 
-#: Likeness of two directions of one frame goes with this power of their cosine.
+#: The similarity of two directions in one frame is their cosine to this power.
 DIRECTION_POWER = 4
 
-#: Metres between two contacts at which their likeness has gone down to 1/e.
+#: Distance in metres between two contacts at which their similarity has dropped to 1/e.
 OFFSET_SCALE = 0.02
 
-#: The parts that a yes speaks for, beside those that are like it in them.
+#: Parts in which another alignment must be similar for a success to count for it, by condition.
 _YES: dict[Question, tuple[Part, ...]] = {
     "reach": ("approach", "keypoint"),
     "follow": ("approach", "keypoint", "motion"),
     "effect": ("approach", "keypoint", "gripper"),
 }
 
-#: What speaks against what, by cause, of those that physics alone tells.
+#: Parts to blame for the failures that only the simulation reveals, by cause.
 _BY_CAUSE: dict[Cause, tuple[Part, ...]] = {
     Cause.NO_CONTACT: ("approach", "keypoint", "gripper", "offset"),
     Cause.CONTACT_SLIPPED: ("approach", "gripper", "offset"),
@@ -56,7 +56,7 @@ _BY_CAUSE: dict[Cause, tuple[Part, ...]] = {
     Cause.GOAL_UNDONE: ("approach", "gripper", "motion"),
 }
 
-#: Causes of an episode in which no motion was executed, or none beyond the actuation pose.
+#: Causes of failure in which no motion was executed, or none beyond the actuation pose.
 _PLANNED = frozenset(
     {
         Cause.NO_ACTUATION_POSE,
@@ -69,18 +69,18 @@ _PLANNED = frozenset(
 
 
 _CAUSES: dict[str, Cause] = {cause.value: cause for cause in Cause}
-"""By their phrases; a diagnosis may name a planner's status in the place of one."""
+"""Causes by their phrases; a diagnosis may name a planner's status instead."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Outcomes of trials of one alignment, for one question.
+    """Results of trials of one alignment for one of the three conditions.
 
     Attributes:
-        question: which.
-        parts: in which another alignment must be alike to be concerned.
-        yes: share of the trials in which the answer was yes.
-        trials: how many there were.
+        question: the condition.
+        parts: parts in which another alignment must be similar for the result to count for it.
+        yes: share of trials that met the condition.
+        trials: number of trials.
     """
 
     question: Question
@@ -95,10 +95,10 @@ def draw(
     """Draw alignments without replacement, the likely ones more often.
 
     Args:
-        pool: those to draw from; what ``results`` has is left out.
-        results: how earlier ones fared; others than alignments are passed over.
-        count: how many at most.
-        generator: of the draw.
+        pool: alignments to draw from; those in ``results`` are excluded.
+        results: results of earlier candidates; those that are not alignments are ignored.
+        count: maximum number of alignments.
+        generator: random generator.
     """
     tried = [
         (joint_search.manipulation_from(result.candidate.provenance), result)
@@ -110,13 +110,13 @@ def draw(
     if not left or count < 1:
         return []
     odds = estimates(left, tried) ** SHARPNESS
-    # The largest of logarithms with Gumbel noise are a draw by weight without replacement (Vieira 2014).
+    # The largest logarithmic weights with Gumbel noise are a weighted draw without replacement (Vieira 2014).
     keys = np.log(odds) + generator.gumbel(size=len(left))
     return [left[index] for index in np.argsort(-keys, kind="stable")[:count]]
 
 
 def estimates(pool: Sequence[Manipulation], tried: Sequence[tuple[Manipulation, CandidateResult]]) -> Array:
-    """Estimate the probability, (N,), that each of ``pool`` gets three times yes."""
+    """Estimate the probability, (N,), that each alignment of ``pool`` meets all three conditions."""
     likeness = _Likeness(pool)
     yes: dict[Question, Array] = {question: np.full(len(pool), PRIOR * PRIOR_TRIALS) for question in _YES}
     trials: dict[Question, Array] = {question: np.full(len(pool), PRIOR_TRIALS) for question in _YES}
@@ -129,7 +129,7 @@ def estimates(pool: Sequence[Manipulation], tried: Sequence[tuple[Manipulation, 
 
 
 def evidence(result: CandidateResult) -> Iterator[Evidence]:
-    """Yield the evidence of a candidate's stages for the three questions."""
+    """Yield the evidence of a candidate's stages for the three conditions."""
     for stage in result.stages:
         failed = [(each, each.count / stage.trials) for each in stage.diagnoses]
         no: dict[Question, float] = {"reach": 0.0, "follow": 0.0, "effect": 0.0}
@@ -141,7 +141,7 @@ def evidence(result: CandidateResult) -> Iterator[Evidence]:
 
 
 def blamed(diagnosis: Diagnosis) -> tuple[Question, tuple[Part, ...]]:
-    """Which question a failure answers with no, and by which parts of the alignment."""
+    """Return the condition that a failure violates, and the parts of the alignment to blame."""
     plan: Mapping[str, Any] = diagnosis.numbers.get("plan", diagnosis.numbers)
     unreached = str(plan.get("unreached", ""))
     cause = _CAUSES.get(diagnosis.cause)
@@ -158,14 +158,15 @@ def blamed(diagnosis: Diagnosis) -> tuple[Question, tuple[Part, ...]]:
 
 
 def _hit(plan: Mapping[str, Any]) -> tuple[Part, ...]:
-    """Return the other parts that must be alike for the same thing to be hit: nothing for the table, the contact for a
-    part of the object."""
+    """Return the other parts in which an alignment must be similar to hit the same body: none for the table, the
+    contact for the object.
+    """
     bodies = [str(each["bodies"][1]) for each in plan.get("collisions", ())]
     return () if not bodies or "table" in bodies else ("offset",)
 
 
 def _answered(stage: StageResult, no: Mapping[Question, float]) -> Iterator[Evidence]:
-    """The yeses of a stage: who comes to the second question has a yes to the first."""
+    """Yield the met conditions of a stage; a trial that tests the second condition has met the first."""
     reached = 1.0 - no["reach"]
     followed = reached - no["follow"]
     worked = followed - no["effect"]
@@ -179,7 +180,7 @@ def _answered(stage: StageResult, no: Mapping[Question, float]) -> Iterator[Evid
 
 
 class _Likeness:
-    """Similarity of alignments, from 0 to 1, part by part."""
+    """Similarity of alignments, from 0 to 1, for each part."""
 
     def __init__(self, pool: Sequence[Manipulation]) -> None:
         self._vectors = np.array([each.approach.vector for each in pool])
@@ -191,7 +192,7 @@ class _Likeness:
         }
 
     def of(self, one: Manipulation, parts: Sequence[Part]) -> Array:
-        """Of the whole pool with ``one``, (N,); in all of ``parts``."""
+        """Return the similarity, (N,), of the pool to one alignment in all of ``parts``."""
         found = np.ones(len(self._vectors))
         for part in parts:
             found = found * self._in(part, one)

@@ -1,4 +1,4 @@
-"""Which instances a search may see, and which are kept for the test of what it found."""
+"""Separate the instances that a search may use from those that test its result."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from gensim2.tasks.spec import TaskSpec
 
 @dataclass(frozen=True)
 class Apart:
-    """The instances of a task's objects, divided.
+    """Division of the instances of a task's objects into search and test instances.
 
     Attributes:
-        library: of the objects.
-        classes: class of each object that has a joint, by its name in the task; of a rigid one there is one instance.
-        kind: of those that a verification draws from: ``"new"`` are numbers beyond the listed ones of generated
-            classes, ``"test"`` is the test split of a folder, ``"all"`` says that a class has too few to keep some
-            apart.
-        search: word for those that a search draws from.
+        library: object library.
+        classes: class of each articulated object, by its name in the task; a rigid class has a single instance.
+        kind: instances of a verification. ``"new"``: unlisted numbers of generated classes; ``"test"``: test split of a
+            folder; ``"all"``: all, because a class has too few instances to divide.
+        search: ``--instances`` value for the search.
     """
 
     library: Library
@@ -30,7 +29,7 @@ class Apart:
     search: str
 
     def verification(self, episodes: int, seed: int) -> list[Drawn]:
-        """Return what each episode of a verification draws from: new objects each, or the word for the others."""
+        """Return the instances of each verification episode: new ids, or the name of a split."""
         if self.kind != "new":
             return [self.kind] * episodes
         drawn = {name: self.library.sample(each, episodes, seed) for name, each in self.classes.items()}
@@ -38,10 +37,10 @@ class Apart:
 
 
 def kept_apart(library: Library, task: TaskSpec) -> Apart:
-    """Divide the instances of a task's objects; rigid ones are what they are, in other poses.
+    """Divide the instances of a task's articulated objects; rigid objects vary in pose only.
 
     Raises:
-        InputError: there is no such class.
+        InputError: a class is unknown.
     """
     classes = {
         name: thing.asset_class
@@ -56,10 +55,10 @@ def kept_apart(library: Library, task: TaskSpec) -> Apart:
 
 
 def seen_by_search(library: Library, asset_class: str) -> tuple[str, ...]:
-    """Ids of a class that a designer may be told of.
+    """Return the ids of a class that a designer may use.
 
     Raises:
-        InputError: there is no such class.
+        InputError: the class is unknown.
     """
     split = library.source(asset_class) == "generated" or len(library.instances(asset_class)) >= SMALLEST_TO_SPLIT
     return library.choose(asset_class, "train" if split else "all")

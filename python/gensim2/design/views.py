@@ -1,7 +1,7 @@
-"""Pictures for a language model: an object with its keypoints, and the arm at an actuation pose in a scene.
+"""Render pictures for a language model: an object with its keypoints, or the arm at an actuation pose.
 
-Pictures are drawn in a process of their own, when a model is really asked: the first takes half a minute on a software
-driver, and a driver that crashes takes its process with it.
+Rendering runs in its own process, started when a model is really asked: the first picture takes half a minute on a
+software driver, and a crash of the driver must not end the run.
 """
 
 from __future__ import annotations
@@ -33,43 +33,45 @@ from gensim2.tasks.strategies import Strategies
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
 
-#: Seed of the scenes that are shown.
+#: Seed of the rendered scenes.
 SEED = 7
 
-#: Edge of the pictures of one object, pixels.
+#: Edge length in pixels of the pictures of one object.
 OBJECT_SIZE = 300
 
-#: Length of the axes that are drawn, m, and their colours: x, y, z.
+#: Length (m) of the drawn frame axes, and the colours of x, y and z.
 AXIS, COLOURS = 0.15, ("#d6273a", "#1b8f4c", "#1f6fd1")
 
-#: What the video camera looks from, at and through (gensim2.sim.rendering.video_camera).
+#: Position, target and field of view of the video camera (gensim2.sim.rendering.video_camera).
 EYE, TARGET, FIELD_OF_VIEW = (-0.55, -1.3, 0.8), (-0.13, -0.07, 0.23), np.deg2rad(50)
 
-#: Questions are asked from several threads; one of them starts the process that draws.
+#: Several threads may ask for the first picture, but only one may start the rendering process.
 _STARTING = Lock()
 
 
 def view_of(location: str, asset_class: str, instance: str) -> LazyPicture:
-    """An object at three stages of its joint, or from three sides; its keypoints named."""
+    """Return a picture of an object at three joint positions, or from three sides, with named keypoints."""
     return LazyPicture(f"{asset_class}/{instance}", cache(lambda: _drawn(draw_thing, location, asset_class, instance)))
 
 
 class SceneViews:
-    """Fills :class:`~gensim2.design.llm.Views`.
+    """Renders scenes for a language model; implements :class:`~gensim2.design.llm.Views`.
 
     Args:
-        options: of the run's scenes.
+        options: scene options of the run.
     """
 
     def __init__(self, options: SceneOptions) -> None:
         self.options = options
 
     def start(self, task: TaskSpec, step: str) -> LazyPicture:
-        """A scene at its start, marked for ``step``."""
+        """Return a picture of the initial scene, marked for ``step``."""
         return self.actuation(task, {}, step)
 
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> LazyPicture:
-        """The scene with the arm at the actuation pose of ``step``; at its start where the solver finds none."""
+        """Return a picture of the scene with the arm at the actuation pose of ``step``, or of the initial scene if the
+        solver finds no pose.
+        """
         told = {"task": task.model_dump(mode="json"), "steps": steps, "step": step, **self.options.to_record()}
         given = (self.options, task, {name: dict(each) for name, each in steps.items()}, step)
         return LazyPicture(json.dumps(told, sort_keys=True), cache(lambda: _drawn(draw_scene, *given)))
@@ -77,7 +79,7 @@ class SceneViews:
 
 @cache
 def _painter() -> ProcessPoolExecutor:
-    """The process that draws; started when the first picture is looked at."""
+    """Return the rendering process; the first call starts it."""
     forget_piped_script()
     return ProcessPoolExecutor(max_workers=1, mp_context=multiprocessing.get_context("spawn"))
 
@@ -93,14 +95,14 @@ def _drawn(draw: Callable[..., bytes], *given: Any) -> bytes:
 
 
 def draw_thing(location: str, asset_class: str, instance: str) -> bytes:
-    """PNG of an object; in a process of its own."""
+    """Return the PNG of an object; runs in the rendering process."""
     from gensim2.inspection.pictures import Studio, strip
 
     return _png(strip(Studio(OBJECT_SIZE), open_library(location).load(asset_class, instance)))
 
 
 def draw_scene(options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strategies], name: str) -> bytes:
-    """PNG of a scene; in a process of its own."""
+    """Return the PNG of a scene; runs in the rendering process."""
     from PIL import Image, ImageDraw
 
     from gensim2.sim import rendering
@@ -136,10 +138,10 @@ def draw_scene(options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strate
 def _actuation(
     options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strategies], name: str, scene: Any
 ) -> tuple[Any, Any]:
-    """Joints (n,) and hand pose (4, 4) in the base frame at the actuation pose; None each where there is none."""
+    """Return joints (n,) and hand pose (4, 4) in the base frame at the actuation pose; two None if there is none."""
     planner = StepPlanner(robot(options.robot), options=SCREEN_OPTIONS)
     step = next(each for each in task.steps if each.name == name)
-    for before in task.steps:  # what is to be in the hand is taken up first
+    for before in task.steps:  # The step's tool is grasped first.
         if before.name != name and before.object == step.tool and before.name in steps:
             strategy = next(iter(parsed(steps[before.name]).values()))
             taken = planner.plan(scene, before, strategy)
@@ -161,7 +163,6 @@ def _actuation(
 
 
 def _axes(draw: ImageDraw, size: tuple[int, int], T_world_frame: Any, name: str) -> None:
-    """Draw a frame's three axes with its name."""
     origin = T_world_frame[:3, 3]
     start = _pixel(origin, size)
     for axis, colour in enumerate(COLOURS):
@@ -170,7 +171,6 @@ def _axes(draw: ImageDraw, size: tuple[int, int], T_world_frame: Any, name: str)
 
 
 def _pixel(point: Any, size: tuple[int, int]) -> tuple[float, float]:
-    """Return the pixel of a point (3,) in the world."""
     eye, target = np.array(EYE), np.array(TARGET)
     ahead = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(ahead, [0.0, 0.0, 1.0])

@@ -1,4 +1,6 @@
-"""Language models as designers: prompts in, validated tasks and solver configs out; nothing they write is evaluated."""
+"""Language models as designers: they answer prompts with tasks and solver configs, which are validated and never
+executed.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -24,5 +26,5 @@ __all__ = [
     "model_options",
 ]
 
-# A report of a run reads what a model said without any of what it takes to ask one.
+# Lazy imports: a report can read recorded answers without the packages that contact a model.
 __getattr__ = lazy_names(__name__)

@@ -1,7 +1,7 @@
 """Read replies of an endpoint within one deadline, of bounded size, without keys or lone surrogates.
 
-Answers, refusals, headers and broken protocol pass :class:`Boundary` before anything stores, prints or raises them. An
-endpoint may be broken or untrusted.
+An endpoint may be broken or untrusted. Answers, refusals, headers and protocol errors therefore pass through
+:class:`Boundary` before they are stored, printed or raised.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ your-api-key-here your_api_key
 """
 
 DUMMIES = frozenset(_WORDS.split())
-"""Words that stand for a key where an endpoint wants none, in lower case."""
+"""Placeholder keys, in lower case, for endpoints that need no key."""
 
 SHORTEST = 8
-"""Characters of the shortest secret."""
+"""Minimum number of characters of a secret."""
 
 HIDDEN = "***"
 
 
 class Secret:
-    """A key. It shows itself as ``***``; :meth:`reveal` is for the client alone.
+    """API key that prints as ``***``.
 
     Args:
         value: the key as it is sent.
@@ -50,21 +50,21 @@ class Secret:
         return bool(self._value)
 
     def reveal(self) -> str:
-        """Return the key itself."""
+        """Return the key itself; for the client only."""
         return self._value
 
     @property
     def can_be_sent(self) -> bool:
-        """Whether the key fits into a header."""
+        """Return whether the key is valid in an HTTP header."""
         return self._value.isascii() and self._value.isprintable() and " " not in self._value
 
     @property
     def is_secret(self) -> bool:
-        """Whether the key must be hidden; a placeholder may stand in any text."""
+        """Return whether the key must be hidden; a placeholder may appear in any text."""
         return len(self._value) >= SHORTEST and self._value.lower() not in DUMMIES
 
     def hidden_in(self, text: str) -> str:
-        """Return ``text`` with ``***`` for the whole key, in any case, percent-encoded or with JSON escapes."""
+        """Replace the key in ``text`` by ``***``, in any case, also percent-encoded or with JSON escapes."""
         return self._spelled.sub(HIDDEN, text) if self.is_secret else text
 
     @cached_property
@@ -73,51 +73,51 @@ class Secret:
         return re.compile("".join(spellings), re.IGNORECASE)
 
 
-#: Bytes of the longest reply of an endpoint that is read; what is beyond is left in the line.
+#: Maximum number of bytes read from a reply.
 MAX_BYTES = 4_000_000
 
-#: Headers of a reply that anything is made of.
+#: Headers of a reply that the client uses.
 HEADERS = ("retry-after", "retry-after-ms", "x-should-retry")
 
-#: Values inside each other in a reply; more is read as text.
+#: Maximum nesting of a JSON reply; a deeper reply is treated as text.
 MAX_DEPTH = 100
 
-#: A whole number beyond is none that an endpoint counts.
+#: Bound of whole numbers in a reply; larger ones are dropped.
 LARGEST = 2**63
 
-#: What a broken reply makes libraries raise beside their own errors.
+#: Exceptions that the client libraries raise on a broken reply, besides their own error types.
 _BROKEN = (ValueError, LookupError, TypeError, AttributeError, OSError, RuntimeError, RecursionError)
 
 _T = TypeVar("_T")
 
 
 def whole_characters(text: str) -> str:
-    """Return ``text`` with U+FFFD for each lone surrogate: half a character can neither be written nor sent."""
+    """Replace each lone surrogate in ``text`` by U+FFFD; a lone surrogate cannot be encoded as UTF-8."""
     if text.isascii() or not any("\ud800" <= c <= "\udfff" for c in text):
         return text
     return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
 
 
 class Boundary:
-    """Cleans what comes in.
+    """Cleans replies of an endpoint.
 
     Args:
-        secret: what must not come back; None: there is none.
+        secret: key to hide; None: no key.
     """
 
     def __init__(self, secret: Secret | None) -> None:
         self._secret = secret
 
     def text(self, text: str) -> str:
-        """Return text of whole characters without the key."""
+        """Return text without the key and without lone surrogates."""
         whole = whole_characters(text)
         return whole if self._secret is None else self._secret.hidden_in(whole)
 
     def value(self, value: Any, depth: int = 0) -> Any:
-        """Return plain data with clean text; None for numbers that are not finite or of more than 64 bits.
+        """Return plain data with clean text; numbers that are not finite or exceed 64 bits become None.
 
         Raises:
-            ValueError: it is too deep.
+            ValueError: the data is nested too deeply.
         """
         if depth > MAX_DEPTH:
             raise ValueError("too deep")
@@ -132,7 +132,7 @@ class Boundary:
         return value if not isinstance(value, int) or -LARGEST <= value < LARGEST else None
 
     def body(self, data: bytes) -> tuple[str, bytes]:
-        """Return content type and bytes of a reply: JSON where it can be read as such, else text."""
+        """Return content type and cleaned bytes of a reply: as JSON if it parses, else as text."""
         try:
             return "application/json", json.dumps(self.value(json.loads(data))).encode()
         except (ValueError, RecursionError):
@@ -142,10 +142,10 @@ class Boundary:
 def guarded_client(httpx: Any, boundary: Boundary, timeout: float) -> Any:
     """Return an ``httpx`` client that cleans replies and waits at most ``timeout`` seconds for a whole reply.
 
-    The client follows no redirects: another address may be untrusted.
+    The client follows no redirects because the target may be untrusted.
 
     Args:
-        httpx: the library; it comes with an extra.
+        httpx: the ``httpx`` module, which comes with an optional extra.
         boundary: cleans replies and errors.
         timeout: seconds for one reply, from the lookup of the host's address to the last byte.
     """
@@ -153,7 +153,7 @@ def guarded_client(httpx: Any, boundary: Boundary, timeout: float) -> Any:
 
     class Guarded(httpx.Client):  # type: ignore[misc]
         def send(self, request: Any, **_: Any) -> Any:
-            # A client for each try: closing it ends the connection of this try alone.
+            # Each attempt has its own client, so that closing it ends only this attempt's connection.
             line = httpx.Client(timeout=timeout, verify=secure, follow_redirects=False)
 
             def whole() -> tuple[int, Any, bytes]:
@@ -178,12 +178,12 @@ def guarded_client(httpx: Any, boundary: Boundary, timeout: float) -> Any:
             kept = {name: boundary.text(headers[name]) for name in HEADERS if name in headers}
             return httpx.Response(status, headers={**kept, "content-type": kind}, content=body, request=request)
 
-    # A compressed reply could grow without bound when it is unpacked.
+    # A small compressed reply could unpack to an unbounded size.
     return Guarded(timeout=timeout, headers={"Accept-Encoding": "identity"}, follow_redirects=False)
 
 
 def _within(seconds: float, act: Callable[[], _T]) -> _T:
-    """Return the result of ``act``, which runs in a thread of its own."""
+    """Run ``act`` in a thread and return its result, or raise TimeoutError after ``seconds``."""
     box: queue.SimpleQueue[tuple[bool, Any]] = queue.SimpleQueue()
 
     def run() -> None:

@@ -24,9 +24,9 @@ class Catalog:
     """Robot, objects and tasks of the prompts.
 
     Attributes:
-        settings: of the robot.
-        articulated, rigid: classes by name; those that cannot be read are left out.
-        known: tasks that are there.
+        settings: facts about the robot.
+        articulated, rigid: affordance by class name; unreadable classes are left out.
+        known: existing tasks.
     """
 
     settings: RobotSummary
@@ -36,13 +36,13 @@ class Catalog:
 
     @staticmethod
     def of(brief: Brief, articulated_only: bool = False) -> Catalog:
-        """Read a brief, in which articulated classes come first; each takes a moment."""
+        """Collect the catalog of a brief; each class takes a moment to load."""
         found: dict[str, Affordance] = {}
         for name in brief.classes:
             try:
                 found[name] = brief.classes[name]
             except InputError:
-                continue  # the run's notes name it
+                continue  # The notes of the run name this class.
             if articulated_only and found[name].kind == "rigid":
                 break
         return Catalog(
@@ -53,7 +53,7 @@ class Catalog:
         )
 
     def about(self, *classes: str) -> Catalog:
-        """With these classes only."""
+        """Return the catalog restricted to these classes."""
         return Catalog(
             self.settings,
             {name: each for name, each in self.articulated.items() if name in classes},
@@ -62,7 +62,7 @@ class Catalog:
         )
 
     def for_prompts(self) -> dict[str, Any]:
-        """Values of the prompts' part ``_world``."""
+        """Return the values of the shared prompt template ``_world``."""
         return {
             "settings": self.settings,
             "articulated": list(self.articulated.values()),
@@ -71,13 +71,13 @@ class Catalog:
         }
 
     def unknown(self, name: object) -> str:
-        """Why a class cannot be used, with near names."""
+        """Return a message that a class is unknown, with similar names."""
         near = difflib.get_close_matches(str(name), [*self.articulated, *self.rigid], n=3)
         return f"there is no object {str(name)[:80]!r}" + (f"; did you mean {', '.join(near)}?" if near else "")
 
 
 def name_of(kebab: object, problems: list[str], known: Sequence[TaskSpec], field: str = "task-name") -> str:
-    """CamelCase of a lower-case hyphenated name; what is wrong with it is added to ``problems``."""
+    """Convert a lower-case hyphenated name to CamelCase; faults are appended to ``problems``."""
     text = str(kebab).strip().lower().replace("_", "-").replace(" ", "-")
     if not isinstance(kebab, str) or not _KEBAB.match(text) or len(text) > LONGEST_NAME:
         problems.append(f'"{field}" must be lower-case words joined by hyphens, at most {LONGEST_NAME} characters')
@@ -89,7 +89,7 @@ def name_of(kebab: object, problems: list[str], known: Sequence[TaskSpec], field
 
 
 def sentence_of(text: object, problems: list[str], field: str = "task-description") -> str:
-    """One sentence in lower case and in English letters; what is wrong with it is added to ``problems``."""
+    """Return a sentence in lower-case English letters; faults are appended to ``problems``."""
     if not isinstance(text, str) or not text.strip():
         problems.append(f'"{field}" must be a sentence')
         return ""
@@ -102,6 +102,6 @@ def sentence_of(text: object, problems: list[str], field: str = "task-descriptio
 
 
 def role_of(thing: Affordance) -> str:
-    """Return an object's name in tasks, made of its noun."""
+    """Return the name of an object in tasks, made from its noun."""
     role = re.sub(r"[^a-z0-9]+", "_", thing.noun.lower()).strip("_")[:50]
     return f"the_{role}" if role in (HAND, TABLE) or not role[:1].isalpha() else role

@@ -1,7 +1,7 @@
-"""The one client for all endpoints that speak the OpenAI protocol: hosted models, vLLM, Ollama, LM Studio and others.
+"""Client for endpoints that speak the OpenAI protocol: hosted models, vLLM, Ollama, LM Studio and others.
 
-Back-off and Retry-After are the ``openai`` library's. What comes in passes the ``boundary``. Added here: doing without
-what an endpoint does not know, and errors that a user can act on.
+The ``openai`` library handles back-off and Retry-After. Replies pass through ``boundary``. This client also drops
+request fields that an endpoint does not support, and translates errors for the user.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from gensim2.design.llm.boundary import Boundary, guarded_client
 from gensim2.design.llm.options import ModelOptions
 from gensim2.design.llm.questions import Message, ModelAnswer, ModelQuestion
 
-#: Characters that make a token where an endpoint does not count them.
+#: Estimated characters per token, for endpoints that do not count tokens.
 CHARACTERS_A_TOKEN = 4
 
-#: Tokens that a picture is taken for where the endpoint does not count.
+#: Estimated tokens of a picture, for endpoints that do not count tokens.
 PICTURE_TOKENS = 1500
 
-#: Tokens beyond which a count of an endpoint is none.
+#: Token counts above this are invalid.
 MAX_TOKENS = 10**9
 
-#: Characters of a refusal, and of the name of a model, that are told.
+#: Maximum number of characters quoted from a refusal or a model's name.
 LONGEST_REFUSAL = 300
 
-#: Fields of a request that some endpoints refuse; they are left out from then on.
+#: Request fields that some endpoints refuse; a refused field is omitted from later requests.
 OPTIONAL = ("response_format", "temperature", "max_tokens")
 
 
 class Client:
-    """Asks one model.
+    """Sends questions to one model.
 
     Args:
-        options: which, and how.
+        options: endpoint, model and request settings.
 
     Raises:
         MissingExtraError: the ``openai`` library is not installed.
@@ -46,7 +46,7 @@ class Client:
     def __init__(self, options: ModelOptions) -> None:
         self.options = options
         self._openai, httpx = _load("openai"), _load("httpx2")
-        # Where debugging is on they would show requests, keys included, and replies that have not passed the boundary.
+        # At the debug level these loggers would print keys and uncleaned replies.
         for name in ("openai", "httpx", "httpx2", "httpcore", "httpcore2"):
             logging.getLogger(name).setLevel(logging.WARNING)
         self._key = options.key
@@ -67,25 +67,30 @@ class Client:
                 max_retries=options.retries,
                 http_client=line,
             )
-        except (ValueError, TypeError, ImportError, self._openai.OpenAIError) as error:  # proxies of the environment
+        except (
+            ValueError,
+            TypeError,
+            ImportError,
+            self._openai.OpenAIError,
+        ) as error:  # such as invalid proxy settings
             raise InputError(
                 f"no connection can be made: {self._boundary.text(str(error))}", field="designer"
             ) from None
 
     @property
     def endpoint(self) -> str:
-        """Its address."""
+        """Address of the endpoint."""
         return str(self._api.base_url)
 
     def close(self) -> None:
-        """Give the connections back."""
+        """Close the connections."""
         self._api.close()
 
     def models(self) -> list[str]:
-        """Names of the models that the endpoint offers.
+        """Return the names of the models that the endpoint offers.
 
         Raises:
-            ModelError: there is no answer.
+            ModelError: the endpoint does not answer.
             InputError: the endpoint refuses the key.
         """
         try:
@@ -97,10 +102,10 @@ class Client:
             raise ModelError(f"{self.endpoint}: lists its models in no way that can be read") from error
 
     def ask(self, question: ModelQuestion) -> ModelAnswer:
-        """One answer.
+        """Return the model's answer to a question.
 
         Raises:
-            ModelError: there is none, after all tries.
+            ModelError: no attempt was answered.
             InputError: the endpoint refuses the key, the model or the question.
         """
         messages = [_message(message) for message in question.messages]
@@ -129,7 +134,7 @@ class Client:
         return request
 
     def _refused(self, request: dict[str, Any], complaint: str) -> str | None:
-        """Which field of a request that can be done without the endpoint complains of."""
+        """Return the optional request field that an endpoint's error message complains about, or None."""
         said = complaint.lower().replace("json_schema", "response_format").replace("response format", "response_format")
         return next((name for name in OPTIONAL if name in said and name in request), None)
 
@@ -140,7 +145,7 @@ class Client:
             finish, usage = choice.finish_reason, raw.parse().usage
             refusal = getattr(choice.message, "refusal", None)
         except (ValueError, TypeError, AttributeError, IndexError, RecursionError):
-            # No chat completion, or one that was cut off: its meaning is lost.
+            # The reply is no chat completion, or is truncated.
             return self._told(question, "", "it could not be read as a chat completion", None, raw.retries_taken)
         except self._openai.APIResponseValidationError:
             return self._told(question, "", "it could not be read as a chat completion", None, raw.retries_taken)
@@ -164,7 +169,6 @@ class Client:
         return ModelAnswer(text, problem, tokens_in, tokens_out, counted, retries, cost)
 
     def _in_words(self, error: Exception) -> InputError | ModelError:
-        """The library's error as one of ours."""
         library, given = self._openai, self.options
         said = one_line(_complaint(error))
         if isinstance(error, library.AuthenticationError | library.PermissionDeniedError):
@@ -172,7 +176,7 @@ class Client:
             return InputError(missing, field=f"${given.key_variable}", remedy=f"set it to a key of {self.endpoint}")
         if isinstance(error, library.NotFoundError):
             message = f"{self.endpoint} has no model {given.model!r}: {said}"
-            known = given.model in said  # else it is as likely the address
+            known = given.model in said  # If the message does not name the model, the address may be wrong instead.
             remedy = (
                 None if known else "is the model's name right, and does --base-url end as it should, mostly in /v1?"
             )
@@ -197,13 +201,13 @@ class Client:
 
 
 def _complaint(error: Exception) -> str:
-    """What an endpoint said: servers that are not OpenAI's say it in fields that the library leaves out."""
+    """Return an endpoint's error message, with the body that other servers than OpenAI's use for it."""
     said, body = str(error), getattr(error, "body", None)
     return f"{said} - {body}" if body and " - " not in said else said
 
 
 def estimated_tokens(question: ModelQuestion) -> int:
-    """Estimate the length of a question, in tokens."""
+    """Estimate the number of tokens of a question."""
     characters = sum(len(message.text) for message in question.messages)
     pictures = sum(len(message.pictures) for message in question.messages)
     return characters // CHARACTERS_A_TOKEN + PICTURE_TOKENS * pictures + 1

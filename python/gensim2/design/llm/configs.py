@@ -1,4 +1,4 @@
-"""Configs that a model wrote, validated in parts and as a whole. Nothing is evaluated."""
+"""Validate the solver configs that a model wrote, in parts and as a whole, without executing them."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ ALLOWED = (CONSTRAINTS, *MOTIONS, *FINGERS, *PLANNER_FIELDS)
 """Fields of a config that a model may write."""
 
 DROPPED = ("task_name", "category_name", "tool_keypoint_name_list", "object_keypoint_name_list")
-"""Fields of the paper's configs that say nothing that is not known: left out without a word."""
+"""Redundant fields of the paper's configs, which are dropped silently."""
 
-#: Metres and radians beyond which a number in a config is no motion of an arm on a table.
+#: Bounds of a translation (m), a rotation (rad) and an offset (m) in a config for an arm on a table.
 LONGEST_WAY, WIDEST_TURN, LONGEST_OFFSET = 0.6, 2 * math.pi, 0.3
 
-#: Openness that a motion may go to.
+#: Range of openness that a motion may target.
 OPENNESS = (-0.5, 1.5)
 
 MAX_CONSTRAINTS, MAX_MOTIONS = 12, 8
 
-#: An answer's constraints are held against the language with this motion; their own come later.
+#: Motion that completes a config while only its constraints are checked.
 _ANY_MOTION = {"pre_actuation_motions": [["translate_z", -0.08]]}
 
 
 def problems_of_constraints(data: Any) -> list[str]:
-    """List the faults of a constraint list, beside the names of keypoints."""
+    """Return the faults of a constraint list, apart from keypoint names."""
     if not isinstance(data, list) or not data:
         return [f'"{CONSTRAINTS}" must be a list of constraints']
     if len(data) > MAX_CONSTRAINTS:
@@ -47,7 +47,7 @@ def problems_of_constraints(data: Any) -> list[str]:
 
 
 def problems_of_config(config: Mapping[str, Any]) -> list[str]:
-    """List the faults of a whole config, beside the names of keypoints."""
+    """Return the faults of a config, apart from keypoint names."""
     unknown = [name for name in config if name not in ALLOWED]
     if unknown:
         return [
@@ -59,17 +59,21 @@ def problems_of_config(config: Mapping[str, Any]) -> list[str]:
 
 
 def cleaned(data: Mapping[str, Any]) -> dict[str, Any]:
-    """A config without what the paper's language repeats, and without fields that say nothing."""
+    """Return a config without redundant fields and without null values."""
     return {name: value for name, value in data.items() if name not in DROPPED and value is not None}
 
 
 def problems_of_names(
     task: TaskSpec, step: Step, config: Mapping[str, Any], things: Mapping[str, Affordance], profile: RobotProfile
 ) -> list[str]:
-    """List the names in a config that tool and objects do not have.
+    """Return the keypoint names in a config that the tool and objects do not have.
 
     Args:
-        things: the task's objects, by their names in it.
+        task: task of the step.
+        step: step that the config is for.
+        config: config to check.
+        things: affordance of each object, by its name in the task.
+        profile: robot profile.
     """
     name = step.strategies[0]
     alone = task.model_copy(update={"steps": _until(task, step)})
@@ -85,7 +89,7 @@ def problems_of_names(
 
 
 def _until(task: TaskSpec, step: Step) -> tuple[Step, ...]:
-    """The step, and before it the one that takes up its tool."""
+    """Return the step, preceded by the step that grasps its tool."""
     before = [each for each in task.steps if each.object == step.tool and each.name != step.name]
     return (*before[:1], step)
 
@@ -118,7 +122,7 @@ def _odd_motions(config: Mapping[str, Any]) -> list[str]:
     for field in MOTIONS:
         motions = config.get(field, [])
         if not isinstance(motions, list):
-            continue  # the language has said so
+            continue  # The config language has already reported this motion.
         if len(motions) > MAX_MOTIONS:
             found.append(f"{field}: has more than {MAX_MOTIONS} motions")
         for index, motion in enumerate(motions):

@@ -1,4 +1,4 @@
-"""One question after the other, each until its answer can be used: what is wrong goes back to the model in words."""
+"""Ask a model and repeat a question until its answer can be used; the faults of each answer are sent back."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gensim2.design.pictures import LazyPicture
 CONVERSATIONS = "conversations.json"
 
 Outcome = Literal["used", "dropped", "refused"]
-"""``"refused"``: could be read, and was not wanted: reflection found it bad, or it repeats what is there."""
+"""Outcome of a conversation; ``"refused"``: the answer is valid, but reflection rejected it or it repeats a task."""
 
 
 class _Record(BaseModel):
@@ -32,11 +32,11 @@ class _Record(BaseModel):
 
 
 class TurnRecord(_Record):
-    """One question and its answer.
+    """A question and its answer.
 
     Attributes:
-        answer: digest of the question; ``answers/<its first 32 digits>.json`` holds both.
-        problems: what was wrong with the answer, in the words that the model was told.
+        answer: digest of the question; ``answers/<first 32 digits>.json`` stores both.
+        problems: faults of the answer, as sent to the model.
     """
 
     answer: str
@@ -44,15 +44,15 @@ class TurnRecord(_Record):
 
 
 class ConversationRecord(_Record):
-    """One question until it was answered well, or dropped.
+    """A question with all its rounds of answers.
 
     Attributes:
-        stage: which prompt.
-        subject: name of the task; empty where it came to none.
-        about: which part of it.
-        outcome: what became of it.
-        reason: why it was dropped or refused; empty where it was used.
-        turns: in order.
+        stage: name of the prompt.
+        subject: name of the task; empty if no task resulted.
+        about: part of the task.
+        outcome: whether the answer was used, dropped or refused.
+        reason: why the answer was dropped or refused; empty if it was used.
+        turns: questions and answers in order.
     """
 
     stage: str
@@ -64,14 +64,14 @@ class ConversationRecord(_Record):
 
 
 class LogRecord(_Record):
-    """``conversations.json``."""
+    """Content of ``conversations.json``."""
 
     schema_version: Literal[1] = 1
     conversations: list[ConversationRecord] = []
 
 
 class ConversationLog:
-    """The conversations of a run, written whenever one ends. Threads may share it."""
+    """Conversations of a run; the file is rewritten after each. Threads may share the log."""
 
     def __init__(self) -> None:
         self._path: Path | None = None
@@ -79,10 +79,10 @@ class ConversationLog:
         self._lock = threading.Lock()
 
     def open(self, folder: Path) -> None:
-        """Write to ``folder``, and go on with what an earlier call of the run has written there.
+        """Write to ``folder``, and keep the conversations of earlier calls of the run.
 
         Raises:
-            InputError: the file there is damaged.
+            InputError: the existing file is damaged.
         """
         self._path = folder / CONVERSATIONS
         for record in read_log(folder).conversations:
@@ -90,18 +90,18 @@ class ConversationLog:
         self._write()
 
     def add(self, record: ConversationRecord) -> None:
-        """Keep a conversation; one that begins with the same question takes the place of the former."""
+        """Add a conversation; it replaces an earlier one that begins with the same question."""
         with self._lock:
             self._found[_key(record)] = record
             self._write()
 
     def settle(self, record: ConversationRecord, subject: str, outcome: Outcome, reason: str = "") -> None:
-        """Say what became of an answer that could be read."""
+        """Record the outcome of a valid answer."""
         self.add(record.model_copy(update={"subject": subject, "outcome": outcome, "reason": reason}))
 
     @property
     def conversations(self) -> list[ConversationRecord]:
-        """So far; the order does not depend on which was answered first."""
+        """All conversations so far, in an order that does not depend on timing."""
         return sorted(self._found.values(), key=lambda each: (each.subject, each.about, each.stage, _key(each)))
 
     def _write(self) -> None:
@@ -110,7 +110,7 @@ class ConversationLog:
 
 
 def read_log(folder: Path) -> LogRecord:
-    """The conversations of a run; none where no question was asked.
+    """Read the conversations of a run; empty if no question was asked.
 
     Raises:
         InputError: the file is damaged.
@@ -125,20 +125,20 @@ def _key(record: ConversationRecord) -> str:
     return record.turns[0].answer
 
 
-#: Characters of a wrong answer that are shown to the model again.
+#: Maximum number of characters of a wrong answer that are sent back to the model.
 SHOWN_AGAIN = 6000
 
-#: Problems told at once: more are not read.
+#: Maximum number of faults sent back at once.
 MAX_PROBLEMS = 12
 
 T = TypeVar("T")
 
 
 class Wrong(GenSim2Error):
-    """An answer can be read and not be used.
+    """An answer is readable but cannot be used.
 
     Args:
-        problems: each names what is wrong, in words for the model.
+        problems: faults, in words for the model.
     """
 
     def __init__(self, problems: Sequence[str]) -> None:
@@ -147,7 +147,7 @@ class Wrong(GenSim2Error):
 
 
 class Dropped(GenSim2Error):
-    """A question had no answer that could be used, after all rounds."""
+    """No round gave a usable answer to a question."""
 
 
 @dataclass(frozen=True)
@@ -155,18 +155,15 @@ class Ask(Generic[T]):
     """Question of a stage.
 
     Attributes:
-        stage: which prompt.
-        subject: name of the task; empty where there is none yet.
-        about: which part of it, to tell questions of one stage apart.
-        prompt: the text.
+        stage: name of the prompt.
+        subject: name of the task; empty if there is none yet.
+        about: part of the task; distinguishes questions of one stage.
+        prompt: text of the question.
         schema: JSON schema of the answer.
-        read: makes a value of what an answer holds.
-
-            Raises:
-                Wrong, InputError: it cannot be used.
-        pictures: that go along.
-        sample: number among equal questions.
-        prose: ``read`` is given the answer as it is, as the only field ``text``.
+        read: converts the data of an answer to a value; raises Wrong or InputError if it cannot.
+        pictures: pictures sent with the prompt.
+        sample: number that distinguishes repetitions of a question.
+        prose: pass the raw answer to ``read``, as the field ``text``.
     """
 
     stage: str
@@ -181,16 +178,16 @@ class Ask(Generic[T]):
 
 
 class Conversations:
-    """Asks a model, and keeps what was said.
+    """Asks a model and records the conversations.
 
     Args:
-        model: who is asked.
-        prompts: in which words.
-        max_rounds: answers to one question before it is dropped.
+        model: language model.
+        prompts: prompt templates.
+        max_rounds: number of answers to one question before it is dropped.
 
     Attributes:
-        seed: of the run: runs with other seeds get other answers to the same questions.
-        log: of what was asked.
+        seed: seed of the run; runs with different seeds get different answers to the same question.
+        log: record of the conversations.
     """
 
     def __init__(self, model: LanguageModel, prompts: Prompts, max_rounds: int) -> None:
@@ -199,16 +196,16 @@ class Conversations:
         self.log = ConversationLog()
 
     def open(self, folder: Path) -> None:
-        """Keep everything in the run folder ``folder``."""
+        """Store questions and answers in the run folder ``folder``."""
         self.model.open(folder / MODEL_FOLDER)
         self.log.open(folder / MODEL_FOLDER)
 
     def ask(self, ask: Ask[T]) -> tuple[T, ConversationRecord]:
-        """A value that could be read, and the record of how it came about, which says that it was used.
+        """Return the value of a usable answer, and the record of the conversation with outcome ``"used"``.
 
         Raises:
             Dropped: no answer could be used; the record says why.
-            BudgetSpent: asking might cost more than is left.
+            BudgetSpent: the question might cost more than the remaining budget.
             ModelError: the endpoint gives no answer.
         """
         first = (Message("system", self.prompts.text("system")), Message("user", ask.prompt, ask.pictures))

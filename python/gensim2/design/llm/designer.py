@@ -1,4 +1,4 @@
-"""A designer that asks a language model, stage by stage as the paper does; physics is the judge of what it says."""
+"""A designer that asks a language model stage by stage, as in the paper; simulation tests its strategies."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ from gensim2.robots import robot
 from gensim2.tasks.spec import HAND, ObjectSpec, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 
-#: Proposals in a row that come to nothing before no more are asked for.
+#: The designer stops proposing after this many consecutive unusable proposals.
 MAX_FAILURES = 5
 
-#: Strategies of a step that are tried one after the other.
+#: Maximum number of alternative strategies of a step.
 MAX_IN_TURN = 4
 
 GRASPS: Strategies = {
     "grasp": {"grasp": "antipodal"},
     "grasp_from_any_side": {"grasp": "antipodal", "tilt": 1.6, "candidates": 60},
 }
-"""Strategies that take up a rigid object: by rule, as the paper's ``grasp``."""
+"""Strategies that grasp a rigid object by rule, like the paper's ``grasp``."""
 
 
 class LLMDesigner:
-    """Fills :class:`~gensim2.design.base.Designer`.
+    """Designer that asks a language model.
 
     Args:
-        model: who is asked.
-        prompts: in which words.
-        asking: what for.
-        robot_name: against whose keypoints configs are checked.
-        views: draws scenes; None: they are not shown.
+        model: language model.
+        prompts: prompt templates.
+        asking: mode, targets and number of trials.
+        robot_name: robot whose keypoints configs are checked against.
+        views: renders scenes for the model; None: no pictures of scenes.
     """
 
     def __init__(
@@ -66,12 +66,12 @@ class LLMDesigner:
 
     @property
     def name(self) -> str:
-        """``llm:`` and the model's name."""
+        """Name of the designer: ``llm:`` and the model's name."""
         return f"llm:{self.model.options.model}"[:100]
 
     @property
     def notes(self) -> Sequence[str]:
-        """Why there are no more proposals, and how many questions had no answer that could be used."""
+        """Why the proposals ended, and the number of dropped and refused questions."""
         dropped = sum(each.outcome == "dropped" for each in self.talk.log.conversations)
         refused = sum(each.outcome == "refused" for each in self.talk.log.conversations)
         counts = []
@@ -82,11 +82,11 @@ class LLMDesigner:
         return [*self._notes, *counts]
 
     def open(self, folder: Path) -> None:
-        """Keep questions, answers and what became of them in ``folder/model``."""
+        """Store questions, answers and outcomes in ``folder/model``."""
         self.talk.open(folder)
 
     def propose(self, brief: Brief, seed: int) -> Iterator[TaskSpec]:
-        """Yield what the model proposes, one after the other, until it has nothing more that can be used."""
+        """Yield the model's proposals until it gives no more usable ones."""
         self.talk.seed = seed
         refused: list[str] = []
         failures = 0
@@ -110,7 +110,8 @@ class LLMDesigner:
                     return
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """Stages 1 and 2 for each step that is not known or done by rule; trial n of each step makes candidate n.
+        """Ask for configs of each step that has no known or rule-based strategy; trial n of each step forms candidate
+        n.
 
         Raises:
             Declined: the model's answers cannot be used, or the budget is spent.
@@ -144,7 +145,7 @@ class LLMDesigner:
     def refine(
         self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
     ) -> list[Candidate]:
-        """Ask for better configs of the step that is to blame, with what went wrong in words."""
+        """Ask for better configs of the step that failed, with a description of the failures."""
         if round >= self.asking.max_rounds or not results:
             return []
         parent = _furthest(task, results)
@@ -171,7 +172,7 @@ class LLMDesigner:
         return children
 
     def _proposal(self, brief: Brief, number: int, refused: list[str]) -> TaskSpec | None:
-        """One proposal; None where the model itself finds it bad."""
+        """Return one proposal; None if the model's own reflection rejects it."""
         catalog = Catalog.of(brief, articulated_only=self.asking.mode == "explore")
         catalog = replace(
             catalog, known=tuple({task.name: task for task in (*catalog.known, *self._proposed)}.values())
@@ -205,13 +206,13 @@ class LLMDesigner:
         return self._as_code(found.task, brief) if self.asking.code else found.task
 
     def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
-        """Return the task as the model writes it in code."""
+        """Return the task as described by code that the model writes for it."""
         known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
         references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]
         found, _ = self.talk.ask(code_stage.code(self.prompts, task, references))
         names = {step.name: step.strategies for step in task.steps}
         steps = tuple(step.model_copy(update={"strategies": names[step.name]}) for step in found.steps)
-        # Where the code says nothing of an object's place, it stands where it was to stand.
+        # If the code gives no place for an object, the original place is kept.
         placed = dict(zip(found.objects, task.objects.values(), strict=True))
         objects = {
             name: placed[name] if thing == ObjectSpec(asset_class=thing.asset_class) else thing
@@ -220,7 +221,7 @@ class LLMDesigner:
         return found.model_copy(update={"steps": steps, "objects": objects, "provenance": task.provenance})
 
     def _fixed(self, task: TaskSpec, step: Step) -> Strategies | None:
-        """Return the strategies of a step that no question is asked about; None where one is."""
+        """Return the strategies of a step that needs no question; None for any other step."""
         known = self._skills.get(task.name, {}).get(step.name)
         if known is not None:
             return known
@@ -230,7 +231,7 @@ class LLMDesigner:
         return StepToSolve(task, step, brief.of(task), brief.settings.tool_keypoints, self._profile)
 
     def _to_blame(self, task: TaskSpec, result: CandidateResult) -> Step | None:
-        """The step whose config is to be written anew: the one that failed, else the last that the model wrote."""
+        """Return the step to improve: the one that failed, else the last one that the model wrote."""
         own = [step for step in task.steps if self._fixed(task, step) is None]
         blamed = (step for each in result.diagnoses for step in own if step.name == each.step)
         return next(blamed, own[-1] if own else None)
@@ -244,7 +245,7 @@ class LLMDesigner:
 
 
 def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateResult:
-    """Of those that hold as often as the first, the one whose failures come latest in the task."""
+    """Return the candidate that fails latest in the task, among those that tie with the first."""
     order = [step.name for step in task.steps]
 
     def reached(result: CandidateResult) -> int:
@@ -256,5 +257,5 @@ def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateRe
 
 
 def _in_turn(name: str, configs: Sequence[Config]) -> Strategies:
-    """Configs as strategies of a step, in order of preference, the first under ``name``."""
+    """Name configs as strategies of a step in order of preference, the first ``name``."""
     return {name if n == 0 else f"{name}_{n + 1}": config for n, config in enumerate(configs[:MAX_IN_TURN])}

@@ -1,6 +1,6 @@
-"""Plain data out of what a model wrote: fences, prose around, wrong quotes and trailing commas do no harm.
+"""Extract plain data from a model's answer despite code fences, surrounding prose, wrong quotes and trailing commas.
 
-Nothing is evaluated. What comes out is what JSON can hold, and still has to be validated.
+Nothing is executed. The result is JSON-like data that still has to be validated.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from gensim2.core.errors import InputError, MissingExtraError
 from gensim2.core.yaml_files import check_finite, parse_yaml
 from gensim2.design.llm.boundary import whole_characters
 
-#: Characters of the longest text that data is looked for in; no answer of a stage needs a tenth of it.
+#: Maximum number of characters of an answer; valid answers are ten times shorter.
 MAX_CHARACTERS = 100_000
 
-#: Most pieces of an answer that are read.
+#: Maximum number of data blocks read from an answer.
 MAX_PIECES = 40
 
-#: Values inside each other, more than any answer needs.
+#: Maximum nesting of the data.
 MAX_DEPTH = 20
 
-#: Brackets inside each other beyond which a text is not repaired: the time goes with the square.
+#: Maximum nesting of brackets in a text to repair, since the time of a repair grows with its square.
 MAX_BRACKETS = 200
 
-#: Name that a list gets which stands by itself.
+#: Field name for a top-level list.
 ITEMS = "items"
 
 Data = dict[str, Any]
@@ -37,10 +37,10 @@ _FIELD = re.compile(r"^(?:- )?[A-Za-z_][\w-]*:(?:[ \t]|$)", re.MULTILINE)
 
 
 def mappings(text: str) -> list[Data]:
-    """All maps that an answer holds, in order; a list that stands by itself is one with the field ``items``.
+    """Return all mappings in an answer, in order; a top-level list becomes a mapping with the field ``items``.
 
     Raises:
-        InputError: the text is too long, or holds none; in words for the model.
+        InputError: the text is too long or holds no data; the message is written for the model.
     """
     if len(text) > MAX_CHARACTERS:
         raise InputError(f"the answer is longer than {MAX_CHARACTERS} characters")
@@ -61,7 +61,7 @@ def mappings(text: str) -> list[Data]:
 
 
 def _pieces(text: str) -> Iterator[str]:
-    """Parts of a text that may be data: what is fenced; else what stands in braces; else lines with fields."""
+    """Yield the parts of a text that may be data: fenced blocks, else text in braces, else lines with fields."""
     fenced = [match.group(1) for match in _FENCE.finditer(text)]
     if fenced:
         for block in fenced:
@@ -86,14 +86,14 @@ def _documents(block: str) -> Iterator[str]:
 
 
 def _from_first_field(text: str) -> str:
-    """Without the prose before the first line that looks like a field, and after the last indented or such line."""
+    """Return the text from the first to the last line that looks like a field."""
     lines = text.splitlines()
     likely = [i for i, line in enumerate(lines) if _FIELD.match(line) or line.startswith(("  ", "- ", "---"))]
     return "\n".join(lines[likely[0] : likely[-1] + 1]) if likely else ""
 
 
 def _braced(text: str) -> Iterator[str]:
-    """Outermost ``{...}`` regions; the last may lack its end."""
+    """Yield the outermost ``{...}`` regions; the last may be unterminated."""
     depth, start, quoted, escaped = 0, 0, "", False
     for index, character in enumerate(text):
         if quoted:
@@ -117,7 +117,9 @@ def _braced(text: str) -> Iterator[str]:
 
 
 def _read(piece: str) -> Data:
-    """One map. Strictly, as YAML, of which JSON is a part; else with json-repair, where it looks like JSON."""
+    """Parse one mapping as YAML (which includes JSON); if that fails and it looks like JSON, repair it with
+    json-repair.
+    """
     stripped = piece.strip("\n")
     looks_like_json = stripped.lstrip().startswith(("{", "["))
     listed = stripped.lstrip().startswith(("- ", "["))
@@ -148,7 +150,6 @@ def _read(piece: str) -> Data:
 
 
 def _brackets(text: str) -> int:
-    """Most brackets that are open at once."""
     depth = most = 0
     for character in text:
         depth += (character in "{[") - (character in "}]")
@@ -164,7 +165,7 @@ def _check_depth(value: Any, depth: int = 0) -> None:
 
 
 def _check_characters(value: Any) -> None:
-    """Refuse half characters, which escapes in JSON can make; :func:`parse_yaml` does the same."""
+    """Refuse lone surrogates, which JSON escapes can create; :func:`parse_yaml` does the same."""
     if isinstance(value, str) and whole_characters(value) != value:
         raise InputError("the answer holds half a character (a lone surrogate)")
     if isinstance(value, dict):

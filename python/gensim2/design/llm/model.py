@@ -1,4 +1,4 @@
-"""A model as the stages see it: a question in, an answer out, wherever it comes from."""
+"""Answers of a language model, from the run's records, the shared cache or the endpoint."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gensim2.design.llm.store import NO_ANSWER, AnswerStore, ModelRecord
 
 
 class LanguageModel:
-    """Answers from the run's store, else from the cache of all runs, else from the model itself.
+    """Answers questions from the run's store, else from the cache shared by all runs, else from the model.
 
     Args:
-        options: which model, and how it is asked.
+        options: model and request settings.
         prompts: digest of the prompts, for the record.
-        asking: what is asked for, for the record.
-        cache: folder of answers that all runs share; None: there is none.
-        replay: folder of a run's answers, which are used in place of a model; None: the model is asked.
+        asking: requested designs, for the record.
+        cache: folder of answers shared by all runs, or None.
+        replay: folder of a run's answers to use instead of a model; None: the model is asked.
 
     Raises:
         MissingExtraError: the ``openai`` library is not installed.
@@ -45,10 +45,10 @@ class LanguageModel:
         self._record = ModelRecord.of(options, prompts, asking or {}, endpoint)
 
     def open(self, folder: Path) -> None:
-        """Keep answers in ``folder``, and use those that an earlier call of the run kept there.
+        """Store answers in ``folder``, and reuse those of earlier calls of the run.
 
         Raises:
-            InputError: that call asked another model, or for something else.
+            InputError: the earlier call used another model or other settings.
         """
         self._store = AnswerStore(folder, self._store.cache)
         self._store.write_model(self._record)
@@ -56,21 +56,21 @@ class LanguageModel:
             self._store.copy(self._replay)
 
     def close(self) -> None:
-        """Give connections back."""
+        """Close the connections."""
         if self._client is not None:
             self._client.close()
 
     def digest(self, question: ModelQuestion) -> str:
-        """Of a question to this model."""
+        """Return the digest of a question to this model."""
         return question.digest(self.options.model, self.options.temperature, self.options.max_tokens)
 
     def answer(self, question: ModelQuestion) -> ModelAnswer:
-        """One answer.
+        """Return the answer to a question.
 
         Raises:
-            BudgetSpent: it might cost more than what is left.
-            ModelError: the endpoint gives none.
-            InputError: the endpoint refuses the question, or the record to replay does not have it.
+            BudgetSpent: the question might cost more than the remaining budget.
+            ModelError: the endpoint gives no answer.
+            InputError: the endpoint refuses the question, or the replayed record lacks it.
         """
         digest = self.digest(question)
         if self._client is None:
@@ -79,7 +79,7 @@ class LanguageModel:
             return answer
         shared = question.shared_digest(self._client.endpoint, self.options.structured, digest)
         known = self._store.record(digest, shared)
-        if known is not None and known.spent is None:  # an earlier call may have had less to spend
+        if known is not None and known.spent is None:  # the budget may have been raised
             self.ledger.add(known.answer, asked=False)
             self._store.put(digest, question, known.answer)
             return known.answer
@@ -106,5 +106,4 @@ class LanguageModel:
         return found.answer
 
     def _max_cost(self, question: ModelQuestion) -> float | None:
-        """USD that a question may cost."""
         return self.options.priced(estimated_tokens(question), self.options.max_tokens)

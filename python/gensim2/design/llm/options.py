@@ -1,4 +1,4 @@
-"""Options of a language model, from a config file or the command line. The key is no part of it."""
+"""Options of a language model from a config file or the command line; the key is not among them."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ Price = Annotated[float, Field(ge=0, le=1e6)]
 
 
 class ModelOptions(BaseModel):
-    """A model behind an endpoint that speaks the OpenAI protocol, and how it is asked.
+    """A model behind an endpoint that speaks the OpenAI protocol, and request settings.
 
     Attributes:
-        model: its name at the endpoint.
-        base_url: of the endpoint; None: what ``OPENAI_BASE_URL`` says, else OpenAI's own.
-        key_variable: environment variable that holds the key; endpoints of one's own need none.
-        temperature: of its answers; None leaves it to the endpoint.
-        max_tokens: longest answer, tokens.
-        timeout: seconds for one try of one answer, from the first byte sent to the last received.
-        retries: further tries of a question after a failure of the endpoint or of the network.
-        concurrency: questions under way at once.
-        price_in, price_out: USD for a million tokens of questions and of answers; None: unknown.
-        budget: USD that a run may spend; None: any amount.
-        structured: whether answers are asked for by a JSON schema; ``"auto"``: until the endpoint refuses one.
+        model: model name at the endpoint.
+        base_url: address of the endpoint; None: ``OPENAI_BASE_URL``, else OpenAI's own.
+        key_variable: environment variable that holds the API key; self-hosted endpoints need none.
+        temperature: sampling temperature; None: default of the endpoint.
+        max_tokens: maximum length of an answer, tokens.
+        timeout: seconds for one attempt, from the first byte sent to the last received.
+        retries: number of retries after a failure of the endpoint or the network.
+        concurrency: maximum number of concurrent requests.
+        price_in, price_out: USD per million tokens of questions and of answers; None: unknown.
+        budget: maximum USD that a run may spend; None: no limit.
+        structured: whether requests include a JSON schema; ``"auto"``: until the endpoint refuses one.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
@@ -62,16 +62,16 @@ class ModelOptions(BaseModel):
 
     @property
     def key(self) -> Secret | None:
-        """Return what the environment says."""
+        """Return the API key from the environment, or None."""
         found = os.environ.get(self.key_variable)
         return Secret(found) if found else None
 
     @property
     def address(self) -> str | None:
-        """Return the endpoint's address, ``OPENAI_BASE_URL`` where none is given; None: OpenAI's own.
+        """Return the endpoint's address, by default ``OPENAI_BASE_URL``; None: OpenAI's own.
 
         Raises:
-            InputError: the variable holds no address, or more than one.
+            InputError: the variable does not hold exactly one address.
         """
         found = self.base_url or os.environ.get("OPENAI_BASE_URL") or None
         problem = problem_of_address(found) if found is not None else None
@@ -80,17 +80,17 @@ class ModelOptions(BaseModel):
         return found
 
     def priced(self, tokens_in: int, tokens_out: int) -> float | None:
-        """USD for so many tokens; None where no prices are known."""
+        """Return the price of these tokens in USD; None if the prices are unknown."""
         if self.price_in is None or self.price_out is None:
             return None
         return (tokens_in * self.price_in + tokens_out * self.price_out) / 1e6
 
 
 def problem_of_address(address: str) -> str | None:
-    """Return what is wrong with the address of an endpoint; what it holds beside an address is not repeated."""
+    """Return the fault of an endpoint's address, or None; the message never repeats credentials in the address."""
     try:
         parts = urlsplit(address)
-        _ = parts.port  # raises where it is none
+        _ = parts.port  # Raises ValueError if the port is invalid.
     except ValueError:
         return "is no http or https address"
     if parts.password or parts.username or parts.query or parts.fragment:
@@ -101,10 +101,10 @@ def problem_of_address(address: str) -> str | None:
 
 
 def model_options(config: Path | None = None, **given: Any) -> ModelOptions:
-    """Options from a YAML file of the fields of :class:`ModelOptions` and from ``given``, which go before it.
+    """Read options from a YAML file; ``given`` overrides its fields.
 
     Args:
-        config: the file, or None.
+        config: YAML file with fields of :class:`ModelOptions`, or None.
         **given: fields; None stands for not given.
 
     Raises:

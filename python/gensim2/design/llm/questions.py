@@ -1,4 +1,4 @@
-"""Questions to a model and its answers, as plain values."""
+"""Questions to a language model and its answers."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from gensim2.design.pictures import LazyPicture
 
 
 class BudgetSpent(GenSim2Error):
-    """The next question might cost more than what is left of the budget."""
+    """The next question might cost more than the remaining budget."""
 
 
 @dataclass(frozen=True)
 class Account:
-    """Sums over answers.
+    """Totals over answers.
 
     Attributes:
-        answers: how many.
-        asked: how many of them were asked of the model, and not known before.
-        retries: tries that failed.
-        tokens_in, tokens_out: of questions and answers.
-        counted: whether the endpoint counted all of them.
-        cost: USD; None where no prices are known.
+        answers: number of answers.
+        asked: number of answers that the model gave in this call, not read from a record.
+        retries: number of failed attempts.
+        tokens_in, tokens_out: tokens of questions and of answers.
+        counted: whether the endpoint counted all tokens.
+        cost: USD; None if the prices are unknown.
     """
 
     answers: int = 0
@@ -38,7 +38,7 @@ class Account:
     cost: float | None = 0.0
 
     def plus(self, answer: ModelAnswer, *, asked: bool) -> Account:
-        """With one answer more."""
+        """Return the totals with one more answer."""
         cost = None if self.cost is None or answer.cost is None else self.cost + answer.cost
         return Account(
             self.answers + 1,
@@ -51,15 +51,15 @@ class Account:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Return plain data."""
         return asdict(self)
 
 
 class Ledger:
-    """Counts what answers cost. Threads may share it.
+    """Counts the cost of answers. Threads may share it.
 
     Args:
-        budget: USD; None: any amount.
+        budget: maximum USD; None: no limit.
     """
 
     def __init__(self, budget: float | None) -> None:
@@ -69,10 +69,10 @@ class Ledger:
         self._lock = threading.Lock()
 
     def reserve(self, max_cost: float | None) -> None:
-        """Reserve up to ``max_cost`` USD for the next request, until :meth:`settle`.
+        """Reserve up to ``max_cost`` USD for the next question, until :meth:`release`.
 
         Raises:
-            BudgetSpent: the rest of the budget is smaller.
+            BudgetSpent: the remaining budget is smaller.
         """
         with self._lock:
             spent, max_cost = self.account.cost or 0.0, max_cost or 0.0
@@ -83,19 +83,19 @@ class Ledger:
             self._reserved += max_cost
 
     def release(self, max_cost: float | None) -> None:
-        """Give back what was set aside."""
+        """Release a reservation."""
         with self._lock:
             self._reserved -= max_cost or 0.0
 
     def add(self, answer: ModelAnswer, *, asked: bool) -> None:
-        """Count an answer; ``asked``: of the model, in this call."""
+        """Count an answer; ``asked``: the model gave it in this call."""
         with self._lock:
             self.account = self.account.plus(answer, asked=asked)
 
 
 @dataclass(frozen=True)
 class Message:
-    """One message of a conversation."""
+    """A message of a conversation."""
 
     role: Literal["system", "user", "assistant"]
     text: str
@@ -107,12 +107,12 @@ class ModelQuestion:
     """A conversation that waits for the model's answer.
 
     Attributes:
-        stage: which prompt it is.
-        subject: the task or class that it is about, for people.
-        messages: so far.
-        schema: JSON schema of the answer, for endpoints that keep to one.
-        sample: tells equal questions apart that are to have answers of their own: the run's seed, the number of the
-            proposal, the round of complaints.
+        stage: name of the prompt.
+        subject: task or class in question, for readers.
+        messages: messages so far.
+        schema: JSON schema of the answer, for endpoints that support one.
+        sample: numbers that distinguish repetitions of a question: the run's seed, the number of the proposal, the
+            round.
     """
 
     stage: str
@@ -122,18 +122,20 @@ class ModelQuestion:
     sample: tuple[int, ...] = ()
 
     def digest(self, model: str, temperature: float | None, max_tokens: int) -> str:
-        """Hex digest of what is asked: equal questions to one model at one endpoint, equal digests."""
+        """Return the hex digest of the question to a model; equal questions have equal digests."""
         said = [[m.role, m.text, [picture.of for picture in m.pictures]] for m in self.messages]
         content = [model, temperature, max_tokens, self.stage, list(self.sample), said]
         return hashlib.sha256(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace")).hexdigest()
 
     def shared_digest(self, endpoint: str, structured: str, digest: str) -> str:
-        """Hex digest of all that the answer follows from, wherever it is asked; ``digest`` is that of the question."""
+        """Return the hex digest of everything that determines the answer, including the endpoint; ``digest`` is the
+        question's.
+        """
         content = [endpoint, structured, self.schema, digest]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def followed_by(self, answer: str, reply: str, round: int) -> ModelQuestion:
-        """The question after an answer that was replied to; ``round`` tells it from one in which the same was said."""
+        """Return the question after an answer and a reply; ``round`` makes its digest unique."""
         said = (Message("assistant", answer), Message("user", reply))
         return replace(self, messages=(*self.messages, *said), sample=(*self.sample, round))
 
@@ -143,12 +145,12 @@ class ModelAnswer:
     """Answer of a model.
 
     Attributes:
-        text: empty where the endpoint gave nothing that can be read.
-        problem: what is wrong with it as a message, whatever it says; None: nothing.
-        tokens_in, tokens_out: of question and answer.
-        counted: whether the endpoint counted them; else they are estimated from the number of characters.
-        retries: tries that failed before it.
-        cost: USD; None where no prices are known.
+        text: text of the answer; empty if the reply is unreadable.
+        problem: fault of the reply as a message (such as truncation); None: no fault.
+        tokens_in, tokens_out: tokens of question and answer.
+        counted: whether the endpoint counted the tokens; else they are estimated from the text's length.
+        retries: number of failed attempts before the answer.
+        cost: USD; None if the prices are unknown.
     """
 
     text: str

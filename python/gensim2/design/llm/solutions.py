@@ -1,4 +1,4 @@
-"""Configs of a step: the solver's two stages, with pictures where they are wanted, and how configs fared in words."""
+"""Ask a model for the configs of a step in the solver's two stages, with pictures on request."""
 
 from __future__ import annotations
 
@@ -22,21 +22,23 @@ from gensim2.tasks.strategies import Strategies
 
 Mode = Literal["explore", "topdown", "bottomup"]
 
-#: Configs of a step that are shown, with how they fared, when better ones are asked for.
+#: Maximum number of tried configs shown when asking for better ones.
 SHOWN_TRIED = 3
 
 FRAMES = "red, green, blue: x, y, z of the frames of the robot's base and of the object, whose keypoints are named"
 
 
 class Views(Protocol):
-    """Draws scenes that a model is shown, with the frames of robot and object and the object's keypoints."""
+    """Renders scenes for a model, with the frames of robot and object and the object's keypoints."""
 
     def start(self, task: TaskSpec, step: str) -> LazyPicture:
-        """A scene as it stands at first, marked for ``step``."""
+        """Return a picture of the initial scene, marked for ``step``."""
         ...
 
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> LazyPicture:
-        """The same scene with the arm at the actuation pose that the strategies of ``step`` lead to."""
+        """Return a picture of the same scene with the arm at the actuation pose that the strategies of ``step``
+        give.
+        """
         ...
 
 
@@ -45,14 +47,14 @@ class Asking:
     """Settings for requesting designs from a model.
 
     Attributes:
-        mode: ``"explore"``: tasks of one motion; ``"topdown"``: long tasks, taken apart; ``"bottomup"``: long tasks,
-            put together from verified ones.
-        target_task: propose this task; None: any.
-        target_object: propose tasks on this class; None: any.
-        trials: configs of a step that are asked for at once.
-        max_rounds: answers to a question before it is dropped, and rounds of better configs after physics.
-        visual: show pictures.
-        code: ask for each task as code, too.
+        mode: ``"explore"``: single-step tasks; ``"topdown"``: long tasks that are decomposed into steps;
+            ``"bottomup"``: long tasks composed of verified ones.
+        target_task: name of the task to propose; None: any.
+        target_object: class that each task must use; None: any.
+        trials: number of configs of a step requested at once.
+        max_rounds: maximum number of answers to a question, and of rounds of better configs after simulation.
+        visual: send pictures.
+        code: also ask for each task as code.
     """
 
     mode: Mode = "explore"
@@ -65,10 +67,10 @@ class Asking:
 
     @staticmethod
     def read(fields: Mapping[str, Any], file: Path) -> Asking:
-        """Return what a record says was asked for.
+        """Return the settings of a record.
 
         Raises:
-            InputError: a field is unknown or cannot be used.
+            InputError: a field is unknown or invalid.
         """
         unknown = sorted(fields.keys() - Asking.__dataclass_fields__.keys())
         if unknown:
@@ -80,19 +82,19 @@ class Asking:
 
 
 class Solutions:
-    """Asks for configs.
+    """Asks for the configs of steps.
 
     Args:
-        talk: with the model.
-        asking: what for.
-        views: draws scenes; None: they are not shown.
+        talk: conversations with the model.
+        asking: mode, targets and number of trials.
+        views: renders scenes; None: no pictures of scenes.
     """
 
     def __init__(self, talk: Conversations, asking: Asking, views: Views | None) -> None:
         self.talk, self.asking, self.views = talk, asking, views
 
     def configs(self, job: StepToSolve, brief: Brief, fixed: Mapping[str, Strategies]) -> list[Config]:
-        """Both stages of the solver for one step."""
+        """Return the configs of one step, from both stages of the solver."""
         sight = self._sight(job)
         found, _ = self.talk.ask(solving.constraints(self.talk.prompts, job, brief.known, sight))
         sight = self._with_actuation(job, found, fixed, sight)
@@ -102,7 +104,7 @@ class Solutions:
         return trials
 
     def _sight(self, job: StepToSolve) -> CaptionedPictures:
-        """Pictures of the step's objects and of a scene, where pictures are wanted and can be had."""
+        """Return pictures of the step's objects and of the scene, if requested and available."""
         if not self.asking.visual:
             return CaptionedPictures()
         captions, pictures = [], []
@@ -120,7 +122,7 @@ class Solutions:
     def _with_actuation(
         self, job: StepToSolve, constraint_list: list[Any], fixed: Mapping[str, Strategies], sight: CaptionedPictures
     ) -> CaptionedPictures:
-        """With the actuation pose that the constraints of stage 1 lead to."""
+        """Add a picture of the actuation pose that the constraints of stage 1 give."""
         if not self.asking.visual or self.views is None:
             return sight
         fingers = "closed" if job.held is None else "release"
@@ -139,7 +141,7 @@ class Solutions:
 
 
 def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tried]:
-    """The best configs of a step so far, each with how it fared."""
+    """Return the best configs of a step so far, with their results."""
     name = step.strategies[0]
     found: list[solving.Tried] = []
     for result in results:
@@ -155,7 +157,7 @@ def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tri
 
 
 def in_words(config: Config) -> str:
-    """Describe in one phrase what a config does."""
+    """Return one phrase that describes a config."""
     points = [each["target_keypoint_name"] for each in config["constraint_list"] if "target_keypoint_name" in each]
     motions = [
         " ".join(f"{part:g}" if isinstance(part, int | float) else str(part) for part in motion)

@@ -1,4 +1,4 @@
-"""Task specs from what a model said, in the paper's words for goals."""
+"""Build task specs from a model's answers, with the paper's names of goals."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ CRITERIA = (
     "distance_gripper_rigidbody",
     "distance_gripper_articulated",
 )
-"""The paper's kinds of success criteria."""
+"""Types of success criteria in the paper."""
 
-#: Where a rigid object stands that is to be taken up, m: beside the robot, out of the way of what opens.
+#: Position (x, y) in metres of a rigid object to pick up, beside the robot and clear of doors that open.
 BESIDE = (-0.2, -0.45)
 
-#: Control steps that a step of a long task may take.
+#: Control steps allowed for each step of a long task.
 STEPS_A_STEP = 300
 
-#: Openness at the start of what things are put into without being opened first.
+#: Initial openness of a container that no step opens first.
 STANDS_OPEN = 0.95
 
 
@@ -46,7 +46,7 @@ def roles_of(articulated: Affordance, rigid: Affordance | None) -> tuple[str, st
 
 
 def criterion(kind: str, articulated: str, rigid: str | None) -> Criterion:
-    """A criterion of one of the paper's kinds, about the objects of these names."""
+    """Return a criterion of one of the paper's types, for objects of these names."""
     if kind == "articulated_open":
         return ArticulatedOpen(object=articulated)
     if kind == "articulated_closed":
@@ -60,7 +60,7 @@ def criterion(kind: str, articulated: str, rigid: str | None) -> Criterion:
 
 
 def single_step(name: str, sentence: str, thing: Affordance, kind: str, origin: str) -> TaskSpec:
-    """A task of one motion on one articulated object."""
+    """Return a task of one motion on one articulated object."""
     role = role_of(thing)
     done = criterion(kind, role, None)
     return TaskSpec(
@@ -81,7 +81,7 @@ def long_task(
     goal: Sequence[str],
     origin: str,
 ) -> TaskSpec:
-    """A task of several steps, whose objects are called as :func:`roles_of` says."""
+    """Return a task of several steps; :func:`roles_of` names its objects."""
     role, other = roles_of(articulated, rigid)
     opens = any(isinstance(c, ArticulatedOpen) for step in steps for c in step.done)
     first = next((c for step in steps for c in step.done if isinstance(c, ArticulatedOpen | ArticulatedClosed)), None)

@@ -1,7 +1,7 @@
-"""Store the answers of a run by the digest of their question; the run is resumed and replayed from there.
+"""Store a run's answers by the digest of their question, to resume or replay the run.
 
-DIR/model.json                 who was asked, and how
-DIR/answers/<digest>.json      a question, its answer, and what they cost
+DIR/model.json                 the model and its settings
+DIR/answers/<digest>.json      a question, its answer and their cost
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gensim2.design.llm.options import ModelOptions, model_options
 from gensim2.design.llm.questions import BudgetSpent, ModelAnswer, ModelQuestion
 
 MODEL_FOLDER = "model"
-"""Folder of a run for all that its designer keeps."""
+"""Folder of a run for the records of its designer."""
 MODEL_JSON = "model.json"
 ANSWERS = "answers"
 
@@ -34,13 +34,13 @@ class _Record(BaseModel):
 
 
 class ModelRecord(_Record):
-    """``model.json``: what questions and answers follow from, and what a replay's costs follow from.
+    """Content of ``model.json``: everything that determines the questions, answers and costs of a run.
 
     Attributes:
-        model, temperature, max_tokens, price_in, price_out, budget: as of :class:`ModelOptions`.
+        model, temperature, max_tokens, price_in, price_out, budget: as in :class:`ModelOptions`.
         prompts: digest of the prompts.
-        asking: what was asked for, as plain data.
-        endpoint: address that was asked; None: a replay, or a record of an earlier version.
+        asking: requested designs, as plain data.
+        endpoint: address of the endpoint; None: a replay, or a record of an earlier version.
     """
 
     schema_version: Literal[1] = 1
@@ -56,24 +56,24 @@ class ModelRecord(_Record):
 
     @property
     def options(self) -> ModelOptions:
-        """Options of a replay.
+        """Return the options of a replay.
 
         Raises:
-            InputError: they are none; names the field.
+            InputError: a field is invalid; names the field.
         """
         shared = ModelRecord.model_fields.keys() & ModelOptions.model_fields.keys()
         return model_options(**{name: getattr(self, name) for name in shared})
 
     @staticmethod
     def of(options: ModelOptions, prompts: str, asking: Mapping[str, Any], endpoint: str | None) -> ModelRecord:
-        """Of the options, of the digest of the prompts, of what is asked for, and of who is asked."""
+        """Build the record from options, digest of the prompts, requested designs and address of the endpoint."""
         shared = ModelRecord.model_fields.keys() & ModelOptions.model_fields.keys()
         fields = {name: getattr(options, name) for name in shared}
         return ModelRecord(prompts=prompts, asking=dict(asking), endpoint=endpoint, **fields)
 
 
 class AnswerRecord(_Record):
-    """``answers/<digest>.json``; ``spent``: why there is no answer, once the budget was spent."""
+    """Content of ``answers/<digest>.json``; ``spent`` is the reason for a missing answer once the budget was spent."""
 
     schema_version: Literal[1] = 1
     stage: str
@@ -90,7 +90,7 @@ class AnswerRecord(_Record):
 
     @property
     def answer(self) -> ModelAnswer:
-        """Return the answer alone.
+        """Return the answer.
 
         Raises:
             BudgetSpent: the record says that the budget was spent.
@@ -101,13 +101,13 @@ class AnswerRecord(_Record):
 
 
 class AnswerStore:
-    """Folder of a run's answers by the digest of their question; threads and processes may share it.
+    """Folder of a run's answers, by the digest of their question. Threads and processes may share it.
 
-    A file of the folder is whole or absent. A later run replays the answers from there.
+    Each file is written atomically.
 
     Args:
-        path: the folder, such as ``OUT/model``; None: answers are kept in the cache alone.
-        cache: folder of the answers of all runs; None: there is none.
+        path: folder, such as ``OUT/model``; None: answers are kept in the cache alone.
+        cache: folder of the answers of all runs, or None.
     """
 
     def __init__(self, path: Path | None, cache: Path | None = None) -> None:
@@ -117,16 +117,16 @@ class AnswerStore:
         """Return the record of the model that was asked.
 
         Raises:
-            InputError: the folder holds no record, or one that cannot be read.
+            InputError: the folder holds no readable record.
         """
         assert self.path is not None
         return read_record(self.path / MODEL_JSON, ModelRecord, _REMEDY)
 
     def write_model(self, record: ModelRecord) -> None:
-        """Write ``model.json``; a folder holds the answers of one model to one kind of questions.
+        """Write ``model.json``; a folder holds the answers of one model with one set of settings.
 
         Raises:
-            InputError: the folder holds answers of another model, or to other questions.
+            InputError: the folder holds answers of another model or with other settings.
         """
         assert self.path is not None
         path = self.path / MODEL_JSON
@@ -153,14 +153,14 @@ class AnswerStore:
             write_json(self._file(path.stem), read_record(path, AnswerRecord, _REMEDY).model_dump())
 
     def record(self, digest: str, shared: str | None = None) -> AnswerRecord | None:
-        """Return all that is known of a question; None if it was never asked.
+        """Return the record of a question; None if it was never asked.
 
         Args:
-            digest: of the question.
-            shared: digest of the question and of its endpoint, by which the cache knows the answer.
+            digest: digest of the question.
+            shared: digest of question and endpoint, the key of the cache; None: skip the cache.
 
         Raises:
-            InputError: the run's file is damaged. A damaged entry of the cache is missing.
+            InputError: the run's file is damaged. A damaged entry of the cache counts as missing.
         """
         if self.path is not None and os.path.lexists(path := self._file(digest)):
             return read_record(path, AnswerRecord, _REMEDY)
@@ -179,14 +179,14 @@ class AnswerStore:
         shared: str | None = None,
         spent: str | None = None,
     ) -> None:
-        """Keep an answer.
+        """Store an answer.
 
         Args:
-            digest: of the question.
-            question: what was asked.
-            answer: what was answered; ``NO_ANSWER`` if the budget was spent.
-            shared: digest in the cache; None: the answer is for this run alone.
-            spent: why there is no answer; a replay ends there, too.
+            digest: digest of the question.
+            question: the question.
+            answer: the answer; ``NO_ANSWER`` if the budget was spent.
+            shared: key of the cache; None: the answer is for this run alone.
+            spent: reason for a missing answer; a replay ends there, too.
         """
         said = [
             {"role": m.role, "text": m.text, **({"pictures": [p.of for p in m.pictures]} if m.pictures else {})}
@@ -207,7 +207,7 @@ class AnswerStore:
 
 
 def recorded_answers(folder: Path) -> Path:
-    """Return where a run keeps its answers, given the run folder or that folder itself."""
+    """Return the folder of a run's answers, given the run folder or that folder itself."""
     inside = folder / MODEL_FOLDER
     return inside if (inside / MODEL_JSON).exists() else folder
 

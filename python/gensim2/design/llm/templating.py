@@ -1,6 +1,6 @@
-"""Prompts: one template a file in ``prompts/`` (jinja2), and the bank of good and bad tasks beside them.
+"""Load and fill in the prompt templates (jinja2 files in ``prompts/``) and the bank of example tasks.
 
-A folder of one's own may hold files of the same names, which take the place of ours.
+Files of the same names in the user's own folder replace those of the package.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from gensim2.tasks.spec import TaskSpec
 
 
 def motion(thing: Affordance) -> str:
-    """Describe the motion of its joint: ``"a hinge of 110°"``."""
+    """Return the joint's motion in words, such as ``"a hinge of 110°"``."""
     if thing.joint_type is None or thing.joint_range is None:
         return "rigid"
     low, high = thing.joint_range
@@ -42,13 +42,13 @@ def motion(thing: Affordance) -> str:
 
 
 def size(thing: Affordance) -> str:
-    """Its extents as it stands."""
+    """Return the object's extents in words."""
     depth, width, height = (100 * value for value in thing.size)
     return f"{depth:.0f} x {width:.0f} x {height:.0f} cm (deep, wide, high)"
 
 
 def known_task(task: TaskSpec) -> str:
-    """A task that is there, in one line."""
+    """Return one line that describes a known task."""
     classes = ", ".join(dict.fromkeys(thing.asset_class for thing in task.objects.values()))
     goal = ", ".join(criterion.type for criterion in task.success)
     return f"{task.name}: {task.description} ({classes}; {goal})"
@@ -57,21 +57,21 @@ def known_task(task: TaskSpec) -> str:
 SUFFIX = ".md.j2"
 BANK = "tasks.yaml"
 
-#: What expressions of a template raise beside jinja2's own errors.
+#: Exceptions of a template's expressions, besides jinja2's own.
 _OF_ITS_OWN = (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError)
 
-#: Characters of the longest text out of an object's files that goes into a prompt.
+#: Maximum number of characters quoted from an object's files in a prompt.
 LONGEST_QUOTE = 300
 
 
 class Prompts:
-    """The templates of all stages.
+    """Prompt templates of all stages.
 
     Args:
-        folder: with files that take the place of the package's; None: there is none.
+        folder: folder whose files replace those of the package, or None.
 
     Raises:
-        InputError: the folder is none, or a file in it has a name that no prompt has, or cannot be read.
+        InputError: the folder does not exist, or a file in it is unreadable or not named like a prompt.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -92,19 +92,19 @@ class Prompts:
 
     @cached_property
     def digest(self) -> str:
-        """Of all texts."""
+        """Digest of all texts."""
         return hashlib.sha256(json.dumps(self._texts, sort_keys=True).encode()).hexdigest()[:16]
 
     @cached_property
     def bank(self) -> dict[str, Any]:
-        """Good and bad tasks, each with its reason."""
+        """Examples of good and bad tasks, each with its reason."""
         return parse_yaml(self._texts[BANK].encode(), BANK)
 
     def text(self, prompt: str, /, **values: Any) -> str:
-        """A prompt with its values filled in.
+        """Return a prompt with its values filled in.
 
         Raises:
-            InputError: the template cannot be filled in; possible only with one of the user's own.
+            InputError: a template of the user's own folder cannot be filled in.
         """
         try:
             template: Template = self._environment.get_template(prompt + SUFFIX)
@@ -115,14 +115,14 @@ class Prompts:
 
 
 def quoted(text: str) -> str:
-    """Words out of an object's files as one line of quoted data: whatever they say, they end where the quote ends."""
+    """Quote a text from an object's files on one line, so that its content cannot end the quotation."""
     line = " ".join(text.split())
     line = line if len(line) <= LONGEST_QUOTE else f"{line[:LONGEST_QUOTE]} ..."
     return json.dumps(line, ensure_ascii=True).replace("`", "'").replace("<", "(").replace(">", ")")
 
 
 def as_yaml(value: Any) -> str:
-    """Plain data as YAML."""
+    """Format plain data as YAML."""
     return yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True).strip()
 
 

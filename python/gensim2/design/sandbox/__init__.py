@@ -1,4 +1,6 @@
-"""Generated task code: a language without loops that is interpreted, never executed (docs/reference/sandbox.md)."""
+"""Read generated task code: a small language without loops that is interpreted, never executed
+(docs/reference/sandbox.md).
+"""
 
 from gensim2.design.sandbox.interpreter import TaskCodeError, run_task_code
 from gensim2.design.sandbox.writing import task_code

@@ -1,6 +1,6 @@
 """Check generated task code against an allow-list of syntax nodes.
 
-A construct that is not on the list is refused and named with its line; there is no list of forbidden constructs.
+Any construct that is not on the list is refused, with its line.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ BASE = "Task"
 
 LONGEST_SOURCE = 100_000
 MAX_NODES = 5_000
-#: Levels of the syntax tree; a task needs about 15.
+#: Maximum depth of the syntax tree; a task needs about 15.
 MAX_DEPTH = 50
 MAX_PROBLEMS = 10
 
-#: Nodes without a field to check.
+#: Allowed nodes without a field to check.
 PLAIN = (
     ast.Module,
     ast.Expr,
@@ -48,7 +48,7 @@ OPERATORS: dict[type[ast.AST], Callable[..., int | float]] = {
     ast.USub: operator.neg,
 }
 CONSTANTS = (str, int, float, bool, type(None))
-#: Words for nodes whose class name says too little.
+#: Readable names of node types.
 SPOKEN = {
     ast.JoinedStr: "an f-string",
     ast.ListComp: "a list comprehension",
@@ -63,7 +63,7 @@ SPOKEN = {
 }
 #: Bound of whole numbers.
 LARGEST = 2**63
-#: A line of more characters is blamed where Python does not say which line is nested too deeply.
+#: A line with more characters is blamed if Python reports too deep nesting without a line.
 LONG_LINE = 200
 NOT_IN_TEXT = re.compile("[\0\ud800-\udfff]")
 NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -82,7 +82,7 @@ class Refused(Exception):
 def checked(
     source: str, offered: Collection[str], methods: Collection[str]
 ) -> tuple[ast.Module, list[tuple[int, str]]]:
-    """Parse a program and list its constructs that are not allowed.
+    """Parse a program and list its forbidden constructs.
 
     Args:
         source: the program.
@@ -90,7 +90,8 @@ def checked(
         methods: methods of ``self`` that it may call.
 
     Returns:
-        The syntax tree, and at most ten pairs of a line and a sentence; with an empty list the program is allowed.
+        The syntax tree, and at most ten pairs of a line and a sentence; an empty list means that the program is
+        allowed.
 
     Raises:
         SyntaxError: the program is not Python, or too long or nested too deeply for the parser.
@@ -101,7 +102,7 @@ def checked(
         raise at_line(f"a character that no text has ({odd[0]!r})", source.count("\n", 0, odd.start()) + 1)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # such as of an unknown escape in a description
+            warnings.simplefilter("ignore")  # Such as the warning for an unknown escape in a description.
             tree = ast.parse(source)
     except SyntaxError as error:
         if "integer string conversion" in str(error.msg):
@@ -138,7 +139,7 @@ class Reader:
             nodes, parents = self.listed(tree)
         except Refused as refused:
             return [(refused.line, refused.words)]
-        for node in nodes:  # by line, so that a name is known once it is assigned
+        for node in nodes:  # In the order of lines, so that a name is known once it is assigned.
             try:
                 self.look(node, parents.get(node))
             except Refused as refused:
@@ -149,7 +150,7 @@ class Reader:
         return sorted(set(self.found))[:MAX_PROBLEMS]
 
     def listed(self, tree: ast.Module) -> tuple[list[ast.AST], dict[ast.AST, ast.AST]]:
-        """Return all nodes in the order of the program, and their parents, without recursion.
+        """Return all nodes in the order of the program, and the parent of each, without recursion.
 
         Raises:
             Refused: there are too many nodes, or they are nested too deeply.
@@ -165,7 +166,7 @@ class Reader:
             if depth > MAX_DEPTH:
                 raise Refused(node, "it is nested too deeply")
             children = list(ast.iter_child_nodes(node))
-            if isinstance(node, ast.Assign):  # the value is evaluated before the name exists
+            if isinstance(node, ast.Assign):  # The value is evaluated before the name exists.
                 children = [node.value, *node.targets]
             for child in children:
                 parents.setdefault(child, node)
@@ -200,7 +201,7 @@ class Reader:
             raise Refused(parent, f"import {_short(node.name)} is not allowed, only from {MODULE} import ...")
 
     def look_at_Import(self, node: ast.Import, parent: ast.AST | None) -> None:
-        """Do nothing: ``look_at_alias`` names each module."""
+        """Do nothing: ``look_at_alias`` checks each module."""
 
     def look_at_ClassDef(self, node: ast.ClassDef, parent: ast.AST | None) -> None:
         if not isinstance(parent, ast.Module):
@@ -245,7 +246,7 @@ class Reader:
                 raise Refused(node, f"the name {_short(node.id)} cannot be assigned")
             self.known.add(node.id)
         elif node.id == "super" and isinstance(parent, ast.Call) and parent.func is node:
-            return  # the call says where it may stand
+            return  # look_at_Call checks where super() may stand.
         elif node.id not in self.known:
             raise Refused(node, f"the name {_short(node.id)} is not allowed, or not imported from {MODULE}")
 
@@ -294,10 +295,10 @@ class Reader:
 
 
 def number(node: ast.AST) -> int | float:
-    """Evaluate arithmetic on numbers; text and lists would grow when they are multiplied.
+    """Evaluate arithmetic on numbers only, since multiplied texts and lists could fill the memory.
 
     Raises:
-        Refused: a part is not a number, or a result is out of bounds.
+        Refused: an operand is not a number, or a result is out of bounds.
     """
     found: int | float
     if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
@@ -347,7 +348,6 @@ def _is_name(node: ast.AST, name: str) -> bool:
 
 
 def _spoken(node: ast.AST) -> str:
-    """Return the name of a kind of node in plain words."""
     if type(node) in SPOKEN:
         return SPOKEN[type(node)]
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(node).__name__).lower()

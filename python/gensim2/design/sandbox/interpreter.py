@@ -1,4 +1,4 @@
-"""Interpret generated task code: walk its syntax tree and make a task; nothing of the program is executed."""
+"""Interpret generated task code: walk its syntax tree and build a task, without executing the program."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from gensim2.tasks.spec import TaskSpec
 
 Kind = Literal["syntax", "refused", "failed", "invalid"]
 
-#: Characters of a problem.
+#: Maximum number of characters in the message of a problem.
 LONGEST_PROBLEM = 600
 
 
 class TaskCodeError(InputError):
-    """Generated task code cannot be used; the message can go back to its author.
+    """Generated task code cannot be used; the message can be sent back to its author.
 
     Attributes:
-        kind: ``"syntax"``: the program is not Python; ``"refused"``: it uses a construct that is not allowed;
-            ``"failed"``: a call or a name in it is wrong; ``"invalid"``: it describes no valid task.
-        problems: one sentence each, with the line where it is known.
+        kind: ``"syntax"``: the program is not Python; ``"refused"``: it uses a forbidden construct; ``"failed"``: a
+            call or a name is wrong; ``"invalid"``: it describes no valid task.
+        problems: one sentence each, with the line if known.
     """
 
     def __init__(self, kind: Kind, problems: Sequence[str]) -> None:
@@ -34,7 +34,7 @@ class TaskCodeError(InputError):
 
 
 def run_task_code(source: str) -> TaskSpec:
-    """Return the task that a program describes; its fields are checked like those of a file.
+    """Return the task that a program describes; its fields are checked like those of a task file.
 
     Args:
         source: the program: one class derived from ``Task`` (docs/reference/sandbox.md).
@@ -68,11 +68,11 @@ def interpret(tree: ast.Module) -> dict[str, Any]:
     """Return the fields of the task that a syntax tree describes.
 
     Args:
-        tree: a program that the allow-list accepts. Of any other program, too, only assignments, calls of the
-            language and constants are evaluated.
+        tree: program accepted by the allow-list. In any program, only assignments, calls of the language's functions
+            and constants are evaluated.
 
     Raises:
-        Refused: a node is none of the language.
+        Refused: a node does not belong to the language.
         TaskCodeError: a call or a name is wrong.
     """
     names: dict[str, Any] = {}
@@ -104,7 +104,6 @@ def interpret(tree: ast.Module) -> dict[str, Any]:
 
 
 def _run(statement: ast.stmt, names: MutableMapping[str, Any]) -> None:
-    """Evaluate one assignment or expression."""
     match statement:
         case ast.Pass():
             pass
@@ -123,7 +122,6 @@ def _run(statement: ast.stmt, names: MutableMapping[str, Any]) -> None:
 
 
 def _value(node: ast.AST, names: Mapping[str, Any]) -> Any:
-    """Evaluate an expression."""
     match node:
         case ast.Constant(value=value) if value is None or isinstance(value, (str, int, float)):
             return value
@@ -153,7 +151,7 @@ def _value(node: ast.AST, names: Mapping[str, Any]) -> Any:
 
 
 def _called(node: ast.Call, names: Mapping[str, Any]) -> Any:
-    """Call a function of the language; no other value that a program can reach is callable."""
+    """Call a function of the language; a program can reach no other callable."""
     function = _value(node.func, names)
     given = [_value(argument, names) for argument in node.args]
     named = {str(keyword.arg): _value(keyword.value, names) for keyword in node.keywords}

@@ -1,8 +1,8 @@
-"""Values of the language in which task code is written, and the fields of the task that they make.
+"""Functions and values of the task language, and the task fields that they produce.
 
-A class derived from ``Task`` names its objects (``self.drawer = Object("drawer")``), its steps (``self.step``) and
-what must hold at the end (``self.goal``). Criteria are functions called as the types of
-:mod:`gensim2.tasks.criteria`. The reader of the fields checks the values.
+A class derived from ``Task`` names its objects (``self.drawer = Object("drawer")``), its steps (``self.step``) and its
+goal (``self.goal``). Each criterion type of :mod:`gensim2.tasks.criteria` is a function. The values are checked later,
+when the task's fields are parsed.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from gensim2.tasks.spec import HAND
 METHODS = ("step", "goal")
 #: Attributes of ``self`` and of the class that are fields of the task.
 SETTINGS = ("description", "max_episode_steps")
-#: Values of a task, and characters of its text: a list may hold another many times, and that one a third.
+#: Maximum number of values and characters in a task; nested references to one list would otherwise grow exponentially.
 MAX_SIZE = 100_000
-#: Values inside each other.
+#: Maximum nesting of values.
 MAX_DEPTH = 50
 
 
 class Fields:
-    """Fields by name; an omitted field keeps its default.
+    """Fields of a value by name; an omitted field keeps its default.
 
     Args:
-        kind: name of the function that makes them.
-        names: fields that it takes, in order.
-        values: given by position.
-        named: given by name.
+        kind: name of the function that creates the value, for messages.
+        names: names of the fields, in order.
+        values: positional arguments.
+        named: keyword arguments.
 
     Raises:
-        TypeError: a field is unknown or given twice; lists the known fields.
+        TypeError: a field is unknown or given twice; the message lists the fields.
     """
 
     def __init__(self, kind: str, names: Sequence[str], values: Iterable[Any], named: Mapping[str, Any]) -> None:
@@ -43,7 +43,7 @@ class Fields:
 
 
 class Object(Fields):
-    """Object of an asset class; the attribute of the task that it is assigned to names it."""
+    """Object of an asset class; its name is the attribute of the task to which it is assigned."""
 
     def __init__(self, *values: Any, **named: Any) -> None:
         super().__init__("Object", ("asset_class", "instances", "place", "randomization"), values, named)
@@ -80,7 +80,7 @@ class Task:
         """Return an attribute.
 
         Raises:
-            AttributeError: there is none of this name.
+            AttributeError: there is no attribute of this name.
         """
         for known in (self.own, self._members, {"step": self.step, "goal": self.goal}):
             if name in known:
@@ -88,10 +88,10 @@ class Task:
         raise AttributeError(f"self has no attribute {name!r}")
 
     def set(self, name: str, value: Any) -> None:
-        """Assign an attribute; an object takes its name.
+        """Assign an attribute; an object takes the attribute's name.
 
         Raises:
-            ValueError: the object has another name already, or the name means something else.
+            ValueError: the object already has another name, or the name is reserved.
         """
         if isinstance(value, Object):
             if name in SETTINGS:
@@ -118,7 +118,7 @@ class Task:
         self._steps.append(step)
 
     def goal(self, *criteria: Any) -> None:
-        """Set the criteria that must all hold at the end; default: those of the last step's ``done``."""
+        """Set the criteria that must all hold at the end; default: the last step's ``done``."""
         self._goal = self._goal or []
         for given in criteria:
             self._goal += listed(given)
@@ -128,7 +128,7 @@ class Task:
 
         Args:
             name: name of the class.
-            docstring: its description, unless it has an attribute for that.
+            docstring: docstring of the class; the description unless the class has that attribute.
 
         Raises:
             ValueError: a value cannot be written as plain data.
@@ -156,7 +156,7 @@ def listed(value: Any) -> list[Any]:
 
 
 def arguments(function: str, names: Sequence[str], values: Iterable[Any], named: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arguments by name, as Python binds them, without those that are None.
+    """Bind arguments to names as Python does, and drop those that are None.
 
     Raises:
         TypeError: an argument is unknown or given twice.
@@ -176,7 +176,7 @@ def arguments(function: str, names: Sequence[str], values: Iterable[Any], named:
 
 
 def _criterion(kind: str, names: tuple[str, ...]) -> Callable[..., dict[str, Any]]:
-    """Return the function that makes a criterion of one type."""
+    """Return the function that creates a criterion of one type."""
 
     def make(*values: Any, **named: Any) -> dict[str, Any]:
         return {"type": kind, **arguments(kind, names, values, named)}
@@ -184,14 +184,14 @@ def _criterion(kind: str, names: tuple[str, ...]) -> Callable[..., dict[str, Any
     return make
 
 
-#: Functions that make criteria, by type.
+#: Functions that create criteria, by type.
 CRITERIA = {
     model.model_fields["type"].default: _criterion(
         model.model_fields["type"].default, tuple(name for name in model.model_fields if name != "type")
     )
     for model in typing.get_args(typing.get_args(Criterion)[0])
 }
-#: What a program may import, by name.
+#: Names that a program may import.
 OFFERED: dict[str, Any] = {
     "Object": Object,
     "Place": _place,
@@ -208,7 +208,7 @@ def _object(value: Object) -> dict[str, Any]:
 
 
 class _Plain:
-    """Turns values into plain data of bounded size: an object is its name, a value with fields is its fields."""
+    """Converts values to plain data of bounded size: an object to its name, a value with fields to its fields."""
 
     def __init__(self) -> None:
         self._size = 0
@@ -217,7 +217,7 @@ class _Plain:
         """Return plain data.
 
         Raises:
-            ValueError: the value is too large or too deep, holds an object without a name, or is not data.
+            ValueError: the value is too large or too deep, contains an object without a name, or is not plain data.
         """
         self._size += 1 + (len(value) if isinstance(value, str) else 0)
         if self._size > MAX_SIZE:

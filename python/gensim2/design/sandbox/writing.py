@@ -1,4 +1,4 @@
-"""Write a stored task as task code, an example for a model that is to write some."""
+"""Write a stored task as task code, as an example for a language model."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ WIDTH = 100
 def task_code(task: TaskSpec) -> str:
     """Return a program that describes a task, in the language of ``language.py``.
 
-    :func:`~gensim2.design.sandbox.run_task_code` makes the same task of the program, without its provenance.
+    :func:`~gensim2.design.sandbox.run_task_code` turns the program into the same task, without its provenance.
 
     Raises:
-        InputError: an object has the name of a method or setting of every program.
+        InputError: an object has the name of a method or setting of the language.
     """
     for name in sorted({*METHODS, *SETTINGS}.intersection(task.objects)):
         raise InputError(f"task code has no room for an object called {name!r}", field="objects")
@@ -85,12 +85,11 @@ def _fields(name: str, fields: dict[str, Any], task: TaskSpec) -> str:
 
 
 def _reference(value: Any, task: TaskSpec) -> str:
-    """A value, or the object that it names."""
     return f"self.{value}" if isinstance(value, str) and value in task.objects else _literal(value)
 
 
 def _literal(value: Any) -> str:
-    """A value in Python: text in double quotes, a pair of numbers as a pair."""
+    """Return the code of a value, with texts in double quotes."""
     if isinstance(value, str):
         return '"' + repr(f"'{value}")[2:-1] + '"'
     if isinstance(value, dict):
@@ -103,7 +102,6 @@ def _literal(value: Any) -> str:
 
 
 def _call(function: str, arguments: Sequence[str]) -> list[str]:
-    """A call on one line, or with an argument a line where it would be too long."""
     line = f"{function}({', '.join(arguments)})"
     return [line] if len(line) <= WIDTH else _in_brackets(f"{function}(", arguments)
 

@@ -1,1 +1,1 @@
-"""The stages: each fills in a prompt, and reads and validates the answer."""
+"""The stages of a language-model design; each fills in a prompt, then reads and validates the answer."""

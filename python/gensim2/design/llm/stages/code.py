@@ -11,21 +11,21 @@ from gensim2.design.llm.templating import Prompts
 from gensim2.design.sandbox import run_task_code
 from gensim2.tasks.spec import TaskSpec
 
-#: Tasks whose code is shown for reference.
+#: Number of stored tasks whose code is shown as an example.
 REFERENCES = 2
 
-#: Characters of the longest code that is looked at.
+#: Maximum number of characters of generated code.
 MAX_CHARACTERS = 20_000
 
 _BLOCK = re.compile(r"```[^\n]*\n(.*?)```", re.DOTALL)
 
 
 def code(prompts: Prompts, task: TaskSpec, references: Sequence[tuple[str, str]]) -> Ask[TaskSpec]:
-    """Ask for a task's class.
+    """Return the question for a task's code.
 
     Args:
-        prompts: texts of the questions.
-        task: the task that the code must describe.
+        prompts: prompt templates.
+        task: task that the code must describe.
         references: names and code of stored tasks.
     """
     text = prompts.text(
@@ -40,11 +40,11 @@ def code(prompts: Prompts, task: TaskSpec, references: Sequence[tuple[str, str]]
 
 
 def read_code(data: Sequence[Data], task: TaskSpec) -> TaskSpec:
-    """Return the task that a generated class describes: ``task``, with objects that may be placed elsewhere.
+    """Return the task that the generated class describes: ``task``, possibly with other placements.
 
     Raises:
         Wrong: the code is too long or describes another task.
-        TaskCodeError: the code cannot be used.
+        TaskCodeError: the code cannot be interpreted.
     """
     text = str(data[0]["text"])
     blocks = _BLOCK.findall(text)

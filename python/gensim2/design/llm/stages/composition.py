@@ -1,4 +1,4 @@
-"""Bottom-up: a long task out of what the robot can do already."""
+"""Bottom-up mode: ask for a long task composed of tasks that the robot already solves."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gensim2.design.llm.templating import Prompts
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 
-#: Steps of the longest chain.
+#: Maximum number of steps of a composed task.
 MAX_STEPS = 5
 
 PLACE = "place"
@@ -47,13 +47,13 @@ SCHEMA: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Skill:
-    """A task of one step that the robot does.
+    """A single-step task that the robot solves.
 
     Attributes:
-        name: of the task.
-        object: class that it works on.
-        kind: what it brings about.
-        strategies: how.
+        name: name of the task.
+        object: class of its object.
+        kind: type of its success criterion.
+        strategies: strategies of its step.
     """
 
     name: str
@@ -63,25 +63,25 @@ class Skill:
 
     @property
     def before(self) -> str:
-        """Preconditions of the skill."""
+        """Preconditions of the skill, in words for the model."""
         return "empty hand, closed or ajar" if self.kind == "articulated_open" else "empty hand, open or ajar"
 
     @property
     def after(self) -> str:
-        """Effects of the skill."""
+        """Effect of the skill: its criterion."""
         return self.kind
 
 
 @dataclass(frozen=True)
 class Composition:
-    """A task, and the strategies of those of its steps that are known."""
+    """A composed task, and the strategies of its steps that are known."""
 
     task: TaskSpec
     strategies: Mapping[str, Strategies]
 
 
 def skills_of(known: Sequence[Known], catalog: Catalog) -> list[Skill]:
-    """The tasks of one step on one articulated object, and how they are done."""
+    """Return the single-step tasks on one articulated object, with their strategies."""
     found = []
     for each in known:
         task = each.task
@@ -102,7 +102,7 @@ def composition(
     number: int,
     origin: str,
 ) -> Ask[Composition]:
-    """Ask for a new task made of ``skills``."""
+    """Return the question for a new task composed of ``skills``."""
     text = prompts.text(
         "composition",
         **catalog.for_prompts(),
@@ -125,10 +125,10 @@ def composition(
 def read_composition(
     data: Sequence[Data], catalog: Catalog, skills: Sequence[Skill], wish: Wish, origin: str
 ) -> Composition:
-    """The task in an answer.
+    """Return the task in an answer.
 
     Raises:
-        Wrong: a step is none, or its turn comes when it cannot be done; names it.
+        Wrong: a step is unknown or its precondition fails; names the step.
     """
     given = next((each for each in reversed(data) if "steps" in each), None)
     if given is None:
@@ -161,7 +161,6 @@ def read_composition(
 def _classes(
     steps: Sequence[Data], catalog: Catalog, skills: Sequence[Skill], wish: Wish, problems: list[str]
 ) -> tuple[str, str | None]:
-    """The articulated and the rigid class that the steps are about."""
     known = {skill.name: skill for skill in skills}
     articulated: set[str] = set()
     rigid: set[str] = set()
@@ -195,7 +194,7 @@ def _classes(
 
 
 class _Chain:
-    """Steps so far."""
+    """Task steps built from an answer so far, with the state of hand and joint."""
 
     def __init__(self, role: str, other: str | None, skills: Mapping[str, Skill], problems: list[str]) -> None:
         self.role, self.other, self.skills, self.problems = role, other, skills, problems
@@ -207,7 +206,7 @@ class _Chain:
 
     @property
     def goal(self) -> list[str]:
-        """Kinds that hold in the end."""
+        """Return the types of criteria that hold at the end."""
         return ([BRINGING] if self._placed else []) + ([self._joint] if self._joint else [])
 
     def add(self, where: str, skill: str) -> None:

@@ -1,8 +1,8 @@
-"""Top-down: a long task into the paper's sub-tasks, and these into steps.
+"""Top-down mode: decompose a long task into the paper's sub-tasks, then into steps.
 
-In the paper ``grasp`` and ``ungrasp`` are sub-tasks of their own. Here a step is one actuation pose with what the
-fingers do there: a grasp of a rigid object is a step done by rule, a grasp of a handle belongs to the motion that
-follows, and a release to the motion that brought the object.
+In the paper ``grasp`` and ``ungrasp`` are sub-tasks. Here a step is one actuation pose with its gripper command: the
+grasp of a rigid object is a rule-based step, the grasp of a handle belongs to the next motion, and a release belongs to
+the motion that placed the object.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gensim2.design.llm.templating import Prompts
 from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
-#: The paper's limit.
+#: Maximum number of sub-tasks, as in the paper.
 MAX_SUBTASKS = 5
 
 GRASP, UNGRASP = "grasp", "ungrasp"
@@ -50,7 +50,7 @@ SCHEMA: dict[str, Any] = {
 
 
 def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: str) -> Ask[TaskSpec]:
-    """Ask for the sub-tasks of a long task."""
+    """Return the question for the sub-tasks of a long task."""
     assert found.rigid is not None
     text = prompts.text(
         "decomposition",
@@ -64,10 +64,10 @@ def decomposition(prompts: Prompts, catalog: Catalog, found: Proposal, origin: s
 
 
 def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, origin: str) -> TaskSpec:
-    """The task with the steps that the sub-tasks stand for.
+    """Return the task with the steps that the sub-tasks stand for.
 
     Raises:
-        Wrong: a sub-task breaks a rule, or the goal does not follow from them; names it.
+        Wrong: a sub-task breaks a rule, or the sub-tasks do not reach the goal; names the fault.
     """
     given = _listed(data)
     problems: list[str] = []
@@ -90,7 +90,7 @@ def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, 
 
 
 def _listed(data: Sequence[Data]) -> list[Data]:
-    """The list of sub-tasks: under its key, by itself, or one map after the other."""
+    """Return the sub-tasks of an answer: a list under a key, a top-level list, or consecutive mappings."""
     for each in reversed(data):
         for key in ("sub-tasks", "subtasks", "sub_tasks", ITEMS):
             if isinstance(each.get(key), list):
@@ -106,7 +106,7 @@ def _listed(data: Sequence[Data]) -> list[Data]:
 
 @dataclass
 class _Chain:
-    """Steps so far, and what the hand is about."""
+    """Task steps built from an answer so far, with the state of the hand."""
 
     found: Proposal
     role: str
@@ -132,7 +132,7 @@ class _Chain:
         elif kind in WORKING:
             self._work(where, kind)
         elif kind == "distance_gripper_rigidbody" and self._grasps_next(rest):
-            self.reached = criterion(kind, self.role, self.other)  # part of the grasp
+            self.reached = criterion(kind, self.role, self.other)  # This criterion belongs to the grasp.
         else:
             on = self.other if kind == "distance_gripper_rigidbody" else self.role
             self._step("reach", on, HAND, kind)
@@ -149,7 +149,7 @@ class _Chain:
         if name == GRASP and (self.held or self.on_handle):
             self.problems.append(f"{where}: the hand holds something already")
         elif name == GRASP and self.reached is None and _first_kind(rest) in WORKING:
-            self.on_handle = True  # of the part that the next motion moves
+            self.on_handle = True  # The next motion moves the part with this handle.
         elif name == GRASP:
             self._step(GRASP, self.other, HAND, "distance_gripper_rigidbody")
             self.held, self.brought, self.reached = True, False, None
@@ -201,7 +201,6 @@ class _Chain:
 
 
 def _first_kind(rest: Sequence[Data]) -> str | None:
-    """Kind of criterion of the next sub-task that moves something."""
     for each in rest:
         kinds = _as_list(each.get("success-criteria", []))
         if kinds:
@@ -210,7 +209,7 @@ def _first_kind(rest: Sequence[Data]) -> str | None:
 
 
 def _check_goal(found: Proposal, steps: Sequence[Step], problems: list[str]) -> None:
-    """Refuse steps after which the task's own goal is not reached."""
+    """Report steps that do not reach the task's own goal."""
     if not steps or problems:
         return
     done = [criterion.type for step in steps for criterion in step.done]

@@ -1,4 +1,4 @@
-"""A new task: of one motion, or a long one that is taken apart later; and a second look at it."""
+"""Ask for a new task, either single-step or to be decomposed later, and for a reflection on it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gensim2.design.llm.templating import Prompts
 from gensim2.tasks.criteria import CLOSED, OPEN
 from gensim2.tasks.spec import TaskSpec
 
-#: Half the width of the band from which the initial openness is drawn.
+#: Half the width of the range of the initial openness.
 SPREAD = 0.15
 
 KEYS = ("task-name", "task-description", "assets-used", "success-criteria")
@@ -44,14 +44,14 @@ REFLECTION_SCHEMA: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Proposal:
-    """A task in the paper's four keys.
+    """A proposed task with the paper's four keys.
 
     Attributes:
-        name: CamelCase.
-        sentence: what a person would ask for.
+        name: name in CamelCase.
+        sentence: instruction in everyday words.
         articulated: class of its articulated object.
-        rigid: class of its rigid object; None: it has none.
-        criteria: kinds that must hold in the end.
+        rigid: class of its rigid object, or None.
+        criteria: types of the criteria that must hold at the end.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Proposal:
     criteria: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """The paper's keys."""
+        """Return the proposal under the paper's keys."""
         return {
             "task-name": self.name,
             "task-description": self.sentence,
@@ -72,12 +72,12 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Wish:
-    """Subject that the user wants tasks to have.
+    """Restrictions that the user places on proposed tasks.
 
     Attributes:
-        long: of several motions.
-        task: name; None: any.
-        object: class; None: any.
+        long: whether the tasks have several steps.
+        task: name of the task; None: any.
+        object: class that the task must use; None: any.
     """
 
     long: bool
@@ -86,11 +86,14 @@ class Wish:
 
 
 def proposal(prompts: Prompts, catalog: Catalog, wish: Wish, refused: Sequence[str], number: int) -> Ask[Proposal]:
-    """Ask for a new task.
+    """Return the question for a new task.
 
     Args:
-        refused: proposals that were not taken, with reasons.
-        number: of the proposal in the run.
+        prompts: prompt templates.
+        catalog: robot, objects and known tasks.
+        wish: restrictions on the task.
+        refused: rejected proposals, with reasons.
+        number: number of the proposal in the run.
     """
     bank = prompts.bank
     text = prompts.text(
@@ -115,10 +118,10 @@ def proposal(prompts: Prompts, catalog: Catalog, wish: Wish, refused: Sequence[s
 
 
 def read_proposal(data: Sequence[Data], catalog: Catalog, wish: Wish) -> Proposal:
-    """The proposal in an answer, the last where there are several: a model that thinks again says so later.
+    """Return the proposal in an answer; the last one if the model corrects itself.
 
     Raises:
-        Wrong: it breaks a rule; names all that it breaks.
+        Wrong: the proposal breaks rules; names all of them.
     """
     given = next((_in_kebab(each) for each in reversed(data) if "task-name" in _in_kebab(each)), None)
     if given is None:
@@ -144,13 +147,13 @@ def read_proposal(data: Sequence[Data], catalog: Catalog, wish: Wish) -> Proposa
 
 
 def task_of(found: Proposal, catalog: Catalog, origin: str) -> TaskSpec:
-    """The task of a proposal of one motion."""
+    """Return the task of a single-step proposal."""
     thing = catalog.articulated[found.articulated]
     return single_step(found.name, found.sentence, thing, found.criteria[0], origin)
 
 
 def reflection(prompts: Prompts, catalog: Catalog, found: Proposal, wish: Wish) -> Ask[tuple[bool, str]]:
-    """Ask whether a proposal is any good; the value says so, and why."""
+    """Return the question whether a proposal is good; the value is the verdict and its reasons."""
     classes = [name for name in (found.articulated, found.rigid) if name]
     text = prompts.text(
         "reflection",
@@ -163,10 +166,10 @@ def reflection(prompts: Prompts, catalog: Catalog, found: Proposal, wish: Wish) 
 
 
 def read_reflection(data: Sequence[Data]) -> tuple[bool, str]:
-    """Whether a proposal is good, and the reasons.
+    """Return whether the model finds a proposal good, and its reasons.
 
     Raises:
-        Wrong: the answer does not say.
+        Wrong: the answer has no verdict.
     """
     given = next((each for each in reversed(data) if "verdict" in each), {})
     verdict = str(given.get("verdict", "")).strip().lower()
@@ -178,7 +181,7 @@ def read_reflection(data: Sequence[Data]) -> tuple[bool, str]:
 
 
 def kebab(name: str) -> str:
-    """``"OpenSafe"`` as ``"open-safe"``."""
+    """Convert ``"OpenSafe"`` to ``"open-safe"``."""
     return "".join(f"-{c.lower()}" if c.isupper() else c for c in name).strip("-")
 
 
@@ -226,7 +229,7 @@ def _criteria(given: Any, has_rigid: bool, wish: Wish, problems: list[str]) -> t
 
 
 def _check_single(found: Proposal, catalog: Catalog, problems: list[str]) -> None:
-    """Refuse what is true from the start, what no keypoint can be worked by, and what repeats a task."""
+    """Report a goal that holds from the start, a part without a usable keypoint, and a repeated task."""
     thing, (kind,) = catalog.articulated[found.articulated], found.criteria
     start = thing.default_openness or 0.0
     if kind == "articulated_open" and start + SPREAD >= OPEN:

@@ -1,4 +1,4 @@
-"""The solver's stages: constraints, then motions in several ways, and better configs after they were tried."""
+"""Ask for solver configs: first constraints, then motions, then better configs after a trial in simulation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gensim2.tasks.wording import criteria_in_words
 
 Config = dict[str, Any]
 
-#: Examples that a prompt shows.
+#: Maximum number of examples in a prompt.
 EXAMPLES = 3
 
 _LIST = {"type": "array"}
@@ -44,14 +44,14 @@ def _listed_schema(field: str, properties: dict[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class StepToSolve:
-    """A step for which configs are wanted.
+    """A step that needs configs.
 
     Attributes:
-        task: of the step.
-        step: what is to be done.
-        things: the task's objects by their names in it.
-        tool_keypoints: of the hand, name to description.
-        profile: the robot, against which names are checked.
+        task: task of the step.
+        step: the step.
+        things: affordance of each object, by its name in the task.
+        tool_keypoints: description of each keypoint of the hand, by name.
+        profile: robot profile, against which names are checked.
     """
 
     task: TaskSpec
@@ -62,11 +62,11 @@ class StepToSolve:
 
     @property
     def held(self) -> Affordance | None:
-        """Affordance of the held object, if any."""
+        """Affordance of the grasped object, or None."""
         return None if self.step.tool == HAND else self.things[self.step.tool]
 
     def for_prompts(self) -> dict[str, Any]:
-        """Values that all solver prompts share."""
+        """Return the values shared by all solver prompts."""
         done = criteria_in_words(self.step.done)
         sentence = self.task.description if self.task.is_single_step else f"{self.step.name}: {done}"
         return {
@@ -79,7 +79,7 @@ class StepToSolve:
         }
 
     def problems(self, config: Mapping[str, Any]) -> list[str]:
-        """List the faults of a whole config for this step."""
+        """Return the faults of a config for this step."""
         found = configs.problems_of_config(config)
         gripper = config.get("gripper", "open")
         if not found and self.held is not None and gripper not in ("hold", "release"):
@@ -93,14 +93,14 @@ class StepToSolve:
 
 @dataclass(frozen=True)
 class CaptionedPictures:
-    """Pictures that go along, each with a line that says what it shows."""
+    """Pictures with one caption each."""
 
     captions: tuple[str, ...] = ()
     pictures: tuple[LazyPicture, ...] = ()
 
 
 def constraints(prompts: Prompts, job: StepToSolve, known: Sequence[Known], sight: CaptionedPictures) -> Ask[list[Any]]:
-    """Stage 1: ask for the constraints of the actuation pose."""
+    """Return the question of stage 1: the constraints of the actuation pose."""
     stage = "constraints_visual" if sight.pictures else "constraints"
     examples = [
         {"name": each.name, "sentence": each.sentence, "constraints": {CONSTRAINTS: each.config[CONSTRAINTS]}}
@@ -114,10 +114,10 @@ def constraints(prompts: Prompts, job: StepToSolve, known: Sequence[Known], sigh
 
 
 def read_constraints(data: Sequence[Data], job: StepToSolve) -> list[Any]:
-    """The constraint list in an answer.
+    """Return the constraint list in an answer.
 
     Raises:
-        Wrong: it breaks the language, or names what is not there.
+        Wrong: a constraint is invalid, or names an unknown keypoint.
     """
     found = next((each[CONSTRAINTS] for each in data if CONSTRAINTS in each), None)
     if found is None:
@@ -142,7 +142,9 @@ def motions(
     trials: int,
     sight: CaptionedPictures,
 ) -> Ask[list[Config]]:
-    """Stage 2: ask for ``trials`` ways to get to the actuation pose and on; the value is whole configs."""
+    """Return the question of stage 2: ``trials`` sets of motions to and from the actuation pose; the value is full
+    configs.
+    """
     stage = "motions_visual" if sight.pictures else "motions"
     examples = [
         {"name": each.name, "sentence": each.sentence, "motions": _motions_of(each.config)}
@@ -167,12 +169,12 @@ def motions(
 
 @dataclass(frozen=True)
 class Tried:
-    """A config and how it fared, for the model.
+    """A tried config with its results, in words for the model.
 
     Attributes:
-        config: of the step.
-        outcome: how often it was planned and held, in a sentence.
-        diagnosis: what went wrong, a sentence each.
+        config: config of the step.
+        outcome: sentence on how often the config could be planned and succeeded.
+        diagnosis: one sentence for each kind of failure.
     """
 
     config: Config
@@ -183,7 +185,7 @@ class Tried:
 def regeneration(
     prompts: Prompts, job: StepToSolve, tried: Sequence[Tried], trials: int, round: int
 ) -> Ask[list[Config]]:
-    """Ask for better configs after some were tried."""
+    """Return the question for better configs, given the results of earlier ones."""
     text = prompts.text("regeneration", **job.for_prompts(), tried=tried, trials=trials)
     schema = _listed_schema("configs", {**_CONSTRAINT_FIELDS, **_MOTION_FIELDS})
 
@@ -196,7 +198,7 @@ def regeneration(
 
 @dataclass(frozen=True)
 class Example:
-    """A config of a task that is there."""
+    """A config of a stored task."""
 
     name: str
     sentence: str
@@ -204,7 +206,7 @@ class Example:
 
 
 def examples_for(job: StepToSolve, known: Sequence[Known]) -> list[Example]:
-    """Return the ``EXAMPLES`` stored configs most similar to the step (tool, goal, class), one a class."""
+    """Return the ``EXAMPLES`` stored configs most similar to the step (tool, goal, class), one for each class."""
     own = job.things[job.step.object]
     kinds = [criterion.type for criterion in job.step.done]
     ranked: list[tuple[tuple[bool, ...], str, Example, str]] = []
@@ -215,7 +217,7 @@ def examples_for(job: StepToSolve, known: Sequence[Known]) -> list[Example]:
             asset_class = each.task.objects[step.object].asset_class
             same = (asset_class, [criterion.type for criterion in step.done]) == (own.asset_class, kinds)
             if CONSTRAINTS not in config or each.task.name == job.task.name or (same and job.task.is_single_step):
-                continue  # what is designed anew is hidden
+                continue  # The stored solution of the task under design must stay hidden.
             unlike = (
                 (step.tool == HAND) != (job.step.tool == HAND),
                 [criterion.type for criterion in step.done] != kinds,
@@ -239,7 +241,7 @@ def _motions_of(config: Mapping[str, Any]) -> Config:
 
 
 def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
-    """The maps under ``field``; or those that stand by themselves and look like what is wanted."""
+    """Return the mappings under ``field``, or else the top-level mappings that have one of the keys ``marks``."""
     for each in data:
         for name in (field, ITEMS):
             if isinstance(each.get(name), list):
@@ -253,7 +255,7 @@ def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
 
 
 def _valid(given: Sequence[Config], job: StepToSolve, max_count: int) -> list[Config]:
-    """Those that can be used, no two alike; one that cannot be used does not spoil the others."""
+    """Return the valid configs without duplicates; raise only if none is valid."""
     found: list[Config] = []
     problems: list[str] = []
     for number, config in enumerate(given[: 4 * max_count]):
