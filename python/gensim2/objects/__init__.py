@@ -1,6 +1,7 @@
-"""Object models: articulated and rigid ones, generated and real, one value for each kind.
+"""Articulated and rigid object models, generated or real.
 
-Libraries are imported when asked for: whoever only holds an object needs none of what makes and reads them.
+Libraries are imported on first use, so that working with one object does not load the packages that read and make
+objects.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The 34 articulated classes of the paper's Table 3: joint type and what each is, in our words."""
+"""Joint type and description of the 34 articulated classes in the paper's Table 3."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rigid model with one joint, whatever it was made from: the value between the sources and the cache."""
+"""A rigid or articulated model with one joint, between its source and its prepared form."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ ROOT_LINK = "base"
 
 @dataclass(frozen=True)
 class LinkGeometry:
-    """Geometry of a link, metres in the link frame.
+    """Geometry of a link, in metres in the link frame.
 
     Attributes:
-        hulls: convex parts, each (N, 3): by them it weighs, stands and collides.
-        meshes: what is seen.
-        solid: convex parts that collide in place of ``hulls``; None: the same.
+        hulls: convex parts, each (N, 3), for mass, stability and collision.
+        meshes: visual meshes.
+        solid: convex parts for collision instead of ``hulls``; None: ``hulls``.
     """
 
     hulls: list[Array]
@@ -32,7 +32,7 @@ class LinkGeometry:
 
     @property
     def collides(self) -> list[Array]:
-        """Convex parts that collide."""
+        """Return the convex parts for collision."""
         return self.hulls if self.solid is None else self.solid
 
 
@@ -41,14 +41,14 @@ class Model:
     """An object with one joint, at its final size.
 
     Attributes:
-        body: geometry that stands still, in the root frame.
+        body: fixed geometry, in the root frame.
         moving: geometry that the joint moves, in the moving link's frame.
         T_root_link: (4, 4) moving link at joint value zero, in the root frame.
         axis: (3,) unit joint axis through the moving link's origin, in the moving link's frame.
         T_link_object: (4, 4) object frame in the moving link's frame.
-        content_hash: hex digest of everything that the model was made from.
-        license: terms of the data.
-        warnings: what was odd and how it was repaired.
+        content_hash: hex digest of all inputs of the model.
+        license: licence terms of the data.
+        warnings: irregularities and their repair.
     """
 
     asset_class: str
@@ -72,11 +72,11 @@ class Model:
     warnings: tuple[str, ...] = field(default=())
 
     def T_root_link_at(self, q: float) -> Array:
-        """(4, 4) moving link in the root frame at joint value ``q``."""
+        """Return the pose (4, 4) of the moving link in the root frame at joint value ``q``."""
         return np.asarray(self.T_root_link @ joint_motion(self.joint_type, self.axis, q))
 
     def keypoint_in_root(self, name: str, q: float) -> Array:
-        """(3,) keypoint in the root frame at joint value ``q``."""
+        """Return a keypoint (3,) in the root frame at joint value ``q``."""
         keypoint = self.keypoints[name]
         if keypoint.link == self.root_link:
             return keypoint.position

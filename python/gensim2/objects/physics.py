@@ -1,4 +1,4 @@
-"""Masses, inertias, joint friction: numbers of ours, since the released models carry none."""
+"""Masses, inertias and joint friction, which the released models lack."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 
 @dataclass(frozen=True)
 class ClassRule:
-    """Physics that every instance of a class shares.
+    """Physical parameters shared by all instances of a class.
 
     Attributes:
-        density: kg per cubic metre of collision hull. Effective: a hull stands for a thin shell with air inside.
+        density: kg per cubic metre of collision hull. The value is low because a hull stands for a thin shell with air
+            inside.
         default_openness: mean of the randomized openness.
-        stance: ``"upright"``, or ``"flat"`` for what lies on its back (the model's front looks up).
-        turn: which side the robot works on. ``"front"``: the model's front; turned about where the keypoint is behind.
-            ``"swing"``: the side that the keypoint moves towards as the joint opens. ``"bar"``: a quarter turn, so that
-            the hand at rest straddles a bar that runs along the model's x.
+        stance: ``"upright"``, or ``"flat"`` for an object that lies on its back (its front faces up).
+        turn: side that faces the robot. ``"front"``: the model's front, or its back if the keypoint is there.
+            ``"swing"``: the side towards which the keypoint moves as the joint opens. ``"bar"``: a quarter turn, so
+            that the hand at rest straddles a bar along the model's x.
     """
 
     density: float
@@ -74,13 +75,13 @@ OTHER_CLASS = ClassRule(300)
 
 
 def class_rule(asset_class: str) -> ClassRule:
-    """The rule of a class; ``OTHER_CLASS`` for classes that a user brings."""
+    """Return the parameters of a class; ``OTHER_CLASS`` for a user's own classes."""
     return CLASS_RULES.get(asset_class, OTHER_CLASS)
 
 
 @dataclass(frozen=True)
 class Inertial:
-    """Mass in kg, centre of mass (3,) in metres, inertia (3, 3) in kg m² about it, link axes."""
+    """Mass in kg, centre of mass (3,) in metres, and inertia (3, 3) in kg m² about it along the link's axes."""
 
     mass: float
     center: Array
@@ -88,9 +89,10 @@ class Inertial:
 
 
 def hull_moments(points: Array) -> tuple[float, Array, Array]:
-    """Volume, centroid (3,) and second moments (3, 3) about the origin of the hull of (N, 3) points.
+    """Return volume, centroid (3,) and second moments (3, 3) about the origin of the hull of (N, 3) points.
 
-    Sums over tetrahedra from the first vertex; the canonical second moment of a tetrahedron is (1 + δ) / 120 det.
+    The moments are summed over tetrahedra from an inner point; the canonical second moment of a tetrahedron is (1 + δ)
+    / 120 det.
     """
     hull = convex_hull(points)
     a = points[hull.vertices].mean(axis=0)
@@ -105,7 +107,7 @@ def hull_moments(points: Array) -> tuple[float, Array, Array]:
 
 
 def inertial(hulls: Sequence[Array], density: float) -> Inertial:
-    """Inertial of a link whose mass is spread evenly over its hulls, each (N, 3) in the link frame."""
+    """Return the inertial of a link whose mass is distributed evenly over its hulls, each (N, 3) in the link frame."""
     if not hulls:
         return Inertial(1e-3, np.zeros(3), 1e-6 * np.eye(3))
     moments = [hull_moments(points) for points in hulls]
@@ -120,18 +122,20 @@ def inertial(hulls: Sequence[Array], density: float) -> Inertial:
 def joint_resistance(
     joint_type: str, axis: Array, origin: Array, moving: Inertial, lower: float, upper: float, gravity: Array
 ) -> tuple[float, float]:
-    """Friction and damping that keep a joint where it was left and let a push move it.
+    """Return the friction and damping that keep a joint in place but let a push move it.
 
-    Friction is 1.3 times the largest load that gravity puts on the joint over its range, and a little more; damping
-    takes a tenth of a second's worth of that friction at unit speed.
+    Friction is slightly more than 1.3 times the largest gravity load on the joint over its range. At unit speed,
+    damping equals a tenth of that friction.
 
     Args:
+        joint_type: ``"revolute"`` or ``"prismatic"``.
         axis, origin: (3,) of the joint in the moving link's frame at joint value zero.
         moving: inertial of the moving link, same frame.
+        lower, upper: joint limits, rad or m.
         gravity: (3,) m/s² in that frame.
 
     Returns:
-        friction in N m or N, damping in N m s/rad or N s/m.
+        Friction in N m or N, damping in N m s/rad or N s/m.
     """
     from gensim2.objects.shapes import rotation
 

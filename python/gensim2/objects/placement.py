@@ -1,4 +1,4 @@
-"""Placement of an object in front of the robot, from its geometry alone."""
+"""Place an object in front of the robot, from the object's geometry."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from gensim2.objects.types import Keypoint, Placement
 
 @dataclass(frozen=True)
 class PlacementRegion:
-    """Object placement region; metres, horizontal.
+    """Region for placing objects; all values are horizontal distances in metres unless noted.
 
     Attributes:
-        base_x: x in the world of the point that distances count from, under the arm's base; its y is 0.
-        comfortable: distance from there of what the hand works on, mean over its range.
-        farthest: the same anywhere in its range; being clear of the hand gives way to it.
-        sideways: how far off the middle line that may lie.
-        nearest_x: in the world: nothing of a low object comes closer to the base.
+        base_x: x in the world of the reference point under the arm's base; its y is 0.
+        comfortable: distance from the reference point to the contact keypoint, mean over the joint's range.
+        farthest: maximum of that distance over the joint's range; takes precedence over clearance from the hand.
+        sideways: maximum lateral offset of the contact keypoint.
+        nearest_x: minimum x in the world of a low object.
         hand_at_rest: x and y in the world of the hand at the start of an episode.
-        hand_low_point: height above the table: what is lower passes under the hand at rest.
-        hand_clearance: ahead of the hand at rest, what anything tall keeps: the hand's thickness and the randomization.
-        hand_half_width: to each side of the hand at rest where that holds: its width and the randomization.
+        hand_low_point: height above the table below which an object passes under the hand at rest.
+        hand_clearance: distance that tall objects keep in front of the hand at rest: thickness of the hand plus
+            randomization.
+        hand_half_width: lateral range of that rule on each side of the hand: half its width plus randomization.
     """
 
     base_x: float = -0.615
@@ -43,7 +44,7 @@ class PlacementRegion:
 
 
 STANDARD_REGION = PlacementRegion()
-"""That of all prepared objects; robots stand where they reach it, so that scenes stay comparable."""
+"""Region of all prepared objects; each robot stands where it reaches this region, so that scenes stay comparable."""
 
 
 Array = npt.NDArray[np.float64]
@@ -51,18 +52,18 @@ Array = npt.NDArray[np.float64]
 SAMPLES = 13
 LYING = np.array(
     [[0.0, 0, -1], [0, -1, 0], [-1, 0, 0]]
-)  # on its back: the model's front looks up, its top at the robot
+)  # lies on its back: the model's front faces up and its top faces the robot
 
 
 def work_keypoint(keypoints: Mapping[str, Keypoint], moving_link: str) -> str:
-    """Name of the keypoint that the robot works on: ``articulated_object_head``, or the first on the moving link."""
+    """Return the name of the contact keypoint: ``articulated_object_head``, else the first on the moving link."""
     if "articulated_object_head" in keypoints:
         return "articulated_object_head"
     return next((name for name, point in keypoints.items() if point.link == moving_link), next(iter(keypoints)))
 
 
 def stance(model: Model, rule: ClassRule) -> Array:
-    """(3, 3) root to world: upright or flat, then turned so that the robot's side faces the robot."""
+    """Return the rotation (3, 3) from root to world: upright or flat, with the side to work on facing the robot."""
     tilt = LYING if rule.stance == "flat" else np.eye(3)
     name = work_keypoint(model.keypoints, model.moving_link)
     values = model.lower + (model.upper - model.lower) * np.linspace(0, 1, SAMPLES)
@@ -83,11 +84,16 @@ def stance(model: Model, rule: ClassRule) -> Array:
 
 
 def place(model: Model, rule: ClassRule, region: PlacementRegion = STANDARD_REGION) -> Placement:
-    """Default placement of a model in a region before a robot.
+    """Return the default placement of a model in front of a robot.
 
-    Height: the lowest point over the joint's whole range rests on the table. Forward: the head keypoint at a
-    comfortable reach, unless something tall would come near the hand at rest. Sideways: the usual keypoint in front
-    of the robot.
+    The lowest point over the joint's whole range rests on the table. The head keypoint lies at a comfortable reach,
+    unless a tall part would come near the hand at rest. The average position of the keypoint lies straight in front of
+    the robot.
+
+    Args:
+        model: the object.
+        rule: parameters of its class.
+        region: region in front of the robot.
     """
     space, base_x = region, region.base_x
     R = stance(model, rule)
@@ -104,7 +110,7 @@ def place(model: Model, rule: ClassRule, region: PlacementRegion = STANDARD_REGI
     everything = np.concatenate([*body, *swept])
     z = -float(everything[:, 2].min())
 
-    # What an episode usually starts with, and the way to both ends that a task usually asks for.
+    # Openness values at the usual start of an episode and on the motion to both ends.
     shares = np.linspace(0, 1, SAMPLES)
     first, last = max(rule.default_openness - 0.15, 0), min(rule.default_openness + 0.15, 1)
     usual = path[(shares >= first - 0.2) & (shares <= last + 0.2)]

@@ -1,7 +1,7 @@
-"""Convex solids with their look: the bricks that generated objects are made of.
+"""Convex solids with materials, from which generated objects are built.
 
-Everything here is in an object's model frame: x to the right as seen from the front, y up, z out of the
-front; metres. A ``Solid`` is one convex collision part, one visual mesh, or both.
+The frame is an object's model frame: x to the right seen from the front, y up, z out of the front; metres. A ``Solid``
+is a convex collision part, a visual mesh, or both.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles to look at. ``vertices`` (N, 3) metres, ``faces`` (M, 3)."""
+    """Visual triangles: ``vertices`` (N, 3) metres, ``faces`` (M, 3)."""
 
     vertices: Array
     faces: Faces
@@ -45,21 +45,21 @@ class Solid:
     """A convex part.
 
     Attributes:
-        hull: (N, 3) vertices of the collision hull, or None where the part is only looked at.
-        mesh: what is seen, or None where the part only collides.
+        hull: (N, 3) vertices of the collision hull, or None for a visual part.
+        mesh: visual mesh, or None for a part that only collides.
     """
 
     hull: Array | None
     mesh: Mesh | None
 
     def moved(self, T: Array) -> Solid:
-        """The same part after the rigid transform ``T`` (4, 4)."""
+        """Return the part after the rigid transform ``T`` (4, 4)."""
         hull = None if self.hull is None else transform(T, self.hull)
         mesh = None if self.mesh is None else replace(self.mesh, vertices=transform(T, self.mesh.vertices))
         return Solid(hull, mesh)
 
     def visual_only(self) -> Solid:
-        """The same part without collision."""
+        """Return the part without collision."""
         return Solid(None, self.mesh)
 
 
@@ -69,15 +69,15 @@ def transform(T: Array, points: Array) -> Array:
 
 
 def rotation(axis: Vec3, angle: float) -> Array:
-    """(3, 3) rotation by ``angle`` rad about ``axis``, of any length."""
-    from scipy.spatial.transform import Rotation  # here: whoever only asks which classes there are needs no SciPy
+    """Return the (3, 3) rotation by ``angle`` rad about ``axis``, of any length."""
+    from scipy.spatial.transform import Rotation  # imported here because listing classes does not need SciPy
 
     k = np.asarray(axis, float) / np.linalg.norm(axis)
     return np.asarray(Rotation.from_rotvec(angle * k).as_matrix())
 
 
 def pose(position: Vec3 = (0, 0, 0), axis: Vec3 = (0, 0, 1), angle: float = 0.0) -> Array:
-    """(4, 4) transform that turns by ``angle`` about ``axis`` and then moves to ``position``."""
+    """Return the (4, 4) transform that rotates by ``angle`` rad about ``axis`` and then translates by ``position``."""
     T = np.eye(4)
     T[:3, :3] = rotation(axis, angle)
     T[:3, 3] = position
@@ -85,14 +85,14 @@ def pose(position: Vec3 = (0, 0, 0), axis: Vec3 = (0, 0, 1), angle: float = 0.0)
 
 
 def convex_hull(points: Array) -> ConvexHull:
-    """SciPy's hull of (N, 3) points."""
-    from scipy.spatial import ConvexHull  # here: whoever only asks which classes there are needs no SciPy
+    """Return SciPy's hull of (N, 3) points."""
+    from scipy.spatial import ConvexHull  # imported here because listing classes does not need SciPy
 
     return ConvexHull(points)
 
 
 def hull_mesh(points: Array, look: Look) -> Mesh:
-    """Surface of the convex hull of (N, 3) points, facing outwards."""
+    """Return the surface of the convex hull of (N, 3) points, facing outwards."""
     hull = convex_hull(points)
     faces = hull.simplices.astype(np.int64)
     corners = points[faces]
@@ -104,13 +104,13 @@ def hull_mesh(points: Array, look: Look) -> Mesh:
 
 
 def convex(points: Array | Sequence[Vec3], look: Look) -> Solid:
-    """The convex hull of (N, 3) points."""
+    """Return the convex hull of (N, 3) points as a solid."""
     p = np.asarray(points, float)
     return Solid(p[convex_hull(p).vertices], hull_mesh(p, look))
 
 
 def box(center: Vec3, size: Vec3, look: Look, bevel: float = 0.0015) -> Solid:
-    """A box of full ``size``; what is seen has its edges cut by ``bevel`` metres."""
+    """Return a box of full ``size``; its visual edges are bevelled by ``bevel`` metres."""
     c, half = np.asarray(center, float), np.asarray(size, float) / 2
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     corners = c + signs * half
@@ -122,7 +122,7 @@ def box(center: Vec3, size: Vec3, look: Look, bevel: float = 0.0015) -> Solid:
 
 
 def rounded_box(center: Vec3, size: Vec3, look: Look, radius: float, axis: int = 1, steps: int = 5) -> Solid:
-    """A box whose four edges along ``axis`` are rounded with ``radius``."""
+    """Return a box whose four edges along ``axis`` are rounded with ``radius``."""
     c, half = np.asarray(center, float), np.asarray(size, float) / 2
     u, v = [i for i in range(3) if i != axis]
     r = min(radius, 0.98 * float(min(half[u], half[v])))
@@ -140,7 +140,7 @@ def rounded_box(center: Vec3, size: Vec3, look: Look, radius: float, axis: int =
 
 
 def _frame(direction: Array) -> tuple[Array, Array]:
-    """Two unit vectors that complete ``direction`` to a right-handed frame."""
+    """Return two unit vectors that complete ``direction`` to a right-handed frame."""
     helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
     u = np.cross(direction, helper)
     u /= np.linalg.norm(u)
@@ -148,7 +148,7 @@ def _frame(direction: Array) -> tuple[Array, Array]:
 
 
 def ring(center: Vec3, direction: Vec3, radius: float, sides: int, start: float = 0.0) -> Array:
-    """(sides, 3) points on a circle around ``center``, square to ``direction``."""
+    """Return points (sides, 3) on a circle around ``center``, perpendicular to ``direction``."""
     d = np.asarray(direction, float) / np.linalg.norm(direction)
     u, v = _frame(d)
     angle = start + 2 * np.pi * np.arange(sides) / sides
@@ -156,7 +156,7 @@ def ring(center: Vec3, direction: Vec3, radius: float, sides: int, start: float 
 
 
 def cone(a: Vec3, b: Vec3, radius_a: float, radius_b: float, look: Look, sides: int = 16) -> Solid:
-    """A cone's frustum from ``a`` to ``b``; collision has at most 16 sides, the visual twice as many."""
+    """Return a frustum from ``a`` to ``b``; collision has ``sides`` sides, the visual twice as many."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     hull = np.concatenate([ring(a, b - a, radius_a, sides), ring(b, b - a, radius_b, sides)])
     seen = np.concatenate([ring(a, b - a, radius_a, 2 * sides), ring(b, b - a, radius_b, 2 * sides)])
@@ -164,12 +164,12 @@ def cone(a: Vec3, b: Vec3, radius_a: float, radius_b: float, look: Look, sides: 
 
 
 def rod(a: Vec3, b: Vec3, radius: float, look: Look, sides: int = 12) -> Solid:
-    """A cylinder from ``a`` to ``b``."""
+    """Return a cylinder from ``a`` to ``b``."""
     return cone(a, b, radius, radius, look, sides)
 
 
 def ball(center: Vec3, radius: float | Vec3, look: Look) -> Solid:
-    """A sphere, or an ellipsoid where ``radius`` has three values."""
+    """Return a sphere, or an ellipsoid if ``radius`` has three values."""
     c = np.asarray(center, float)
     scale = np.broadcast_to(np.asarray(radius, float), (3,))
 
@@ -191,14 +191,14 @@ def ball(center: Vec3, radius: float | Vec3, look: Look) -> Solid:
 
 
 def path(points: Sequence[Vec3], radius: float, look: Look, sides: int = 10) -> list[Solid]:
-    """A round bar along a polyline: it collides as one cylinder a leg and looks bent."""
+    """Return a round bar along a polyline: one collision cylinder for each segment, and a smooth visual."""
     p = [np.asarray(q, float) for q in points]
     legs = [Solid(rod(a, b, radius, look, sides).hull, None) for a, b in pairwise(p)]
     return [*legs, Solid(None, swept(_rounded(p, radius), radius, look))]
 
 
 def _rounded(points: Sequence[Array], radius: float, steps: int = 4) -> list[Array]:
-    """A polyline with its corners cut by parabolas, at most three times ``radius`` from the corner."""
+    """Round the corners of a polyline by parabolas that start at most three times ``radius`` from the corner."""
     line = [points[0]]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
         ends = []
@@ -212,14 +212,14 @@ def _rounded(points: Sequence[Array], radius: float, steps: int = 4) -> list[Arr
 
 
 def swept(points: Sequence[Array], radius: float, look: Look, sides: int = 14) -> Mesh:
-    """Surface of a round bar along a polyline, closed at both ends."""
+    """Return the surface of a round bar along a polyline, closed at both ends."""
     p = np.array(points)
     tangents = np.gradient(p, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1)[:, None]
     u, _ = _frame(tangents[0])
     rings = []
     for point, tangent in zip(p, tangents, strict=True):
-        u = u - (u @ tangent) * tangent  # carried along without twist
+        u = u - (u @ tangent) * tangent  # the frame is carried along without twist
         u /= np.linalg.norm(u)
         v = np.cross(tangent, u)
         angle = 2 * np.pi * np.arange(sides) / sides
@@ -228,9 +228,10 @@ def swept(points: Sequence[Array], radius: float, look: Look, sides: int = 14) -
 
 
 def loft(rings: Sequence[Array], look: Look, closed: bool = True) -> Mesh:
-    """Surface through rings of (N, 3) points each, right-handed about the way from the first to the last.
+    """Return the surface through rings of (N, 3) points each, right-handed about the direction from the first to the
+    last.
 
-    ``closed``: with a flat lid on both ends; else the last ring joins the first, as in a torus or a hollow wall.
+    ``closed`` adds a flat lid at both ends; otherwise the last ring joins the first, as in a torus or a hollow wall.
     """
     n, k = len(rings[0]), len(rings)
     vertices = [*rings]
@@ -249,11 +250,14 @@ def loft(rings: Sequence[Array], look: Look, closed: bool = True) -> Mesh:
 
 
 def turned_profile(a: Vec3, b: Vec3, profile: Sequence[tuple[float, float]], look: Look, sides: int = 48) -> Solid:
-    """Build a visual solid of revolution: a closed profile turned about the line from ``a`` to ``b``.
+    """Return a visual solid of revolution: a closed profile rotated about the line from ``a`` to ``b``.
 
     Args:
-        profile: (radius in metres, share of the way from ``a`` to ``b``) all around the section of the wall, so that
-            (radius, share) runs counterclockwise in a plane with the radius to the right and the axis up.
+        a, b: (3,) ends of the axis, m.
+        profile: (radius in metres, position between ``a`` and ``b`` from 0 to 1) around the section of the wall,
+            counterclockwise in a plane with the radius to the right and the axis up.
+        look: material.
+        sides: number of sides.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     rings = [ring(a + share * (b - a), b - a, radius, sides) for radius, share in profile]
@@ -261,7 +265,9 @@ def turned_profile(a: Vec3, b: Vec3, profile: Sequence[tuple[float, float]], loo
 
 
 def arc(center: Vec3, u: Vec3, v: Vec3, radius: float, start: float, stop: float, legs: int) -> list[Array]:
-    """``legs`` + 1 points on the circle ``center + radius (cos t u + sin t v)``, t from ``start`` to ``stop`` rad."""
+    """Return ``legs`` + 1 points on the circle ``center + radius (cos t u + sin t v)``, t from ``start`` to ``stop``
+    rad.
+    """
     c, u, v = np.asarray(center, float), np.asarray(u, float), np.asarray(v, float)
     return [c + radius * (np.cos(t) * u + np.sin(t) * v) for t in np.linspace(start, stop, legs + 1)]
 
@@ -269,13 +275,14 @@ def arc(center: Vec3, u: Vec3, v: Vec3, radius: float, start: float, stop: float
 def tray(
     center: Vec3, size: Vec3, wall: float, look: Look, open_side: str = "+y", floor: float | None = None
 ) -> list[Solid]:
-    """A hollow box: five walls, open on one side.
+    """Return a hollow box of five walls, open on one side.
 
     Args:
-        center, size: of the outer box.
-        wall: thickness of the four walls around the opening.
+        center, size: centre and size (3,) of the outer box, m.
+        wall: thickness of the four walls around the opening, m.
+        look: material.
         open_side: ``"+x"``, ``"-x"``, ``"+y"``, ``"-y"``, ``"+z"`` or ``"-z"``.
-        floor: thickness of the wall opposite to the opening; ``wall`` where None.
+        floor: thickness of the wall opposite the opening; None: ``wall``.
     """
     c, s = np.asarray(center, float), np.asarray(size, float)
     axis, sign = "xyz".index(open_side[1]), 1 if open_side[0] == "+" else -1
@@ -314,9 +321,9 @@ def tube(
     segments: int = 12,
     bottom: float | None = None,
 ) -> list[Solid]:
-    """A hollow frustum from ``a`` to ``b`` that collides as convex staves and looks round.
+    """Return a hollow frustum from ``a`` to ``b`` that collides as convex staves and looks round.
 
-    ``bottom``: thickness of the disc that closes it at ``a``; None: open at both ends.
+    ``bottom`` is the thickness of the disc that closes it at ``a``; None: open at both ends.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     d = b - a
@@ -329,7 +336,7 @@ def tube(
         j = (i + 1) % segments
         stave = np.array([r[k] for r in rings for k in (i, j)])
         parts.append(Solid(stave[convex_hull(stave).vertices], None))
-    lip = 0.25 * wall / float(np.linalg.norm(d))  # the rim is cut a little on both sides
+    lip = 0.25 * wall / float(np.linalg.norm(d))  # the rim is slightly bevelled on both sides
     profile = [
         (radius_a, 0.0),
         (radius_b, 1 - lip),

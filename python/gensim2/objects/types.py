@@ -1,4 +1,4 @@
-"""Object models: keypoints, placements, articulated and rigid objects, the motion of a joint, and errors about them."""
+"""Object models: keypoints, placements, articulated and rigid objects, joint motion, and errors."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from gensim2.core.errors import InputError
 
 
 class AssetError(InputError):
-    """An object that cannot be used."""
+    """An object cannot be used."""
 
 
 class MissingFileError(AssetError):
-    """A file that an object names is not there."""
+    """A file that an object names does not exist."""
 
 
-#: An array of numbers; in JSON nested lists.
+#: An array of numbers, written to JSON as nested lists.
 Array = Annotated[
     npt.NDArray[np.float64],
     PlainValidator(lambda values: np.array(values, dtype=np.float64)),
@@ -34,13 +34,13 @@ def joint_motion(kind: str, axis: Array, value: npt.ArrayLike, origin: Array | N
     """Return the rigid motion from joint value zero, in the frame of ``axis`` and ``origin``.
 
     Args:
-        kind: ``"prismatic"``, or ``"revolute"`` or ``"continuous"``.
+        kind: ``"prismatic"``, ``"revolute"`` or ``"continuous"``.
         axis: (3,) unit axis.
         value: rad or m, of any shape.
         origin: (3,) m, a point on the axis; None: the frame's own origin.
 
     Returns:
-        (..., 4, 4), one for each value.
+        Transforms (..., 4, 4), one for each value.
     """
     values = np.asarray(value, dtype=np.float64)[..., None]
     found = np.zeros((*values.shape[:-1], 4, 4))
@@ -48,7 +48,7 @@ def joint_motion(kind: str, axis: Array, value: npt.ArrayLike, origin: Array | N
     if kind == "prismatic":
         found[..., :3, 3] = values * axis
         return found
-    from scipy.spatial.transform import Rotation  # here: whoever only names objects needs no SciPy
+    from scipy.spatial.transform import Rotation  # imported here because naming objects does not need SciPy
 
     found[..., :3, :3] = Rotation.from_rotvec(values * axis).as_matrix()
     if origin is not None:
@@ -59,9 +59,10 @@ def joint_motion(kind: str, axis: Array, value: npt.ArrayLike, origin: Array | N
 Kind = Literal["articulated", "rigid"]
 Source = Literal["generated", "real"]
 Hulls = Literal["default", "original"]
-"""Method by which real meshes become collision parts: taken apart so that cavities stay open, or, as in the original
-GenSim2, each connected piece of a file as its convex hull. Generated objects are made of convex parts: both are the
-same there."""
+"""Method by which real meshes become collision parts: ``"default"`` decomposes them so that cavities stay open;
+``"original"``, as in the original GenSim2, takes the convex hull of each connected piece. Generated objects consist of
+convex parts, so both give the same.
+"""
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,9 @@ class Keypoint:
     """A named point fixed to one link.
 
     Attributes:
-        link: name of the link in the URDF; ``"body"``, the only one, of a rigid object.
+        link: name of the link in the URDF; ``"body"`` for a rigid object.
         position: (3,) metres in that link's frame, scale applied.
-        description: one phrase for a person or a language model.
+        description: one phrase for a reader or a language model.
     """
 
     link: str
@@ -81,16 +82,16 @@ class Keypoint:
 
 @dataclass(frozen=True)
 class MovingJoint:
-    """The one unfixed joint of an object.
+    """The only movable joint of an object.
 
     Attributes:
         name: joint name in the URDF.
         type: ``"revolute"`` or ``"prismatic"``.
-        child_link: the link that it moves.
+        child_link: link that the joint moves.
         origin: (3,) a point on the axis, metres, in the root frame.
         axis: (3,) unit axis in the root frame.
-        lower, upper: limits in rad or m; openness 0 is ``lower`` and 1 is ``upper``.
-        friction: Coulomb friction in N m or N that holds the joint where it was left.
+        lower, upper: limits in rad or m, at openness 0 and 1.
+        friction: Coulomb friction in N m or N that keeps the joint in place.
         damping: viscous damping in N m s/rad or N s/m.
         T_root_child: (4, 4) frame of the child link in the root frame at joint value zero.
     """
@@ -107,7 +108,7 @@ class MovingJoint:
     T_root_child: Array
 
     def T_root_child_at(self, value: float) -> Array:
-        """(4, 4) frame of the child link in the root frame at a joint value (rad or m)."""
+        """Return the frame (4, 4) of the child link in the root frame at a joint value (rad or m)."""
         return np.asarray(joint_motion(self.type, self.axis, value, self.origin) @ self.T_root_child)
 
 
@@ -116,10 +117,10 @@ class Placement:
     """Pose of an object before randomization.
 
     Attributes:
-        position: (3,) root position in the world frame; its lowest point rests on the table at z = 0. A rigid object
-            stands above the world's origin.
-        quaternion: (4,) (w, x, y, z), root to world; the side of an articulated object that the robot works on faces
-            the robot, a rigid one rests.
+        position: (3,) root position in the world frame. The lowest point of the object rests on the table at z = 0. A
+            rigid object stands above the world's origin.
+        quaternion: (4,) (w, x, y, z), root to world. The contact side of an articulated object faces the robot; a rigid
+            object is in its resting pose.
     """
 
     position: Array
@@ -127,50 +128,50 @@ class Placement:
 
     @property
     def rotation(self) -> Array:
-        """(3, 3) of the quaternion, root to world."""
-        from scipy.spatial.transform import Rotation  # here: whoever only names objects needs no SciPy
+        """Rotation matrix (3, 3), root to world."""
+        from scipy.spatial.transform import Rotation  # imported here because naming objects does not need SciPy
 
         return np.asarray(Rotation.from_quat(self.quaternion, scalar_first=True).as_matrix())
 
 
 class ObjectModel(Protocol):
-    """Interface that articulated and rigid objects share: what scenes, placement, records and checks need of one."""
+    """Interface shared by articulated and rigid objects."""
 
     @property
     def asset_class(self) -> str:
-        """For example ``"box_rotate"`` or ``"mug"``."""
+        """Name of the class, such as ``"box_rotate"`` or ``"mug"``."""
 
     @property
     def id(self) -> str:
-        """Which of its class; ``"0"`` of a rigid object."""
+        """Id within the class; ``"0"`` for a rigid object."""
 
     @property
     def source(self) -> Source:
-        """Source of its data."""
+        """Whether the object is generated or real."""
 
     @property
     def license(self) -> str:
-        """Terms that the data carries."""
+        """Licence terms of the data."""
 
     @property
     def content_hash(self) -> str:
-        """Hex digest of everything that it was made from."""
+        """Hex digest of all inputs of the object."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Oddities of its files, each with the rule by which it was repaired."""
+        """Irregularities of the object's files, and their repair."""
 
     @property
     def mass(self) -> float:
-        """Kg, all of it."""
+        """Total mass, kg."""
 
     @property
     def keypoints(self) -> Mapping[str, Keypoint]:
-        """By name."""
+        """Keypoints by name."""
 
     @property
     def hulls(self) -> Mapping[str, tuple[Array, ...]]:
-        """Link name (``"body"`` of a rigid object) to convex vertex sets, each (N, 3) metres in the link frame."""
+        """Convex vertex sets by link name (``"body"`` for a rigid object), each (N, 3) metres in the link frame."""
 
     @property
     def placement(self) -> Placement:
@@ -178,32 +179,32 @@ class ObjectModel(Protocol):
 
     @property
     def joint(self) -> MovingJoint | None:
-        """The joint that moves; None: it is rigid."""
+        """The movable joint; None for a rigid object."""
 
 
 @dataclass(frozen=True)
 class ArticulatedObject:
-    """An articulated object ready to be simulated and planned for.
+    """An articulated object ready for simulation and planning.
 
-    ``urdf`` is scaled, has inertials, limits and joint dynamics, and one convex mesh a collision element: SAPIEN and
-    urdf-rs load it as it is. ``hulls`` holds the same convex collision parts for planning.
+    ``urdf`` is scaled, has inertials, limits and joint dynamics, and one convex mesh for each collision element. SAPIEN
+    and urdf-rs load it directly. ``hulls`` holds the same convex collision parts for planning.
 
     Attributes:
-        asset_class: for example ``"box_rotate"``.
-        id: instance id, for example ``"100141"``; generated instances are numbered ``"0"``, ``"1"``, ....
+        asset_class: name of the class, such as ``"box_rotate"``.
+        id: instance id, such as ``"100141"``; generated instances are numbered ``"0"``, ``"1"``, ....
         source: ``"generated"`` or ``"real"``.
         urdf: file in the cache folder, with its meshes beside it.
-        joint: the moving joint.
-        keypoints: by name.
+        joint: movable joint.
+        keypoints: keypoints by name.
         T_link_object: (4, 4) object frame in the moving link's frame (see docs/architecture.md).
-        object_axis: ``"x"``, ``"y"`` or ``"z"``: axis of the object frame that "rotate" turns about.
-        hulls: link name to convex vertex sets, each (N, 3) metres in the link frame.
-        placement: default placement, computed from geometry.
+        object_axis: ``"x"``, ``"y"`` or ``"z"``: axis of the object frame about which "rotate" motions turn.
+        hulls: convex vertex sets by link name, each (N, 3) metres in the link frame.
+        placement: default placement, computed from the geometry.
         default_openness: mean of the randomized openness.
         mass: kg, all links.
-        license: terms that the data carries.
-        content_hash: hex digest of everything that the instance was made from.
-        warnings: what was odd and by which rule it was repaired.
+        license: licence terms of the data.
+        content_hash: hex digest of all inputs of the instance.
+        warnings: irregularities of the files, and their repair.
     """
 
     asset_class: str
@@ -223,30 +224,30 @@ class ArticulatedObject:
     warnings: tuple[str, ...] = field(default=())
 
     def link_pose(self, openness: float) -> Array:
-        """(4, 4) moving link in the root frame at an openness."""
+        """Return the pose (4, 4) of the moving link in the root frame at an openness."""
         joint = self.joint
         return joint.T_root_child_at(joint.lower + openness * (joint.upper - joint.lower))
 
     def lever_arm(self, keypoint: str) -> float:
-        """Distance in metres of a keypoint on the moving link from the joint axis."""
+        """Return the distance in metres of a keypoint on the moving link from the joint axis."""
         point = self.joint.T_root_child @ np.append(self.keypoints[keypoint].position, 1.0)
         return float(np.linalg.norm(np.cross(point[:3] - self.joint.origin, self.joint.axis)))
 
 
 BODY = "body"
-"""Name of the only link."""
+"""Name of a rigid object's only link."""
 ONLY_ID = "0"
-"""Id of the only instance of a class of rigid objects."""
+"""Id of the only instance of a rigid class."""
 
 
 @dataclass(frozen=True)
 class Grip:
-    """Grasp of two parallel fingers on the object at rest, as long as nothing else is in the way.
+    """Grasp of the resting object by two parallel fingers, without regard to obstacles.
 
     Attributes:
-        point: (3,) middle between the fingertips, metres in the object frame.
-        axis: (3,) unit direction in which the fingers close, object frame; level when the object rests.
-        width: metres between the fingertips.
+        point: (3,) midpoint between the fingertips, metres in the object frame.
+        axis: (3,) unit direction in which the fingers close, object frame; horizontal when the object rests.
+        width: distance between the fingertips, m.
     """
 
     point: Array
@@ -256,24 +257,24 @@ class Grip:
 
 @dataclass(frozen=True)
 class RigidObject:
-    """A rigid object ready to be simulated and planned for; the object frame is that of its only link.
+    """A rigid object ready for simulation and planning; the object frame is the frame of its only link.
 
     Attributes:
-        asset_class: its name, for example ``"mug"``; it is the only one of its class.
+        asset_class: name, such as ``"mug"``; the object is the only one of its class.
         source: ``"generated"`` or ``"real"``.
-        folder: prepared files: ``visual.glb`` and ``hull_<i>.obj``, object frame, metres.
-        hulls: ``"body"`` to convex collision parts, each (N, 3) metres in the object frame.
+        folder: folder of the prepared files ``visual.glb`` and ``hull_<i>.obj``, object frame, metres.
+        hulls: convex collision parts under ``"body"``, each (N, 3) metres in the object frame.
         mass: kg.
         center_of_mass: (3,) metres in the object frame.
         inertia: (3, 3) kg m² about the centre of mass, along the axes of the object frame.
-        friction: of its surface, static and dynamic.
-        keypoints: by name, on ``"body"``; ``rigidbody_object_head`` always, ``rigidbody_object_tail`` where it has two
-            ends.
-        placement: pose, object to world, in which it stays on a table at z = 0, its origin above the world's.
-        grip: the narrowest hold in that pose.
-        license: terms that the data carries.
-        content_hash: hex digest of everything that the object was made from.
-        warnings: what was odd and by which rule it was repaired.
+        friction: static and dynamic friction coefficient of the surface.
+        keypoints: keypoints on ``"body"`` by name: always ``rigidbody_object_head``, and ``rigidbody_object_tail`` if
+            the object has two ends.
+        placement: stable pose on a table at z = 0, object to world, with the object's origin above the world's.
+        grip: narrowest grasp in that pose.
+        license: licence terms of the data.
+        content_hash: hex digest of all inputs of the object.
+        warnings: irregularities of the files, and their repair.
     """
 
     asset_class: str
@@ -293,25 +294,25 @@ class RigidObject:
 
     @property
     def id(self) -> str:
-        """``"0"``."""
+        """Id of the object, always ``"0"``."""
         return ONLY_ID
 
     @property
     def joint(self) -> None:
-        """It has none."""
+        """None, since a rigid object has no joint."""
         return None
 
     @property
     def size(self) -> Array:
-        """(3,) extents in metres along the axes of the object frame."""
+        """Extents (3,) in metres along the axes of the object frame."""
         return np.asarray(np.ptp(np.concatenate(self.hulls[BODY]), axis=0))
 
     @property
     def visual(self) -> Path | None:
-        """File to look at, or None where the object has none."""
+        """Path of the visual mesh, or None."""
         file = self.folder / "visual.glb"
         return file if file.is_file() else None
 
     def hull_file(self, index: int) -> Path:
-        """Wavefront OBJ of collision part ``index``."""
+        """Return the path of collision part ``index``, a Wavefront OBJ file."""
         return self.folder / f"hull_{index}.obj"

@@ -1,4 +1,4 @@
-"""Wording for objects and for what can be done with them."""
+"""Everyday words for objects and for actions on them."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from importlib import resources
 from typing import Any, Literal
 
 End = Literal["articulated_open", "articulated_closed"]
-"""The ends of a joint: openness 1 and 0."""
+"""End states of a joint: openness 1 and 0."""
 
 Goal = Literal["articulated_open", "articulated_closed", "half_open", "half_closed"]
-"""Target of a joint: an end, or halfway from the closed or from the open side."""
+"""Target of a joint: an end, or halfway, reached from the closed or from the open side."""
 
 UNKNOWN = 0.6
-"""Usefulness of what no table knows: below what people are known to ask for, above what they are known not to."""
+"""Usefulness of a task that no table lists: between tasks that people ask for and tasks that they do not."""
 
-#: Endings of class names that say how the object moves, with what to say and what to call it for both ends.
+#: Suffixes of class names that describe the object's motion, with a verb and a name for both ends.
 MOTIONS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
     "cap": (("Unscrew{}Cap", "unscrew the cap of the {}"), ("Tighten{}Cap", "tighten the cap of the {}")),
     "lift": (("Lift{}", "lift the {}"), ("Lower{}", "set the {} down")),
@@ -35,15 +35,15 @@ BY_JOINT = {"revolute": MOTIONS["rotate"], "prismatic": MOTIONS["push"]}
 
 @dataclass(frozen=True)
 class Phrase:
-    """A task on one joint, as a person would put it.
+    """Everyday instruction for a task on one joint.
 
     Attributes:
-        name: CamelCase, for example ``"PressStapler"``.
-        sentence: what a person would ask for, in lower case: ``"press the stapler"``.
-        noun: what the object is called: ``"stapler"``.
-        usefulness: how likely anybody is to ask for it. 1: as such, any day (open, close, switch, press, lift). 0.5:
-            now and then, or as part of a chore. 0.1: hardly ever, because the object does it by itself or because it
-            only undoes what was wanted.
+        name: name in CamelCase, such as ``"PressStapler"``.
+        sentence: instruction in lower case, such as ``"press the stapler"``.
+        noun: name of the object, such as ``"stapler"``.
+        usefulness: how likely people are to ask for the task. 1: on any day (open, close, switch, press, lift). 0.5:
+            now and then, or as part of a chore. 0.1: hardly ever, because the object does it by itself or because the
+            task only reverses another.
     """
 
     name: str
@@ -54,12 +54,13 @@ class Phrase:
 
 @dataclass(frozen=True)
 class Purpose:
-    """Purpose of several actions.
+    """Purpose that several actions serve together.
 
     Attributes:
-        say: what a person would say, ``{}`` where it is said what is done: ``"{} to tidy the desk"``.
-        goals: classes and the ends to which their joints are brought for it.
-        errands: such a class and end, and what is put on or into what besides: both classes, the thing last.
+        say: sentence with ``{}`` in place of the actions, such as ``"{} to tidy the desk"``.
+        goals: classes, and the end to which their joint is moved.
+        errands: such a class and end, with an action that puts an object on or into another: both classes, the moved
+            object last.
     """
 
     say: str
@@ -69,10 +70,10 @@ class Purpose:
 
 @dataclass(frozen=True)
 class ToAndFro:
-    """Joint that is brought to one end and back.
+    """A joint that is moved to one end and back.
 
     Attributes:
-        asset_class: of the object.
+        asset_class: class of the object.
         name, sentence: as in :class:`Phrase`.
         there, back: verbs of the two steps.
     """
@@ -85,12 +86,12 @@ class ToAndFro:
 
 
 def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
-    """Return the phrase that asks for a class's joint to be brought to one end.
+    """Return the instruction to bring a class's joint to one end.
 
     Args:
-        asset_class: articulated; one that the table does not know gets a plain phrase from its name.
-        goal: which end.
-        joint_type: ``"revolute"`` or ``"prismatic"``, for a class whose name does not say how it moves.
+        asset_class: articulated class; an unknown class gets a plain phrase from its name.
+        goal: target end.
+        joint_type: ``"revolute"`` or ``"prismatic"``, for a class whose name does not tell how it moves.
     """
     entry = _table()["articulated"].get(asset_class)
     if entry is not None:
@@ -102,7 +103,7 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
 
 
 def halfway(asset_class: str, goal: Goal) -> Phrase | None:
-    """Return the phrase that asks for a class's joint to be left halfway; None where there is none."""
+    """Return the instruction to leave a class's joint halfway, or None."""
     entry = _table()["articulated"].get(asset_class, {})
     if goal not in entry:
         return None
@@ -111,7 +112,7 @@ def halfway(asset_class: str, goal: Goal) -> Phrase | None:
 
 
 def purposes() -> tuple[Purpose, ...]:
-    """Return the purposes for which people do several things."""
+    """Return the purposes for which people do several actions."""
     ends: dict[str, End] = {"open": "articulated_open", "closed": "articulated_closed"}
     found = []
     for entry in _table()["purposes"]:
@@ -128,22 +129,22 @@ def purposes() -> tuple[Purpose, ...]:
 
 
 def to_and_fro() -> tuple[ToAndFro, ...]:
-    """Return the joints that people bring to one end and back."""
+    """Return the joints that people move to one end and back."""
     return tuple(ToAndFro(**entry) for entry in _table()["to_and_fro"])
 
 
 def handled(how: str) -> tuple[str, ...]:
-    """Classes of rigid objects that people ask to be ``"lifted"`` or ``"handed over"``, the likeliest first."""
+    """Return the rigid classes that people ask to be ``"lifted"`` or ``"handed over"``, the likeliest first."""
     return tuple(_table()["handled"].get(how, ()))
 
 
 def belongs(asset_class: str) -> tuple[str, ...]:
-    """Classes of rigid objects that people keep in or put on one of this class, the likeliest first."""
+    """Return the rigid classes that people keep in or put on an object of this class, the likeliest first."""
     return tuple(_table()["belongs"].get(asset_class, ()))
 
 
 def noun(asset_class: str) -> str:
-    """Return the noun for an object of a class, articulated or rigid; the class's name where no table has one."""
+    """Return the noun for an object of a class; the class's name if no table lists it."""
     table = _table()
     if asset_class in table["articulated"]:
         return str(table["articulated"][asset_class]["noun"])
@@ -151,16 +152,18 @@ def noun(asset_class: str) -> str:
 
 
 def _taken_apart(asset_class: str) -> tuple[str, str | None]:
-    """The noun in a class's name, and the ending that says how it moves."""
+    """Return the noun in a class's name, and the suffix that describes its motion."""
     parts = [part for part in re.split(r"[\W_]+", asset_class) if part]
     motion = parts.pop() if len(parts) > 1 and parts[-1] in MOTIONS else None
     return " ".join(parts).lower() or "object", motion
 
 
 def in_ascii(phrase: str) -> str:
-    """ASCII words that stand for a phrase in names; a number where it has other letters, for names must differ."""
+    """Return ASCII words for a phrase, for use in names; letters that ASCII lacks become a number, since names must
+    differ.
+    """
     plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
-    # An accent may go, a letter may not.
+    # Accents may be dropped, but letters may not.
     whole = sum(map(str.isalnum, unicodedata.normalize("NFKD", phrase)))
     if plain and sum(map(str.isalnum, "".join(plain))) == whole:
         return " ".join(plain)
@@ -168,7 +171,7 @@ def in_ascii(phrase: str) -> str:
 
 
 def camel_case(phrase: str) -> str:
-    """``"box of crackers"`` is ``"BoxOfCrackers"``."""
+    """Convert ``"box of crackers"`` to ``"BoxOfCrackers"``."""
     return "".join(word[0].upper() + word[1:] for word in in_ascii(phrase.replace("'", "")).split())
 
 

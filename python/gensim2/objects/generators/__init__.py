@@ -1,1 +1,1 @@
-"""Objects that the project makes itself: a blueprint drawn by a class, and the model that it becomes."""
+"""Procedurally generated objects: each class draws a blueprint, which becomes a model."""

@@ -1,7 +1,7 @@
-"""Blueprint of one instance of a generated class, in the object's model frame.
+"""Blueprint of an instance of a generated class, in the object's model frame.
 
-The model frame is that of PartNet-Mobility: origin near the middle of the body, x to the right as seen from the
-front, y up, z out of the front. Everything is given at joint value zero.
+The model frame follows PartNet-Mobility: origin near the middle of the body, x to the right seen from the front, y up,
+z out of the front. All geometry is given at joint value zero.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from gensim2.objects.shapes import Solid, Vec3
 
 @dataclass(frozen=True)
 class Blueprint:
-    """One generated object.
+    """Geometry, joint and keypoints of a generated object.
 
     Attributes:
-        body: parts that stand still.
+        body: fixed parts.
         moving: parts that the joint moves.
         joint_type: ``"revolute"`` or ``"prismatic"``.
         joint_origin: a point on the axis, metres.
-        joint_axis: direction, opening is positive.
-        limits: lower and upper joint value in rad or m; openness 0 and 1.
-        keypoints: name to (position in metres, description). A name that contains ``base`` belongs to the body, any
-            other to the moving link.
+        joint_axis: direction of the axis; opening is positive.
+        limits: lower and upper joint value in rad or m, at openness 0 and 1.
+        keypoints: (position in metres, description) by name. A keypoint whose name contains ``base`` belongs to the
+            body, any other to the moving link.
     """
 
     body: list[Solid]
@@ -47,15 +47,15 @@ class Blueprint:
 
 @dataclass(frozen=True)
 class ObjectClass:
-    """A class of generated objects; a module of ``gensim2.objects.generators.classes`` holds one as ``OBJECT_CLASS``.
+    """A class of generated objects, defined as ``OBJECT_CLASS`` in a module of ``gensim2.objects.generators.classes``.
 
     Attributes:
         name: folder name of the class in the GenSim2 release.
-        count: built-in instances.
-        joint_type: what ``build`` makes.
-        build: draws one instance.
-        others: draw instances of other makes. Built-in instances are never of these, so that they stay what they were;
-            of the numbers behind them each make has as many.
+        count: number of built-in instances.
+        joint_type: joint type of its objects.
+        build: draws an instance.
+        others: draw instances of other designs. Built-in instances never use them, so that their geometry stays fixed;
+            instances with higher numbers are divided equally between all designs.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Generated instances: a pure function of (class, number)."""
+"""Generate object instances, each fully determined by its class and number."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def blueprint(asset_class: str, number: int) -> Blueprint:
 
 
 def blueprint_hash(asset_class: str, number: int, drawn: Blueprint) -> str:
-    """Hex digest of all geometry, to a nanometre, so that it is the same on every machine."""
+    """Return the hex digest of a blueprint's geometry, rounded to 1 nm so that it is the same on every machine."""
     digest = hashlib.sha256(f"{asset_class}/{number}".encode())
 
     def add(values: object) -> None:
@@ -61,7 +61,7 @@ def _geometry(solids: list[Solid], T: Array) -> LinkGeometry:
 
 
 def from_blueprint(asset_class: str, number: int, drawn: Blueprint, content_hash: str, license: str) -> Model:
-    """Turn a blueprint, written in the model frame, into a model."""
+    """Convert a blueprint, given in the model frame, to a model."""
     origin = np.asarray(drawn.joint_origin, float)
     axis = np.asarray(drawn.joint_axis, float) / np.linalg.norm(drawn.joint_axis)
     T_link_model = pose(-origin)
@@ -94,6 +94,6 @@ def from_blueprint(asset_class: str, number: int, drawn: Blueprint, content_hash
 
 
 def generate(asset_class: str, number: int) -> Model:
-    """The model of instance ``number`` of a class."""
+    """Return the model of instance ``number`` of a class."""
     drawn = blueprint(asset_class, number)
     return from_blueprint(asset_class, number, drawn, blueprint_hash(asset_class, number, drawn), LICENSE)

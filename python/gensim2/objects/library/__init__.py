@@ -1,1 +1,1 @@
-"""Readers and writers of objects: libraries, the released layout, the cache of what is prepared, export, import."""
+"""Object libraries: readers of the release's folder layout, the cache of prepared objects, export and import."""

@@ -1,4 +1,4 @@
-"""Articulated objects: the generated ones that ship with the project, and folders of real models."""
+"""Sources of articulated objects: the generated ones, and folders of real models."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from gensim2.objects.types import ArticulatedObject, AssetError, Hulls, Kind, So
 
 LARGEST_NUMBER = 10**6
 NEW = 100
-"""Objects that the word ``new`` stands for."""
+"""Number of objects that the word ``new`` selects."""
 GENERATOR_MODULES = ("gensim2.objects.generators.blueprint", "gensim2.objects.generators.generate")
 
 
 class ArticulatedShelf(Shelf):
-    """Objects with a joint."""
+    """A source of articulated objects."""
 
     kind: Kind = "articulated"
 
@@ -37,7 +37,9 @@ class ArticulatedShelf(Shelf):
 
 
 class GeneratedShelf(ArticulatedShelf):
-    """Objects that the project makes itself. Ids are numbers: any up to 10^6 loads, ``instances`` lists a few."""
+    """Generated articulated objects; ids are numbers up to 10^6, of which ``instances`` lists only the built-in
+    ones.
+    """
 
     source: Source = "generated"
     license = GENERATED_LICENSE
@@ -58,12 +60,12 @@ class GeneratedShelf(ArticulatedShelf):
         return f"a number from 0 to {LARGEST_NUMBER}"
 
     def new(self, asset_class: str) -> tuple[str, ...]:
-        """The numbers that follow the built-in instances'."""
+        """Return the numbers that follow the built-in instances."""
         first = len(self.instances(asset_class))
         return tuple(str(number) for number in range(first, first + NEW))
 
     def sample(self, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
-        """``count`` numbers up to 10^6 that are no built-in instance's, drawn by the seed, no two the same."""
+        """Draw ``count`` different numbers up to 10^6, excluding the built-in instances."""
         first = len(self.instances(asset_class))
         if not 0 <= count <= LARGEST_NUMBER + 1 - first:
             raise InputError(f"cannot draw {count} of {LARGEST_NUMBER + 1 - first}", field="random")
@@ -82,7 +84,7 @@ class FolderShelf(ArticulatedShelf):
     """Real objects in the layout of the GenSim2 release: ``<class>/<id>/mobility.urdf`` and ``info.json``.
 
     Raises:
-        AssetError: a folder's name is none.
+        AssetError: a folder has an invalid name.
         OSError: the folder cannot be read.
     """
 
@@ -117,7 +119,7 @@ class FolderShelf(ArticulatedShelf):
         try:
             return self.load(asset_class, self._found[asset_class][0]).joint.type
         except AssetError:
-            return "unknown"  # what is wrong with it is said where it is used
+            return "unknown"  # the fault is reported when the object is loaded
 
     def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject:
         from gensim2.objects.library.released import READER_MODULES, read_model
@@ -136,7 +138,7 @@ class FolderShelf(ArticulatedShelf):
 
 
 def _prepare(model: Model, folder: Path) -> ArticulatedObject:
-    # Here: naming objects, or reading prepared ones, needs no mesh library.
+    # Imported here because listing objects does not need a mesh library.
     from gensim2.objects.library.prepare import prepare
 
     return prepare(model, folder)

@@ -1,4 +1,6 @@
-"""Prepared objects on disk: one folder each in the user's cache, whole or absent, shared by all processes."""
+"""Cache of prepared objects on disk, with one folder for each object. Folders are complete or absent, and all processes
+of the user share them.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,7 @@ from gensim2.objects.types import ArticulatedObject, AssetError, RigidObject
 Array = npt.NDArray[np.float64]
 
 MANIFEST, INSTANCE, URDF = "files.json", "instance.json", "mobility.urdf"
-#: What readers of NumPy's archives raise where bytes were flipped or are missing.
+#: Exceptions of NumPy's archive reader on corrupt or truncated files.
 DAMAGE = (
     OSError,
     ValueError,
@@ -48,7 +50,7 @@ DAMAGE = (
 )
 
 
-# What every prepared object passes through; a source adds its own modules.
+# Modules that prepare every object; each source adds its own modules.
 SHARED_MODULES = (
     "gensim2.objects.library.cache",
     "gensim2.core.foreign.tree",
@@ -66,13 +68,13 @@ _Model = TypeVar("_Model", ArticulatedObject, RigidObject)
 
 
 def file_name(word: str) -> str:
-    """A word as part of a file name: its first 40 letters, others than ``A-Za-z0-9_.-`` made ``_``."""
+    """Return a word as part of a file name: its first 40 characters, with ``_`` for any but ``A-Za-z0-9_.-``."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", word)[:40]
 
 
 @cache
 def source_digest(*modules: str) -> str:
-    """Digest of modules, by their full names, as they stand in their files: what other code prepared is not ours."""
+    """Return the digest of the source files of modules, so that objects prepared by other code are not reused."""
     digest = hashlib.sha256()
     top = Path(gensim2.__file__).parents[1]
     for module in modules:
@@ -84,7 +86,7 @@ def source_digest(*modules: str) -> str:
 def cached_hulls(
     key: str, make: Callable[[], tuple[list[Array], dict[str, int]]]
 ) -> tuple[list[Array], dict[str, int]]:
-    """Hulls, each (N, 3), and counts about them under ``key``; made where they are not there, or damaged.
+    """Return hulls, each (N, 3), and counts about them from the cache; ``make`` creates missing or damaged ones.
 
     Raises:
         InputError: the cache folder cannot be written to.
@@ -106,7 +108,7 @@ def cached_hulls(
 
 
 def _whole_hulls(file: Path) -> tuple[list[Array], dict[str, int]] | None:
-    """Read what ``cached_hulls`` wrote; None where it is not there, or not as it was written: ZIP holds checksums."""
+    """Read what ``cached_hulls`` wrote; None if the file is missing or fails its ZIP checksum."""
     try:
         stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MAX_OBJECT))
         with zipfile.ZipFile(stream) as archive:
@@ -120,7 +122,7 @@ def _whole_hulls(file: Path) -> tuple[list[Array], dict[str, int]] | None:
 
 
 def join_hulls(hulls: Sequence[Array]) -> dict[str, Any]:
-    """Hulls, each (N, 3), as two arrays for ``np.savez``: ``points`` and ``sizes``."""
+    """Return hulls, each (N, 3), as two arrays for ``np.savez``: ``points`` and ``sizes``."""
     points = np.concatenate(hulls) if hulls else np.zeros((0, 3))
     return {"points": points, "sizes": np.array([len(p) for p in hulls], np.int64)}
 
@@ -131,7 +133,7 @@ def split_hulls(points: Array, sizes: npt.NDArray[np.int64]) -> list[Array]:
 
 
 def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> ArticulatedObject:
-    """The instance under ``key``, made by ``make(folder)`` where it is not there, or damaged.
+    """Return the cached object under ``key``; ``make(folder)`` creates a missing or damaged one.
 
     Raises:
         InputError: the cache folder cannot be written to.
@@ -145,11 +147,11 @@ def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> Articulated
 
 
 def folder_once(key: str, make: Callable[[Path], None]) -> Path:
-    """The folder of an object in the cache, filled by ``make(folder)`` where it is not there, or not as it was made.
+    """Return an object's folder in the cache; ``make(folder)`` creates a missing or damaged one.
 
-    ``make`` writes into a folder of its own, which is then renamed: two processes may race, one wins, both get a whole
-    folder. ``MANIFEST`` in it holds a digest of every file; where one differs, the folder is thrown away. What other
-    programs put beside them does no harm.
+    ``make`` fills a temporary folder, which is then renamed: if two processes race, both get a complete folder. The
+    file ``MANIFEST`` holds a digest of every file; a folder with a wrong digest is discarded. Files of other programs
+    beside these folders are left alone.
 
     Raises:
         InputError: the cache folder cannot be written to.
@@ -176,7 +178,7 @@ def folder_once(key: str, make: Callable[[Path], None]) -> Path:
 
 
 def _replace_damaged(entry: Path, folder: Path) -> None:
-    """Rename ``entry`` to ``folder``, unless another process has made a whole one by now."""
+    """Rename ``entry`` to ``folder``, unless another process has created a complete folder in the meantime."""
     with FileLock(cache_dir() / "objects.lock"):
         if _is_whole(folder):
             return
@@ -203,12 +205,12 @@ def _unwritable(folder: Path, reason: str) -> InputError:
 
 
 def write_model(file: Path, model: ArticulatedObject | RigidObject) -> None:
-    """Write the values of an object as JSON."""
+    """Write an object's values as JSON."""
     file.write_bytes(TypeAdapter(type(model)).dump_json(model, indent=1) + b"\n")
 
 
 def read_model(file: Path, kind: type[_Model]) -> _Model:
-    """Read what :func:`write_model` wrote.
+    """Read an object that :func:`write_model` wrote.
 
     Raises:
         AssetError: the file is damaged.

@@ -1,4 +1,4 @@
-"""One library of all objects: articulated classes with their instances, and rigid objects."""
+"""A library of articulated classes with their instances, and of rigid objects."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ def release_split(asset_class: str, name: str, listed: Sequence[str]) -> tuple[s
 
     Args:
         asset_class: name of the class.
-        name: of the split.
+        name: name of the split.
         listed: ids that a library has of the class.
 
     Returns:
-        None where the class has no such split; all of ``listed`` where the library is no copy of the release, which is
-        to say, lacks ids of the split: what suits a task is known of the released objects only.
+        None if the class has no such split. All of ``listed`` if the library lacks ids of the split, since it is then
+        no copy of the release, for which the splits are defined.
     """
     split = _splits().get(asset_class, {}).get(name)
     if split is None:
@@ -58,7 +58,7 @@ SETS: Final = (
     "new",
     "random",
 )
-"""Words of ``--instances`` that stand for any class's objects; what is none of them is an id."""
+"""Values of ``--instances`` that select a set of objects of any class; any other value is an id."""
 KINDS: Final[tuple[Kind, ...]] = ("articulated", "rigid")
 SMALLEST_TO_SPLIT = 10
 BUILTIN = "builtin"
@@ -66,17 +66,17 @@ YCB = "ycb"
 
 
 class Library:
-    """A set of classes of objects with their instances. Pickles: workers open the same one.
+    """A set of object classes with their instances. Pickled libraries are opened anew by worker processes.
 
-    A rigid object's name is its class, and its only instance is ``"0"``.
+    The name of a rigid object is its class, and its only instance is ``"0"``.
 
     Attributes:
-        name: what to show; ``builtin`` or the folder's name.
-        location: what ``open_library`` takes to open it again.
+        name: ``builtin`` or the folder's name.
+        location: argument of ``open_library`` that opens this library.
     """
 
     def __init__(self, name: str, location: str, shelves: Sequence[Shelf], stand_in: Shelf | None = None) -> None:
-        """``shelves``: no two with the same class. ``stand_in``: gives classes that they lack."""
+        """Combine ``shelves``, which must not share a class; ``stand_in`` supplies classes that they lack."""
         self.name, self.location = name, location
         self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
         lent = {} if stand_in is None else dict.fromkeys(stand_in.classes(), stand_in)
@@ -88,7 +88,7 @@ class Library:
 
     @property
     def license(self) -> str:
-        """Terms of its own data."""
+        """Licence terms of the library's own data."""
         return "; ".join(dict.fromkeys(shelf.license for shelf in self._own.values()))
 
     def _shelf(self, asset_class: str) -> Shelf:
@@ -101,54 +101,56 @@ class Library:
         return self._shelves[asset_class]
 
     def classes(self, kind: Kind | None = None) -> tuple[str, ...]:
-        """Class names, sorted; of one kind or of both."""
+        """Return the sorted class names, of one kind or of both."""
         return tuple(sorted(name for name, shelf in self._shelves.items() if kind in (None, shelf.kind)))
 
     def own_classes(self, kind: Kind | None = None) -> tuple[str, ...]:
-        """As :meth:`classes`, without those that stand in for what a folder lacks."""
+        """Return the sorted class names, without those that stand in for classes missing in a folder."""
         return tuple(name for name in self.classes(kind) if name in self._own)
 
     def kind(self, asset_class: str) -> Kind:
-        """``"articulated"`` or ``"rigid"``. Raises InputError: no such class."""
+        """Return ``"articulated"`` or ``"rigid"``. Raises InputError if the class is unknown."""
         return self._shelf(asset_class).kind
 
     def source(self, asset_class: str) -> Source:
-        """``"generated"`` or ``"real"``. Raises InputError: no such class."""
+        """Return ``"generated"`` or ``"real"``. Raises InputError if the class is unknown."""
         return self._shelf(asset_class).source
 
     def license_of(self, asset_class: str) -> str:
-        """Terms of the source that a class is from. Raises InputError: no such class."""
+        """Return the licence terms of a class. Raises InputError if the class is unknown."""
         return self._shelf(asset_class).license
 
     def joint_type(self, asset_class: str) -> str | None:
-        """``"revolute"`` or ``"prismatic"``: what the class is known for; None: it is rigid.
+        """Return ``"revolute"`` or ``"prismatic"``, the usual joint type of a class; None for a rigid one.
 
         Raises:
-            InputError: no such class.
+            InputError: the class is unknown.
         """
         return self._shelf(asset_class).joint_type(asset_class)
 
     def describe(self, asset_class: str) -> str:
-        """One phrase about a class. Raises InputError: no such class."""
+        """Return one phrase about a class. Raises InputError if the class is unknown."""
         return self._shelf(asset_class).describe(asset_class)
 
     def instances(self, asset_class: str) -> tuple[str, ...]:
-        """Instance ids of a class, sorted (numbers by value).
+        """Return the instance ids of a class, sorted (numbers by value).
 
         Raises:
-            InputError: no such class.
+            InputError: the class is unknown.
         """
         return self._shelf(asset_class).instances(asset_class)
 
     def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject | RigidObject:
-        """A prepared object; the first time it is made and kept in the cache, later it is read from there.
+        """Return an object ready for simulation; the first call prepares it and stores it in the cache.
 
         Args:
-            hulls: how real meshes become collision parts.
+            asset_class: name of the class.
+            instance_id: id of the instance.
+            hulls: method by which real meshes become collision parts.
 
         Raises:
-            InputError: no such class or instance.
-            AssetError: the object cannot be used; says why.
+            InputError: class or instance is unknown.
+            AssetError: the object cannot be used; gives the reason.
         """
         self._check(asset_class, instance_id)
         key = (asset_class, instance_id, hulls)
@@ -157,20 +159,20 @@ class Library:
         return self._loaded[key]
 
     def load_articulated(self, asset_class: str, instance_id: str) -> ArticulatedObject:
-        """As :meth:`load`; a rigid object is an InputError too."""
+        """Return an articulated object, like :meth:`load`; raises InputError if the class is rigid."""
         self.check_kind(asset_class, "articulated")
         return cast(ArticulatedObject, self.load(asset_class, instance_id))
 
     def load_rigid(self, asset_class: str) -> RigidObject:
-        """As :meth:`load`; an articulated object is an InputError too."""
+        """Return a rigid object, like :meth:`load`; raises InputError if the class is articulated."""
         self.check_kind(asset_class, "rigid")
         return cast(RigidObject, self.load(asset_class, ONLY_ID))
 
     def check_kind(self, asset_class: str, kind: Kind) -> None:
-        """Whether a class is of this kind; nothing is loaded.
+        """Check that a class is of this kind, without loading an object.
 
         Raises:
-            InputError: it is not, or there is none of this name.
+            InputError: the class is unknown or of the other kind.
         """
         if self.kind(asset_class) != kind:
             wrong = "is rigid: it has no joint" if kind == "articulated" else "has a joint: it is not rigid"
@@ -186,16 +188,17 @@ class Library:
             )
 
     def split(self, asset_class: str, which: Split, tenth: int = 0) -> tuple[str, ...]:
-        """Ids for training (90 %) or testing (10 %), by a seeded rule; a class with under 10 instances is all train.
+        """Return the training ids (90 %) or test ids (10 %) of a class by a seeded rule; classes with fewer than 10
+        instances are for training only.
 
         Args:
             asset_class: name of the class.
-            which: of both, or all.
-            tenth: which one is for testing, 0 to 9, in a drawn order. Tenths are rounded up: a class whose number is
-                no multiple of ten begins again where the order ends.
+            which: ``"train"``, ``"test"`` or ``"all"``.
+            tenth: which tenth is the test split, 0 to 9, in a seeded order. Tenths are rounded up; if the number of
+                instances is no multiple of ten, the last tenths reuse instances from the start of the order.
 
         Raises:
-            InputError: ``which`` is ``"test"`` and the class is too small to have one; or an unknown split or tenth.
+            InputError: the class is too small for a test split, or split or tenth is unknown.
         """
         ids = self.instances(asset_class)
         if which == "all":
@@ -218,18 +221,17 @@ class Library:
         return tuple(i for i in ids if (i in held_out) == (which == "test"))
 
     def choose(self, asset_class: str, which: str, seed: int = 0) -> tuple[str, ...]:
-        """Ids that one word stands for.
+        """Return the ids that an ``--instances`` value selects.
 
         Args:
-            asset_class: of a rigid object every word but an id of another stands for the only one.
-            which: ``train``, ``test``, ``train-1`` and ``test-1`` to ``-9`` (another tenth is for testing), ``all``,
-                ``new`` (generated ones beyond those that ``instances`` lists),
-                ``random`` (one, by the seed), a split of the release (:mod:`~gensim2.objects.library.catalogue`)
-                or an id.
-            seed: of ``random``.
+            asset_class: name of the class. For a rigid class, any value except an unknown id selects its only object.
+            which: ``train``, ``test``, ``train-1`` to ``train-9`` and ``test-1`` to ``test-9`` (another tenth as test
+                split), ``all``, ``new`` (generated instances beyond the listed ones), ``random`` (one instance by the
+                seed), a split of the release (:mod:`~gensim2.objects.library.catalogue`) or an id.
+            seed: seed of ``random``.
 
         Raises:
-            InputError: no such class, instance or test split, or nothing new.
+            InputError: class, instance or test split does not exist, or the class has no new instances.
         """
         if which in SETS and self.kind(asset_class) == "rigid":
             return self.instances(asset_class)
@@ -249,19 +251,19 @@ class Library:
         return (which,)
 
     def sample(self, asset_class: str, count: int, seed: int = 0) -> tuple[str, ...]:
-        """``count`` ids drawn by the seed, no two the same; all of a class that has no more.
+        """Draw ``count`` different ids by the seed; all ids if the class has no more.
 
-        Of generated articulated objects: numbers up to 10^6 that ``instances`` does not list.
+        For generated articulated classes the ids are numbers up to 10^6 that ``instances`` does not list.
 
         Raises:
-            InputError: no such class.
+            InputError: the class is unknown.
         """
         return self._shelf(asset_class).sample(asset_class, count, seed)
 
 
 @dataclass(frozen=True)
 class ClassListing:
-    """One row of ``gensim2 assets list``; ``joint_type`` is None where the class is a rigid object."""
+    """A row of ``gensim2 assets list``; ``joint_type`` is None for a rigid object."""
 
     asset_class: str
     kind: Kind
@@ -273,9 +275,9 @@ class ClassListing:
 
 
 def listing(library: Library) -> tuple[ClassListing, ...]:
-    """List the contents of a library, one row a class, articulated ones first.
+    """Return one row for each class of a library, articulated classes first.
 
-    Of a class that is unknown to the project, one object is loaded: it says how its joint moves.
+    If the project does not know a class, one object is loaded to find its joint type.
     """
     return tuple(
         ClassListing(
@@ -304,15 +306,15 @@ def open_library(where: Path | str | None = None) -> Library:
 
     Args:
         where: ``"builtin"`` for the generated library, ``"ycb"`` for ManiSkill's download of the YCB objects, or a
-            folder: in the layout of the GenSim2 release, its ``articulated_objs`` or ``rigidbody_objs/models``, or one
-            as ManiSkill's download makes it. A rigid object that a folder lacks is the generated one of that name.
-            None: ``$GENSIM2_ASSETS`` where set, else the generated library.
+            folder: the GenSim2 release, its ``articulated_objs`` or ``rigidbody_objs/models``, or a folder in
+            ManiSkill's layout. If a folder lacks a rigid object, the generated one of that name is used. None:
+            ``$GENSIM2_ASSETS``, else the generated library.
 
     Returns:
-        The library; objects are read when they are asked for.
+        The library; objects are read on first use.
 
     Raises:
-        InputError: the folder is missing, cannot be read, holds no objects, or two of one name.
+        InputError: the folder is missing, unreadable or without objects, or two objects share a name.
     """
     field = None
     if where is None:
@@ -341,7 +343,6 @@ def open_library(where: Path | str | None = None) -> Library:
 
 
 def _shelves(folder: Path) -> list[Shelf]:
-    """Return the shelves of a folder."""
     if (folder / YCB_INFO).is_file():
         return [YcbShelf(folder)]
     articulated, rigid = folder / "articulated_objs", folder / "rigidbody_objs" / "models"
@@ -356,7 +357,7 @@ def _shelves(folder: Path) -> list[Shelf]:
 def load_all(
     library: Library, items: Sequence[tuple[str, str]], workers: int = 0
 ) -> Iterator[tuple[tuple[str, str], str | None]]:
-    """Prepare (class, id) pairs in worker processes; each comes back with why it cannot be used, or None."""
+    """Prepare (class, id) pairs in worker processes; yield each pair with the reason why it cannot be used, or None."""
     from gensim2.core.processes import WorkerPool, enumerated, in_order
 
     with WorkerPool(workers) as pool:

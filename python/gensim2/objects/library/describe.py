@@ -1,4 +1,4 @@
-"""Description of one object, as plain values."""
+"""Describe an object as plain data."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from gensim2.objects.types import ArticulatedObject, ObjectModel, RigidObject
 
 
 def describe(library: Library, model: ArticulatedObject | RigidObject) -> dict[str, Any]:
-    """Everything about an object that a person asks for; metres, kg, rad, and the units of ``MovingJoint``.
+    """Return a description of an object in metres, kg, rad, and the units of ``MovingJoint``.
 
-    ``size`` is (3,) of the bounding box in the root frame, closed where there is a joint; ``split`` says whether the
-    paper's protocol trains or tests on it (``"none"``: not one of the library's listed instances). ``joint`` is None
-    for a rigid object, and only an articulated one has ``object_axis``, ``default_openness`` and ``urdf``, only a rigid
-    one ``grip``, ``friction`` and ``folder``.
+    ``size`` (3,) is the bounding box in the root frame, with the joint closed. ``split`` is the paper's split
+    (``"none"`` for an unlisted instance). ``joint`` is None for a rigid object. Only articulated objects have
+    ``object_axis``, ``default_openness`` and ``urdf``; only rigid ones have ``grip``, ``friction`` and ``folder``.
     """
     common = {
         "class": model.asset_class,
@@ -84,7 +83,7 @@ def _of_articulated(instance: ArticulatedObject) -> dict[str, Any]:
 
 
 def split_of(library: Library, model: ObjectModel) -> str:
-    """``"train"``, ``"test"`` or ``"none"``."""
+    """Return ``"train"``, ``"test"`` or ``"none"``."""
     if model.id in library.split(model.asset_class, "train"):
         return "train"
     return "test" if model.id in library.instances(model.asset_class) else "none"

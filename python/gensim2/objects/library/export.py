@@ -1,8 +1,8 @@
-"""An object as a folder in the layout of the GenSim2 release, which other tools load as well.
+"""Export an object as a folder in the layout of the GenSim2 release, which other tools can load.
 
-``<class>/<id>/mobility.urdf``, ``info.json`` and ``textured_objs/``: metres (``scale`` is 1), one convex mesh a
-collision element (``collision`` in ``info.json`` says so: a reader need not take them apart), inertials and limits
-filled in.
+The folder ``<class>/<id>`` holds ``mobility.urdf``, ``info.json`` and ``textured_objs/``. Lengths are in metres
+(``scale`` is 1). Each collision element is one convex mesh, and ``collision`` in ``info.json`` says so, so that a
+reader need not decompose it. Inertials and limits are filled in.
 """
 
 from __future__ import annotations
@@ -33,13 +33,15 @@ OCCUPIED = "choose another folder with --out, or replace it with --force"
 
 
 def export(instance: ArticulatedObject, library: Path, replace: bool = False) -> Path:
-    """Write an instance to ``library/articulated_objs/<class>/<id>``, whole or not at all, and return that folder.
+    """Write an instance to ``library/articulated_objs/<class>/<id>`` atomically, and return that folder.
 
     Args:
-        replace: take the place of an object that is there already.
+        instance: object to export.
+        library: folder of the library.
+        replace: replace an existing object.
 
     Raises:
-        InputError: there is one already, or the folder cannot be written to.
+        InputError: the object exists already, or the folder cannot be written to.
     """
     return write_folder(
         library / "articulated_objs" / instance.asset_class / instance.id,
@@ -49,10 +51,10 @@ def export(instance: ArticulatedObject, library: Path, replace: bool = False) ->
 
 
 def write_folder(target: Path, write: Callable[[Path], object], replace: bool) -> Path:
-    """Let ``write(folder)`` fill a scratch folder that then becomes ``target``.
+    """Let ``write(folder)`` fill a temporary folder that then becomes ``target``.
 
     Raises:
-        InputError: ``target`` is there already and may not be replaced, or cannot be written to.
+        InputError: ``target`` exists and may not be replaced, or cannot be written to.
     """
     try:
         if os.path.lexists(target) and not replace:
@@ -99,7 +101,7 @@ def _write(instance: ArticulatedObject, folder: Path) -> None:
 
 
 def info(instance: ArticulatedObject) -> dict[str, Any]:
-    """``info.json`` of an instance."""
+    """Return the ``info.json`` of an instance."""
     T_object_link = np.asarray(np.linalg.inv(instance.T_link_object), float)
     return {
         "keypoints": {
@@ -125,7 +127,7 @@ def _element(kind: str, file: str, T: Array) -> ET.Element:
 
 
 def read_glb(path: Path) -> list[Mesh]:
-    """Meshes of one of our own GLB files, in the frame of their link; none where there is no file."""
+    """Read the meshes of a GLB file that this package wrote, in the link's frame; empty if the file is missing."""
     if not path.is_file():
         return []
     found = []

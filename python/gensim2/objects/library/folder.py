@@ -1,4 +1,4 @@
-"""Files of one object: regular ones inside its folder, of bounded size; nothing else is ever opened."""
+"""Read an object's files: only regular files of bounded size inside its folder are opened."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from gensim2.objects.types import AssetError, MissingFileError
 
 @dataclass(frozen=True)
 class ObjectFolder(ForeignTree):
-    """The folder of one object, which may itself be a link; what is in it may not lead out of it."""
+    """Folder of one object. The folder itself may be a link, but nothing in it may lead outside."""
 
     ERROR = AssetError
     MISSING = MissingFileError
     MAX_FILES = MAX_OBJECT_FILES
 
     def read_json(self, name: str) -> dict[str, Any]:
-        """The object that a JSON file holds.
+        """Return the JSON object in a file.
 
         Raises:
-            MissingFileError: there is no such file.
-            AssetError: it is not JSON, names a field twice, or holds something else than an object.
+            MissingFileError: the file does not exist.
+            AssetError: the file is not JSON, repeats a field, or holds something other than an object.
         """
         content, file = self.read(name, MAX_OBJECT_JSON), self.path / name
         try:
@@ -43,7 +43,7 @@ class ObjectFolder(ForeignTree):
         return value
 
     def fingerprint(self) -> str:
-        """Hex digest of names and contents of all files; of what is no regular file inside the folder, the name.
+        """Return the hex digest of names and contents of all regular files; other entries count by name only.
 
         Raises:
             AssetError: there are too many files, they are too large, or one cannot be read.
@@ -60,16 +60,16 @@ class ObjectFolder(ForeignTree):
 
 
 def existing_folder(where: Path | str, field: str | None = None, remedy: str | None = None) -> Path:
-    """The folder that a user named, ``~`` expanded.
+    """Return the folder that a user named, with ``~`` expanded.
 
     Raises:
-        AssetError: there is none.
+        AssetError: the folder does not exist.
     """
     try:
         folder = Path(where).expanduser()
         if str(where) and folder.is_dir():
             return folder
-    except (OSError, RuntimeError, ValueError):  # a name too long, no such user, a NUL: no folder is called so
+    except (OSError, RuntimeError, ValueError):  # the name is too long, contains NUL, or names an unknown user
         folder = Path(shortened(str(where)))
     raise AssetError("no such folder", file=folder if str(where) else '""', field=field, remedy=remedy)
 
@@ -93,10 +93,10 @@ def maniskill_data() -> Path:
 
 
 def find_source(where: str) -> Path:
-    """Folder of a PartNet-Mobility model: a path, or the number of one that ManiSkill has downloaded.
+    """Return the folder of a PartNet-Mobility model, given its path or the number of a model that ManiSkill downloaded.
 
     Raises:
-        InputError: neither is there.
+        InputError: there is no such folder or download.
     """
     try:
         return existing_folder(where)

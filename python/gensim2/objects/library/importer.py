@@ -1,19 +1,21 @@
-"""A plain PartNet-Mobility folder to an object of a library: one joint left, a size, keypoints to start from.
+"""Convert a plain PartNet-Mobility folder to an object of a library: one movable joint, real size, proposed keypoints.
 
-A PartNet-Mobility folder holds ``mobility.urdf``, ``textured_objs/``, ``semantics.txt`` and ``meta.json``. It has any
-number of joints, no size (its bounding box has a diagonal of 2) and no keypoints. Rules:
+A PartNet-Mobility folder holds ``mobility.urdf``, ``textured_objs/``, ``semantics.txt`` and ``meta.json``. The model
+has any number of joints, no physical size (its bounding box has a diagonal of 2) and no keypoints. The import applies
+these rules:
 
-- one joint stays: the one that is asked for, else the only one, else the only one of the class's known type;
-- every other joint is fixed at zero, or at the end of its range that is closest to zero;
-- a continuous joint gets the range from 0 to 90 degrees;
-- a joint that rests at its upper limit and opens downwards is turned around, so that openness 0 is at rest;
-- ``auto`` scale: the longest side is as long as that of the generated objects of the class, 0.3 m where there are none;
-- the head keypoint: the middle of the meshes named "handle", else of what lies farthest from the axis (revolute) or of
-  the end that leads the motion (prismatic; the other end where the class is one that is pushed: ``..._move``,
-  ``..._push``); the tail: of what lies nearest to the axis, or of the other end; both moved to the nearest point of the
-  surface. On the released objects that is 12 mm from the annotated head in the median, and within 5 cm for 85 %.
+- One joint stays movable: the requested one, else the only one, else the only one of the class's known type.
+- Every other joint is fixed at zero, or at the limit closest to zero.
+- A continuous joint gets the range from 0 to 90 degrees.
+- A joint that rests at its upper limit and opens downwards is reversed, so that openness 0 is the resting position.
+- With scale ``auto``, the longest side equals that of the generated objects of the class, or 0.3 m for other classes.
+- The head keypoint is the middle of the meshes named "handle". Without such meshes it is the middle of the part
+  farthest from the axis (revolute), or of the end that leads the motion (prismatic; the other end for classes that are
+  pushed: ``..._move``, ``..._push``). The tail keypoint is the middle of the part nearest to the axis, or of the other
+  end. Both are moved to the nearest point of the surface. On the released objects the proposed head is 12 mm from the
+  annotated one in the median, and within 5 cm for 85 %.
 
-Everything but the joint is in ``info.json``, for the user to edit.
+Everything but the joint is written to ``info.json``, where the user can edit it.
 """
 
 from __future__ import annotations
@@ -59,21 +61,21 @@ from gensim2.objects.types import AssetError, MissingFileError
 
 Array = npt.NDArray[np.float64]
 
-OTHER_SIZE = 0.3  # m, longest side of an object of a class that is not generated
+OTHER_SIZE = 0.3  # m, longest side of an object of a class without generated objects
 CONTINUOUS_RANGE = (0.0, math.pi / 2)
-PUSHED = ("_move", "_push")  # how the names of classes end whose objects are pushed from behind
+PUSHED = ("_move", "_push")  # name endings of classes whose objects are pushed from behind
 COMPANIONS = ("semantics.txt", "meta.json", "mobility_v2.json", "bounding_box.json")
 
 
 @dataclass(frozen=True)
 class Imported:
-    """Outcome of an import.
+    """Result of an import.
 
     Attributes:
-        folder: of the object in the library.
-        joint: that stays.
-        fixed: joints that were movable and are not any more.
-        scale: of lengths.
+        folder: folder of the object in the library.
+        joint: name of the movable joint.
+        fixed: names of the joints that were fixed.
+        scale: scale of lengths.
         notes: rules that were applied.
     """
 
@@ -84,7 +86,7 @@ class Imported:
     notes: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
+        """Return plain data."""
         return {
             "folder": str(self.folder),
             "joint": self.joint,
@@ -108,14 +110,18 @@ def import_object(
     """Write ``library/articulated_objs/<asset_class>/<name>`` from a PartNet-Mobility folder.
 
     Args:
+        source: PartNet-Mobility folder.
+        library: folder of the library.
+        asset_class: class of the object.
+        name: id of the object.
         joint: name of the joint that stays movable.
-        scale: metres a unit of the model.
-        license: terms of the model, in its maker's words.
-        replace: take the place of an object that is there already, edited or not.
+        scale: length in metres of one unit of the model.
+        license: licence terms stated by the model's author.
+        replace: replace an existing object, edited or not.
 
     Raises:
-        InputError: the folder cannot be read; the joint is unknown, or several could be meant; a name is no folder
-            name; or the object is there already.
+        InputError: the folder cannot be read; the joint is unknown or ambiguous; a name cannot be a folder's; or the
+            object exists already.
     """
     for field, word in (("class", asset_class), ("name", name)):
         if not is_name(word):
@@ -140,7 +146,7 @@ def import_object(
 
 
 class _Source:
-    """A PartNet-Mobility folder with all its joints but one fixed, unscaled."""
+    """A PartNet-Mobility folder, unscaled, with all joints but one fixed."""
 
     def __init__(self, folder: Path, asset_class: str, joint: str | None) -> None:
         self.folder, self.asset_class = ObjectFolder(folder), asset_class
@@ -223,7 +229,6 @@ class _Source:
         return [self.semantics[link]] if link in self.semantics else []
 
     def _fix(self, element: ET.Element, joint: UrdfJoint) -> None:
-        """Fix a joint where it rests."""
         field = f"joint {joint.name}"
         if joint.type not in MOVABLE:
             raise AssetError(f"joint type {reprlib.repr(joint.type)}", file=self.file, field=f"{field}: type")
@@ -240,7 +245,7 @@ class _Source:
         self.fixed.append(joint.name)
 
     def _settle(self, element: ET.Element, joint: UrdfJoint) -> None:
-        """Give the joint that stays whole limits, and a direction that opens it."""
+        """Complete the movable joint's limits, and reverse it if it opens downwards."""
         limits = joint.limits
         if joint.type == "continuous":
             element.set("type", "revolute")
@@ -269,8 +274,7 @@ class _Source:
         _replace(element, "limit", limit)
 
     def copy_files(self, target: Path) -> None:
-        """Copy meshes with their materials and pictures, and what says what the model is; a mesh that is missing
-        shows when the object is loaded."""
+        """Copy meshes, materials, pictures and metadata; a missing mesh is reported when the object is loaded."""
         (target / MESHES).mkdir(exist_ok=True)
         for name in (*self.files, *self.folder.names("images"), *COMPANIONS):
             if self.folder.has(name):
@@ -279,7 +283,7 @@ class _Source:
                 copy.write_bytes(self.folder.read(name, MAX_OBJECT))
 
     def scale(self) -> float:
-        """Metres a unit that make the closed object as long as generated ones of its class."""
+        """Return the scale at which the closed object is as long as the generated objects of its class."""
         T = self._T_root_parent @ self.joint.T
         body = [m.vertices for m in self.geometry["body"]]
         points = np.concatenate([*body, *(transform(T, m.vertices) for m in self.geometry["moving"])])
@@ -291,7 +295,7 @@ class _Source:
         return float(f"{wanted / longest:.4g}")
 
     def info(self, scale: float) -> dict[str, Any]:
-        """``info.json`` with proposed keypoints."""
+        """Return ``info.json`` with proposed keypoints."""
         joint = self.joint
         axis = self.axis
         vertices = [m.vertices for m in self.geometry["moving"]]
@@ -331,7 +335,7 @@ class _Source:
 
 
 def _editable(content: bytes, file: Path) -> ET.Element:
-    """Elements of a URDF that was read, without its default namespace."""
+    """Parse a URDF and drop its default namespace."""
     try:
         root = ET.XML(content)
     except (ET.ParseError, ValueError, LookupError) as error:
@@ -356,21 +360,21 @@ def _replace(element: ET.Element, tag: str, new: ET.Element) -> None:
 
 
 def _near_axis(points: Array, axis: Array) -> Array:
-    """(3,) middle of those of (N, 3) points that lie nearest to the unit axis through the origin."""
+    """Return the middle (3,) of the points (N, 3) that lie nearest to the unit axis through the origin."""
     distance = np.linalg.norm(points - np.outer(points @ axis, axis), axis=1)
     near = points[distance <= distance.min() + 0.05 * max(float(np.ptp(distance)), 1e-6)]
     return np.asarray((near.min(axis=0) + near.max(axis=0)) / 2)
 
 
 def on_surface(point: Array, meshes: list[Mesh]) -> Array:
-    """(3,) nearest point of the meshes' triangles."""
+    """Return the point (3,) of the meshes' surface that is nearest to ``point``."""
     triangles = np.concatenate([mesh.vertices[mesh.faces] for mesh in meshes])
     nearest = closest_point(triangles, np.broadcast_to(point, (len(triangles), 3)))
     return np.asarray(nearest[int(np.argmin(np.linalg.norm(nearest - point, axis=1)))], float)
 
 
 def usual_size(asset_class: str) -> float:
-    """Longest side in metres of the generated objects of a class, closed: the median of three; ``OTHER_SIZE`` else."""
+    """Return the median longest side in metres of three closed generated objects of a class, else ``OTHER_SIZE``."""
     if asset_class not in object_classes():
         return OTHER_SIZE
     sides = []
@@ -383,7 +387,7 @@ def usual_size(asset_class: str) -> float:
 
 
 def _semantics(folder: ObjectFolder) -> dict[str, str]:
-    """Link to what it is, from lines such as ``link_0 hinge rotation_lid``; empty where there is no file."""
+    """Return each link's meaning from lines such as ``link_0 hinge rotation_lid``; empty without the file."""
     try:
         text = folder.read("semantics.txt", MAX_OBJECT_JSON).decode(errors="replace")
     except MissingFileError:

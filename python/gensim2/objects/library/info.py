@@ -1,4 +1,4 @@
-"""``info.json`` of an object: what its author says about it, checked field by field."""
+"""Read and check an object's ``info.json``, field by field."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from gensim2.objects.types import AssetError, Keypoint
 Array = npt.NDArray[np.float64]
 
 INFO = "info.json"
-UNSTATED = "unstated"  # terms of a model whose maker states none
+UNSTATED = "unstated"  # licence terms of a model whose author states none
 FIELDS = ("keypoints", "keypoint_descriptions", "scale", "axis", "joint_position_range", "collision", "license")
-OWN_NOTES = ("imported",)  # what our importer leaves for the user
+OWN_NOTES = ("imported",)  # fields that the importer adds for the user
 SMALLEST_SCALE = 1e-6
-NARROWEST = 1e-4  # m or rad: a joint with less room does not move
+NARROWEST = 1e-4  # m or rad: a joint with a smaller range counts as immovable
 
 
 @dataclass(frozen=True)
 class Info:
-    """Fields of ``info.json``; None where the file does not have them.
+    """Fields of ``info.json``; None for a missing field.
 
     Attributes:
-        file: it was read from.
-        keypoints: (3,) by name, unscaled; at least one.
-        descriptions: of keypoints, by name.
-        scale: metres a unit.
-        joint_range: lower and upper value in rad or m.
-        convex: whether every collision mesh is convex as it is.
-        unknown: names of other fields.
+        file: path of the file.
+        keypoints: unscaled positions (3,) by name; at least one.
+        descriptions: descriptions of keypoints by name.
+        scale: length in metres of one unit.
+        joint_range: lower and upper joint value in rad or m.
+        convex: whether every collision mesh is already convex.
+        unknown: names of unknown fields.
     """
 
     file: Path
@@ -53,10 +53,10 @@ class Info:
 
 
 def read_info(folder: ObjectFolder) -> Info:
-    """``info.json`` of an object.
+    """Read the ``info.json`` of an object.
 
     Raises:
-        AssetError: missing, not JSON, without usable keypoints, or a field cannot be used.
+        AssetError: the file is missing, not JSON or without usable keypoints, or a field is invalid.
     """
     value, file = folder.read_json(INFO), folder.path / INFO
     points = value.get("keypoints")
@@ -83,10 +83,10 @@ def read_info(folder: ObjectFolder) -> Info:
 
 
 def numbers(value: Any, count: int, file: Path, name: str) -> Array:
-    """(``count``,) array of a JSON list of finite numbers.
+    """Convert a JSON list of finite numbers to an array (``count``,).
 
     Raises:
-        AssetError: it is something else, or a number is beyond ``LARGEST_VALUE``.
+        AssetError: the value is no such list, or a number exceeds ``LARGEST_VALUE``.
     """
     wanted = {2: "two finite numbers", 3: "three finite numbers"}[count]
     if not isinstance(value, list) or len(value) != count or not all(is_number(v) for v in value):
@@ -95,7 +95,7 @@ def numbers(value: Any, count: int, file: Path, name: str) -> Array:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a JSON value is a number of a plausible size."""
+    """Return whether a JSON value is a number of plausible size."""
     return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST_VALUE <= value <= LARGEST_VALUE
 
 
@@ -158,20 +158,22 @@ def _convex(value: Any, file: Path) -> bool:
 
 
 COLOURS = ("blue", "red", "yellow", "green")
-NEAR = 0.03  # m: a colour-named keypoint farther than this from the moving link means something else
+NEAR = 0.03  # m: a keypoint named by a colour and farther than this from the moving link has another meaning
 HEAD = "articulated_object_head"
 
 
 def closest_axis(axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
-    """The axis of the object frame (4, 4) that is closest to a joint's, (3,) in the link's frame."""
+    """Return the axis of the object frame (4, 4) closest to a joint axis (3,), both in the link's frame."""
     names: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
     return names[int(np.argmax(np.abs(T_link_object[:3, :3].T @ axis)))]
 
 
 def derived_head(hulls: Sequence[Array], kind: str, axis: Array) -> Array:
-    """(3,) point to work on, from the moving link's hulls (link frame, unit joint axis through the origin).
+    """Return the contact point (3,) derived from the moving link's hulls (link frame, unit joint axis through the
+    origin).
 
-    Revolute: the middle of what lies farthest from the axis. Prismatic: the middle of the end that leads the motion.
+    For a revolute joint this is the middle of the part farthest from the axis, for a prismatic one the middle of the
+    end that leads the motion.
     """
     points = np.concatenate(list(hulls))
     along = points @ axis
@@ -190,14 +192,16 @@ def read_keypoints(
     hulls: Sequence[Array],
     warnings: list[str],
 ) -> dict[str, Keypoint]:
-    """Keypoints of ``info.json`` in metres: on ``link``, or on the root where the name contains ``base``.
+    """Return the keypoints of ``info.json`` in metres, on ``link``, or on the root if the name contains ``base``.
 
     Args:
-        T_link_object: (4, 4) frame in which they are written.
+        info: content of ``info.json``.
+        scale: length in metres of one unit.
+        T_link_object: (4, 4) frame in which the keypoints are given.
         link, kind, axis, hulls: moving link, joint type, unit joint axis and collision hulls in the link's frame.
-        warnings: takes a line where a rule had to stand in.
+        warnings: list to which a line is appended for each keypoint that is derived by a rule.
     """
-    # Here, because whoever only names objects needs no SciPy.
+    # Imported here because naming objects does not need SciPy.
     from scipy.spatial import cKDTree
 
     from gensim2.objects.meshwork.convexes import surface_samples

@@ -1,4 +1,4 @@
-"""Meshes of an object's files: Wavefront OBJ read and written within limits, other formats by trimesh."""
+"""Read an object's meshes: Wavefront OBJ files within limits, other formats with trimesh."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ DEFAULT_LOOK = Look((0.7, 0.7, 0.7, 1.0))
 
 
 class ObjFile(NamedTuple):
-    """Meshes, one a material, and the material files that it names: whether each is there."""
+    """Meshes of an OBJ file, one for each material, and whether each material file that it names exists."""
 
     meshes: list[Mesh]
     materials: dict[str, bool]
 
 
 def read_materials(text: str, file: str) -> dict[str, Look]:
-    """Materials of an MTL file by name.
+    """Return the materials of an MTL file by name.
 
     Raises:
         ValueError: a colour is not a finite number.
@@ -63,11 +63,12 @@ def read_materials(text: str, file: str) -> dict[str, Look]:
 
 
 def read_obj(folder: ObjectFolder, name: str, named_by: Reference | None = None) -> ObjFile:
-    """Meshes of an OBJ file, each with the file's whole vertex list thinned to what it uses.
+    """Return the meshes of an OBJ file, each with only the vertices that it uses.
 
     Args:
-        name: of the file, relative to the object's folder.
-        named_by: where the name was found, for errors.
+        folder: folder of the object.
+        name: file name relative to the object's folder.
+        named_by: place that names the file, for error messages.
 
     Raises:
         AssetError: the file, or a material file that it names, cannot be read.
@@ -104,9 +105,9 @@ def _meshes(points: Array, groups: Sequence[tuple[str, npt.NDArray[np.int64]]], 
 
 
 def write_obj(path: Path, meshes: Sequence[Mesh]) -> None:
-    """Write meshes as one OBJ file with its MTL beside it, a material a look.
+    """Write meshes as an OBJ file with an MTL file beside it, one material for each appearance.
 
-    MTL has no roughness: its specular share stands for it, as in :func:`read_materials`.
+    MTL has no roughness, so the specular share encodes it, as in :func:`read_materials`.
     """
     looks = list(dict.fromkeys(mesh.look for mesh in meshes))
     lines, first = [f"mtllib {path.with_suffix('.mtl').name}"], 1
@@ -131,11 +132,11 @@ def write_obj(path: Path, meshes: Sequence[Mesh]) -> None:
     path.with_suffix(".mtl").write_text("\n".join(materials) + "\n")
 
 
-LISTED = 8  # names in a warning
+LISTED = 8  # maximum number of names in a warning
 
 
 class MeshReader:
-    """Mesh files of one instance, each read once; what cannot be read is noted."""
+    """Reads the mesh files of one instance once each, and records unreadable ones."""
 
     def __init__(self, folder: ObjectFolder) -> None:
         self._folder, self._read = folder, {}  # type: tuple[ObjectFolder, dict[str, list[Mesh]]]
@@ -145,11 +146,11 @@ class MeshReader:
         self._materials: dict[str, bool] = {}
 
     def get(self, element: ShapeElement, scale: float, T: Array) -> list[Mesh]:
-        """Meshes of an element in the frame that ``T`` (unscaled) maps its link to, scaled.
+        """Return the scaled meshes of an element in the target frame of ``T`` (unscaled pose of its link).
 
         Raises:
-            AssetError: the file is no OBJ file by its name, is no regular file inside the folder, or there are too many
-                triangles.
+            AssetError: the file is not named like an OBJ file, is no regular file inside the folder, or the triangles
+                are too many.
         """
         place, shape = T @ element.T, element.shape
         if isinstance(shape, Primitive):
@@ -192,11 +193,11 @@ class MeshReader:
 
     @property
     def files(self) -> list[str]:
-        """Mesh and material files so far, missing ones among them."""
+        """Return the names of all mesh and material files requested so far, including missing ones."""
         return [*self._read, *self._materials]
 
     def warnings(self) -> list[str]:
-        """Parts that could not be read so far, a line a kind."""
+        """Return one line for each kind of file that could not be read."""
         broken = [f"{name} ({why})" for name, why in self._broken.items()]
         kinds = {"mesh files missing": self._missing, "mesh files unreadable": broken}
         kinds["material files missing"] = [name for name, there in self._materials.items() if not there]
@@ -204,6 +205,6 @@ class MeshReader:
 
 
 def listed(names: Sequence[str], max_count: int = LISTED) -> str:
-    """The first names of several, and how many more there are."""
+    """Join the first names, and add the number of remaining ones."""
     more = f" and {len(names) - max_count} more" if len(names) > max_count else ""
     return ", ".join(names[:max_count]) + more

@@ -1,4 +1,4 @@
-"""From a model to a folder that SAPIEN and urdf-rs load as it is."""
+"""Write a model as a folder that SAPIEN and urdf-rs can load directly."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
 CREASE = np.cos(np.radians(35))
-EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0  # the release has none; urdf-rs needs them
+EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0  # the release has no limits, but urdf-rs needs them
 
 
 def rpy_from_matrix(R: Array) -> Array:
-    """(3,) roll, pitch, yaw of URDF (fixed axes x, y, z); where only roll and yaw together are known, yaw is 0."""
+    """Return roll, pitch and yaw (3,) as in URDF (fixed axes x, y, z); yaw is 0 in gimbal lock."""
     return np.asarray(Rotation.from_matrix(R).as_euler("xyz", suppress_warnings=True))
 
 
 def numbers(values: Array) -> str:
-    """Values as XML attributes have them, to nine digits."""
+    """Format values as an XML attribute with nine digits."""
     return " ".join(f"{v:.9g}" for v in np.asarray(values, float) + 0.0)
 
 
 def box_of(hull: Array) -> tuple[Array, Array] | None:
-    """Pose (4, 4) and full size (3,) where the (N, 3) vertices are a box's eight corners, else None.
+    """Return pose (4, 4) and size (3,) if the (N, 3) vertices are the corners of a box, else None.
 
-    Physics engines test boxes faster than meshes, and need not cook them.
+    Physics engines test boxes faster than meshes, and need no preprocessing for them.
     """
     if len(hull) != 8:
         return None
@@ -80,9 +80,9 @@ def write_hull(path: Path, points: Array) -> None:
 
 
 def creased(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
-    """The same surface with vertices of its own on both sides of every edge sharper than ``CREASE``.
+    """Return the surface with duplicated vertices along every edge sharper than ``CREASE``.
 
-    Renderers smooth the shading over faces that share a vertex: right for a bottle, wrong for a box.
+    Renderers smooth the shading over faces that share a vertex, which suits a bottle but not a box.
 
     Args:
         vertices: (N, 3).
@@ -101,7 +101,7 @@ def creased(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
     owner, same = order // 3, edge[order[1:]] == edge[order[:-1]]
     left, right = owner[:-1][same], owner[1:][same]
     smooth = np.einsum("ij,ij->i", normals[left], normals[right]) > CREASE
-    # A corner of a face is joined with the same corner of the face across each smooth edge.
+    # The corners of two faces are joined across each smooth edge.
     corner_of = np.arange(3 * n).reshape(-1, 3)
     pairs = []
     for i in range(3):
@@ -117,7 +117,7 @@ def creased(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
 
 
 def write_visual(path: Path, meshes: list[Mesh]) -> None:
-    """One GLB of a link, one primitive a look: colours travel in the file, so that no URDF material is needed."""
+    """Write a link's meshes as one GLB file, one primitive for each appearance, so that the URDF needs no materials."""
     by_look: dict[Look, list[Mesh]] = {}
     for mesh in meshes:
         by_look.setdefault(mesh.look, []).append(mesh)
@@ -171,7 +171,7 @@ def _link(name: str, geometry: LinkGeometry, mass: Inertial, folder: Path) -> li
 
 
 def prepare(model: Model, folder: Path) -> ArticulatedObject:
-    """Write ``mobility.urdf`` with its meshes into ``folder`` and return the instance that stands for it."""
+    """Write ``mobility.urdf`` and its meshes into ``folder``, and return the prepared instance."""
     rule = class_rule(model.asset_class)
     placement = place(model, rule)
     body, moving = (inertial(part.hulls, rule.density) for part in (model.body, model.moving))

@@ -1,15 +1,15 @@
-"""Reader of the GenSim2 release's folder layout: ``<class>/<id>/{mobility.urdf, info.json, textured_objs/}``.
+"""Read the GenSim2 release's folder layout: ``<class>/<id>/{mobility.urdf, info.json, textured_objs/}``.
 
-Rules for what is odd, each noted in the instance's warnings:
+The reader repairs irregular files by these rules, and records each repair in the instance's warnings:
 
-- links joined by fixed joints become one: the body in the root frame, and the moving link;
-- a mesh file that is missing or unreadable is left out and counted, a missing material file is counted;
-- a collision file that is one slanted triangle has no hull, and PhysX drops it: it becomes a plate, and is counted;
-- ``joint_position_range`` replaces the limits; prismatic limits of the URDF are scaled, the range is not;
-- no ``scale``: the median of the class;
-- keypoints with colour names only: the one nearest to the moving link becomes ``articulated_object_head``; where none
-  lies within 3 cm, that keypoint is derived from the moving link's geometry;
-- no ``axis``: the axis of the object frame that is closest to the joint's.
+- Links joined by fixed joints are merged into two: the body, in the root frame, and the moving link.
+- A missing or unreadable mesh file is left out and counted; a missing material file is counted.
+- A collision file with a single slanted triangle has no hull, and PhysX drops it; it becomes a plate and is counted.
+- ``joint_position_range`` replaces the limits. The URDF's prismatic limits are scaled, this range is not.
+- A missing ``scale`` is replaced by the median of the class.
+- If all keypoints have colour names, the one nearest to the moving link becomes ``articulated_object_head``; if none
+  lies within 3 cm, that keypoint is derived from the moving link's geometry.
+- A missing ``axis`` is replaced by the axis of the object frame closest to the joint axis.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ Array = npt.NDArray[np.float64]
 
 LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
 FALLBACK_SCALE = 0.25
-FARTHEST = 10.0  # m or rad from the origin: what is beyond is a mistake, and no grid could hold it
-SOLID_CORNERS = 4  # a collision file with fewer has no volume
+FARTHEST = 10.0  # m or rad from the origin: larger values are mistakes, and no grid could hold them
+SOLID_CORNERS = 4  # a collision file with fewer vertices has no volume
 HULL_MODULES = (
     "gensim2.objects.meshwork.clearance",
     "gensim2.objects.meshwork.convexes",
@@ -68,7 +68,7 @@ READER_MODULES = (
 
 
 def _scale(folder: ObjectFolder, info: Info, warnings: list[str]) -> float:
-    """Metres a unit: as ``info.json`` says, else the median of those of the class that say so."""
+    """Return the scale from ``info.json``, else the median over the class's other objects."""
     if info.scale is not None:
         return info.scale
     others = []
@@ -77,7 +77,7 @@ def _scale(folder: ObjectFolder, info: Info, warnings: list[str]) -> float:
             try:
                 others.append(read_info(ObjectFolder(other)).scale)
             except AssetError:
-                others.append(None)  # says so itself when it is loaded
+                others.append(None)  # this fault is reported when that object is loaded
     known = [scale for scale in others if scale is not None]
     scale = statistics.median(known) if known else FALLBACK_SCALE
     warnings.append(f"no scale: {scale:g}, {'the median of its class' if known else 'the default'}")
@@ -85,7 +85,7 @@ def _scale(folder: ObjectFolder, info: Info, warnings: list[str]) -> float:
 
 
 def _hulls(solid: dict[str, list[Mesh]], motion: Motion, warnings: list[str]) -> dict[str, list[Array]]:
-    """Convex parts of both links, from the cache where the same meshes were taken apart before."""
+    """Return the convex parts of both links, from the cache if the same meshes were decomposed before."""
     digest = hashlib.sha256(source_digest(*HULL_MODULES).encode())
     for meshes in solid.values():
         for mesh in meshes:
@@ -108,7 +108,6 @@ def _hulls(solid: dict[str, list[Mesh]], motion: Motion, warnings: list[str]) ->
 
 
 def _piece_hulls(solid: dict[str, list[Mesh]], warnings: list[str]) -> dict[str, list[Array]]:
-    """Hulls of the connected pieces of each link's files."""
     found = {}
     for link, meshes in solid.items():
         found[link], flat = piece_hulls([(mesh.vertices, mesh.faces) for mesh in meshes])
@@ -118,8 +117,9 @@ def _piece_hulls(solid: dict[str, list[Mesh]], warnings: list[str]) -> dict[str,
 
 
 def _engines_drop(meshes: list[Mesh]) -> bool:
-    """Whether the meshes of one collision file are too little for a hull: under four corners, and not even flat along
-    an axis, which PhysX takes for a box."""
+    """Return whether PhysX would drop a collision file: fewer than four vertices, and not flat along an axis, which
+    PhysX would treat as a box.
+    """
     if not meshes:
         return False
     corners = np.unique(np.concatenate([mesh.vertices for mesh in meshes]), axis=0)
@@ -127,8 +127,9 @@ def _engines_drop(meshes: list[Mesh]) -> bool:
 
 
 def license_of(folder: ObjectFolder) -> str:
-    """Return the terms that ``info.json`` of an instance states; those of PartNet-Mobility where a model of a released
-    class states none and says by its ``meta.json`` that it is one. What is wrong with a file shows at loading."""
+    """Return the licence terms in an instance's ``info.json``, or PartNet-Mobility's if ``meta.json`` marks it as such
+    a model of a released class. Faulty files are reported when the object is loaded.
+    """
     try:
         stated = read_info(folder).license
     except AssetError:
@@ -138,7 +139,6 @@ def license_of(folder: ObjectFolder) -> str:
 
 
 def _declared_hulls(meshes: list[Mesh], info: Info) -> list[Array]:
-    """Hulls of meshes that are said to be convex."""
     hulls = []
     for mesh in meshes:
         try:
@@ -155,9 +155,11 @@ def read_model(
 
     Args:
         path: ``<class>/<id>``.
-        expected_type: joint type that the class is known for, to note a contradiction.
-        rule: how its meshes become collision parts. What it weighs, where it stands and its keypoints are by the
-            default's, whatever the rule.
+        asset_class: class of the instance.
+        content_hash: hex digest of the instance's files.
+        expected_type: usual joint type of the class; a different type causes a warning.
+        rule: method by which meshes become collision parts. Mass, placement and keypoints always follow the default
+            method.
 
     Raises:
         AssetError: the instance cannot be used; names the file and the field.
@@ -224,10 +226,10 @@ def read_model(
 
 @dataclass(frozen=True)
 class _Geometry:
-    """Scaled meshes by what moves them: what is ``seen`` and what is ``solid``.
+    """Scaled visual (``seen``) and collision (``solid``) meshes of the body and the moving link.
 
-    ``T_object`` (4, 4) is the pose of the moving link's first collision element, unscaled; ``unread`` says which files
-    could not be read.
+    ``T_object`` (4, 4) is the unscaled pose of the moving link's first collision element; ``unread`` lists unreadable
+    files.
     """
 
     seen: dict[str, list[Mesh]]
@@ -236,7 +238,6 @@ class _Geometry:
     unread: tuple[str, ...]
 
     def extent(self) -> float:
-        """Largest coordinate in metres."""
         meshes = (mesh for part in (*self.solid.values(), *self.seen.values()) for mesh in part)
         return max((float(np.abs(mesh.vertices).max()) for mesh in meshes), default=0.0)
 
@@ -275,10 +276,10 @@ def _read_geometry(
 
 
 def within(what: str, value: float, file: Path, field: str) -> None:
-    """Refuse what is farther from the origin than ``FARTHEST``.
+    """Refuse a value farther from the origin than ``FARTHEST``.
 
     Raises:
-        AssetError: it is.
+        AssetError: the value is too large.
     """
     if not value <= FARTHEST:
         raise AssetError(

@@ -1,4 +1,4 @@
-"""Rigid objects: the generated ones, the GenSim2 release's, and ManiSkill's YCB download."""
+"""Sources of rigid objects: generated ones, the GenSim2 release, and ManiSkill's YCB download."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _MODULES = (
 
 
 class GeneratedRigidShelf(RigidShelf):
-    """Objects that the project makes itself, with the names, sizes and masses of the YCB set."""
+    """Generated objects with the names, sizes and masses of the YCB set."""
 
     source: Source = "generated"
     license = GENERATED_LICENSE
@@ -55,7 +55,7 @@ class GeneratedRigidShelf(RigidShelf):
         return CLASSES[asset_class].description
 
     def load_rigid(self, asset_class: str, hulls: Hulls = "default") -> RigidObject:
-        # Here, as below: naming objects needs no mesh library.
+        # Imported here because naming objects does not need a mesh library.
         from gensim2.objects.library.rigid_prepare import RigidModel, prepare
 
         digest, rule = source_digest(*_MODULES), CLASSES[asset_class]
@@ -80,10 +80,10 @@ class GeneratedRigidShelf(RigidShelf):
 
 
 class FolderRigidShelf(RigidShelf):
-    """Models of the GenSim2 release: ``<name>/{info.json, collision.obj, textured.obj}``.
+    """Rigid models of the GenSim2 release: ``<name>/{info.json, collision.obj, textured.obj}``.
 
     Raises:
-        AssetError: a folder's name is none.
+        AssetError: a folder has an invalid name.
         OSError: the folder cannot be read.
     """
 
@@ -113,7 +113,7 @@ class FolderRigidShelf(RigidShelf):
             point: (info.scale * at, info.descriptions.get(point, point.replace("_", " ")))
             for point, at in info.keypoints.items()
         }
-        # Of another unit than metres the scale says nothing of how large the object is beside a natural one.
+        # A scale outside this range shows that the file's unit is not metres; the true size is then unknown.
         mass = known_mass(asset_class, info.scale) if NATURAL[0] <= info.scale <= NATURAL[1] else None
         terms = info.license or _usual_license(asset_class)
         return load_from_meshes(
@@ -123,10 +123,10 @@ class FolderRigidShelf(RigidShelf):
 
 
 class YcbShelf(RigidShelf):
-    """The YCB models that ``python -m mani_skill.utils.download_asset ycb`` puts on the disk.
+    """YCB models that ``python -m mani_skill.utils.download_asset ycb`` downloads.
 
     Raises:
-        AssetError: the file that lists them cannot be read.
+        AssetError: the file that lists the models cannot be read.
     """
 
     source: Source = "real"
@@ -171,18 +171,18 @@ class YcbShelf(RigidShelf):
 
 
 def _usual_license(name: str) -> str:
-    """Terms of a model that states none: those of the release's models, which are of the YCB set."""
+    """Return the licence of a model that states none: that of the YCB set for its objects."""
     return YCB_LICENSE if name in CLASSES else UNSTATED
 
 
 NATURAL = (0.3, 3.0)
-"""Scales that an object in metres may have beside its natural size."""
+"""Range of scales, relative to the natural size, of an object whose file is in metres."""
 
 
 def known_mass(name: str, scale: float) -> float | None:
-    """Mass in kg of a real object that is ``scale`` times its natural size; None where its mass is unknown.
+    """Return the mass in kg of a real object at ``scale`` times its natural size; None if its mass is unknown.
 
-    ManiSkill's names carry the numbers of the YCB set: ``004_sugar_box``.
+    ManiSkill prefixes names with numbers of the YCB set, as in ``004_sugar_box``.
     """
     known = CLASSES.get(re.sub(r"^\d{3}_", "", name))
     return None if known is None else known.mass * scale**3

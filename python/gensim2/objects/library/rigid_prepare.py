@@ -1,4 +1,4 @@
-"""From the parts of a rigid object to a prepared folder: masses, the pose it rests in, where it can be held."""
+"""Prepare a rigid object from its parts: mass, resting pose and grasp."""
 
 from __future__ import annotations
 
@@ -38,24 +38,25 @@ from gensim2.objects.types import (
 )
 
 FILE = "rigid.json"
-#: Tilt (rad) after which an object that stands on its foot would fall over; with less it is laid down.
+#: An object that a smaller tilt (rad) tips over is laid down instead of standing on its foot.
 STEADY = np.radians(10)
-#: Tilt (rad) with which an object still counts as upright: scanned feet are not level.
+#: Tilt (rad) up to which an object counts as upright, since scanned feet are not level.
 LEAN = np.radians(5)
-#: Vertices this far (m) above the lowest still carry: scanned feet are uneven.
+#: Height (m) above the lowest vertex up to which vertices count as foot, since scanned feet are uneven.
 FOOT = 2e-3
-#: Thinner matter (m) is an edge, not a hold.
+#: Thinner material (m) is too thin to grasp.
 THINNEST_GRIP = 1.5e-3
-#: Directions and heights at which holds are looked for.
+#: Number of directions and heights in the search for a grasp.
 GRIP_ANGLES, GRIP_HEIGHTS = 24, 9
-#: Fingers are about this wide (m).
+#: Width of a finger (m).
 FINGER = 0.018
 
 
 def steadiness(points: Array, center: Array) -> float:
-    """Tilt in rad by which a body with corners (N, 3) and centre of mass (3,), standing on its lowest ones, falls over.
+    """Return the tilt in rad that tips over a body with vertices (N, 3) and centre of mass (3,) standing on its lowest
+    vertices.
 
-    Negative where it falls by itself.
+    The tilt is negative if the body falls over by itself.
     """
     low = float(points[:, 2].min())
     foot = points[points[:, 2] < low + FOOT][:, :2]
@@ -68,9 +69,9 @@ def steadiness(points: Array, center: Array) -> float:
 
 
 def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
-    """The pose in which an object lies on the table: upright where that is steady, else where it ends up most often.
+    """Return the pose in which an object rests on the table: upright if stable, else the most probable one.
 
-    Poses of its convex hull that are statically stable, and their probabilities, are trimesh's.
+    trimesh computes the statically stable poses of the convex hull and their probabilities.
     """
     points = np.concatenate(list(hulls))
     shell = trimesh.convex.convex_hull(points)
@@ -85,7 +86,7 @@ def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
 
 
 def _least_turn(R: Array) -> Array:
-    """Of all rotations with the same side down, the one that turns least from upright."""
+    """Return the rotation with the same side down that is closest to upright."""
     down = R[2]  # world up in the object frame
     axis = np.cross(down, [0, 0, 1])
     angle = float(np.arccos(np.clip(down[2], -1, 1)))
@@ -95,11 +96,10 @@ def _least_turn(R: Array) -> Array:
 
 
 def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip:
-    """The best hold between two parallel fingers that come from above, over directions, heights and parts.
+    """Return the best grasp by two parallel fingers from above, over directions, heights and parts.
 
-    Narrow ones are best, at the height of the centre of mass (round things slip out of fingers that hold them higher)
-    and not far beside it. A finger is ``FINGER`` wide: what counts is the extent of the matter within half of that
-    from the fingers' plane.
+    The best grasp is narrow, at the height of the centre of mass (round objects slip out of higher grasps) and close to
+    it. The width is the extent of the material within half of ``FINGER`` from the fingers' plane.
     """
     R = resting.rotation
     placed = [hull @ R.T + resting.position for hull in hulls]
@@ -126,7 +126,7 @@ def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip
 
 
 def _slice(hull: Array, height: float) -> Array | None:
-    """Corners (N, 2) of a hull's section, a finger's half width above and below included."""
+    """Return the vertices (N, 2) of a hull's section, including half a finger's width above and below."""
     near = hull[np.abs(hull[:, 2] - height) < FINGER / 4]
     above, below = hull[hull[:, 2] >= height], hull[hull[:, 2] < height]
     if not (len(above) and len(below)):
@@ -137,7 +137,9 @@ def _slice(hull: Array, height: float) -> Array | None:
 
 
 def _spans(slices: Sequence[Array], u: Array, v: Array, middle: float) -> list[tuple[float, float]]:
-    """Intervals along ``u`` of the matter within half a finger of the line ``v = middle``, joined where they touch."""
+    """Return the intervals along ``u`` of the material within half a finger of the line ``v = middle``, merged if they
+    touch.
+    """
     spans = []
     for corners in slices:
         along, across = corners @ u, corners @ v - middle
@@ -146,7 +148,7 @@ def _spans(slices: Sequence[Array], u: Array, v: Array, middle: float) -> list[t
     spans.sort()
     joined: list[tuple[float, float]] = []
     for low, high in spans:
-        # A gap that no finger fits into counts as matter.
+        # A gap narrower than a finger counts as material.
         if joined and low < joined[-1][1] + FINGER:
             joined[-1] = (joined[-1][0], max(joined[-1][1], high))
         else:
@@ -156,13 +158,14 @@ def _spans(slices: Sequence[Array], u: Array, v: Array, middle: float) -> list[t
 
 @dataclass(frozen=True)
 class RigidModel:
-    """A rigid object before it is prepared, at its final size.
+    """A rigid object at its final size, before preparation.
 
     Attributes:
         hulls: convex parts, each (N, 3) metres in the object frame.
-        meshes: what is seen, same frame.
-        keypoints: name to (position (3,) in metres, same frame; a phrase).
-        mass: kg; None: by ``density`` (kg/m³) of the hulls, which also gives the shape of the inertia.
+        meshes: visual meshes, same frame.
+        keypoints: (position (3,) in metres, same frame; description) by name.
+        mass: kg; None: ``density`` (kg/m³) times the hulls' volume. The hulls always determine the shape of the
+            inertia.
     """
 
     asset_class: str
@@ -179,7 +182,7 @@ class RigidModel:
 
 
 def prepare(key: str, model: RigidModel) -> RigidObject:
-    """Prepare an object under ``key`` in the cache, unless it is there."""
+    """Return the prepared object from the cache under ``key``, or prepare it."""
 
     def make(folder: Path) -> None:
         hulls = list(model.hulls)
@@ -223,7 +226,7 @@ def read(folder: Path) -> RigidObject:
 
 
 DENSITY = 500.0
-"""kg/m³ of a real object's hulls where nothing says its mass."""
+"""Density in kg/m³ of a real object's hulls if its mass is unknown."""
 FRICTION = 0.6
 SEEN = "textured.obj"
 
@@ -240,21 +243,22 @@ def load_from_meshes(
     code: str,
     rule: Hulls = "default",
 ) -> RigidObject:
-    """Prepare a real object. Collision: each connected piece as its hull where that fills no cavity, else taken apart.
+    """Prepare a real object; a connected piece becomes its convex hull if that fills no cavity, else it is decomposed.
 
     Args:
-        name: its class.
-        folder: with its meshes.
-        collision: OBJ or PLY file in it.
-        scale: metres a unit of the meshes.
-        keypoints: name to (position (3,) in metres, phrase).
-        mass: kg; None: by ``density`` (kg/m³), or ``DENSITY``.
-        license: terms of the data.
-        code: digest of the code that prepares it.
-        rule: ``"original"`` takes nothing apart.
+        name: class of the object.
+        folder: folder with the meshes.
+        collision: OBJ or PLY file in the folder.
+        scale: length in metres of one unit of the meshes.
+        keypoints: (position (3,) in metres, description) by name.
+        mass: kg; None: computed from ``density`` (kg/m³), or from ``DENSITY``.
+        density: kg/m³, or None.
+        license: licence terms of the data.
+        code: digest of the code that prepares the object.
+        rule: ``"original"`` decomposes nothing.
 
     Raises:
-        AssetError: it cannot be used; says why.
+        AssetError: the object cannot be used; gives the reason.
     """
     warnings: list[str] = []
     file = folder.path / collision
@@ -290,11 +294,11 @@ def load_from_meshes(
 
 
 def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
-    """Vertices (N, 3) and faces (M, 3) of an OBJ file's meshes, or of a PLY file.
+    """Return vertices (N, 3) and faces (M, 3) of an OBJ file's meshes, or of a PLY file.
 
     Raises:
         AssetError: the file cannot be read.
-        ValueError: it holds no triangles.
+        ValueError: the file holds no triangles.
     """
     if name.endswith(".obj"):
         return [(mesh.vertices, mesh.faces) for mesh in read_obj(folder, name).meshes]
@@ -304,7 +308,7 @@ def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
     try:
         mesh = trimesh.load_mesh(io.BytesIO(content), file_type="ply", process=False)
         vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
-    except Exception as error:  # trimesh's reader of PLY checks nothing, and fails in any way
+    except Exception as error:  # trimesh's PLY reader validates nothing and can raise any exception
         raise ValueError(f"not PLY: {error or type(error).__name__}") from error
     if not (len(faces) and faces.min() >= 0 and faces.max() < len(vertices) and np.isfinite(vertices).all()):
         raise ValueError("holds no triangles of finite vertices")
@@ -312,7 +316,7 @@ def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
 
 
 def _hulls(pieces: list[tuple[Array, Any]], rule: Hulls) -> tuple[list[Array], dict[str, int]]:
-    """The files are convex decompositions already: a piece is its own hull unless that adds much to it."""
+    """Return each piece's hull, unless the hull adds much volume: the files are already convex decompositions."""
     if rule == "original":
         whole, flat = piece_hulls(pieces)
         return whole, {"dropped": flat}
@@ -334,6 +338,5 @@ def _hulls(pieces: list[tuple[Array, Any]], rule: Hulls) -> tuple[list[Array], d
 
 
 def _volume(points: Array, faces: Any) -> float:
-    """Volume that a closed surface encloses (m³)."""
     a, b, c = (points[faces[:, i]] for i in range(3))
     return abs(float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6)

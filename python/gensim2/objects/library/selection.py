@@ -1,4 +1,6 @@
-"""Which objects a person means: words like ``drawer``, ``drawer/test`` or ``drawer/3``, and ``--instances``."""
+"""Resolve the user's selections of objects, such as ``drawer``, ``drawer/test`` or ``drawer/3``, and
+``--instances``.
+"""
 
 from __future__ import annotations
 
@@ -21,20 +23,21 @@ def select(
     seed: int = 0,
     kind: Kind | None = None,
 ) -> list[Item]:
-    """(class, id) pairs, each once, in the order in which they were named.
+    """Return the selected (class, id) pairs without repetition, in the order of the selections.
 
     Args:
-        words: ``CLASS`` (all its instances) or ``CLASS/WHICH`` with an id, ``train``, ``test``, ``new``, ``all`` or
-            ``random``.
-        every: all that the library itself has, or of one ``kind``. It is also what no word at all means, unless
-            ``drawn`` asks for something.
-        drawn: this many more of each class, or of each class that is named: new numbers where objects are generated,
-            else any of the folder's.
-        seed: of ``random`` and ``drawn``.
-        kind: of all; None: both.
+        library: object library.
+        words: selections: ``CLASS`` (all its instances), or ``CLASS/WHICH`` with an id, ``train``, ``test``, ``new``,
+            ``all`` or ``random``.
+        every: also select all of the library's own objects, or all of one ``kind``. Without ``words`` and ``drawn``
+            this is the default.
+        drawn: number of additional random objects of each (named) class: new numbers for generated classes, else any of
+            the folder's.
+        seed: seed of ``random`` and ``drawn``.
+        kind: restrict the selection to this kind; None: both.
 
     Raises:
-        InputError: no such class or instance, one of the other kind, or a class too small for a test split.
+        InputError: a class or instance is unknown or of the other kind, or a class is too small for a test split.
     """
     items: dict[Item, None] = {}
     if every or not (words or drawn):
@@ -56,7 +59,7 @@ def select(
 
 
 def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
-    """The (class, id) of ``CLASS/WHICH``, of which the first counts, or the first of ``CLASS``.
+    """Return the (class, id) of ``CLASS/WHICH``, or the first of ``CLASS``.
 
     Raises:
         InputError: as for :func:`select`.
@@ -69,13 +72,13 @@ def words_of_objects(
 ) -> dict[str, Sequence[str]]:
     """Resolve ``--instances`` for each object of a task.
 
-    Words that stand for a set (``all``, ``train``, ``test``, ``new``) are said of every object, ids of one
-    (:func:`object_of_ids`), and the others may be any.
+    Sets (``all``, ``train``, ``test``, ``new``) apply to every object. Ids apply to one object (:func:`object_of_ids`),
+    and the others may be any instance.
 
     Args:
         instances: lists the ids of a class.
-        classes: of the objects, by name.
-        words: as given.
+        classes: class of each object, by name.
+        words: values of ``--instances``.
     """
     if all(word in SETS for word in words):
         return dict.fromkeys(classes, words)
@@ -84,23 +87,23 @@ def words_of_objects(
 
 
 def object_of_ids(instances: Callable[[str], Sequence[str]], classes: Mapping[str, str]) -> str:
-    """Name of the object that an id is said of: the first of whose class there are several, or the first."""
+    """Return the name of the object that ids refer to: the first whose class has several instances, else the first."""
     return next((name for name, each in classes.items() if len(instances(each)) > 1), next(iter(classes)))
 
 
 def taken_instances(
     choose: Callable[[str, str], Sequence[str]], asset_class: str, asked: Sequence[str], own: Sequence[str] | None
 ) -> tuple[str, ...]:
-    """Ids of a class that words stand for, each once; of those that a task takes, where it says which.
+    """Return the ids of a class that the values select, restricted to those that the task accepts.
 
     Args:
-        choose: what one word stands for, by class and word.
+        choose: returns the ids for a class and one value.
         asset_class: name of the class.
-        asked: words of the caller.
-        own: words of the task; None: it takes all.
+        asked: values given by the user.
+        own: values given by the task; None: the task accepts all.
 
     Raises:
-        InputError: no such instance or split, or none that the task takes.
+        InputError: an instance or split does not exist, or the task accepts none of the selected ids.
     """
     wanted = tuple(dict.fromkeys(i for word in asked for i in choose(asset_class, word)))
     if own is None:
@@ -118,10 +121,10 @@ def taken_instances(
 def wanted_classes(
     libraries: Sequence[Library], classes: Sequence[str] | None
 ) -> list[tuple[Library, tuple[str, ...]]]:
-    """Each library with those of its classes that are named, its own where ``classes`` is None; none without any.
+    """Return each library with those of its classes that are named, or with all its own if ``classes`` is None.
 
     Raises:
-        InputError: no library has a class of such a name.
+        InputError: no library has a class of this name.
     """
     if classes is None:
         return [(library, library.own_classes()) for library in libraries]

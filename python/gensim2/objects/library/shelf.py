@@ -1,4 +1,4 @@
-"""Sources of a library's objects of one kind."""
+"""Base classes for the sources of a library's objects."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from gensim2.objects.types import ONLY_ID, ArticulatedObject, Hulls, Kind, Rigid
 
 
 class Shelf(ABC):
-    """Objects of one kind from one source. Pickles.
+    """A source of objects of one kind. Instances can be pickled.
 
     Attributes:
-        kind: of its objects.
-        source: who made them.
-        license: terms of their data.
+        kind: kind of the objects.
+        source: ``"generated"`` or ``"real"``.
+        license: licence terms of their data.
     """
 
     kind: Kind
@@ -24,41 +24,43 @@ class Shelf(ABC):
 
     @abstractmethod
     def classes(self) -> tuple[str, ...]:
-        """Class names, sorted."""
+        """Return the class names, sorted."""
 
     @abstractmethod
     def instances(self, asset_class: str) -> tuple[str, ...]:
-        """Ids of a class, sorted (numbers by value)."""
+        """Return the ids of a class, sorted (numbers by value)."""
 
     @abstractmethod
     def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject | RigidObject:
-        """A prepared object; the first time it is made and kept in the cache.
+        """Return an object ready for simulation; the first call prepares it and stores it in the cache.
 
         Args:
-            hulls: how real meshes become collision parts.
+            asset_class: name of the class.
+            instance_id: id of the instance.
+            hulls: method by which real meshes become collision parts.
 
         Raises:
-            AssetError: it cannot be used; says why.
+            AssetError: the object cannot be used; gives the reason.
         """
 
     @abstractmethod
     def describe(self, asset_class: str) -> str:
-        """One phrase about a class."""
+        """Return one phrase about a class."""
 
     @abstractmethod
     def joint_type(self, asset_class: str) -> str | None:
-        """Return the usual joint type of a class, ``"revolute"`` or ``"prismatic"``; None of a rigid one."""
+        """Return the usual joint type of a class, ``"revolute"`` or ``"prismatic"``; None for a rigid one."""
 
     def holds(self, asset_class: str, instance_id: str) -> bool:
-        """Whether an instance can be asked for."""
+        """Return whether the source has this instance, listed or not."""
         return instance_id in self.instances(asset_class)
 
     def remedy(self, asset_class: str, instance_id: str) -> str:
-        """Return a remedy for a request of an instance that it does not hold."""
+        """Return the remedy for an error message about an unknown instance."""
         return near(instance_id, self.instances(asset_class))
 
     def new(self, asset_class: str) -> tuple[str, ...]:
-        """Ids of a fixed number of objects beyond those that ``instances`` lists.
+        """Return the ids of a fixed number of objects beyond those that ``instances`` lists.
 
         Raises:
             InputError: there are none.
@@ -70,14 +72,14 @@ class Shelf(ABC):
         )
 
     def sample(self, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
-        """``count`` ids drawn by the seed, no two the same; all of a class that has no more."""
+        """Draw ``count`` different ids by the seed; all ids if the class has no more."""
         ids = self.instances(asset_class)
         order = rng(seed, f"sample/{asset_class}").permutation(len(ids))[:count]
         return tuple(ids[i] for i in sorted(order))
 
 
 class RigidShelf(Shelf):
-    """Rigid objects: each is the only one of its class."""
+    """A source of rigid objects, each of which is the only one of its class."""
 
     kind: Kind = "rigid"
 
@@ -85,7 +87,7 @@ class RigidShelf(Shelf):
         return (ONLY_ID,)
 
     def new(self, asset_class: str) -> tuple[str, ...]:
-        """The only one: there is nothing beside it."""
+        """Return the only id."""
         return (ONLY_ID,)
 
     def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> RigidObject:
@@ -93,7 +95,7 @@ class RigidShelf(Shelf):
 
     @abstractmethod
     def load_rigid(self, asset_class: str, hulls: Hulls = "default") -> RigidObject:
-        """As :meth:`load`."""
+        """Return a rigid object, like :meth:`load`."""
 
     def joint_type(self, asset_class: str) -> None:
         return None

@@ -1,6 +1,6 @@
-"""URDF as it was written, unscaled, from the reader that robots have (``gensim2_kpam.read_urdf``).
+"""Read URDF files with ``gensim2_kpam.read_urdf``, unscaled, for objects and for links to display.
 
-What is no tree of links, or holds an implausible number, is refused here, for objects and for links that are looked at.
+Files whose links form no tree, or with implausible numbers, are refused here.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ Array = npt.NDArray[np.float64]
 
 URDF = "mobility.urdf"
 MOVABLE = ("revolute", "prismatic", "continuous")
-SPHERE_DETAIL = 2  # subdivisions of a sphere that collides: 162 corners, which physics engines take for one hull
+SPHERE_DETAIL = 2  # subdivisions of a sphere for collision: 162 vertices fit into one hull of a physics engine
 
 
 @dataclass(frozen=True)
 class Primitive:
-    """A shape without a file.
+    """A shape without a mesh file.
 
     Attributes:
         kind: ``box`` (size: its three sides), ``cylinder`` (radius, length along z), ``capsule`` (radius, length
             between the centres of its caps) or ``sphere`` (radius).
-        size: m.
+        size: dimensions, m.
     """
 
     kind: str
     size: tuple[float, ...]
 
     def mesh(self, sphere_detail: int = SPHERE_DETAIL) -> trimesh.Trimesh:
-        """Return its surface about the origin."""
+        """Return the surface, centred at the origin."""
         from trimesh import creation
 
         if self.kind == "box":
@@ -63,11 +63,11 @@ class ShapeElement:
 
     Attributes:
         shape: a mesh file, relative to the URDF's folder, or a primitive.
-        field: of the URDF that holds it, for errors.
+        field: the URDF element, for error messages.
         T: (4, 4) pose in its link, unscaled.
-        scale: (3,) of a mesh file's vertices.
+        scale: (3,) scale of a mesh file's vertices.
         label: name of the element, if any.
-        rgba: (4,) where the material has a colour.
+        rgba: (4,) colour of the material, if any.
     """
 
     shape: str | Primitive
@@ -80,7 +80,7 @@ class ShapeElement:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint; ``T`` (4, 4) and ``axis`` (3,), which may be zero, unscaled; ``limits`` in units or rad."""
+    """A joint; ``T`` (4, 4) and ``axis`` (3,), which may be zero, are unscaled; ``limits`` in units or rad."""
 
     name: str
     type: str
@@ -97,10 +97,10 @@ class Urdf:
     """A URDF whose links form one tree.
 
     Attributes:
-        file: it was read from.
-        links: by name, as ``gensim2_kpam.read_urdf`` gives them.
-        joints: in the order of the file; names differ.
-        materials: (4,) colours by name.
+        file: path of the file.
+        links: links by name, as ``gensim2_kpam.read_urdf`` returns them.
+        joints: joints in the order of the file, with distinct names.
+        materials: colours (4,) by name.
     """
 
     file: Path
@@ -110,17 +110,17 @@ class Urdf:
 
 
 def read_urdf(folder: ObjectFolder) -> Urdf:
-    """The URDF of an object.
+    """Read the URDF of an object.
 
     Raises:
-        AssetError: it cannot be read, is not XML or not bounded; names are missing, doubled or unfit; links form no
-            tree; joints that mimic form a loop; a number is none or absurd.
+        AssetError: the file is unreadable, not XML or too large; a name is missing, repeated or unsuitable; the links
+            form no tree; mimic joints form a loop; a number is invalid or implausible.
     """
     return parse_urdf(folder.read(URDF, MAX_URDF), folder.path / URDF)
 
 
 def parse_urdf(content: bytes, file: Path) -> Urdf:
-    """As :func:`read_urdf`, of a file's content."""
+    """Parse the content of a URDF file; raises like :func:`read_urdf`."""
     try:
         written = gensim2_kpam.read_urdf(content, str(file))
     except gensim2_kpam.UrdfError as error:
@@ -138,10 +138,10 @@ def parse_urdf(content: bytes, file: Path) -> Urdf:
 
 
 def plain_name(name: str | None, file: Path, field: str) -> str:
-    """A name that can stand in other files, name files and be printed.
+    """Check that a name can appear in other files, as a file name and on the terminal, and return it.
 
     Raises:
-        AssetError: it is missing, too long, or holds other characters than printable ones, or a slash.
+        AssetError: the name is missing or too long, or contains a slash or unprintable characters.
     """
     if not name or len(name) > LONGEST_LINK_NAME or not name.isprintable() or "/" in name or name in (".", ".."):
         raise AssetError(
@@ -200,7 +200,7 @@ def _pose(origin: Mapping[str, Any], file: Path, field: str) -> Array:
     T[:3, 3] = _bounded(origin["xyz"], file, f"{field}.xyz")
     turn = _bounded(origin["rpy"], file, f"{field}.rpy")
     if origin["quat_xyzw"] is not None or turn.any():
-        from scipy.spatial.transform import Rotation  # here: whoever only names objects needs no SciPy
+        from scipy.spatial.transform import Rotation  # imported here because naming objects does not need SciPy
 
         quaternion = origin["quat_xyzw"]
         rotation = Rotation.from_euler("xyz", turn) if quaternion is None else Rotation.from_quat(quaternion)
@@ -212,12 +212,12 @@ def shape_elements(urdf: Urdf, link: str, kind: str) -> list[ShapeElement]:
     """Return the elements of a link: meshes, boxes, cylinders, capsules and spheres.
 
     Args:
-        urdf: the file.
+        urdf: the parsed file.
         link: name of the link.
         kind: ``visual`` or ``collision``.
 
     Raises:
-        AssetError: a number is absurd, or a mesh's scale is not positive.
+        AssetError: a number is implausible, or a mesh's scale is not positive.
     """
     found = []
     for element in urdf.links[link][f"{kind}s"]:
@@ -244,24 +244,26 @@ def shape_elements(urdf: Urdf, link: str, kind: str) -> list[ShapeElement]:
 
 
 def _mesh_file(paths: Sequence[str], folder: Path) -> str:
-    """The first of a mesh's paths that leads to a file; the likeliest where none does."""
+    """Return the first of a mesh's candidate paths that exists, else the first."""
     if len(paths) == 1:
         return paths[0]
     return next((path for path in paths if (folder / path).is_file()), paths[0])
 
 
 def _color(urdf: Urdf, element: Mapping[str, Any], is_mesh: bool) -> Array | None:
-    """Colour of the element's material; a primitive may also name one of the robot's (meshes bring their own)."""
+    """Return the colour of an element's material; a primitive may refer to a material of the robot, a mesh has its
+    own.
+    """
     if element["rgba"] is not None:
         return np.array(element["rgba"])
     return None if is_mesh else urdf.materials.get(element["material"])
 
 
 def link_inertial(urdf: Urdf, link: str) -> Inertial | None:
-    """Return the mass, centre of mass and inertia of a link; None where the URDF gives none.
+    """Return the mass, centre of mass and inertia of a link; None if the URDF gives none.
 
     Raises:
-        AssetError: a number is absurd.
+        AssetError: a number is implausible.
     """
     written = urdf.links[link]["inertial"]
     if written is None:
@@ -275,10 +277,10 @@ def link_inertial(urdf: Urdf, link: str) -> Inertial | None:
 
 
 def movable_joint(urdf: Urdf) -> UrdfJoint:
-    """The one joint that moves.
+    """Return the only movable joint.
 
     Raises:
-        AssetError: there are none or several, it is neither revolute nor prismatic, or it follows another.
+        AssetError: there are none or several, it is neither revolute nor prismatic, or it mimics another.
     """
     movable = [joint for joint in urdf.joints if joint.type != "fixed"]
     if len(movable) != 1:
@@ -300,7 +302,7 @@ def movable_joint(urdf: Urdf) -> UrdfJoint:
 
 
 def unit_axis(joint: UrdfJoint, file: Path) -> Array:
-    """(3,) unit axis of a joint.
+    """Return the unit axis (3,) of a joint.
 
     Raises:
         AssetError: the axis is zero.
@@ -312,7 +314,7 @@ def unit_axis(joint: UrdfJoint, file: Path) -> Array:
 
 
 def fixed_frames(urdf: Urdf, movable: UrdfJoint) -> dict[str, dict[str, Array]]:
-    """Links by what moves them, each with its unscaled pose: body links in the root, moving ones in the child link.
+    """Return the unscaled pose of each link, grouped into body (in the root frame) and moving link (in its frame).
 
     Raises:
         AssetError: the links form no tree.

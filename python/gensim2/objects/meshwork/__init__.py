@@ -1,1 +1,1 @@
-"""Work on triangles and convex parts: taking meshes apart, what two links share, what space is free."""
+"""Mesh processing: convex decomposition, overlap of two links, and free space."""

@@ -1,8 +1,9 @@
-"""Convex parts of two links that keep out of each other's way.
+"""Convex decomposition of two links that keeps their parts from colliding with each other.
 
-A hull may fill a little space that its mesh leaves free. Where the other link moves, that little is too much: first it
-is made dear while pieces are taken apart and merged; then what still reaches into the other link is cut off by planes,
-where that takes next to nothing of the hull's own surface. Where the meshes themselves overlap nothing is cut.
+A convex hull may fill some space that its mesh leaves free. If the other link moves through that space, the two links
+would collide. First, such space is penalized while pieces are decomposed and merged. Then, hull parts that still reach
+into the other link are cut off by planes, if that removes almost none of the hull's own surface. Nothing is cut where
+the meshes themselves overlap.
 """
 
 from __future__ import annotations
@@ -30,22 +31,24 @@ from gensim2.objects.shapes import pose, transform
 Array = npt.NDArray[np.float64]
 Pieces = Sequence[tuple[Array, Faces]]
 
-POSES = 9  # joint values at which links are kept apart; the checks look at every second
-FINE = 0.0012  # m, cells of the grid that says what one link's mesh leaves free for the other
+POSES = 9  # joint values at which links are kept apart; the checks use every second one
+FINE = 0.0012  # m, cell size of the grid of space that one link's mesh leaves free for the other
 SPACING = 0.004  # m between samples of a link's own surface
-RESIDUE = 0.0007  # m of overlap that may stay
-LOSS = 0.0012  # m of its own surface that a cut may take off a hull
+RESIDUE = 0.0007  # m of overlap that may remain
+LOSS = 0.0012  # m of its own surface that a cut may remove from a hull
 NOTICED = 0.0009  # m of overlap that is worth a cut
-HOPELESS = 0.004  # m of own surface between the links: more is the model's fault, and no cut is tried
-COVERED = 0.0002  # m that surface lies inside another hull that makes up for a cut
-PROGRESS = 0.0003  # m that a cut must take away
+HOPELESS = 0.004  # m of own surface between the links: beyond this the model itself overlaps, and no cut is tried
+COVERED = 0.0002  # m that surface must lie inside another hull to make up for a cut
+PROGRESS = 0.0003  # m of overlap that a cut must remove
 ROUNDS = 3
-MAX_POINTS = 400  # that a separating plane is looked for with, of either side
+MAX_POINTS = 400  # on either side in the search for a separating plane
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of the moving link: its frame at joint value zero in the root frame (4, 4), unit axis (3,) in its own."""
+    """Motion of the moving link: its frame (4, 4) in the root frame at joint value zero, and unit axis (3,) in its own
+    frame.
+    """
 
     T_root_link: Array
     axis: Array
@@ -54,12 +57,12 @@ class Motion:
     upper: float
 
     def at(self, share: float) -> Array:
-        """(4, 4) moving link in the root frame at an openness."""
+        """Return the pose (4, 4) of the moving link in the root frame at an openness."""
         q = self.lower + share * (self.upper - self.lower)
         return np.asarray(self.T_root_link @ (pose(axis=self.axis, angle=q) if self.revolute else pose(q * self.axis)))
 
     def off_hinge(self, points: Array) -> npt.NDArray[np.bool_]:
-        """Which of (N, 3) points in the root frame do not count as hinge."""
+        """Return which of (N, 3) points in the root frame lie outside the hinge region."""
         if not self.revolute:
             return np.ones(len(points), bool)
         axis = self.T_root_link[:3, :3] @ self.axis
@@ -69,7 +72,9 @@ class Motion:
 
 @dataclass(frozen=True)
 class PairHulls:
-    """Hulls, each (N, 3), of the body in the root frame and of the moving link in its own; pieces left out of each."""
+    """Hulls, each (N, 3), of the body in the root frame and of the moving link in its own, with the number of omitted
+    pieces.
+    """
 
     body: list[Array]
     moving: list[Array]
@@ -78,11 +83,11 @@ class PairHulls:
 
 
 def decompose_pair(body: Pieces, moving: Pieces, motion: Motion) -> PairHulls:
-    """Convex hulls of both links of an object.
+    """Return the convex hulls of both links of an object.
 
     Args:
-        body, moving: meshes (vertices (N, 3) in metres, faces (M, 3)) in the root frame and in the moving link's.
-        motion: of the joint between them.
+        body, moving: meshes (vertices (N, 3) in metres, faces (M, 3)) in the root frame and in the moving link's frame.
+        motion: motion of the joint between the links.
     """
     body, moving = connected_pieces(body), connected_pieces(moving)
     if not body or not moving:
@@ -109,14 +114,14 @@ def decompose_pair(body: Pieces, moving: Pieces, motion: Motion) -> PairHulls:
 
 
 def _needed(space: VoidSpace, points: Array) -> Array:
-    """Those of (N, 3) points in and on the other link where this link's mesh leaves space, thinned to a grid."""
+    """Return the points (N, 3) in or on the other link at which this link's mesh leaves space, thinned to a grid."""
     points = points[in_box(points, space.low, space.high)]
     points = points[_first_in_cells(points, SPACING)]
     return points[space.is_free_finely(points, FINE)]
 
 
 def _first_in_cells(points: Array, cell: float) -> npt.NDArray[np.int64]:
-    """Numbers of the first of (N, 3) points in each cell of a grid, ascending."""
+    """Return the indices, ascending, of the first of (N, 3) points in each cell of a grid."""
     if not len(points):
         return np.zeros(0, np.int64)
     index = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
@@ -126,7 +131,7 @@ def _first_in_cells(points: Array, cell: float) -> npt.NDArray[np.int64]:
 
 
 def _surface(pieces: Pieces) -> Array:
-    """(N, 3) points on all triangles, corners included, ``SPACING`` apart."""
+    """Return points (N, 3) on all triangles, vertices included, ``SPACING`` apart."""
     found = []
     for vertices, faces in pieces:
         triangles = vertices[faces]
@@ -139,24 +144,24 @@ def _surface(pieces: Pieces) -> Array:
 
 
 class _Parts:
-    """Hulls of one link, each with the samples of the link's meshes that it had to cover when it was made."""
+    """Hulls of one link, each with the surface samples that it must cover."""
 
     def __init__(self, hulls: Sequence[Array], surface: Array) -> None:
-        """``hulls``: each (N, 3); ``surface``: (K, 3) samples of the link's meshes."""
         self.hulls = list(hulls)
         self.blocks = [ConvexBlock.of(hull) for hull in hulls]
         self._owned = [surface[_near(surface, block)] for block in self.blocks]
-        self._settled = [False] * len(self.hulls)  # found clear once: the other link's hulls only get smaller
+        self._settled = [False] * len(self.hulls)  # once clear, always clear: the other link's hulls only shrink
 
     def cut_free(
         self, others: _Parts, poses: Sequence[Array], counts: Callable[[Array, int], npt.NDArray[np.bool_]]
     ) -> bool:
-        """Cut what the hulls fill of the space where the other link's hulls move; whether anything was cut.
+        """Cut off the parts of the hulls that lie where the other link's hulls move; return whether any hull was cut.
 
         Args:
-            others: the other link's, in its frame.
-            poses: (4, 4) the other link in this link's frame, at each joint value.
-            counts: which of (N, 3) points in this link's frame count at a joint value, by its number; else hinge.
+            others: hulls of the other link, in its frame.
+            poses: (4, 4) of the other link in this link's frame, at each joint value.
+            counts: returns which of (N, 3) points in this link's frame lie outside the hinge region, for the index of a
+                pose.
         """
         samples = [surface_samples(hull) for hull in others.hulls]
         placed = [[transform(T, points) for points in samples] for T in poses]
@@ -183,7 +188,7 @@ class _Parts:
 
 
 def _near(points: Array, block: ConvexBlock) -> npt.NDArray[np.bool_]:
-    """Which of (N, 3) points lie in a hull or within half a millimetre of it."""
+    """Return which of (N, 3) points lie in a hull or within 0.5 mm of it."""
     margin = 0.0005
     around = np.flatnonzero(in_box(points, block.low - margin, block.high + margin))
     found = np.zeros(len(points), bool)
@@ -199,9 +204,10 @@ def _intruders(
     poses: Sequence[Array],
     counts: Callable[[Array, int], npt.NDArray[np.bool_]],
 ) -> Array:
-    """(N, 3) points in this link's frame that lie in ``hull`` and in the other link, where one is deep enough.
+    """Return the points (N, 3) in this link's frame that lie in ``hull`` and in the other link; empty if all are
+    shallow.
 
-    ``placed``: samples of the other link's hulls in this link's frame, at each of ``poses``.
+    ``placed`` holds samples of the other link's hulls in this link's frame, at each of ``poses``.
     """
     own = surface_samples(hull)
     found = []
@@ -231,7 +237,7 @@ def _intruders(
 
 
 def _thin_out(points: Array) -> Array:
-    """At most ``MAX_POINTS`` of (N, 3) points, those that reach farthest in many directions first among them."""
+    """Return at most ``MAX_POINTS`` of (N, 3) points, evenly chosen."""
     if len(points) <= MAX_POINTS:
         return points
     step = len(points) / MAX_POINTS
@@ -239,14 +245,15 @@ def _thin_out(points: Array) -> Array:
 
 
 def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
-    """``hull`` without what the intruders need; None where nothing is left, ``hull`` itself where no plane does it.
+    """Return ``hull`` cut clear of the intruders; None if nothing is left, ``hull`` itself if no plane separates them.
 
     Args:
-        own: (K, 3) surface that only this hull covers.
-        intruders: (N, 3) points that must come out.
+        hull: (M, 3) vertices.
+        own: (K, 3) surface samples that only this hull covers.
+        intruders: (N, 3) points to exclude.
     """
     if not len(own):
-        return None  # other hulls cover all of its surface
+        return None  # other hulls cover all of the surface
     normal = _separating(hull, own, intruders)
     if normal is None:
         return hull
@@ -257,14 +264,14 @@ def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
-    """(3,) unit normal of a plane with the intruders beyond it and the hull's own surface before it.
+    """Return the unit normal (3,) of a plane between the hull's own surface and the intruders beyond it.
 
-    None where that would take more than ``HOPELESS`` off the surface.
+    Return None if that would cut more than ``HOPELESS`` off the surface.
     """
     axes = np.linalg.eigh(np.cov((hull - hull.mean(axis=0)).T))[1].T
     table = np.concatenate([np.eye(3), ConvexHull(hull).equations[:, :3], axes])
     ours, theirs = own @ table.T, intruders @ table.T
-    # Each way: what is highest along an axis is lowest against it.
+    # Both signs of each axis: the highest point along an axis is the lowest against it.
     losses = np.concatenate([ours.max(axis=0) - theirs.min(axis=0), theirs.max(axis=0) - ours.min(axis=0)]) - RESIDUE
     table = np.concatenate([table, -table])
     best = float(losses.min())
@@ -274,7 +281,7 @@ def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
             return normal if loss <= HOPELESS else None
     if best > HOPELESS:
         return None
-    # Of those that take little off the surface, the one that leaves most of the hull.
+    # Among normals that cut little of the surface, prefer the one that keeps most of the hull.
     fine = np.flatnonzero(losses <= max(0.5 * LOSS, best))
     left = (intruders @ table[fine].T).min(axis=0) - (hull @ table[fine].T).min(axis=0)
     width = np.ptp(hull @ table[fine].T, axis=0)
@@ -282,7 +289,7 @@ def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
-    """(3,) unit normal of the plane that keeps both clouds apart best, by linear programming; None without one."""
+    """Return the unit normal (3,) that separates both point sets best, by linear programming, or None."""
     inner, outer = _thin_out(own) - center, _thin_out(intruders) - center
     # Maximize m with n·p - d >= m for intruders, n·s - d <= -m for own surface, |n| <= 1 by component.
     rows = [
@@ -302,9 +309,10 @@ def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def cut_by_plane(hull: Array, normal: Array, offset: float) -> Array | None:
-    """(M, 3) vertices of the part of a hull with normal·x <= offset, ``THINNEST`` thick at least: physics needs that.
+    """Return the vertices (M, 3) of the part of a hull with normal·x <= offset, at least ``THINNEST`` thick for the
+    physics engine.
 
-    What is too thin grows on the side away from the cut. None where nothing is left.
+    A part that is too thin grows on the side away from the cut. Return None if nothing is left.
     """
     height = hull @ normal - offset
     if (height <= 0).all():

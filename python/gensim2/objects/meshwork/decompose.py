@@ -1,8 +1,9 @@
-"""Triangle soup to a few convex hulls that fill next to nothing of the space that can be reached.
+"""Decompose a triangle mesh into a few convex hulls that leave its cavities open.
 
-The released meshes are not watertight, overlap, and come in hundreds of pieces. A connected piece whose hull fills no
-cavity is taken as its hull. Another is taken apart into the convex plates of its surface. Then neighbours are merged,
-always the pair whose common hull fills least: walls become solid again, cavities stay open.
+The released meshes are not watertight, overlap, and consist of hundreds of pieces. A connected piece becomes its convex
+hull if that fills no cavity. Any other piece is split into thin convex plates along its surface. Neighbours are then
+merged, always the pair whose common hull fills the least free space, so that walls become solid again while cavities
+stay open.
 """
 
 from __future__ import annotations
@@ -24,18 +25,18 @@ from gensim2.objects.meshwork.voidspace import NEEDED_VOLUME, VoidSpace
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
-THINNEST = 0.003  # m: thinner pieces are thickened; physics cannot cook or hold them
+THINNEST = 0.003  # m: thinner pieces are thickened, since physics engines cannot handle them
 SMALLEST = 0.001  # m: pieces smaller than this in every direction are dropped
 MAX_VERTICES = 64
-MAX_HULLS = 40  # a link
-MAX_HULLS_FOR_CLEARANCE = 60  # a link, where fewer would stand in the other link's way
-FREE_SHARE = 0.01  # of a hull's volume that it may fill
-FREE_VOLUME = 1e-6  # m³ that a hull may fill at most, where the number of hulls allows
+MAX_HULLS = 40  # maximum for each link
+MAX_HULLS_FOR_CLEARANCE = 60  # maximum for each link if fewer hulls would block the other link
+FREE_SHARE = 0.01  # share of a hull's volume that may be free space of the mesh
+FREE_VOLUME = 1e-6  # m³ of free space that a hull may fill, while the number of hulls allows
 PATCH_ANGLE = np.cos(np.radians(15))
 PATCH_OFFSET = 0.002  # m from the plane of the patch's first face
 NEIGHBOURS = 5
 TRIANGLES_A_PATCH = 60
-MANY_PATCHES = 100  # more in one piece: corners within a cell, then two, then three become one
+MANY_PATCHES = 100  # with more patches in one piece, vertices within one, two or three cells are merged
 
 
 @dataclass(frozen=True)
@@ -47,14 +48,14 @@ class Hull:
     volume: float
 
     def depth(self, points: Array) -> Array:
-        """(K,) distance of points below the hull's surface; negative outside."""
+        """Return the depth (K,) of points below the hull's surface; negative outside."""
         return -heights(points, self.planes)
 
 
 def make_hull(points: Array) -> Hull | None:
-    """Hull of (N, 3) points, thickened to ``THINNEST`` where flat; None if it is too small.
+    """Return the hull of (N, 3) points, thickened to ``THINNEST`` if flat; None if it is too small.
 
-    At most ``MAX_VERTICES`` vertices are kept: those that reach farthest in directions spread over the sphere.
+    At most ``MAX_VERTICES`` vertices are kept: the extreme ones in directions spread over the sphere.
     """
     center = points.mean(axis=0)
     centered = points - center
@@ -73,7 +74,7 @@ def make_hull(points: Array) -> Hull | None:
 
 
 def _solid_hull(points: Array) -> Hull | None:
-    """Hull of (N, 3) points that are thick enough."""
+    """Return the hull of (N, 3) points that are thick enough."""
     center = points.mean(axis=0)
     try:
         hull = ConvexHull(points - center)
@@ -88,7 +89,7 @@ def _solid_hull(points: Array) -> Hull | None:
 
 
 def _directions() -> Array:
-    """``MAX_VERTICES`` directions spread evenly over the sphere, box corners and faces among them."""
+    """Return ``MAX_VERTICES`` directions spread evenly over the sphere, including the corners and faces of a cube."""
     box = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
     box /= np.linalg.norm(box, axis=1)[:, None]
     n = MAX_VERTICES - len(box)
@@ -102,7 +103,7 @@ _DIRECTIONS = _directions()
 
 
 def weld(vertices: Array, faces: Faces, distance: float = 1e-5) -> tuple[Array, Faces]:
-    """Take vertices closer than ``distance`` metres as one; faces that collapse are left out."""
+    """Merge vertices closer than ``distance`` metres, and drop faces that collapse."""
     _, first, inverse = np.unique(
         np.round(vertices / distance).astype(np.int64), axis=0, return_index=True, return_inverse=True
     )
@@ -112,7 +113,7 @@ def weld(vertices: Array, faces: Faces, distance: float = 1e-5) -> tuple[Array, 
 
 
 def components(vertices: Array, faces: Faces) -> list[tuple[Array, Faces]]:
-    """Connected pieces of a welded mesh."""
+    """Return the connected pieces of a welded mesh."""
     if not len(faces):
         return []
     n = len(vertices)
@@ -129,7 +130,7 @@ def components(vertices: Array, faces: Faces) -> list[tuple[Array, Faces]]:
 
 
 def patches(vertices: Array, faces: Faces) -> list[Faces]:
-    """Connected groups of faces that lie in one plane, give or take ``PATCH_ANGLE`` and ``PATCH_OFFSET``."""
+    """Return connected groups of faces that are coplanar within ``PATCH_ANGLE`` and ``PATCH_OFFSET``."""
     if not len(faces):
         return []
     corners = vertices[faces]
@@ -165,7 +166,7 @@ def patches(vertices: Array, faces: Faces) -> list[Faces]:
 
 
 def plates(vertices: Array, faces: Faces, space: VoidSpace) -> list[Hull]:
-    """Thin hulls that cover a surface and fill nothing."""
+    """Return thin hulls that cover a surface and fill no free space."""
     found = []
     groups = patches(vertices, faces)
     for cells in (1, 2, 3):
@@ -192,17 +193,17 @@ def plates(vertices: Array, faces: Faces, space: VoidSpace) -> list[Hull]:
 
 
 def fits(hull: Hull, space: VoidSpace) -> bool:
-    """Whether a hull fills so little that it may stay."""
+    """Return whether a hull fills little enough free space to be kept."""
     return space.filled(hull.points, hull.planes) <= allowance(hull.volume, space.cell)
 
 
 def allowance(volume: float, cell: float) -> float:
-    """Volume in m³ that a hull of ``volume`` may fill."""
+    """Return the free volume in m³ that a hull of ``volume`` may fill."""
     return min(max(2 * cell**3, FREE_SHARE * volume), FREE_VOLUME)
 
 
 def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]:
-    """Leave out hulls that lie inside a bigger one, give or take ``tolerance`` metres."""
+    """Drop hulls that lie inside a bigger one within ``tolerance`` metres."""
     order = sorted(hulls, key=lambda h: -h.volume)
     kept: list[Hull] = []
     lows, highs = np.zeros((len(order), 3)), np.zeros((len(order), 3))
@@ -217,10 +218,10 @@ def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]
 
 
 class _Merger:
-    """Hulls by number, with the heap of pairs to merge: least filled first, then the smallest.
+    """Merges hulls pair by pair: first the pair that fills the least free space, then the smallest pair.
 
-    A pair waits under what its common hull fills and takes at least (nothing, and the bigger hull's volume), and is
-    measured when its turn comes: most pairs have lost a partner by then.
+    A pair is queued with lower bounds (no filled space, the bigger hull's volume), and is measured when its turn comes,
+    because most pairs have lost a partner by then.
     """
 
     def __init__(self, hulls: list[Hull], space: VoidSpace) -> None:
@@ -297,7 +298,9 @@ class _Merger:
 
 @dataclass(frozen=True)
 class Decomposition:
-    """Hulls of a link, each (N, 3); pieces too small to matter; pieces whose hull would have filled a cavity."""
+    """Hulls of a link, each (N, 3), and the numbers of dropped small pieces and of pieces whose hull would fill a
+    cavity.
+    """
 
     hulls: list[Array]
     dropped: int
@@ -305,20 +308,20 @@ class Decomposition:
 
 
 def connected_pieces(meshes: Sequence[tuple[Array, Faces]]) -> list[tuple[Array, Faces]]:
-    """Connected pieces of several meshes, each (vertices (N, 3), faces (M, 3))."""
+    """Return the connected pieces of several meshes, each (vertices (N, 3), faces (M, 3))."""
     return [piece for vertices, faces in meshes for piece in components(*weld(vertices, faces))]
 
 
 def decompose(
     pieces: Sequence[tuple[Array, Faces]], space: VoidSpace | None = None, limit: int = MAX_HULLS
 ) -> Decomposition:
-    """Convex hulls of the connected pieces of one link.
+    """Return the convex decomposition of the connected pieces of one link.
 
     Args:
         pieces: (vertices (N, 3) in metres, faces (M, 3)).
-        space: the space around them; None: it is worked out.
-        limit: maximum number of hulls; beyond it, merged hulls may fill a cavity. They fill space that the other link
-            needs only beyond ``MAX_HULLS_FOR_CLEARANCE``.
+        space: free space around the pieces; None: computed.
+        limit: maximum number of hulls; beyond it, merged hulls may fill a cavity. Beyond ``MAX_HULLS_FOR_CLEARANCE``
+            they may also fill space that the other link needs.
     """
     if not pieces:
         return Decomposition([], 0, 0)
@@ -341,20 +344,19 @@ def decompose(
 
 
 FLAT = 1e-5
-"""m: pieces thinner than this have no volume, and PhysX cooks no hull of them."""
+"""Thickness in m below which a piece has no volume, and PhysX creates no hull of it."""
 
 
 def piece_hulls(meshes: Sequence[tuple[Array, Faces]]) -> tuple[list[Array], int]:
-    """Convex hulls of the connected pieces of one link's files.
+    """Return the convex hulls of the connected pieces of one link's files.
 
-    Pieces that are thin but not flat are thickened as the default rule thickens them: what this engine does with them
-    otherwise differs from what the original's did, too.
+    Thin pieces that are not flat are thickened as in the default method, since engines treat them differently anyway.
 
     Args:
-        meshes: of each file vertices (N, 3) in metres and faces (M, 3).
+        meshes: vertices (N, 3) in metres and faces (M, 3) of each file.
 
     Returns:
-        the hulls, each (N, 3), and how many pieces were left out: flat ones, and those under a millimetre.
+        The hulls, each (N, 3), and the number of omitted pieces: flat ones, and those under a millimetre.
     """
     found: list[Array] = []
     dropped = 0
@@ -368,7 +370,7 @@ def piece_hulls(meshes: Sequence[tuple[Array, Faces]]) -> tuple[list[Array], int
 
 
 def _thickness(points: Array) -> float:
-    """Least extent (m) of (N, 3) points along their principal axes."""
+    """Return the least extent (m) of (N, 3) points along their principal axes."""
     centered = points - points.mean(axis=0)
     axes = np.linalg.eigh(centered.T @ centered)[1]
     return float(np.ptp(centered @ axes, axis=0).min())

@@ -1,4 +1,4 @@
-"""Voids that a convex hull would fill: the space around a triangle soup that can be reached from outside, on a grid."""
+"""Free space around a triangle mesh on a grid, to tell which space a convex hull would fill."""
 
 from __future__ import annotations
 
@@ -27,27 +27,28 @@ from gensim2.objects.types import ArticulatedObject
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
-FINEST = 0.003  # m, edge of a cell
-CELLS = 96  # along the longest side, where FINEST would take more
+FINEST = 0.003  # m, edge length of a cell
+CELLS = 96  # number of cells along the longest side, for larger links
 MAX_FINE_CELLS = 8_000_000
-CHUNK = 400_000  # sample points at a time
-NEEDED_VOLUME = 1.1e-6  # m³ that a point which another link needs counts for: more than a hull may ever fill
+CHUNK = 400_000  # number of sample points processed at a time
+NEEDED_VOLUME = 1.1e-6  # m³ counted for each point that the other link needs: more than a hull may ever fill
 NEEDED_DEPTH = 0.0008  # m that such a point may lie inside a hull
-MAX_PROBES = 5000  # cells looked at for one hull, about; a bigger hull is probed more coarsely
+MAX_PROBES = 5000  # approximate number of cells tested for a hull; a bigger hull is tested more coarsely
 
 
 class VoidSpace:
-    """Cells that a fingertip could get to: not crossed by the surface, and connected to the outside.
+    """Grid cells that a fingertip could reach: not crossed by the surface, and connected to the outside.
 
-    No need of watertight meshes: what is sealed off, gaps narrower than a cell included, counts as solid.
+    The meshes need not be watertight. Enclosed space counts as solid, also if only gaps narrower than a cell lead into
+    it.
 
     Attributes:
-        cell: edge length in metres.
+        cell: edge length of a cell in metres.
         low, high: (3,) corners of the box around the link.
     """
 
     def __init__(self, meshes: Sequence[tuple[Array, Faces]]) -> None:
-        """``meshes``: (vertices (N, 3) in metres, faces (M, 3)) of one link, all in its frame."""
+        """Compute the cells from the meshes (vertices (N, 3) in metres, faces (M, 3)) of one link, all in its frame."""
         points = np.concatenate([v for v, _ in meshes])
         low, high = points.min(axis=0), points.max(axis=0)
         self.cell = max(FINEST, float((high - low).max()) / CELLS)
@@ -66,11 +67,11 @@ class VoidSpace:
         self._needed_axis = 0
 
     def occupied(self) -> Array:
-        """(N, 3) centres of the cells that cannot be reached: what the meshes cross and what they enclose."""
+        """Return the centres (N, 3) of the unreachable cells: those that the meshes cross or enclose."""
         return np.asarray(self._low + (np.argwhere(~self._free) + 0.5) * self.cell)
 
     def is_free(self, points: Array) -> npt.NDArray[np.bool_]:
-        """Which of (N, 3) points can be reached from outside."""
+        """Return which of (N, 3) points can be reached from outside."""
         index = np.floor((points - self._low) / self.cell).astype(np.int64)
         inside = ((index >= 0) & (index < self._shape)).all(axis=1)
         found = np.ones(len(points), bool)
@@ -79,7 +80,9 @@ class VoidSpace:
         return found
 
     def is_free_finely(self, points: Array, finest: float) -> npt.NDArray[np.bool_]:
-        """Like ``is_free``, on cells of ``finest`` metres around those points that the coarse ones leave in doubt."""
+        """Like ``is_free``, but refine the grid to ``finest`` metres around points that the coarse cells do not
+        decide.
+        """
         found = self.is_free(points)
         doubtful = points[~found]
         if not len(doubtful):
@@ -95,7 +98,7 @@ class VoidSpace:
                 index = np.floor((samples - low) / cell).astype(np.int64)
                 index = index[((index >= 0) & (index < shape)).all(axis=1)]
                 crossed[index[:, 0], index[:, 1], index[:, 2]] = True
-        # Open where it is connected to a coarse cell that is.
+        # A fine cell is free if it is connected to a free coarse cell.
         coarse = [
             np.clip((low[i] + (np.arange(shape[i]) + 0.5) * cell - self._low[i]) / self.cell, 0, self._shape[i] - 1)
             for i in range(3)
@@ -110,13 +113,13 @@ class VoidSpace:
         return found
 
     def keep_clear(self, points: Array) -> None:
-        """Make hulls over the (N, 3) ``points`` dear: something else moves there."""
+        """Penalize hulls over the (N, 3) ``points``, where another link moves."""
         self._needed_axis = int(np.argmax(np.ptp(points, axis=0))) if len(points) else 0
         self._needed = points[np.argsort(points[:, self._needed_axis], kind="stable")]
 
     @staticmethod
     def _samples(triangles: Array, cell: float) -> list[Array]:
-        """Points on (M, 3, 3) triangles, closer together than a cell."""
+        """Return points on (M, 3, 3) triangles, closer together than a cell."""
         edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
         steps = np.maximum(1, np.ceil(edges / (0.7 * cell))).astype(np.int64)
         batches = []
@@ -128,9 +131,9 @@ class VoidSpace:
         return batches
 
     def filled(self, points: Array, planes: Array) -> float:
-        """Reachable volume in m³ inside the hull with vertices (N, 3) and outward planes (M, 4).
+        """Return the free volume in m³ inside the hull with vertices (N, 3) and outward planes (M, 4).
 
-        Each point of ``keep_clear`` inside counts as ``NEEDED_VOLUME``.
+        Each point of ``keep_clear`` inside adds ``NEEDED_VOLUME``.
         """
         low, high = points.min(axis=0), points.max(axis=0)
         needed = 0
@@ -144,7 +147,6 @@ class VoidSpace:
         return self._void(points, planes, low, high) + needed * NEEDED_VOLUME
 
     def _void(self, points: Array, planes: Array, low: Array, high: Array) -> float:
-        """Free volume in a hull; ``low`` and ``high`` (3,) bound it."""
         widths = np.ptp(points @ planes[:, :3].T, axis=0)
         thin = int(np.argmin(widths))
         if widths[thin] < 2 * self.cell:
@@ -161,7 +163,7 @@ class VoidSpace:
         return float((heights(centers, planes) < -0.5 * self.cell).sum()) * (stride * self.cell) ** 3
 
     def _void_in_plate(self, points: Array, planes: Array, normal: Array, width: float) -> float:
-        """Free volume in a hull so thin that cells would miss it: probed on its middle plane."""
+        """Return the free volume in a hull thinner than the cells, sampled on its middle plane."""
         u = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
         u /= np.linalg.norm(u)
         v = np.cross(normal, u)
@@ -173,7 +175,7 @@ class VoidSpace:
             return 0.0
         grid = np.stack(np.meshgrid(a, b, indexing="ij"), axis=-1).reshape(-1, 2)
         probes = grid @ np.stack([u, v]) + 0.5 * (low[2] + high[2]) * normal
-        edge = np.abs(planes[:, :3] @ normal) < 0.5  # faces around the plate, not the two big ones
+        edge = np.abs(planes[:, :3] @ normal) < 0.5  # faces around the plate, without its two large ones
         inside = np.ones(len(probes), bool)
         if edge.any():
             inside = heights(probes, planes[edge]) < -0.5 * self.cell
@@ -181,14 +183,14 @@ class VoidSpace:
 
 
 OPENNESS = (0.0, 0.25, 0.5, 0.75, 1.0)
-MESH_SPACING = 0.002  # m between points that stand for a mesh
+MESH_SPACING = 0.002  # m between samples of a mesh
 GAP = 0.0012  # m: narrower gaps of a mesh count as closed
-SKIN = 0.0032  # m around a mesh that its convex parts may stand for: they are thicker than a sheet
-NEAREST = 8  # triangles among which the closest is looked for
+SKIN = 0.0032  # m around a mesh that its convex parts may fill, since they are thicker than a sheet
+NEAREST = 8  # triangles considered in the search for the closest
 
 
 def _off_hinge(instance: ArticulatedObject, points: Array) -> Array:
-    """Those of (N, 3) points in the root frame that do not count as hinge."""
+    """Return the points (N, 3) in the root frame that lie outside the hinge region."""
     joint = instance.joint
     if joint.type != "revolute":
         return points
@@ -198,12 +200,13 @@ def _off_hinge(instance: ArticulatedObject, points: Array) -> Array:
 
 @dataclass(frozen=True)
 class Overlap:
-    """Penetration depth between the links of an object, off the hinge, at any of ``OPENNESS``; metres.
+    """Penetration depth in metres between the links of an object, outside the hinge, at any of ``OPENNESS``.
 
     Attributes:
-        parts: of the convex parts, anywhere.
-        filled: of the convex parts, where at least one of the meshes leaves space, ``SKIN`` aside: what the parts add.
-        meshes: of the meshes: how deep one lies in what the other encloses.
+        parts: depth of the convex parts.
+        filled: depth of the convex parts in space that at least one mesh leaves free, except within ``SKIN`` of it: the
+            depth that the decomposition adds.
+        meshes: depth of one link's mesh in the space that the other's encloses.
     """
 
     parts: float
@@ -212,16 +215,18 @@ class Overlap:
 
 
 def hull_overlap(instance: ArticulatedObject) -> float:
-    """Deepest that a convex part of one link lies in one of the other at any of ``OPENNESS``, metres, off the hinge."""
+    """Return the maximum depth in metres of one link's convex parts in the other's at any of ``OPENNESS``, outside the
+    hinge.
+    """
     return max((float(depths.max()) for _, _, depths in _common_points(instance, 0.0)), default=0.0)
 
 
 def links_overlap(instance: ArticulatedObject, threshold: float) -> Overlap:
-    """Measure the overlap, and tell whether the model or its convex parts are to blame.
+    """Measure the overlap of links, and tell whether the model or its convex parts cause it.
 
-    Meshes are looked at only where convex parts overlap by more than ``threshold`` metres. Those of real models are
-    seldom watertight: what cannot be reached from outside through gaps wider than ``GAP`` counts as enclosed, and depth
-    in a mesh is the distance to it.
+    Meshes are examined only if convex parts overlap by more than ``threshold`` metres. Meshes of real models are seldom
+    watertight: space that cannot be reached from outside through gaps wider than ``GAP`` counts as enclosed, and the
+    depth in a mesh is the distance to it.
     """
     common = _common_points(instance, threshold)
     if not common:
@@ -245,9 +250,10 @@ def links_overlap(instance: ArticulatedObject, threshold: float) -> Overlap:
 
 
 def _common_points(instance: ArticulatedObject, threshold: float) -> list[tuple[Array, Array, Array]]:
-    """Points off the hinge where convex parts of both links are, deeper than ``threshold`` metres, by openness.
+    """Return the points outside the hinge at which convex parts of both links overlap by more than ``threshold``
+    metres.
 
-    Each: pose (4, 4) of the moving link, (N, 3) in the root frame, (N,) depth.
+    Each entry stands for one openness: pose (4, 4) of the moving link, points (N, 3) in the root frame, depths (N,).
     """
     joint = instance.joint
     body = next((list(h) for link, h in instance.hulls.items() if link != joint.child_link), [])
@@ -271,7 +277,6 @@ def _common_points(instance: ArticulatedObject, threshold: float) -> list[tuple[
 
 
 def _meshes(instance: ArticulatedObject, link: str) -> list[tuple[Array, Faces]]:
-    """Visual meshes of a link, in its frame; none where it has none."""
     file = instance.urdf.parent / "visual" / f"{link}.glb"
     if not file.is_file():
         return []
@@ -293,12 +298,14 @@ class _Enclosed:
         self._tree = cKDTree(self.points)
 
     def encloses(self, points: Array) -> npt.NDArray[np.bool_]:
-        """Which of (N, 3) points cannot be reached from outside, those within ``SKIN`` of the mesh among them."""
+        """Return which of (N, 3) points cannot be reached from outside, including those within ``SKIN`` of the mesh."""
         near = np.asarray(self._tree.query(points)[0], float) < SKIN
         return near | ~self._space.is_free_finely(points, GAP)
 
     def depth(self, points: Array) -> float:
-        """Largest distance, metres, from the meshes of those of (N, 3) points that are enclosed; 0 where none is."""
+        """Return the largest distance in metres from the meshes of enclosed points among (N, 3); 0 if none is
+        enclosed.
+        """
         inside = points[((points > self._space.low) & (points < self._space.high)).all(axis=1)]
         inside = inside[~self._space.is_free(inside)]
         if not len(inside):
@@ -320,7 +327,7 @@ class _Enclosed:
 
 
 def _samples(triangles: Array) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Points (N, 3) on (M, 3, 3) triangles, ``MESH_SPACING`` apart or closer, and the triangle of each."""
+    """Return points (N, 3) on (M, 3, 3) triangles, at most ``MESH_SPACING`` apart, and the triangle of each."""
     edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
     steps = np.maximum(1, np.ceil(edges / MESH_SPACING)).astype(np.int64)
     points, owners = [], []

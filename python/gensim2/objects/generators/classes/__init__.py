@@ -1,4 +1,4 @@
-"""Classes of generated objects: each module of this package holds one class, or several of one kind of thing."""
+"""Classes of generated objects, one or a few related ones in each module."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from gensim2.objects.generators.blueprint import ObjectClass
 
 @cache
 def object_classes() -> dict[str, ObjectClass]:
-    """Return every class that a module of this package holds, by name, sorted."""
+    """Return every class of this package's modules by name, sorted."""
     values = (value for name in class_modules() for value in vars(importlib.import_module(name)).values())
     return dict(sorted((each.name, each) for each in values if isinstance(each, ObjectClass)))
 
 
 @cache
 def class_modules() -> tuple[str, ...]:
-    """Modules of this package, helpers included, by their full names."""
+    """Return the full names of this package's modules, helpers included."""
     return tuple(sorted(f"{__name__}.{module.name}" for module in pkgutil.iter_modules(__path__)))

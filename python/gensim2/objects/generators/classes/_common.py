@@ -1,4 +1,4 @@
-"""Parts that several classes share: looks, handles, and the turn from the closed pose to joint value zero."""
+"""Shared parts of generated classes: materials, handles, and the rotation from the closed pose to joint value zero."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gensim2.objects.shapes import Array, Look, Solid, Vec3, ball, box, loft, po
 Rng = np.random.Generator
 Keypoint = tuple[Vec3, str]
 
-# Renderers without an environment to reflect show metal as grey, so metals are only a third metallic.
+# Without an environment to reflect, renderers show metal as grey, so metals are only a third metallic.
 CHROME = Look((0.88, 0.89, 0.91, 1), 0.35, 0.18)
 STEEL = Look((0.66, 0.67, 0.69, 1), 0.30, 0.35)
 BRASS = Look((0.84, 0.66, 0.32, 1), 0.35, 0.28)
@@ -43,7 +43,7 @@ PAINTS = tuple(
 
 
 def pick(rng: Rng, choices: tuple[Look, ...]) -> Look:
-    """One of ``choices``, a little lighter or darker."""
+    """Return one of ``choices``, slightly lighter or darker."""
     look = choices[int(rng.integers(len(choices)))]
     shade = float(rng.uniform(0.88, 1.1))
     r, g, b, a = look.rgba
@@ -51,18 +51,18 @@ def pick(rng: Rng, choices: tuple[Look, ...]) -> Look:
 
 
 def between(rng: Rng, low: float, high: float) -> float:
-    """A uniform draw, to a tenth of a millimetre, so that sizes read well."""
+    """Return a uniform draw rounded to 0.1 mm."""
     return round(float(rng.uniform(low, high)), 4)
 
 
 def turned(solids: list[Solid], origin: Vec3, axis: Vec3, angle: float) -> list[Solid]:
-    """Parts turned by ``angle`` rad about the line through ``origin`` along ``axis``."""
+    """Rotate parts by ``angle`` rad about the line through ``origin`` along ``axis``."""
     T = turn_about(origin, axis, angle)
     return [solid.moved(T) for solid in solids]
 
 
 def turn_about(origin: Vec3, axis: Vec3, angle: float) -> Array:
-    """(4, 4) rotation about the line through ``origin`` along ``axis``."""
+    """Return the (4, 4) rotation about the line through ``origin`` along ``axis``."""
     T = pose(axis=axis, angle=angle)
     o = np.asarray(origin, float)
     T[:3, 3] = o - rotation(axis, angle) @ o
@@ -70,19 +70,21 @@ def turn_about(origin: Vec3, axis: Vec3, angle: float) -> Array:
 
 
 def turned_point(point: Vec3, origin: Vec3, axis: Vec3, angle: float) -> Array:
-    """(3,) point turned like ``turned``."""
+    """Rotate a point (3,) about the line through ``origin`` along ``axis``."""
     o = np.asarray(origin, float)
     return np.asarray(o + rotation(axis, angle) @ (np.asarray(point, float) - o))
 
 
 def bar_handle(center: Vec3, length: float, along: str, reach: float, radius: float, look: Look) -> list[Solid]:
-    """A round bar on two posts in front of a surface.
+    """Return a round bar on two posts in front of a surface.
 
     Args:
-        center: (3,) of the bar's middle; the surface is ``reach`` metres behind it (towards -z).
-        length: of the bar.
-        along: ``"x"`` or ``"y"``.
-        radius: of the bar.
+        center: (3,) middle of the bar, m; the surface lies ``reach`` metres behind it (towards -z).
+        length: length of the bar, m.
+        along: ``"x"`` or ``"y"``, direction of the bar.
+        reach: distance between bar and surface, m.
+        radius: radius of the bar, m.
+        look: material.
     """
     c = np.asarray(center, float)
     d = np.eye(3)["xyz".index(along)]
@@ -96,7 +98,7 @@ def bar_handle(center: Vec3, length: float, along: str, reach: float, radius: fl
 
 
 def flat_handle(center: Vec3, length: float, along: str, reach: float, width: float, look: Look) -> list[Solid]:
-    """A flat bracket in front of a surface, arguments as for ``bar_handle``."""
+    """Return a flat bracket in front of a surface; arguments as for ``bar_handle``."""
     c = np.asarray(center, float)
     i = "xyz".index(along)
     size = np.array([width, width, 0.4 * width])
@@ -112,7 +114,7 @@ def flat_handle(center: Vec3, length: float, along: str, reach: float, width: fl
 
 
 def feet(width: float, depth: float, bottom: float, height: float, radius: float, look: Look = RUBBER) -> list[Solid]:
-    """Four round feet under a box; ``bottom`` is the box's lower y, ``height`` the feet's."""
+    """Return four round feet under a box; ``bottom`` is the y of the box's lower face, ``height`` that of the feet."""
     return [
         rod(
             (sx * (width / 2 - 1.6 * radius), bottom - height, sz * (depth / 2 - 1.6 * radius)),
@@ -127,7 +129,7 @@ def feet(width: float, depth: float, bottom: float, height: float, radius: float
 
 
 def hoop(center: Vec3, direction: Vec3, radius: float, thick: float, look: Look) -> Solid:
-    """A ring of round section to look at: ``radius`` of the ring, ``thick`` of its section (m)."""
+    """Return a visual ring: ``radius`` of the ring, ``thick`` radius of its cross-section (m)."""
     c, d = np.asarray(center, float), np.asarray(direction, float)
     sides, around = 48, np.array([ring(c, d, radius + thick * np.cos(t), 48) for t in _SECTION])
     heights = thick * np.sin(_SECTION)[:, None, None] * (d / np.linalg.norm(d))
@@ -139,18 +141,18 @@ _SECTION = 2 * np.pi * np.arange(8) / 8
 
 
 def extra(rng: Rng) -> Rng:
-    """A generator for details that are only looked at: what it draws leaves the shape of the object alone."""
+    """Return a generator for visual details, so that their number does not change the object's shape."""
     return np.random.default_rng(rng.bit_generator.random_raw())
 
 
 def at(blueprint: Blueprint, q: float) -> list[Solid]:
-    """All parts of a blueprint with its revolute joint at ``q``, as one rigid thing."""
+    """Return all parts of a blueprint with its revolute joint at ``q``, as one rigid body."""
     moved = turned(blueprint.moving, blueprint.joint_origin, blueprint.joint_axis, q)
     return [*blueprint.body, *moved]
 
 
 def bounds(parts: list[Solid]) -> tuple[Array, Array]:
-    """Corners (3,), (3,) of the box around the collision parts."""
+    """Return the lower and upper corner (3,) of the bounding box of the collision parts."""
     points = np.concatenate([part.hull for part in parts if part.hull is not None])
     return points.min(axis=0), points.max(axis=0)
 
@@ -193,9 +195,9 @@ def upright_lid(
 
 
 def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | None = None) -> Blueprint:
-    """Return a whole object that slides away from the robot.
+    """Return the blueprint of a rigid object on a prismatic joint that slides away from the robot.
 
-    ``head``: where to push; by default the middle of the front's upper half.
+    ``head`` is the point to push; by default the middle of the front's upper half.
     """
     low, high = bounds(parts)
     where = ((low[0] + high[0]) / 2, low[1] + 0.7 * (high[1] - low[1]), high[2]) if head is None else head

@@ -1,4 +1,4 @@
-"""A handbag: a tapered body and a strap. It is lifted, pushed, or its strap swings."""
+"""A handbag with a tapered body and a strap that swings; it can also be lifted or pushed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LEATHERS = c.PAINTS[1:]
 
 @dataclass(frozen=True)
 class Bag:
-    """Parts of one bag; ``hinge`` (3,) is the middle of the axis, ``top`` the highest point."""
+    """Parts of a bag; ``hinge`` (3,) is the middle of the strap's axis, ``top`` the highest point."""
 
     body: list[Solid]
     strap: list[Solid]
@@ -25,7 +25,6 @@ class Bag:
 
 
 def _section(width: float, depth: float, y: float) -> Array:
-    """(40, 3) points of a rectangle with round corners at height ``y``."""
     t = 2 * np.pi * np.arange(40) / 40
     s, k = np.sin(t), np.cos(t)
     x, z = (np.sign(v) * np.abs(v) ** 0.45 for v in (s, k))
@@ -35,7 +34,6 @@ def _section(width: float, depth: float, y: float) -> Array:
 def _leather(
     width: float, depth: float, height: float, taper: float, look: Look, trim: Look, metal: Look
 ) -> list[Solid]:
-    """Model the visible parts of a bag: a soft body with piping, a zip, a flap with its clasp, studs below."""
     top = height / 2
 
     def size(y: float) -> tuple[float, float]:
@@ -63,7 +61,7 @@ def _leather(
 
 
 def draw(rng: np.random.Generator) -> Bag:
-    """One bag, standing upright, the strap pointing up."""
+    """Draw a bag that stands upright with its strap up."""
     width, depth, height = c.between(rng, 0.18, 0.26), c.between(rng, 0.07, 0.11), c.between(rng, 0.11, 0.16)
     taper = c.between(rng, 0.55, 0.85)
     look = c.pick(rng, LEATHERS)

@@ -32,7 +32,7 @@ def build(rng: np.random.Generator) -> Blueprint:
     base = y3 + 0.001
     moving = [
         cone((0, base, 0), (0, base + cap, 0), throat + 0.003, throat + 0.002, cap_look),
-        # Two wings stand out to the sides: something to turn it by.
+        # The fingers turn the cap by two wings that stand out to the sides.
         box((0, base + cap / 2, 0), (2 * wing, 0.7 * cap, 0.008), cap_look),
     ]
     for k in range(12):

@@ -1,4 +1,4 @@
-"""A box with a hinged lid, which opens, or which is pushed."""
+"""A box with a hinged lid, to be opened or pushed."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ def _trim(
     metal: Look,
     lock: bool,
 ) -> tuple[list[Solid], list[Solid]]:
-    """Fittings to look at, on the body and on the lid: corner plates, straps or plank lines; a lock plate.
+    """Draw visual fittings for body and lid: corner plates, straps or plank lines, and a lock plate.
 
     Args:
-        size: width, height, depth of the body.
-        lid: y of its upper face, and its thickness.
-        lock: whether the lid has a tab that a lock plate belongs to.
+        rng: random generator.
+        size: width, height, depth of the body, m.
+        lid: y of the lid's upper face, and its thickness, m.
+        metal: material of the fittings.
+        lock: whether the lid has a tab for a lock plate.
     """
     width, height, depth = size
     top, front = height / 2, depth / 2

@@ -1,4 +1,4 @@
-"""A bucket with a wire handle. It is lifted, pushed, or its handle swings."""
+"""A bucket with a wire handle that swings; it can also be lifted or pushed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gensim2.objects.shapes import Array, Solid, arc, ball, cone, path, rod, tub
 
 @dataclass(frozen=True)
 class Bucket:
-    """Parts of one bucket, handle up; ``hinge`` (3,) is the middle of the axis, ``top`` the highest point."""
+    """Parts of a bucket with the handle up; ``hinge`` (3,) is the middle of the axis, ``top`` the highest point."""
 
     body: list[Solid]
     handle: list[Solid]
@@ -24,7 +24,6 @@ class Bucket:
 
 
 def draw(rng: np.random.Generator) -> Bucket:
-    """One bucket."""
     height, wide = c.between(rng, 0.13, 0.19), c.between(rng, 0.075, 0.10)
     narrow = wide * c.between(rng, 0.70, 0.92)
     wall = c.between(rng, 0.004, 0.006)
@@ -41,7 +40,7 @@ def draw(rng: np.random.Generator) -> Bucket:
         y = bottom + (k + 1) * height / (rings + 1)
         radius = narrow + (wide - narrow) * (y - bottom) / height
         body.append(c.hoop((0, y, 0), (0, 1, 0), radius, 0.6 * wall, wire))
-    # The handle clears the rim all the way down, its grip included.
+    # The handle and its grip must clear the rim all the way down.
     half = wide + 0.017
     hinge = np.array([0.0, top - 0.016, 0.0])
     for side in (-1, 1):
@@ -61,7 +60,7 @@ def draw(rng: np.random.Generator) -> Bucket:
 
 
 def pail(rng: np.random.Generator) -> Bucket:
-    """Draw a pail: bands about its rim, a thin wire that is hinged below them, and often something in it."""
+    """Draw a pail: bands around its rim, a thin wire handle hinged below them, and often some content."""
     height, wide = c.between(rng, 0.13, 0.20), c.between(rng, 0.07, 0.105)
     narrow = wide * c.between(rng, 0.72, 0.96)
     wall, thick = c.between(rng, 0.004, 0.006), c.between(rng, 0.0028, 0.0045)
@@ -86,7 +85,7 @@ def pail(rng: np.random.Generator) -> Bucket:
         y = bottom + full * height
         inner = radius(y) - 1.5 * wall
         body.append(cone((0, y - 0.006, 0), (0, y, 0), inner, inner, c.pick(rng, c.WOODS + c.PAINTS)))
-    # The wire passes the rim, which is above its hinges, and its grip the wall below them.
+    # The wire must pass the rim above its hinges, and its grip must pass the wall below them.
     half = float(np.hypot(wide, deep)) + 0.012 + thick + (0.004 if grip else 0.0)
     hinge = np.array([0.0, top - deep, 0.0])
     for side in (-1, 1):
@@ -139,7 +138,7 @@ def swing(rng: np.random.Generator) -> Blueprint:
 
 
 def swinging_pail(rng: np.random.Generator) -> Blueprint:
-    """A pail, whose wire is hinged below its rim."""
+    """Draw a pail whose wire handle swings."""
     return _swinging(pail(rng))
 
 

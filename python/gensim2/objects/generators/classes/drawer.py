@@ -1,4 +1,4 @@
-"""A cabinet, a table or a sideboard with a drawer that slides out."""
+"""A cabinet, table or sideboard with a drawer that slides out."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ WALL = 0.012  # m thickness of a table's aprons, and of a sideboard's boards
 
 
 def knob(at: np.ndarray, end: np.ndarray, radius: float, look: Look) -> list[Solid]:
-    """A round knob of ``radius`` at ``end``, on a stem from ``at``."""
+    """Return a round knob of ``radius`` at ``end``, on a stem from ``at``."""
     return [rod(at, end, 0.5 * radius, look, 8), ball(end, (radius, radius, 0.7 * radius), look)]
 
 
 def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, inside: np.ndarray, stroke: float) -> Blueprint:
-    """A drawer that slides ``stroke`` metres towards the front, taken at ``head``."""
+    """Return the blueprint of a drawer that slides ``stroke`` metres to the front, pulled at ``head``."""
     return c.sliding(
         body,
         drawer,
@@ -31,7 +31,7 @@ def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, inside: np
 
 
 def small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tuple[list[Solid], np.ndarray]:
-    """A knob, two of them, a tab or a bar in front of ``at``, and the middle of the one to take."""
+    """Draw one or two knobs, a tab or a bar in front of ``at``; return the parts and the point to grasp."""
     look = c.pick(rng, c.METALS)
     kind = int(rng.integers(4))
     reach, radius = c.between(rng, 0.018, 0.032), c.between(rng, 0.009, 0.015)
@@ -51,7 +51,7 @@ def small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tupl
 
 
 def sideboard(rng: np.random.Generator) -> Blueprint:
-    """Draw one: two or three bays under a top, some of them empty, and what is below."""
+    """Draw a sideboard: two or three bays under a top, some of them empty, above doors, drawers or a shelf."""
     width, depth = c.between(rng, 0.34, 0.56), c.between(rng, 0.15, 0.24)
     top, over = c.between(rng, 0.010, 0.022), c.between(rng, 0.0, 0.035)
     rise, foot = c.between(rng, 0.26, 0.42), c.between(rng, 0.0, 0.07)
@@ -107,7 +107,7 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
 def _below(
     rng: np.random.Generator, width: float, low: float, high: float, depth: float, wood: Look, look: Look
 ) -> list[Solid]:
-    """Draw a pair of doors, wide drawers that stay shut, or a shelf below the row; y from ``low`` to ``high``."""
+    """Draw a pair of doors, fixed wide drawers, or a shelf below the row of bays; y from ``low`` to ``high``."""
     kind, tall, y = int(rng.integers(3)), high - low, (low + high) / 2
     handles = int(rng.bit_generator.random_raw())
     if kind == 0:
@@ -131,7 +131,7 @@ def _below(
 
 
 def _handle(rng: np.random.Generator, at: np.ndarray, width: float, height: float) -> tuple[list[Solid], float]:
-    """A handle in front of ``at`` and how far its middle stands out."""
+    """Draw a handle in front of ``at``; return its parts and how far its middle stands out."""
     look = c.pick(rng, c.METALS)
     kind = int(rng.integers(3))
     reach = c.between(rng, 0.030, 0.042)
@@ -173,7 +173,7 @@ def build(rng: np.random.Generator) -> Blueprint:
     handle_seed = rng.bit_generator.random_raw()
     for row in range(rows):
         y = bottom + plinth + row * (row_height + shelf) + shelf + row_height / 2
-        # Fronts stand before the carcass, a shadow gap between them.
+        # Fronts lie before the carcass with a shadow gap between them.
         front = box(
             (0, y, depth / 2 + 0.001 + FRONT / 2),
             (width - 0.004, row_height + shelf - 0.004, FRONT),
@@ -194,7 +194,7 @@ def build(rng: np.random.Generator) -> Blueprint:
 
 
 def table(rng: np.random.Generator) -> Blueprint:
-    """A table on legs or between panels, its top wider than what is below, with a drawer in the middle or to a side."""
+    """Draw a table on legs or panels, with an overhanging top and a drawer in the middle or at a side."""
     width, depth = c.between(rng, 0.24, 0.58), c.between(rng, 0.17, 0.27)
     top, over = c.between(rng, 0.010, 0.022), c.between(rng, 0.0, 0.03)
     rise, leg = c.between(rng, 0.28, 0.44), c.between(rng, 0.016, 0.030)

@@ -1,4 +1,4 @@
-"""A faucet with a lever on top that turns about the upright axis: slender, a mixer, or low with a long spout."""
+"""A faucet with a lever on top that turns about the vertical axis: slender, a mixer, or low with a long spout."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ LEGS = 8  # straight pieces of a long spout
 def _with_lever(
     body: list[Solid], lever: list[Solid], base: Vec3, start: Vec3, tip: Vec3, under_spout: Vec3
 ) -> Blueprint:
-    """A lever from ``start`` to ``tip`` that turns about the upright axis through ``base``."""
     return c.hinged(
         body,
         lever,
@@ -29,7 +28,6 @@ def _with_lever(
 
 
 def _blade(rng: np.random.Generator, start: Vec3, tip: Vec3, radius: float, look: Look) -> Solid:
-    """A flat lever for a head of ``radius``, wider at one end."""
     broad, narrow = c.between(rng, 0.55, 0.95) * radius, c.between(rng, 0.4, 1.0)
     thin = c.between(rng, 0.004, 0.008)
     corners = [
@@ -87,7 +85,7 @@ def build(rng: np.random.Generator) -> Blueprint:
 
 
 def mixer(rng: np.random.Generator) -> Blueprint:
-    """A wide column, a head as wide with a short lever, flat or round, and a stout spout that begins high or low."""
+    """Draw a faucet with a wide column, a short flat or round lever, and a stout spout that begins high or low."""
     height, radius = c.between(rng, 0.10, 0.25), c.between(rng, 0.024, 0.048)
     cap, lever = c.between(rng, 0.016, 0.05), c.between(rng, 0.075, 0.14)
     rise, at = c.between(rng, 0.0, 0.45), c.between(rng, 0.3, 0.85)
@@ -124,7 +122,7 @@ def mixer(rng: np.random.Generator) -> Blueprint:
 
 
 def sweeping(rng: np.random.Generator) -> Blueprint:
-    """A low column, a short lever that slopes up or is a crook, and a long spout that climbs past both."""
+    """Draw a faucet with a low column, a short sloping or bent lever, and a long spout that rises above both."""
     height, radius = c.between(rng, 0.075, 0.15), c.between(rng, 0.019, 0.032)
     cap, lever = c.between(rng, 0.012, 0.035), c.between(rng, 0.065, 0.11)
     rise, crook = c.between(rng, 0.1, 0.6), c.between(rng, 0.02, 0.05)
@@ -147,7 +145,7 @@ def sweeping(rng: np.random.Generator) -> Blueprint:
     for share in np.linspace(0, 1, LEGS + 1):
         out = share * spout
         y = root + (highest - root) * np.sin(share * np.pi / 2) - sag * max(0.0, share - 0.6) / 0.4
-        if out - spout / LEGS < 1.4 * radius + tube:  # in each case also where the leg that ends here begins
+        if out - spout / LEGS < 1.4 * radius + tube:  # both ends of this segment lie over the column
             y = min(y, top - tube - 0.006)
         elif out - spout / LEGS < lever + 0.03:  # the lever turns above it
             y = min(y, start[1] + (crook if shape == 0 else out * np.tan(rise)) - tube - 0.022)

@@ -15,7 +15,7 @@ GAP = 0.0015
 
 @dataclass(frozen=True)
 class FoldDown:
-    """Measures of an appliance: outer size, plinth under the door, panel above it, wall and door thickness (m)."""
+    """Dimensions of an appliance: outer size, plinth below the door, panel above it, wall and door thickness (m)."""
 
     width: float
     height: float
@@ -31,12 +31,12 @@ class FoldDown:
 
     @property
     def opening(self) -> tuple[float, float]:
-        """Lower and upper y of the cavity's compartment."""
+        """Lower and upper y of the cavity."""
         return -self.height / 2 + self.plinth, self.height / 2 - self.panel
 
 
 def carcass(size: FoldDown, look: Look) -> list[Solid]:
-    """The body with its cavity open to the front, plinth and panel solid."""
+    """Return the body, open to the front, with solid plinth and panel."""
     low, high = size.opening
     middle = (low + high) / 2
     parts = tray((0, middle, 0), (size.width, high - low, size.depth), size.wall, look, "+z")
@@ -51,7 +51,9 @@ def carcass(size: FoldDown, look: Look) -> list[Solid]:
 def fold_down_door(
     size: FoldDown, look: Look, metal: Look, rng: np.random.Generator, window: bool
 ) -> tuple[list[Solid], Vec3, np.ndarray]:
-    """A door hinged at its lower edge with a bar handle near its upper one: parts, hinge, middle of the handle."""
+    """Return a door hinged at its lower edge with a bar handle near the upper one: parts, hinge, middle of the
+    handle.
+    """
     low, high = size.opening
     z = size.front + GAP
     span, tall = size.width - 0.004, high - low - 0.004
@@ -71,7 +73,7 @@ def fold_down_door(
 
 
 def fold_down(body: list[Solid], door: list[Solid], hinge: Vec3, head: np.ndarray, what: str) -> Blueprint:
-    """The blueprint of an appliance whose door folds down by a quarter turn."""
+    """Return the blueprint of an appliance whose door folds down by a quarter turn."""
     return c.hinged(
         body,
         door,

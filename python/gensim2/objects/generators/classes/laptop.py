@@ -12,7 +12,7 @@ GAP = 0.001
 
 
 def keyboard(width: float, depth: float, top: float, keys: Look) -> list[Solid]:
-    """Keys and touch pad to look at, on the surface at height ``top``."""
+    """Return visual keys and touch pad on the surface at height ``top``."""
     rows, columns = 5, 13
     field_w, field_d = 0.88 * width, 0.42 * depth
     pitch_x, pitch_z = field_w / columns, field_d / rows
@@ -35,7 +35,6 @@ def keyboard(width: float, depth: float, top: float, keys: Look) -> list[Solid]:
 
 
 def _desktop(rng: np.random.Generator, middle: Vec3, width: float, depth: float) -> list[Solid]:
-    """Model the contents of the screen, which faces down while the lid is shut: windows and a task bar."""
     x, y, z = (float(v) for v in middle)
     bar = box((x, y, z - 0.46 * depth), (width, 0.0004, 0.06 * depth), c.STEEL, 0.0)
     parts = [bar.visual_only()]
@@ -102,7 +101,7 @@ def move(rng: np.random.Generator) -> Blueprint:
     whole = rotate(rng)
     low, high = c.bounds(whole.body)
     head = (0.0, 0.3 * low[1] + 0.7 * high[1], high[2])
-    # Half of them are pushed with the screen up, as one makes room on a desk.
+    # Half of the laptops are pushed with the screen up, as when making room on a desk.
     share = 0.9 if c.extra(rng).random() < 0.7 else 0.0
     screen = whole.limits[0] + share * (whole.limits[1] - whole.limits[0])
     return c.pushed(c.at(whole, screen), 0.25, "the middle of the laptop's near edge", head)

@@ -1,4 +1,6 @@
-"""A refrigerator: a fixed freezer door above a hinged one, or two tall doors beside each other, or one."""
+"""A refrigerator with a fixed freezer door above a hinged one, with two tall doors side by side, or with one tall
+door.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +13,12 @@ from gensim2.objects.shapes import Solid, Vec3, ball, box, cone, rod, tray
 GAP = 0.0015
 
 SHELF = 0.66
-"""Share of the compartment's height at which its shelf lies: what is 8 cm tall stands below it with room for a hand."""
+"""Height of the shelf as a share of the compartment's; an object 8 cm tall fits below it with room for the hand."""
 
 
 def _food(
     rng: np.random.Generator, inner: float, depth: float, bottom: float, split: float, wall: float
 ) -> list[Solid]:
-    """Bottles, boxes and fruit on the shelves, to look at, in the back half."""
     parts: list[Solid] = []
     for level in (0.0, SHELF):
         floor = bottom + (wall if level == 0 else 0.0025) + level * (split - bottom)
@@ -36,7 +37,6 @@ def _food(
 
 
 def _with_door(body: list[Solid], door: list[Solid], hinge: Vec3, handle: Vec3, inside: Vec3) -> Blueprint:
-    """A door on an upright hinge at its left."""
     return c.hinged(
         body,
         door,
@@ -91,7 +91,9 @@ def build(rng: np.random.Generator) -> Blueprint:
 
 
 def tall(rng: np.random.Generator) -> Blueprint:
-    """One tall door, or the left one of two beside each other; handles from none to tall bars."""
+    """Draw a refrigerator with one tall door, or with two of which the left opens; handles range from none to tall
+    bars.
+    """
     two = rng.random() < 0.6
     own = c.between(rng, 0.20, 0.26)
     beside = c.between(rng, 0.18, 0.27) if two else 0.0

@@ -12,7 +12,6 @@ GAP = 0.0015
 
 
 def _wheel(at: np.ndarray, reach: float, radius: float, look: Look) -> list[Solid]:
-    """A hub with four spokes that end in balls."""
     hub = at - np.array([0, 0, reach])
     parts = [rod(hub, at, 0.3 * radius, look, 10)]
     for k in range(4):

@@ -1,4 +1,4 @@
-"""A desk stapler, its front towards +z. It is pushed, or its arm is pressed down."""
+"""A desk stapler, front towards +z, to be pushed or pressed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gensim2.objects.shapes import Array, Solid, box, convex, rod, rounded_box
 
 @dataclass(frozen=True)
 class Stapler:
-    """Parts of one stapler with its arm level; ``hinge`` (3,) on the axis, ``tip`` on top of the arm's front end."""
+    """Parts of a stapler with its arm level; ``hinge`` (3,) lies on the axis, ``tip`` on top of the arm's front end."""
 
     base: list[Solid]
     arm: list[Solid]
@@ -22,7 +22,7 @@ class Stapler:
 
 
 def draw(rng: np.random.Generator) -> Stapler:
-    """One stapler, arm level (joint value zero)."""
+    """Draw a stapler with its arm level (joint value zero)."""
     length, width = c.between(rng, 0.13, 0.18), c.between(rng, 0.030, 0.042)
     thick = c.between(rng, 0.014, 0.020)
     look = c.pick(rng, c.PAINTS)

@@ -1,4 +1,4 @@
-"""A suitcase that lies flat. It is pushed, or its lid opens."""
+"""A suitcase that lies flat, to be pushed or opened."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gensim2.objects.shapes import Array, Solid, box, path, rounded_box, tray
 
 @dataclass(frozen=True)
 class Suitcase:
-    """Parts of one shut suitcase; ``hinge`` and ``edge`` (3,) are the middles of the lid's lower and upper edge."""
+    """Parts of a closed suitcase; ``hinge`` and ``edge`` (3,) are the middles of the lid's lower and upper edge."""
 
     shell: list[Solid]
     lid: list[Solid]
@@ -23,7 +23,7 @@ class Suitcase:
 
 
 def draw(rng: np.random.Generator) -> Suitcase:
-    """Draw the parts of one shut suitcase, m."""
+    """Draw the parts of a closed suitcase, m."""
     width, height = c.between(rng, 0.26, 0.34), c.between(rng, 0.18, 0.23)
     deep, shallow = c.between(rng, 0.045, 0.07), c.between(rng, 0.025, 0.045)
     wall = c.between(rng, 0.005, 0.007)
@@ -62,12 +62,12 @@ def draw(rng: np.random.Generator) -> Suitcase:
 def move(rng: np.random.Generator) -> Blueprint:
     case = draw(rng)
     pushed = c.pushed(case.shell + case.lid, 0.12, "the midpoint of the near edge of the suitcase", case.edge)
-    # It lies on its back, its top towards the robot: away is down in the model frame.
+    # The suitcase lies on its back with its top towards the robot, so "away" is down in the model frame.
     return replace(pushed, joint_axis=(0, -1, 0))
 
 
 def with_its_lid_up(rng: np.random.Generator) -> Blueprint:
-    """One that stands open, its lid on the far side."""
+    """Draw a suitcase that stands open, its lid on the far side."""
     case = draw(rng)
     lid = c.turned(case.lid, case.hinge, (1, 0, 0), c.between(rng, 0.9, 1.9))
     near = (0.0, -float(case.hinge[1]), float(case.grip[2]))

@@ -1,4 +1,4 @@
-"""A toaster. It is pushed, or its lever is pressed down."""
+"""A toaster, to be pushed, or operated by pressing its lever down."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gensim2.objects.shapes import Array, Look, Solid, box, rod, rounded_box
 
 @dataclass(frozen=True)
 class Toaster:
-    """Parts of one toaster, lever up; ``lever_top`` (3,) is the middle of the lever's upper face."""
+    """Parts of a toaster with the lever up; ``lever_top`` (3,) is the middle of the lever's upper face."""
 
     body: list[Solid]
     lever: list[Solid]
@@ -22,7 +22,6 @@ class Toaster:
 
 
 def draw(rng: np.random.Generator) -> Toaster:
-    """One toaster."""
     width, height, depth = c.between(rng, 0.13, 0.18), c.between(rng, 0.13, 0.17), c.between(rng, 0.20, 0.26)
     look = c.pick(rng, (*c.PAINTS, c.STEEL, c.CHROME))
     dark = c.BLACK
@@ -34,7 +33,7 @@ def draw(rng: np.random.Generator) -> Toaster:
     half = height / 2
     slot_w, slot_d, slot_h = 0.022, 0.72 * depth, 0.6 * height
     body: list[Solid] = []
-    # The body around the slots: a floor, and upright slabs between and beside them.
+    # The body around the slots consists of a floor and vertical slabs between and beside them.
     floor_top = half - slot_h
     body.append(rounded_box((0, (floor_top - half) / 2, 0), (width, floor_top + half, depth), look, 0.02))
     centers = [0.0] if slots == 1 else [-0.2 * width, 0.2 * width]
@@ -59,7 +58,7 @@ def draw(rng: np.random.Generator) -> Toaster:
     body.append(rounded_box((0, floor_top, 0), band, c.STEEL if look.metallic == 0 else dark, 0.0205).visual_only())
     mark = knob + np.array([0, 0.006, 0.0125])
     body.append(box(mark, (0.0022, 0.012, 0.001), c.WHITE, 0.0).visual_only())
-    # Bread rides on the lever.
+    # The bread moves with the lever.
     crust = Look((0.72, 0.47, 0.22, 1), 0.0, 0.9)
     low, high = floor_top + stroke + 0.004, half + 0.028
     for x in centers:

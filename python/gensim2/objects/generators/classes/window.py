@@ -1,4 +1,4 @@
-"""A window in its frame: a pane that slides sideways, or one that opens towards the robot."""
+"""A framed window whose pane slides sideways or opens towards the robot."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gensim2.objects.shapes import Look, Solid, Vec3, box
 
 @dataclass(frozen=True)
 class WindowFrame:
-    """Clear width and height, section of the frame, thickness of a sash (m), and looks."""
+    """Clear width and height, frame section, sash thickness (m), and materials of a window frame."""
 
     width: float
     height: float
@@ -25,7 +25,6 @@ class WindowFrame:
 
 
 def draw(rng: np.random.Generator) -> WindowFrame:
-    """One frame."""
     return WindowFrame(
         width=c.between(rng, 0.24, 0.32),
         height=c.between(rng, 0.22, 0.28),
@@ -38,7 +37,6 @@ def draw(rng: np.random.Generator) -> WindowFrame:
 
 
 def surround(frame: WindowFrame) -> list[Solid]:
-    """Four bars on a foot."""
     w, h, p = frame.width, frame.height, frame.post
     parts = [box((s * (w + p) / 2, 0, 0), (p, h + 2 * p, frame.deep), frame.look) for s in (-1, 1)]
     parts += [box((0, s * (h + p) / 2, 0), (w, p, frame.deep), frame.look) for s in (-1, 1)]
@@ -48,7 +46,7 @@ def surround(frame: WindowFrame) -> list[Solid]:
 
 
 def sash(center: Vec3, width: float, height: float, frame: WindowFrame) -> list[Solid]:
-    """A glazed sash: four rails around a pane, a glazing bar to look at."""
+    """Return a glazed sash: four rails around a pane, with a visual glazing bar."""
     at = np.asarray(center, float)
     rail = 0.018
     x, y = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
@@ -66,7 +64,7 @@ def push(rng: np.random.Generator) -> Blueprint:
     frame = draw(rng)
     body = surround(frame)
     half = frame.width / 2
-    # One sash fixed at the right, towards the back; the other slides in front of it, from the left.
+    # One sash is fixed at the right, towards the back; the other slides in front of it, from the left.
     z_fixed, z = -0.6 * frame.sash, 0.6 * frame.sash
     tall = frame.height - 0.006
     body += sash((half / 2, 0, z_fixed), half, frame.height, frame)

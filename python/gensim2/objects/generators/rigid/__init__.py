@@ -1,1 +1,1 @@
-"""Generated objects without a joint: everyday kinds with the names, sizes and masses of the YCB set."""
+"""Generated rigid objects: everyday items with the names, sizes and masses of the YCB set."""

@@ -59,7 +59,7 @@ def _soccer_ball() -> RigidBlueprint:
     parts = [sphere(radius, WHITE)]
     for corner in [c for x in corners for c in (x, np.roll(x, 1), np.roll(x, 2))]:
         n = np.asarray(corner, float) / np.linalg.norm(corner)
-        # A pentagon that follows the ball, a little above it.
+        # A flat pentagon, projected onto the ball and raised slightly above its surface.
         flat = ring((0, 0, 0), n, 0.34, 5)
         edges = np.concatenate([a + np.linspace(0, 1, 4)[:, None] * (b - a) for a, b in pairwise([*flat, flat[0]])])
         patch = np.concatenate([n + share * edges for share in (1.0, 0.75, 0.5, 0.25, 0.001)])
@@ -109,7 +109,7 @@ def _handle(length: float, width: float, thickness: float, look: Look) -> list[S
 
 
 def _cutlery(head: list[Solid], length: float) -> RigidBlueprint:
-    """``head`` begins at x = 0; the handle runs to -x."""
+    """Return cutlery whose ``head`` begins at x = 0 and whose handle extends to -x."""
     parts = centred([*_handle(length, 0.016, 0.0045, RED), *head])
     low = min(float(p.hull[:, 0].min()) for p in parts if p.hull is not None)
     high = max(float(p.hull[:, 0].max()) for p in parts if p.hull is not None)
@@ -265,7 +265,7 @@ def _block(size: tuple[float, float, float], look: Look, bevel: float) -> RigidB
 
 
 def _gold_bar() -> RigidBlueprint:
-    # Sides slope by 10 degrees: refiners ask for 5 to 15, so that a bar leaves its mould and can be held.
+    # The sides slope by 10 degrees; refiners require 5 to 15, so that a bar leaves its mould.
     top, bottom = (0.050, 0.019), (0.055, 0.024)
     corners = [(s * top[0], t * top[1], 0.014) for s in (-1, 1) for t in (-1, 1)]
     corners += [(s * bottom[0], t * bottom[1], -0.014) for s in (-1, 1) for t in (-1, 1)]

@@ -1,4 +1,4 @@
-"""Parts of rigid objects: shapes, looks, and the blueprint that they make up."""
+"""Shapes, materials and blueprint of generated rigid objects."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from gensim2.objects.shapes import Array, Look, Mesh, Solid, Vec3, box, convex, 
 
 @dataclass(frozen=True)
 class RigidBlueprint:
-    """One object: z up, origin near its middle, metres before ``scale``.
+    """Geometry of a rigid object: z up, origin near its middle, in metres before ``scale``.
 
     Attributes:
-        parts: convex parts with their look.
+        parts: convex parts with their materials.
         head, tail: keypoints, each (position, description); ``tail`` may be None.
     """
 
@@ -27,13 +27,13 @@ class RigidBlueprint:
 
 @dataclass(frozen=True)
 class RigidClass:
-    """An object of everyday size.
+    """Definition of a generated rigid object.
 
     Attributes:
-        mass: kg of the real thing, as published with the YCB object set.
-        scale: of lengths, so that a Panda can hold it; the mass goes with its third power.
-        build: its geometry.
-        friction: of its surface.
+        mass: kg of the real item, as published with the YCB object set.
+        scale: scale of lengths, chosen so that a Panda can grasp the object; the mass scales with its third power.
+        build: creates the geometry.
+        friction: friction coefficient of the surface.
         description: one phrase.
     """
 
@@ -48,12 +48,12 @@ UP = (0.0, 0.0, 1.0)
 
 
 def plastic(r: float, g: float, b: float) -> Look:
-    """A smooth coloured surface."""
+    """Return a smooth coloured material."""
     return Look((r, g, b, 1.0), 0.0, 0.4)
 
 
 def matte(r: float, g: float, b: float) -> Look:
-    """A rough coloured surface."""
+    """Return a rough coloured material."""
     return Look((r, g, b, 1.0), 0.0, 0.9)
 
 
@@ -66,7 +66,7 @@ LEAF = matte(0.13, 0.42, 0.12)
 
 
 def scaled(solid: Solid, factor: float | Vec3) -> Solid:
-    """The same part, ``factor`` times as large about the origin (one factor, or one an axis, all positive)."""
+    """Return the part scaled about the origin, by one factor or by one for each axis (all positive)."""
     f = np.broadcast_to(np.asarray(factor, float), (3,))
     hull = None if solid.hull is None else solid.hull * f
     mesh = None if solid.mesh is None else replace(solid.mesh, vertices=solid.mesh.vertices * f)
@@ -74,11 +74,13 @@ def scaled(solid: Solid, factor: float | Vec3) -> Solid:
 
 
 def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, smooth: int = 6) -> list[Solid]:
-    """A solid turned about z: it collides as one frustum a step and looks round.
+    """Return a solid of revolution about z that collides as one frustum for each profile step and looks smooth.
 
     Args:
         profile: (radius, height) from the bottom up, metres.
-        smooth: points of the seen outline between two of the profile's, by monotone interpolation.
+        look: material.
+        sides: number of sides of the collision frustums.
+        smooth: number of visual points between two profile points, by monotone interpolation.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -86,7 +88,7 @@ def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, 
     parts = []
     low = 0
     for high in range(1, len(profile)):
-        # As long as the outline bends inwards only, one hull serves.
+        # One hull suffices as long as the outline stays convex.
         last = high + 1 == len(profile)
         if last or not _bulges(radius[low : high + 2], height[low : high + 2]):
             rings = [_circle(radius[k], height[k], sides) for k in range(low, high + 1)]
@@ -104,7 +106,7 @@ def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, 
 
 
 def _bulges(radius: Array, height: Array) -> bool:
-    """Whether an outline, read upwards, never bends outwards."""
+    """Return whether an outline, from bottom to top, is convex."""
     turn = np.diff(np.diff(radius) / np.maximum(np.diff(height), 1e-9))
     return bool((turn <= 1e-9).all())
 
@@ -114,11 +116,13 @@ def _circle(radius: float, height: float, sides: int) -> Array:
 
 
 def vessel(outline: Sequence[tuple[float, float]], wall: float, look: Look, sides: int = 12) -> list[Solid]:
-    """A round vessel, open at the top: a floor, and staves between the steps of its outline.
+    """Return a round vessel, open at the top: a floor, and staves between the steps of its outline.
 
     Args:
         outline: (outer radius, height) from the foot to the rim, metres.
-        wall: thickness of wall and floor.
+        wall: thickness of wall and floor, m.
+        look: material.
+        sides: number of staves around the vessel.
     """
     parts = []
     for (r0, z0), (r1, z1) in pairwise(outline):
@@ -139,8 +143,8 @@ def vessel(outline: Sequence[tuple[float, float]], wall: float, look: Look, side
 
 
 def sphere(radius: float | Vec3, look: Look, at: Vec3 = (0, 0, 0)) -> Solid:
-    """A ball or an ellipsoid: an icosphere of 42 corners to collide, of 642 to look at."""
-    import trimesh  # here: listing what there is needs none of it
+    """Return a sphere or ellipsoid: an icosphere of 42 vertices for collision and of 642 for the eye."""
+    import trimesh  # imported here because listing objects does not need it
 
     scale = np.broadcast_to(np.asarray(radius, float), (3,))
     hull = np.asarray(trimesh.creation.icosphere(1).vertices, float)
@@ -150,7 +154,7 @@ def sphere(radius: float | Vec3, look: Look, at: Vec3 = (0, 0, 0)) -> Solid:
 
 
 def seam(radius: float, look: Look, thickness: float) -> Solid:
-    """The line on a baseball or a tennis ball, to look at."""
+    """Return the visual seam of a baseball or tennis ball."""
     t = np.linspace(0, 2 * np.pi, 97)
     a, b = 0.75, 0.25
     line = np.column_stack(
@@ -161,7 +165,7 @@ def seam(radius: float, look: Look, thickness: float) -> Solid:
 
 
 def carton(size: Vec3, look: Look, stripe: Look, patch: Look) -> list[Solid]:
-    """A cardboard box with a printed front, back and top."""
+    """Return a cardboard box with a printed front, back and top."""
     x, y, z = np.asarray(size, float)
     skin = 0.0004
     parts = [box((0, 0, 0), (x, y, z), look, 0.001)]
@@ -176,7 +180,7 @@ def carton(size: Vec3, look: Look, stripe: Look, patch: Look) -> list[Solid]:
 
 
 def can(radius: float, height: float, label: Look, lid: Look = STEEL) -> list[Solid]:
-    """A tin: a metal cylinder with rims and a paper label."""
+    """Return a tin can: a metal cylinder with rims and a paper label."""
     h = height / 2
     rim = min(0.004, 0.1 * height)
     body = [(radius, -h), (radius, h)]
@@ -190,24 +194,26 @@ def can(radius: float, height: float, label: Look, lid: Look = STEEL) -> list[So
 
 
 def blade(points: Sequence[tuple[float, float]], thickness: float, look: Look, at: float = 0.0) -> Solid:
-    """A flat convex plate in the xy plane: its outline (N points) and its thickness, middle at height ``at``."""
+    """Return a flat convex plate in the xy plane from its outline (N points), its thickness and the height ``at`` of
+    its middle.
+    """
     flat = np.array([(x, y, at + s * thickness / 2) for x, y in points for s in (-1, 1)])
     return convex(flat, look)
 
 
 def along_x(parts: Sequence[Solid]) -> list[Solid]:
-    """Parts made along z, laid down along x."""
+    """Rotate parts from the z axis to the x axis."""
     T = pose(axis=(0, 1, 0), angle=np.pi / 2)
     return [p.moved(T) for p in parts]
 
 
 def shifted(parts: Sequence[Solid], by: Vec3) -> list[Solid]:
-    """Parts moved by a vector."""
+    """Translate parts by a vector."""
     return [p.moved(pose(by)) for p in parts]
 
 
 def curved(points: Sequence[Vec3], radii: Sequence[float], look: Look, sides: int = 10) -> list[Solid]:
-    """A round bar of changing radius along a polyline: one hull a leg, one smooth surface."""
+    """Return a round bar of varying radius along a polyline: one hull for each segment, one smooth surface."""
     from gensim2.objects.shapes import loft
 
     p = [np.asarray(q, float) for q in points]
@@ -219,12 +225,12 @@ def curved(points: Sequence[Vec3], radii: Sequence[float], look: Look, sides: in
 
 
 def bounds(parts: Sequence[Solid]) -> tuple[Array, Array]:
-    """Least and greatest corner (3,) of the collision hulls."""
+    """Return the lower and upper corner (3,) of the bounding box of the collision hulls."""
     points = np.concatenate([p.hull for p in parts if p.hull is not None])
     return points.min(axis=0), points.max(axis=0)
 
 
 def centred(parts: Sequence[Solid]) -> list[Solid]:
-    """Parts moved so that the middle of their bounds is the origin."""
+    """Translate parts so that the centre of their bounding box is the origin."""
     low, high = bounds(parts)
     return shifted(parts, -(low + high) / 2)
