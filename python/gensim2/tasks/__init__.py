@@ -1,4 +1,4 @@
-"""Tasks: which objects, which steps, what must hold at the end; and a library of them, with strategies, as data."""
+"""Tasks (objects, steps and a goal) and the library that stores them as data, with their strategies."""
 
 from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.library import load_strategies, load_task, task_names

@@ -1,8 +1,11 @@
-"""When a step or a task counts as done: a union of small values, each a pure function of a :class:`Measurement`.
+"""Success criteria of steps and tasks, each a pure function of a :class:`Measurement`.
 
-Five are the paper's. Their distances are horizontal, between measured points: an object's last keypoint, as in the
-original; heights are the business of the strict verdict. The others say what the paper's tasks have no words for: a
-joint left in between, and where a rigid object is, by the origin of its frame, which lies in its middle.
+Five are the paper's. They use horizontal distances between measured keypoints (an object's last keypoint), as in the
+original; only the strict verdict checks heights. The others describe a joint left in between, and the position of a
+rigid object by the origin of its frame, which lies in its middle.
+
+Each criterion has three methods. ``objects`` returns the names of the objects that it measures. ``holds`` returns
+whether it is met; a NaN never meets it. ``progress`` returns a value from 0 to 1, where 1 means that it is met.
 """
 
 from __future__ import annotations
@@ -17,14 +20,14 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from gensim2.tasks.measurement import Measurement
 
 OPEN, CLOSED = 0.8, 0.2
-"""Openness beyond which the paper calls a joint open, or closed."""
+"""Openness above which the paper calls a joint open, and below which closed."""
 AJAR = (0.3, 0.7)
-"""Openness between which a joint stands half open."""
+"""Openness range of a half-open joint."""
 NEAR = 0.05
-"""Horizontal distance (m) within which the paper calls two points together."""
+"""Horizontal distance (m) within which the paper considers two points to be together."""
 
 SCALE = 0.3
-"""Distance (m) over which progress towards a point falls off."""
+"""Distance (m) scale of the progress towards a point."""
 
 ROLES = ("object", "articulated", "rigid", "support")
 """Fields of criteria that name objects."""
@@ -78,7 +81,7 @@ class ArticulatedClosed(_Criterion):
 
 
 class ArticulatedBetween(_Criterion):
-    """The object's openness is between ``low`` and ``high``: it stands ajar."""
+    """The object's openness is between ``low`` and ``high``."""
 
     type: Literal["articulated_between"] = "articulated_between"
     object: str
@@ -100,7 +103,7 @@ class ArticulatedBetween(_Criterion):
 
 
 class RigidLifted(_Criterion):
-    """The rigid object is at least ``height`` (m) higher than where it stood at the reset."""
+    """The rigid object is more than ``height`` (m) above its position at the reset."""
 
     type: Literal["rigidbody_lifted"] = "rigidbody_lifted"
     rigid: str
@@ -114,8 +117,9 @@ class RigidLifted(_Criterion):
 
 
 class RigidMoved(_Criterion):
-    """The rigid object is at least ``distance`` (m) from where it stood at the reset, in a direction as the robot sees
-    it, and has strayed from that direction by less than half the way."""
+    """The rigid object has moved more than ``distance`` (m) from its position at the reset in a direction seen from the
+    robot, and less than half as far sideways.
+    """
 
     type: Literal["rigidbody_moved"] = "rigidbody_moved"
     rigid: str
@@ -127,7 +131,7 @@ class RigidMoved(_Criterion):
         return bool(along > self.distance and abs(across) < along / 2)
 
     def _way(self, measured: Measurement) -> tuple[float, float]:
-        """Displacement (m) along the direction and across it, as the robot sees them."""
+        """Return the displacement (m) along and across the direction, seen from the robot."""
         x, y = map(float, measured.poses[self.rigid][:2] - measured.start_positions[self.rigid][:2])
         return {"away": (x, y), "closer": (-x, y), "left": (y, x), "right": (-y, x)}[self.direction]
 
@@ -137,8 +141,9 @@ class RigidMoved(_Criterion):
 
 
 class RigidOnRigid(_Criterion):
-    """A rigid object is on or in another: their origins are within ``threshold`` (m) horizontally, and the first is
-    higher than the other by at most ``height`` (m)."""
+    """A rigid object is on or in another: their origins are within ``threshold`` (m) horizontally, and the first is at
+    most ``height`` (m) above the second.
+    """
 
     type: Literal["rigidbody_on_rigidbody"] = "rigidbody_on_rigidbody"
     rigid: str
@@ -168,7 +173,7 @@ class _Distance(_Criterion):
 
 
 class DistanceArticulatedRigid(_Distance):
-    """The measured points of an articulated and a rigid object are within ``threshold`` (m), horizontally."""
+    """The measured keypoints of an articulated and a rigid object are within ``threshold`` (m) horizontally."""
 
     type: Literal["distance_articulated_rigidbody"] = "distance_articulated_rigidbody"
     articulated: str
@@ -180,7 +185,7 @@ class DistanceArticulatedRigid(_Distance):
 
 
 class DistanceGripperRigid(_Distance):
-    """Any keypoint of the gripper is within ``threshold`` (m) of the rigid object's measured point, horizontally."""
+    """A keypoint of the gripper is within ``threshold`` (m) of the rigid object's measured keypoint horizontally."""
 
     type: Literal["distance_gripper_rigidbody"] = "distance_gripper_rigidbody"
     rigid: str
@@ -202,7 +207,7 @@ class DistanceGripperArticulated(_Distance):
 
 
 OF_GRIPPER = (DistanceGripperRigid, DistanceGripperArticulated)
-"""Criteria that say where the gripper is."""
+"""Criteria on the position of the gripper."""
 
 Criterion = Annotated[
     ArticulatedOpen
@@ -219,17 +224,17 @@ Criterion = Annotated[
 
 
 def all_hold(criteria: tuple[Criterion, ...], measured: Measurement) -> bool:
-    """Whether every criterion holds at once; none at all hold."""
+    """Return whether every criterion holds; true for no criteria."""
     return all(criterion.holds(measured) for criterion in criteria)
 
 
 def nearness(distance: float) -> float:
-    """Return 1 where a distance (m) is zero or less, and less the farther: 0.24 at ``SCALE``, nearly 0 at 1 m."""
+    """Return 1 for a distance (m) of at most zero, decreasing to 0.24 at ``SCALE`` and nearly 0 at 1 m."""
     return _share(1.0 - math.tanh(max(0.0, distance) / SCALE))
 
 
 def _share(value: float) -> float:
-    """A number brought into 0..1; NaN is no progress."""
+    """Clip a number to 0..1; NaN becomes 0."""
     return 0.0 if math.isnan(value) else float(min(1.0, max(0.0, value)))
 
 

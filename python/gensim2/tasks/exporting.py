@@ -1,4 +1,4 @@
-"""Tasks as files: a folder each, or an archive of such folders."""
+"""Export tasks as folders or as a zip archive of folders."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from gensim2.core.yaml_files import dump_yaml
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, StrategyData, load_strategies, load_task
 from gensim2.tasks.spec import TaskSpec
 
-#: Of members of an archive: the same tasks make the same bytes.
+#: Fixed time stamp of archive members, so that the same tasks give the same bytes.
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 def export(names: Sequence[str], out: Path) -> None:
-    """Write tasks of any shelf, each with all its strategies, to a folder or to a ``.zip``; both can be a library.
+    """Write tasks with all their strategies to a folder or a ``.zip`` file, either of which can serve as a library.
 
     Args:
-        names: of the tasks.
-        out: a folder that is made, or a file whose name ends in ``.zip``.
+        names: names of tasks from any library.
+        out: a new or empty folder, or a file whose name ends in ``.zip``.
 
     Raises:
-        InputError: there is no such task, ``out`` exists and is not empty, or it cannot be written to.
+        InputError: a task does not exist, ``out`` exists and is not empty, or it cannot be written to.
     """
     tasks = [(load_task(name), load_strategies(name)) for name in dict.fromkeys(names)]
     try:
@@ -43,16 +43,16 @@ def export(names: Sequence[str], out: Path) -> None:
 
 
 def _files(task: TaskSpec, strategies: Mapping[str, StrategyData]) -> dict[str, str]:
-    """Texts of a task's folder, by path; the task's own comes last."""
+    """Return the texts of a task's folder by path; task.yaml comes last."""
     found = {f"{STRATEGIES}/{name}.yaml": dump_yaml(dict(data)) for name, data in strategies.items()}
     return {**found, TASK_FILE: dump_yaml(task.model_dump(mode="json", exclude_none=True))}
 
 
 def write_task(folder: Path, task: TaskSpec, strategies: Mapping[str, StrategyData]) -> None:
-    """Write a task's folder, every file of it atomically.
+    """Write a task's folder, each file atomically.
 
     Raises:
-        InputError: it cannot be written to.
+        InputError: the folder cannot be written to.
     """
     for path, text in _files(task, strategies).items():
         write_atomic(folder / path, text)

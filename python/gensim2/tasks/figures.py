@@ -1,7 +1,7 @@
-"""Success rates of the library's tasks: measured figures as data, from which every table of the project is made.
+"""Measured success rates of the library's tasks, from which every table in the documentation is made.
 
-``figures.json`` is written from the JSON files of ``gensim2 benchmark`` by ``benchmarks/figures.py`` alone: a row
-is what the episodes of one file say of one task.
+Only ``benchmarks/figures.py`` writes ``figures.json``, from the JSON output of ``gensim2 benchmark``. A row holds the
+results of one task in one of these files.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ def _current_word(word: object) -> object:
 
 
 OWNERS = {"default": "default physics", "original": "the original's physics"}
-"""Presets in words; other mixtures are called as they are spelled."""
+"""Names of the physics presets; mixtures keep their spelling."""
 
 
 class Condition(_Value):
     """Conditions of a measurement.
 
     Attributes:
-        objects: ``"generated"`` ones, or ``"real"`` ones from a folder.
-        physics: ``"default"`` (``"ours"`` in earlier files), ``"original"``, or the word for a mixture.
-        engine: that simulated it.
-        robot: its name.
-        instances: which were drawn from, as in ``--instances``.
+        objects: ``"generated"``, or ``"real"`` from a folder.
+        physics: ``"default"`` (``"ours"`` in earlier files), ``"original"``, or the spelling of a mixture.
+        engine: simulation engine.
+        robot: name of the robot.
+        instances: instances used, as in ``--instances``.
         randomization: ranges of the scene: ``"paper"``, ``"paper-half"`` or ``"wide"``.
-        attempts: tries of an episode from the same start.
-        open_loop: everything was planned at the start.
+        attempts: number of attempts in an episode, from the same start.
+        open_loop: whether all motions were planned at the start.
         disturbance: ``"push"``, ``"drop"`` or None.
-        one_plan: each step was planned once, by its first strategy.
+        one_plan: whether each step was planned once only, with its first strategy.
     """
 
     objects: Literal["generated", "real"]
@@ -64,7 +64,9 @@ class Condition(_Value):
 
     @property
     def is_plain(self) -> bool:
-        """Whether it is the paper's protocol: its ranges, all instances, closed loop, one attempt, undisturbed."""
+        """Whether the conditions equal the paper's protocol: its ranges, all instances, closed loop, one attempt,
+        undisturbed.
+        """
         return not self.deviations
 
     @property
@@ -91,7 +93,7 @@ class Condition(_Value):
 
 
 class Verdicts(_Value):
-    """Numbers of episodes, and of those that fulfil each verdict."""
+    """Number of episodes, and of those that pass each verdict."""
 
     episodes: Count
     paper: Count
@@ -100,12 +102,12 @@ class Verdicts(_Value):
 
 
 class Source(_Value):
-    """Source of a row.
+    """Origin of a row.
 
     Attributes:
-        commit: of the sources; ``-modified`` behind it where they were no longer those.
-        date: on which the table was finished, ``YYYY-MM-DD``.
-        command: that made it.
+        commit: commit of the source code, with the suffix ``-modified`` if the code had local changes.
+        date: day on which the measurement finished, ``YYYY-MM-DD``.
+        command: command that produced it.
     """
 
     commit: str
@@ -114,23 +116,22 @@ class Source(_Value):
 
 
 class Figure(_Value):
-    """One task under one condition; counts are numbers of episodes.
+    """Results of one task under one condition; counts are numbers of episodes.
 
     Attributes:
-        task: its name.
-        condition: what it was measured under.
-        seed: of the scenes.
-        runs: repetitions, of equally many episodes.
-        episodes: of all runs.
-        paper, held, strict: how many fulfil each verdict.
-        deviation: between the runs, of the share that fulfils ``paper``.
-        partial: in how many a part of a motion was executed.
-        causes: why those do not count as held that do not, most frequent first.
-        strict_misses: what those lack that do not count as strict, most frequent first.
-        objects: number of different ones by class.
-        instances: verdicts by the objects that episodes were run with, ``class/id`` and between several ``" + "``; none
-            of rows that are older than this field.
-        source: where it comes from; None of rows that are older than this field.
+        task: name of the task.
+        condition: conditions of the measurement.
+        seed: seed of the scenes.
+        runs: number of repetitions with equally many episodes.
+        episodes: episodes of all runs.
+        paper, held, strict: episodes that pass each verdict.
+        deviation: standard deviation between runs of the ``paper`` success rate.
+        partial: episodes in which only part of a motion was executed.
+        causes: causes of the failures by the verdict ``held``, most frequent first.
+        strict_misses: conditions of ``strict`` that failed, most frequent first.
+        objects: number of different objects by class.
+        instances: verdicts by object, as ``class/id``, joined with ``" + "`` for several objects; empty in old rows.
+        source: origin of the row; None in old rows.
     """
 
     task: str
@@ -162,7 +163,7 @@ class Figure(_Value):
 
 
 class Figures(_Value):
-    """The file: at most one row for each task and condition."""
+    """Content of the file: at most one row for each task and condition."""
 
     schema_version: Literal[1]
     rows: tuple[Figure, ...]
@@ -175,33 +176,33 @@ class Figures(_Value):
         return self
 
     def with_rows(self, rows: Iterable[Figure]) -> Figures:
-        """Return these and others: a new row takes the place of one of the same task and condition."""
+        """Return these rows and others; a new row replaces one of the same task and condition."""
         found = {(row.task, row.condition): row for row in (*self.rows, *rows)}
         return Figures(schema_version=1, rows=tuple(sorted(found.values(), key=_order)))
 
 
 def _order(row: Figure) -> tuple[str, bool, tuple[str, ...]]:
-    """By task; the paper's protocol first."""
+    """Sort by task, with the paper's protocol first."""
     return row.task, not row.condition.is_plain, tuple(str(value) for _, value in row.condition)
 
 
 @cache
 def figures() -> Figures:
-    """Return the figures that travel with the package."""
+    """Return the figures shipped with the package."""
     return _parsed((files("gensim2.tasks") / FIGURES).read_bytes(), FIGURES)
 
 
 def read_figures(path: Path) -> Figures:
-    """Return the figures of a file.
+    """Read the figures in a file.
 
     Raises:
-        InputError: it cannot be read, or holds none; names the field.
+        InputError: the file cannot be read or is invalid; names the field.
     """
     return _parsed(read_input(path, MAX_RECORD), path)
 
 
 def figures_of(task: str) -> tuple[Figure, ...]:
-    """Return all rows of a task, those of the paper's protocol first; none where it was not measured."""
+    """Return all rows of a task, the paper's protocol first; empty if the task was not measured."""
     return tuple(row for row in figures().rows if row.task == task)
 
 

@@ -1,10 +1,10 @@
-"""The task library: one folder of data a task, on three shelves.
+"""The task library: one folder of data for each task, in three places.
 
-``library/`` in the package holds the paper's suite, ``designed/`` beside it what designers made of generated objects,
-and a folder of the user (:func:`user_library`) what their own runs kept. On each, ``<Name>/task.yaml`` is a
-:class:`~gensim2.tasks.spec.TaskSpec`, ``<Name>/strategies/<name>.yaml`` a way to do one of its steps. Folders of other
-tasks look the same; one of version 1 has a ``solver.yaml`` instead. Ways that several tasks share lie in
-``strategies/`` on the package's shelves: there a strategy is looked for that a task has not beside it.
+``library/`` in the package holds the paper's suite. ``designed/`` beside it holds tasks that designers made with
+generated objects. The user's folder (:func:`user_library`) holds tasks that the user's own runs kept. In each,
+``<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec` and ``<Name>/strategies/<name>.yaml`` a strategy for one
+of its steps. A folder of schema version 1 has a ``solver.yaml`` instead. Strategies shared by several tasks of the
+package lie in ``strategies/``; they are used if a task's own folder lacks a strategy.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ TASK_FILE = "task.yaml"
 STRATEGIES = "strategies"
 
 StrategyData = dict[str, Any]
-"""A way to do a step, as plain data: a solver config in the paper's language, or a rule for a grasp."""
+"""A strategy for a step, as plain data: a solver config in the paper's language, or a rule for a grasp."""
 
 
 PAPER = "paper"
-"""Origin of the suite: what the paper's tables list."""
+"""Origin of the tasks in the paper's tables."""
 
 LIBRARY_VARIABLE, NO_LIBRARY = "GENSIM2_LIBRARY", "none"
 
@@ -48,7 +48,7 @@ _chosen: ContextVar[str | None] = ContextVar("library", default=None)
 
 @contextlib.contextmanager
 def using_library(folder: str) -> Iterator[None]:
-    """Have a folder, an archive or ``none`` for the user's own shelf inside a block."""
+    """Use a folder, an archive or ``none`` as the user's library inside a block."""
     token = _chosen.set(folder)
     try:
         yield
@@ -57,9 +57,10 @@ def using_library(folder: str) -> Iterator[None]:
 
 
 def user_library() -> Path | None:
-    """The user's own shelf: of :func:`using_library`, else ``$GENSIM2_LIBRARY``, else a folder among the user's data.
+    """Return the user's library: that of :func:`using_library`, else ``$GENSIM2_LIBRARY``, else a folder of the user's
+    data.
 
-    It need not exist. None for the word ``none``: nothing is read there and nothing kept.
+    The folder need not exist. None stands for ``none``: no user library is read or written.
     """
     chosen = _chosen.get()
     if chosen:
@@ -69,10 +70,10 @@ def user_library() -> Path | None:
 
 
 def _user_shelf() -> Traversable | None:
-    """The user's own shelf, if any; an archive that ``gensim2 tasks export`` wrote is one that can be read.
+    """Return the user's library, a folder or an archive written by ``gensim2 tasks export``, or None.
 
     Raises:
-        InputError: it is no archive.
+        InputError: the file is no such archive.
     """
     path = user_library()
     if path is None or path.suffix != ".zip" or not path.is_file():
@@ -92,10 +93,10 @@ def task_names(origin: str | None = None) -> tuple[str, ...]:
     """Return the names of the tasks in the library, sorted.
 
     Args:
-        origin: proposer of the tasks: ``"paper"`` for the suite, else a designer's name; None: all.
+        origin: ``"paper"`` for the paper's suite, else a designer's name; None: all.
 
     Raises:
-        InputError: no task has that origin (names the origins that there are), or a task cannot be read.
+        InputError: no task has that origin (lists the origins), or a task cannot be read.
     """
     if origin is None:
         return tuple(sorted({*packaged_names(), *names_in(_user_shelf())}))
@@ -109,17 +110,17 @@ def task_names(origin: str | None = None) -> tuple[str, ...]:
 
 
 def packaged_names() -> tuple[str, ...]:
-    """Names of the tasks that travel with the package, sorted."""
+    """Return the names of the tasks shipped with the package, sorted."""
     return tuple(sorted({*_names_on_shelf(_suite), *_names_on_shelf(_designed)}))
 
 
 def origin_of(task: TaskSpec) -> str | None:
-    """Return who proposed a task; None where that is not known."""
+    """Return the designer that proposed a task; None if unknown."""
     return None if task.provenance is None else task.provenance.origin
 
 
 def task_folder(name: str) -> Traversable:
-    """The folder of a library task; where two shelves have the name, the package's.
+    """Return the folder of a library task; the package takes precedence over the user's library.
 
     Raises:
         InputError: there is no such task; names near matches.
@@ -140,7 +141,7 @@ def load_task(name: str) -> TaskSpec:
     """Load the spec of a library task.
 
     Args:
-        name: of the task, e.g. ``"OpenDrawer"``.
+        name: name of the task, such as ``"OpenDrawer"``.
 
     Returns:
         Objects, steps and goal of the task.
@@ -166,12 +167,12 @@ def _read_task(folder: Traversable, name: str) -> TaskSpec:
 
 @cache
 def _names_on_shelf(shelf: Callable[[], Traversable]) -> tuple[str, ...]:
-    """Of a shelf of the package: it does not change."""
+    """Return the names of the tasks in a folder of the package, which does not change."""
     return names_in(shelf())
 
 
 def names_in(shelf: Traversable | None) -> tuple[str, ...]:
-    """Names of the tasks that lie in a folder, sorted."""
+    """Return the names of the tasks in a folder, sorted."""
     entries = shelf.iterdir() if shelf is not None and shelf.is_dir() else ()
     return tuple(sorted(entry.name for entry in entries if entry.name[:1] != "." and (entry / TASK_FILE).is_file()))
 
@@ -180,10 +181,10 @@ def load_strategies(name: str) -> dict[str, StrategyData]:
     """Load the strategies of a library task.
 
     Args:
-        name: of the task, e.g. ``"OpenDrawer"``.
+        name: name of the task, such as ``"OpenDrawer"``.
 
     Returns:
-        Strategies as plain data, by name: those that the task's steps name, in that order.
+        Strategies as plain data, by name, in the order in which the task's steps name them.
 
     Raises:
         InputError: there is no such task, or a strategy's file is missing.
@@ -193,10 +194,10 @@ def load_strategies(name: str) -> dict[str, StrategyData]:
 
 @cache
 def shared_strategy(name: str) -> StrategyData:
-    """One of the ways that tasks of the package share; not to be changed in place.
+    """Return a strategy shared by tasks of the package; do not change it in place.
 
     Raises:
-        InputError: there is none of that name.
+        InputError: there is no shared strategy of that name.
     """
     file = next((file for file in (shelf / f"{name}.yaml" for shelf in _shared()) if file.is_file()), None)
     if file is None:
@@ -205,7 +206,7 @@ def shared_strategy(name: str) -> StrategyData:
 
 
 def load_task_file(path: Path) -> TaskSpec:
-    """The spec in a YAML (or JSON) file, or in the ``task.yaml`` of a folder.
+    """Load the spec in a YAML or JSON file, or in the ``task.yaml`` of a folder.
 
     Raises:
         InputError: the file cannot be read, is not YAML, or a field is unknown, missing or out of range.
@@ -218,17 +219,17 @@ def load_task_file(path: Path) -> TaskSpec:
 
 
 def load_strategies_beside(path: Path, task: TaskSpec) -> dict[str, StrategyData]:
-    """The strategies of a task that was read from a file or a folder, by name: those that its steps name.
+    """Load the strategies beside a task that was read from a file or folder, by name.
 
     Raises:
-        InputError: a strategy's file is missing, cannot be read, or holds NaN or infinity.
+        InputError: a strategy's file is missing or unreadable, or holds NaN or infinity.
     """
     folder = path if path.is_dir() else path.parent
     return {name: _read(file) for name, file in strategy_files(folder, task).items()}
 
 
 def load_strategy_file(path: Path) -> StrategyData:
-    """One strategy in a YAML (or JSON) file; numbers are finite.
+    """Load a strategy from a YAML or JSON file; numbers must be finite.
 
     Raises:
         InputError: the file cannot be read, is not YAML, or holds NaN or infinity.
@@ -237,18 +238,19 @@ def load_strategy_file(path: Path) -> StrategyData:
 
 
 def strategies_of(task: TaskSpec) -> tuple[str, ...]:
-    """Names of all strategies of a task, in the order in which its steps name them."""
+    """Return the names of all strategies of a task, in the order in which its steps name them."""
     return tuple(dict.fromkeys(name for step in task.steps for name in step.strategies))
 
 
 def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable]:
-    """The files of a task's strategies, by name: beside the task, or else one that the library's tasks share.
+    """Return the files of a task's strategies by name: from the task's folder, else from the shared strategies.
 
     Args:
-        folder: of the task; ``task_folder`` gives that of a library task.
+        folder: folder of the task; ``task_folder`` returns that of a library task.
+        task: spec of the task.
 
     Raises:
-        InputError: there is no such file.
+        InputError: a file is missing.
     """
     found: dict[str, Traversable] = {}
     for name in strategies_of(task):
@@ -264,7 +266,7 @@ def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable
 
 
 def _places(folder: Traversable, name: str) -> list[Traversable]:
-    """Return the paths at which the file of a strategy may lie, first its own task's."""
+    """Return the possible paths of a strategy's file, the task's own first."""
     former = [folder / f"{name}.yaml"] if name == version_1.STRATEGY else []
     return [folder / STRATEGIES / f"{name}.yaml", *former, *(shelf / f"{name}.yaml" for shelf in _shared())]
 
@@ -274,7 +276,7 @@ def _shared() -> tuple[Traversable, ...]:
 
 
 def _read(file: Traversable) -> dict[str, Any]:
-    """The fields of a file of the package, of a folder or of an archive."""
+    """Read a YAML file of the package, a folder or an archive."""
     if isinstance(file, Path):
         return read_yaml(file)
     return parse_yaml(read_member(file, MAX_BYTES + 1), str(file))

@@ -1,7 +1,7 @@
-"""Whether two tasks are the same to a person, though their names, roles, numbers or words differ.
+"""Detect tasks that mean the same although their names, numbers or wording differ.
 
-By structure: the same goal on the same classes, reached by the same chain of verbs. By meaning: the same goal on the
-same classes in sentences that are nearly alike, or one and the same sentence.
+Two tasks are alike in structure if they have the same goal on the same classes and the same sequence of verbs. They are
+alike in meaning if they have the same goal on the same classes and similar sentences, or the same sentence.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 ALIKE = 85.0
-"""Likeness of two sentences, 0 to 100, from which on they say the same of the same goal."""
+"""Similarity of two sentences, 0 to 100, above which they count as the same for the same goal."""
 
-#: What a person may say for one and the same; each word on the left stands for those on the right.
+#: Synonyms in instructions; each word on the left replaces those on the right.
 SAYINGS = {
     "close": ("shut", "closed"),
     "open": ("opened",),
@@ -49,7 +49,7 @@ _EMPTY = frozenset(
 
 Classes = tuple[str, ...]
 Fact = tuple[str, ...]
-"""Of a goal or a step: a type of criterion, its words, and the objects that it is about, as class and number."""
+"""Part of a goal or a step: criterion type, its text fields, and its objects as class and number."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,10 @@ class NormalForm:
     """A task without names and numbers.
 
     Attributes:
-        classes: of its objects that a step or the goal is about, sorted.
-        goal: what must hold at the end.
-        chain: what each step does, in order.
-        words: of its sentence, each in the form that stands for it.
+        classes: classes of the objects that steps or goal use, sorted.
+        goal: criteria that must hold at the end.
+        chain: criteria of each step, in order.
+        words: words of the sentence, with synonyms replaced.
     """
 
     classes: Classes
@@ -70,7 +70,7 @@ class NormalForm:
 
 
 def normal_form(task: TaskSpec) -> NormalForm:
-    """The normal form of a task: steps in which nothing need hold, such as a release, are left out."""
+    """Return the normal form of a task; steps without criteria, such as a release, are left out."""
     called = _called(task)
     chain: list[tuple[Fact, ...]] = []
     for step in task.steps:
@@ -83,7 +83,7 @@ def normal_form(task: TaskSpec) -> NormalForm:
 
 
 def why_alike(one: TaskSpec, other: TaskSpec) -> str | None:
-    """Why two tasks are the same to a person; None where they are not."""
+    """Return the reason why two tasks are the same, or None."""
     first, second = normal_form(one), normal_form(other)
     if first.words == second.words and first.words:
         return "says the same"
@@ -97,7 +97,7 @@ def why_alike(one: TaskSpec, other: TaskSpec) -> str | None:
 
 
 def first_alike(task: TaskSpec, others: Iterable[TaskSpec]) -> tuple[TaskSpec, str] | None:
-    """The first of other tasks that is the same to a person, and why; None where each is another."""
+    """Return the first of other tasks that is the same, and the reason; None if all differ."""
     for other in others:
         if (why := why_alike(task, other)) is not None:
             return other, why
@@ -105,24 +105,24 @@ def first_alike(task: TaskSpec, others: Iterable[TaskSpec]) -> tuple[TaskSpec, s
 
 
 def normal_words(sentence: str) -> tuple[str, ...]:
-    """The words that carry a sentence's meaning, in order, each in the form that stands for it."""
+    """Return the meaningful words of a sentence in order, with synonyms replaced."""
     words = re.findall(r"[^\W\d_]+", sentence.lower())  # letters of any script
     return tuple(_FOR.get(word, word) for word in words if word not in _EMPTY)
 
 
 def likeness(one: tuple[str, ...], other: tuple[str, ...]) -> float:
-    """Return the similarity of the words of two sentences, in whatever order and however often: 0 to 100."""
+    """Return the similarity of two sets of words, 0 to 100, regardless of order and repetition."""
     return float(fuzz.token_sort_ratio(" ".join(set(one)), " ".join(set(other))))
 
 
 def _concerned(task: TaskSpec) -> list[str]:
-    """Objects in the order in which steps and goal come to them; what only stands about is none of them."""
+    """Return the objects in the order in which steps and goal use them; unused objects are left out."""
     named = [name for step in task.steps for name in (step.object, step.tool) if name != HAND]
     return list(dict.fromkeys([*named, *(name for criterion in task.success for name in criterion.objects)]))
 
 
 def _called(task: TaskSpec) -> dict[str, str]:
-    """Return the name of each object: its class, with a number where there are several."""
+    """Return a neutral name of each object: its class, with a number if several share the class."""
     seen: Counter[str] = Counter()
     called = {}
     for name in [*_concerned(task), *task.objects]:
@@ -139,7 +139,7 @@ def _link(step: Step, called: dict[str, str]) -> tuple[Fact, ...]:
 
 
 def _fact(criterion: Criterion, called: dict[str, str]) -> Fact:
-    """A criterion without its numbers: they say how far, not what."""
+    """Return a criterion's text fields without its numbers."""
     fields = criterion.model_dump()
     words = [f"{name}={called.get(value, value)}" for name, value in sorted(fields.items()) if isinstance(value, str)]
     return tuple(words)

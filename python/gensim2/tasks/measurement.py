@@ -1,4 +1,4 @@
-"""Measurement of a scene at one instant: all that criteria and verdicts go by, free of any simulator's types."""
+"""State of a scene at one instant, as input of criteria and verdicts, without types of a simulator."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Measurement:
-    """One instant, in the world frame.
+    """State of a scene at one instant, in the world frame.
 
     Attributes:
-        openness: of each articulated object: (q - lower) / (upper - lower); may leave 0..1 by the joint's give.
-        joint_speed: of each articulated object, openness per second, as physics reports it: of what is pressed into
-            something it may be far from how it moves.
-        keypoints: of each object, by name and in the object's own order: (3,) m.
+        openness: (q - lower) / (upper - lower) of each articulated object; may slightly exceed 0..1.
+        joint_speed: openness per second of each articulated object, as the simulator reports it; for a part pressed
+            against a stop it may differ from the real motion.
+        keypoints: (3,) m by object and keypoint, in the object's own order.
         poses: (7,) of each rigid object: x, y, z, qw, qx, qy, qz.
-        speeds: (2,) of each rigid object: m/s and rad/s, as physics reports them.
-        gripper: tool keypoints of the robot: (3,) m.
-        finger_opening: distance between the fingers' pads, m.
-        start_positions: of each rigid object, (3,) where the origin of its frame was put at the reset.
+        speeds: (2,) of each rigid object: m/s and rad/s, as the simulator reports them.
+        gripper: tool keypoints of the robot, (3,) m.
+        finger_opening: distance between the finger pads, m.
+        start_positions: (3,) frame origin of each rigid object at the reset.
     """
 
     openness: Mapping[str, float]
@@ -37,5 +37,5 @@ class Measurement:
     start_positions: Mapping[str, Array] = field(default_factory=dict)
 
     def point(self, name: str) -> Array:
-        """(3,) the measured point of an object: its last keypoint, as in the original."""
+        """Return the measured keypoint (3,) of an object: its last keypoint, as in the original."""
         return list(self.keypoints[name].values())[-1]

@@ -1,7 +1,7 @@
-"""The user's own library: tasks that were verified, each a folder that is there whole or not at all.
+"""The user's own task library, in which each folder is complete or absent.
 
-Beside ``task.yaml`` and all its strategies a folder holds ``added.json``: when, and by which run. Whoever adds or
-removes holds the library's lock; whoever reads needs none, as folders come and go by one renaming each.
+Besides ``task.yaml`` and the strategies, a folder holds ``added.json`` with the time and the run. Writers hold the
+library's lock. Readers need none because folders are added and removed by a single renaming.
 """
 
 from __future__ import annotations
@@ -44,20 +44,20 @@ LOCK_FILE = ".lock"
 _LEFT = ".tmp"
 
 LEAST_EPISODES = 20
-"""Fresh episodes under which nothing counts as verified."""
+"""Minimum number of fresh episodes of a verification."""
 LEAST_SHARE = 0.6
-"""Share of them that must hold."""
+"""Minimum success rate of a verification."""
 
 
 class UnverifiedTaskError(InputError):
-    """A task was to be added that was not verified, or that did not hold."""
+    """A task without a successful verification cannot be added."""
 
 
 class KnownTaskError(InputError):
-    """A task was to be added that the library has, by its name or in other words.
+    """A task cannot be added because the library has it already, under its name or in other words.
 
     Attributes:
-        known: name of the task that it has.
+        known: name of the existing task.
     """
 
     def __init__(self, task: TaskSpec, known: str, why: str) -> None:
@@ -66,10 +66,10 @@ class KnownTaskError(InputError):
 
 
 class Memory:
-    """The user's library.
+    """The user's task library.
 
     Args:
-        folder: where it lies; default :func:`~gensim2.tasks.library.user_library`. It need not exist.
+        folder: folder of the library; default :func:`~gensim2.tasks.library.user_library`. It need not exist.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -80,7 +80,7 @@ class Memory:
         """Folder of the library.
 
         Raises:
-            InputError: the user wants none, or it is an archive.
+            InputError: the user disabled the library, or it is an archive.
         """
         if self._folder is None:
             raise InputError("there is no library of your own", field="library", remedy="give a folder, not none")
@@ -90,18 +90,18 @@ class Memory:
 
     @property
     def is_there(self) -> bool:
-        """Whether there is one; it may be empty."""
+        """Whether the user has a library, possibly empty."""
         return self._folder is not None
 
     def names(self) -> tuple[str, ...]:
-        """Names of its tasks, sorted."""
+        """Return the names of the library's tasks, sorted."""
         return names_in(self._folder)
 
     def run_of(self, name: str) -> str | None:
-        """Folder of the run that a task comes from; None where it is unknown, or it is no task of this library.
+        """Return the folder of the run that a task comes from; None if unknown, or if the library lacks the task.
 
         Raises:
-            InputError: what was written down when it was added cannot be read.
+            InputError: the record of its addition cannot be read.
         """
         if name not in self.names():
             return None
@@ -119,21 +119,21 @@ class Memory:
         *,
         run: str | None = None,
     ) -> Path:
-        """Keep a task that was verified; to add the same again changes nothing.
+        """Add a verified task; adding the same task again changes nothing.
 
         Args:
-            task: with the provenance that says who proposed it.
-            strategies: by name; all that its steps name.
-            verification: on scenes and objects that its design did not see; it becomes part of the provenance.
-            run: folder of the run that it comes from.
+            task: task with a provenance that names its origin.
+            strategies: all strategies that its steps name, by name.
+            verification: result on scenes and objects unseen in the design; becomes part of the provenance.
+            run: folder of the run that the task comes from.
 
         Returns:
-            Its folder.
+            Folder of the task.
 
         Raises:
-            UnverifiedTaskError: too few episodes, or too few that held.
-            KnownTaskError: the library, or the package, has this name or such a task.
-            InputError: it does not say who proposed it, a strategy is missing, or the folder cannot be written to.
+            UnverifiedTaskError: too few episodes, or too low a success rate.
+            KnownTaskError: library or package has a task of this name or meaning.
+            InputError: the origin or a strategy is missing, or the folder cannot be written to.
         """
         _check_verified(task, verification)
         kept = _with_verification(task, verification)
@@ -151,19 +151,19 @@ class Memory:
         return self.folder / task.name
 
     def check_new(self, task: TaskSpec, strategies: Mapping[str, StrategyData]) -> None:
-        """Refuse a task that could not be added whatever its verification says; the very same is no such task.
+        """Refuse a task that could not be added even if verified; the identical task is accepted.
 
         Raises:
-            KnownTaskError: the library, or the package, has this name or such a task.
+            KnownTaskError: library or package has a task of this name or meaning.
         """
         if not self._has(task, {name: dict(strategies[name]) for name in strategies_of(task)}):
             self._check_new(task)
 
     def remove(self, *names: str) -> None:
-        """Remove tasks: all of them or, where one cannot be, none.
+        """Remove all of these tasks, or none if one cannot be removed.
 
         Raises:
-            InputError: one is not among the user's own, or cannot be removed.
+            InputError: a task is not in the user's library or cannot be removed.
         """
         own = names_in(self.folder)
         for name in names:
@@ -181,12 +181,12 @@ class Memory:
         try:
             (self.folder / name).rename(gone)
         except FileNotFoundError:
-            return  # another process was quicker
+            return  # another process removed it first
         sync_folder(self.folder)
         shutil.rmtree(gone)
 
     def _has(self, task: TaskSpec, strategies: Mapping[str, StrategyData]) -> bool:
-        """Whether just this task stands here, verified at whatever time."""
+        """Return whether the library has this very task, whatever its verification."""
         if task.name not in self.names():
             return False
         found = read_task(self.folder / task.name)
@@ -202,7 +202,7 @@ class Memory:
 
     @contextlib.contextmanager
     def _making(self, name: str) -> Iterator[Path]:
-        """Give a folder to fill; it gets its name when the block ends."""
+        """Yield a temporary folder, which is renamed to the task's name when the block ends."""
         made = self.folder / _temporary(name)
         try:
             made.mkdir()
@@ -215,7 +215,7 @@ class Memory:
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:
-        """Be the only one who writes here; the lock ends with the process, and what a killed one left goes.
+        """Hold the library's lock for a block, and remove the temporary folders of killed processes.
 
         Raises:
             InputError: the folder cannot be written to.
@@ -232,7 +232,7 @@ class Memory:
 
 
 def read_task(folder: Path) -> tuple[TaskSpec, dict[str, StrategyData]]:
-    """The spec and the strategies in a folder.
+    """Read the spec and the strategies in a folder.
 
     Raises:
         InputError: a file is missing or cannot be used.
@@ -261,7 +261,7 @@ def _bare(task: TaskSpec) -> TaskSpec:
 
 
 def _spec_of(folder: Path, name: str) -> TaskSpec:
-    """Of a task of the package, of the user's library, or of another folder that is being written to."""
+    """Read a task of the package, of the user's library, or of another folder."""
     own = folder / name
     return read_task(own)[0] if (own / TASK_FILE).is_file() else load_task(name)
 

@@ -1,4 +1,4 @@
-"""From plain data to a :class:`~gensim2.tasks.spec.TaskSpec`: what is wrong is named by its field, with a remedy."""
+"""Convert plain data to a :class:`~gensim2.tasks.spec.TaskSpec`, with errors that name the field and a remedy."""
 
 from __future__ import annotations
 
@@ -18,16 +18,20 @@ from gensim2.tasks.spec import TaskSpec
 def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
     """Validate a task given as plain data, of schema version 1 or 2.
 
+    Args:
+        data: fields of the task.
+        file: file of the data, for error messages.
+
     Raises:
-        InputError: names the field that is wrong.
+        InputError: a field is invalid; names it.
     """
     former = version_1.is_version_1(data)
     try:
         check_finite(data, file)
-        # Strict JSON mode: lists become tuples, but a string or a bool does not pass for a number.
+        # Strict JSON mode converts lists to tuples, but rejects a string or a bool in place of a number.
         text = json.dumps(version_1.upgraded(data, file) if former else data)
         return TaskSpec.model_validate_json(text, strict=True)
-    except TypeError as error:  # Python knows more than JSON
+    except TypeError as error:  # the data has Python types that JSON lacks
         raise InputError(f"holds a value of an unusable type: {error}", file=file) from error
     except RecursionError as error:
         raise InputError("holds itself, or too many values inside each other", file=file) from error
@@ -43,7 +47,7 @@ def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
 
 
 def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[BaseModel] | None]:
-    """The parts of a location that stand in a file, and the model that the last of them is a field of."""
+    """Return the parts of an error's location that exist in the file, and the model of the last field."""
     kind: Any = TaskSpec
     shown: list[int | str] = []
     model: type[BaseModel] | None = None
@@ -52,8 +56,8 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
         if len(kinds) > 1:
             models = [each for each in kinds if isinstance(each, type) and issubclass(each, BaseModel)]
             if not models:
-                break  # a union of plain values: the parts say what was tried, and the field is named
-            # The part is the word that tells which.
+                break  # In a union of plain values, the remaining parts name the types that were tried.
+            # This part is the value of ``type``, which selects the model.
             kind = next((each for each in models if each.model_fields["type"].default == part), None)
             continue
         if part == "[key]":
@@ -66,7 +70,7 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
 
 
 def _kinds(kind: Any) -> list[Any]:
-    """List the types that a value may have, None apart: annotations and unions taken away."""
+    """Return the types that an annotation allows, with unions resolved and None left out."""
     if get_origin(kind) is Annotated:
         return _kinds(get_args(kind)[0])
     if get_origin(kind) in (Union, types.UnionType):
@@ -75,7 +79,7 @@ def _kinds(kind: Any) -> list[Any]:
 
 
 def _inside(kind: Any, part: int | str) -> Any:
-    """Return the value at a field, a key or an index."""
+    """Return the type of a field, key or index."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         fields = kind.model_fields
         return next((field.annotation for name, field in fields.items() if part in (name, field.alias)), None)

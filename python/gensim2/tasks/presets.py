@@ -1,4 +1,4 @@
-"""Presets of randomization: the task's own ranges, half of them, or more than they say."""
+"""Presets of scene randomization: the task's own ranges, half of them, or wider ones."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal, get_args
 from gensim2.core.errors import InputError
 
 PresetName = Literal["paper", "paper-half", "wide"]
-"""``"paper"``: the ranges of the task; ``"paper-half"``: half of them; ``"wide"``: docs/reference/simulation.md."""
+"""``"paper"``: the ranges of the task; ``"paper-half"``: half of them; ``"wide"``: see docs/reference/simulation.md."""
 
 PRESET_NAMES: tuple[PresetName, ...] = get_args(PresetName)
 DEFAULT_PRESET: PresetName = "paper"
@@ -16,13 +16,13 @@ DEFAULT_PRESET: PresetName = "paper"
 
 @dataclass(frozen=True)
 class Preset:
-    """Scale of a task's ranges, and what is drawn besides.
+    """Scale of a task's ranges, and further randomization.
 
     Attributes:
-        name: as in ``--randomization``.
+        name: value of ``--randomization``.
         scale: factor on the ranges of offsets, yaw and openness.
-        turns_either_way: whether the sign of the yaw is independent of that of the y offset.
-        varies: whether the objects' physics and the robot's start are drawn, too.
+        turns_either_way: whether the sign of the yaw is independent of the sign of the y offset.
+        varies: whether the objects' physics and the robot's start are also randomized.
     """
 
     name: PresetName
@@ -39,10 +39,10 @@ _PRESETS: dict[str, Preset] = {
 
 
 def preset(name: object) -> Preset:
-    """The preset of that name.
+    """Return the preset of that name.
 
     Raises:
-        InputError: there is none.
+        InputError: there is no such preset.
     """
     if not isinstance(name, str) or name not in _PRESETS:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Published figures of the tasks, beside our own: the paper (Table 4), and its release as it was measured."""
+"""Success rates published by others: the paper (Table 4), and our measurements of its public release."""
 
 from __future__ import annotations
 
@@ -45,7 +45,9 @@ PAPER: dict[str, tuple[float, float]] = {
     "SecureGoldInSafe": (0.21, 0.05),
     "FillMugWithWater": (0.13, 0.04),
 }
-"""Mean success and deviation over five runs: 24 single-step tasks, 14 long ones (the last four at half the ranges)."""
+"""Mean success rate and standard deviation over five runs: 24 single-step tasks, 14 long ones (the last four at half
+the ranges).
+"""
 
 MEASURED: dict[str, tuple[int, int]] = {
     "OpenBox": (8, 10),
@@ -73,23 +75,23 @@ MEASURED: dict[str, tuple[int, int]] = {
     "CloseRefrigeratorDoor": (7, 10),
     "OpenRefrigeratorDoor": (9, 10),
 }
-"""Results of the original's public release: episodes that count as the paper counts, of how many.
+"""Results of the original's public release: successes by the paper's verdict, and number of episodes.
 
-Real objects and ranges as in the paper. By task only these ten episodes are known; ``MEASURED_IN_ALL`` are all thirty
-of each.
+Real objects and ranges as in the paper. Only these ten episodes are known for each task; ``MEASURED_IN_ALL`` totals all
+thirty.
 """
 
 MEASURED_IN_ALL: dict[str, tuple[int, int]] = {"single-step": (556, 720), "long-horizon": (8, 50)}
-"""The same of its 24 tasks of one step, thirty episodes each, and of five long ones, ten each."""
+"""Totals of the release: 24 single-step tasks with thirty episodes each, and five long tasks with ten each."""
 
 
 def paper_of(task: TaskSpec) -> tuple[float, float] | None:
-    """The paper's mean and deviation of a task, whatever its strategies; None of a task that only has the name."""
+    """Return the paper's mean and deviation for a task, whatever its strategies; None if only the name matches."""
     return PAPER.get(task.name) if _is_published(task) else None
 
 
 def released_of(task: TaskSpec) -> tuple[int, int] | None:
-    """Successes of the original's release in so many episodes of a task, as :func:`paper_of`."""
+    """Return successes and episodes of the original's release for a task; None as for :func:`paper_of`."""
     return MEASURED.get(task.name) if _is_published(task) else None
 
 
@@ -98,6 +100,5 @@ def _is_published(task: TaskSpec) -> bool:
 
 
 def _bare(task: TaskSpec) -> TaskSpec:
-    """The task without its provenance and the names of its strategies."""
     steps = tuple(step.model_copy(update={"strategies": ()}) for step in task.steps)
     return task.model_copy(update={"provenance": None, "steps": steps})

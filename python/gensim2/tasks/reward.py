@@ -1,4 +1,4 @@
-"""Dense reward of an episode, from the criteria of a task's steps and of its goal; free of any simulator."""
+"""Dense reward of an episode, computed from the criteria of a task's steps and goal, without a simulator."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
 
 REACHING = 0.2
-"""Part of a stage's reward that is paid for bringing the gripper to the stage's object."""
+"""Share of a stage's reward for moving the gripper to the stage's object."""
 BELOW_GOAL = 0.99
-"""Largest reward short of the goal."""
+"""Maximum reward before the goal is reached."""
 
 
 @dataclass(frozen=True)
@@ -21,15 +21,15 @@ class Stage:
     """Part of a task that is rewarded at one time.
 
     Attributes:
-        criteria: all must hold for the next stage to begin.
-        object: name of what the gripper is to be brought to meanwhile.
+        criteria: criteria that end the stage when all hold.
+        object: name of the object to which the gripper should move.
     """
 
     criteria: tuple[Criterion, ...]
     object: str
 
     def progress(self, measured: Measurement) -> float:
-        """Return how near the stage is to its end, 0 to 1."""
+        """Return the progress of the stage, 0 to 1."""
         points = measured.keypoints[self.object].values()
         away = min(float(np.linalg.norm(tool - point)) for tool in measured.gripper.values() for point in points)
         done = sum(criterion.progress(measured) for criterion in self.criteria) / len(self.criteria)
@@ -37,9 +37,10 @@ class Stage:
 
 
 def stages_of(task: TaskSpec) -> tuple[Stage, ...]:
-    """Return a task's stages: one a step that must be done, and the goal where it is another than the last step's.
+    """Return a task's stages: one for each step with criteria, and one for the goal if it differs from the last step's.
 
-    A step without ``done`` belongs to the stage of the next that has it, which then begins with that step's object.
+    A step without ``done`` belongs to the stage of the next step with it, which then starts with the first step's
+    object.
     """
     found: list[Stage] = []
     first: str | None = None
@@ -54,20 +55,20 @@ def stages_of(task: TaskSpec) -> tuple[Stage, ...]:
 
 
 class StagedReward:
-    """Dense reward of one episode, normalised to 0..1: 1 exactly where the goal holds.
+    """Dense reward of an episode, normalized to 0..1: 1 exactly when the goal holds.
 
-    Stages count alike and come in the order of the task's steps. One that has ended is not asked for again, as a later
-    one may undo it (a drawer that was opened is closed); what has been earned is kept.
+    All stages have equal weight and follow the order of the task's steps. The reward of a finished stage is kept even
+    if a later stage reverses it, as when an opened drawer is closed again.
 
     Args:
-        task: whose steps and goal are rewarded.
+        task: task whose steps and goal are rewarded.
     """
 
     def __init__(self, task: TaskSpec) -> None:
         self._goal, self._stages, self._stage = task.success, stages_of(task), 0
 
     def of(self, measured: Measurement) -> float:
-        """Return the reward of this instant, and go on to the next stage where this one has ended."""
+        """Return the reward at this instant, and advance to the next stage if the current one has ended."""
         if all_hold(self._goal, measured):
             return 1.0
         last = len(self._stages) - 1

@@ -1,8 +1,8 @@
 """Task specification: one frozen, validated value that serializes to YAML and JSON.
 
-A task names its objects (roles) and its steps. A step is one actuation pose with its motions and with what the gripper
-does there; a task of a single step is the smallest case. How a step is done is not part of the spec: it names
-strategies, which are files beside it (``strategies/<name>.yaml``).
+A task names its objects (roles) and its steps. A step is one actuation pose with its motions and its gripper command; a
+single-step task is the smallest case. The spec does not contain the strategies of its steps; it names files beside it
+(``strategies/<name>.yaml``).
 """
 
 from __future__ import annotations
@@ -17,23 +17,24 @@ from gensim2.tasks.criteria import Criterion
 SCHEMA_VERSION: Literal[2] = 2
 
 STEPS_A_SECOND = 20
-"""In which a task counts how long an episode may take; a robot that is controlled at another rate has as many seconds.
+"""Steps per second in which ``max_episode_steps`` is counted; a robot with another control rate gets the same
+number of seconds.
 """
 
 HAND = "hand"
-"""Name of the robot's own tool; no object is called so."""
+"""Reserved name of the robot's own tool."""
 TABLE = "table"
-"""Name of what objects stand on by default; no object is called so."""
+"""Reserved name of the default support of objects."""
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
-"""Of an object, a step or a strategy."""
+"""Name of an object, a step or a strategy."""
 Share = Annotated[float, Field(ge=0, le=1)]
 
 FARTHEST = 5.0
-"""Metres from the world's origin along x or y, beyond which nothing stands: the table ends at 0.65."""
+"""Maximum distance in metres from the world's origin along x or y; the table ends at 0.65."""
 Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 
 _NO_TEXT = re.compile("[\x00-\x08\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
-"""Control characters, and those that turn the direction of what is read."""
+"""Control characters, and characters that change the text direction."""
 
 
 def _text(text: str) -> str:
@@ -44,10 +45,10 @@ def _text(text: str) -> str:
 
 
 def _pair(value: Any) -> Any:
-    """A number stands for the range from minus it to it."""
+    """Expand a number to the range from minus to plus that number."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return (-value, value)
-    return tuple(value) if isinstance(value, list) else value  # what a validator has touched is no JSON any more
+    return tuple(value) if isinstance(value, list) else value  # Pydantic no longer parses this value as JSON
 
 
 def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
@@ -61,11 +62,11 @@ Offset = Annotated[
     BeforeValidator(_pair),
     AfterValidator(_ordered),
 ]
-"""Range of an offset, m; in files also one number, from minus it to it."""
+"""Range of an offset, m; in files also a single number, meaning minus to plus that number."""
 
 
 Words = Annotated[tuple[str, ...], Field(min_length=1, max_length=1000)]
-"""Which instances of a class, as in ``--instances``."""
+"""Instances of a class, as in ``--instances``."""
 
 
 class _Value(BaseModel):
@@ -73,7 +74,7 @@ class _Value(BaseModel):
 
 
 class Place(_Value):
-    """Placement of an object before its randomization.
+    """Placement of an object before randomization.
 
     Attributes:
         on: ``"table"``, or the name of the object that supports or contains this one.
@@ -90,14 +91,14 @@ class Place(_Value):
 class Randomization(_Value):
     """Ranges of the initial scene; lengths in metres (the table ends at 0.65), angles in radians.
 
-    The yaw is drawn between 0 and ``yaw`` where the drawn y offset is positive and between 0 and ``-yaw`` where it is
-    not: with a positive one, what lies to the side is turned towards the robot; with a negative one, away from it.
+    The drawn yaw lies between 0 and ``yaw`` if the drawn y offset is positive, and between 0 and ``-yaw`` otherwise.
+    A positive ``yaw`` turns an object off to the side towards the robot, a negative one away from it.
 
     Attributes:
-        x, y: offset from the object's place, m; one number w stands for the range from -w to w.
-        yaw: largest rotation about the vertical, rad. The drawn yaw has the sign of y times the sign of ``yaw``.
-        openness_mean: mean openness at the start; None: the default of the instance.
-        openness_spread: largest deviation from the mean; the result is clipped to 0 to 1.
+        x, y: offset from the object's place, m; a single number w stands for the range from -w to w.
+        yaw: maximum rotation about the vertical, rad. The drawn yaw has the sign of y times the sign of ``yaw``.
+        openness_mean: mean openness at the start; None: default of the instance.
+        openness_spread: maximum deviation from the mean; the result is clipped to 0..1.
     """
 
     x: Offset = (-0.1, 0.1)
@@ -108,12 +109,12 @@ class Randomization(_Value):
 
 
 class ObjectSpec(_Value):
-    """One object of a task.
+    """An object of a task.
 
     Attributes:
         asset_class: name of the class; each rigid object is a class (``golf_ball``).
-        instances: allowed objects of the class: words as in ``--instances``, or a mapping from ``real`` and
-            ``generated`` to words. Callers select among them. None: all objects.
+        instances: allowed instances of the class: values as in ``--instances``, or a mapping from ``real`` and
+            ``generated`` to such values. Callers select among them. None: all instances.
         place: placement before randomization.
         randomization: ranges of placement and openness.
     """
@@ -124,20 +125,20 @@ class ObjectSpec(_Value):
     randomization: Randomization = Randomization()
 
     def words(self, source: str) -> tuple[str, ...] | None:
-        """Which objects of a source (``"real"`` or ``"generated"``) the task takes; None: all of the class."""
+        """Return the allowed instances for a source (``"real"`` or ``"generated"``); None: all of the class."""
         return self.instances.get(source) if isinstance(self.instances, dict) else self.instances  # type: ignore[call-overload]
 
 
 class Step(_Value):
-    """One actuation pose, the motions about it, and what the gripper does there.
+    """One actuation pose with its motions and its gripper command.
 
     Attributes:
         name: name, unique in the task.
-        object: the handled object: moved, grasped, or approached with the tool.
-        tool: ``"hand"``, or the held object, whose keypoints then replace the tool's.
+        object: object to move, to grasp, or to approach with the tool.
+        tool: ``"hand"``, or the grasped object, whose keypoints then replace the hand's.
         strategies: names of the step's strategies in order of preference.
-        done: criteria that must all hold once in the step's turn for the verdict ``paper``; none: the step counts
-            when it has begun, as the paper's grasp and release.
+        done: criteria that must all hold at some time during the step for the verdict ``paper``. Without criteria the
+            step counts as soon as it starts, like the paper's grasp and release.
     """
 
     name: Name
@@ -151,8 +152,9 @@ class Made(_Value):
     """Origin of a strategy.
 
     Attributes:
-        by: ``"search"``: a designer found it; ``"model"``: a language model wrote it; ``"hand"``: a person did.
-        seen: objects of its design, as in ``--instances``; all other objects are unseen.
+        by: ``"search"``: found by a designer's search; ``"model"``: written by a language model; ``"hand"``: by a
+            person.
+        seen: objects used in its design, as in ``--instances``; all other objects are unseen.
     """
 
     by: Literal["search", "model", "hand"]
@@ -160,14 +162,14 @@ class Made(_Value):
 
 
 class Verified(_Value):
-    """Result of fresh episodes of a task and its strategies, on scenes that no design saw.
+    """Result of fresh episodes of a task and its strategies, on scenes that the design did not use.
 
     Attributes:
         episodes: number of episodes.
         held: number of episodes with the verdict ``held``.
-        interval: 95 % interval of the share that held.
+        interval: 95 % confidence interval of the success rate.
         seed: seed of the run; the scenes are ``gensim2.core.seeding.scene_seeds(seed, name, "verify", episodes)``.
-        instances: split of the objects; no search saw objects of ``"new"`` and ``"test"``.
+        instances: split of the objects; no search used objects of ``"new"`` and ``"test"``.
         objects: number of different objects by class.
     """
 
@@ -187,7 +189,7 @@ class Verified(_Value):
 
     @property
     def share(self) -> float:
-        """Of the episodes that held."""
+        """Success rate by the verdict ``held``."""
         return self.held / self.episodes
 
 
@@ -198,7 +200,7 @@ class Provenance(_Value):
         origin: ``"paper"`` for tasks of the paper's tables, otherwise the name of the designer.
         strategies: origin of each strategy by name.
         prompts: SHA-256 of the language model's prompts, in hexadecimal.
-        verification: result of new episodes.
+        verification: result of fresh episodes.
     """
 
     origin: Annotated[str, Field(min_length=1, max_length=100)]
@@ -211,8 +213,8 @@ class TaskSpec(_Value):
     """A task on one or several objects.
 
     Attributes:
-        name: CamelCase; the environment is ``GenSim2-<name>-v1``.
-        description: sentence of the task: one phrase in lower case, as a person would ask.
+        name: name in CamelCase; the environment is ``GenSim2-<name>-v1``.
+        description: everyday instruction, one phrase in lower case.
         objects: objects by name, in the order of their placement.
         steps: steps in order.
         goal: criteria that must all hold at the end; None: the ``done`` of the last step.
@@ -231,7 +233,7 @@ class TaskSpec(_Value):
 
     @property
     def max_seconds(self) -> float:
-        """Seconds after which an episode is truncated, at whatever rate a robot is controlled."""
+        """Time limit of an episode in seconds, whatever the robot's control rate."""
         return self.max_episode_steps / STEPS_A_SECOND
 
     @model_validator(mode="after")
@@ -269,12 +271,12 @@ class TaskSpec(_Value):
 
     @property
     def acted_on(self) -> frozenset[str]:
-        """Names of the objects that some step acts on, or holds while it acts on another."""
+        """Names of the objects that a step acts on, or that the hand holds during a step."""
         return frozenset(name for step in self.steps for name in (step.object, step.tool) if name != HAND)
 
     @property
     def is_single_step(self) -> bool:
-        """Whether there is exactly one step."""
+        """Whether the task has exactly one step."""
         return len(self.steps) == 1
 
     @property

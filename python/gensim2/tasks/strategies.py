@@ -1,4 +1,4 @@
-"""Strategies of a task as plain data, by name and by step."""
+"""Types for the strategies of a task as plain data, by name and by step."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 from gensim2.tasks.spec import TaskSpec
 
 Strategies = dict[str, dict[str, Any]]
-"""Strategies by name, as plain data: what stands in ``strategies/<name>.yaml``."""
+"""Strategies by name, with the content of ``strategies/<name>.yaml`` as plain data."""
 
 
 StepStrategies = Mapping[str, Strategies]
-"""For each step of a task its strategies by name, in order of preference."""
+"""Strategies by name for each step of a task, in order of preference."""
 
 
 def with_strategies(task: TaskSpec, ways: StepStrategies) -> TaskSpec:
-    """Return the task with each step's strategies named as in ``ways``; its provenance tells of no others."""
+    """Return the task whose steps name these strategies; the provenance of other strategies is dropped."""
     steps = tuple(step.model_copy(update={"strategies": tuple(ways[step.name])}) for step in task.steps)
     provenance = task.provenance
     if provenance is not None:

@@ -1,4 +1,4 @@
-"""Task files of schema version 1: one object, one list of criteria, one solver config (``solver.yaml``)."""
+"""Read task files of schema version 1: one object, one list of criteria, one solver config (``solver.yaml``)."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _PLACES = {
 
 
 def is_version_1(data: dict[str, Any]) -> bool:
-    """Whether a task's fields are those of version 1."""
+    """Return whether a task's fields are those of version 1."""
     return "objects" not in data and (data.get("schema_version") == 1 or any(field in data for field in _OWN))
 
 
 def upgraded(data: dict[str, Any], file: str | None) -> dict[str, Any]:
-    """The same task in the fields of version 2; values that are wrong stay so, and are told by whoever validates.
+    """Return the task with the fields of version 2; wrong values are kept, for the validation to report.
 
     Raises:
         InputError: a field of version 1 is missing, or the version is another.
@@ -56,7 +56,7 @@ def upgraded(data: dict[str, Any], file: str | None) -> dict[str, Any]:
 
 
 def place_of(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
-    """Return the location in version 1 of what stands at ``location`` in version 2."""
+    """Return the location in version 1 of the field at ``location`` in version 2."""
     for new, old in _PLACES.items():
         if location[: len(new)] == new:
             return old + location[len(new) :]

@@ -1,4 +1,4 @@
-"""Tasks in words: criteria, places and ranges as a person would say them, for pages and for the terminal."""
+"""Describe criteria, places and ranges of tasks in words, for pages and the terminal."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ def criterion_in_words(criterion: Criterion) -> str:
 
 
 def criteria_in_words(criteria: tuple[Criterion, ...]) -> str:
-    """All of what must hold; empty where nothing must."""
+    """Describe several criteria; empty for none."""
     return " and ".join(criterion_in_words(criterion) for criterion in criteria)
 
 
 def name_in_words(name: str) -> str:
-    """A step's or an object's name: ``"shut_it"`` is ``"shut it"``."""
+    """Return a step's or an object's name in words: ``"shut_it"`` becomes ``"shut it"``."""
     return _said(name)
 
 
 def place_in_words(thing: ObjectSpec) -> str:
-    """Describe an object's placement before its randomization."""
+    """Describe an object's placement before randomization."""
     where = "on the table" if thing.place.on == TABLE else f"in or on the {_said(thing.place.on)}"
     turned = f", turned by {math.degrees(thing.place.yaw):.0f}°" if thing.place.yaw else ""
     if thing.place.at is None:
@@ -57,10 +57,11 @@ def place_in_words(thing: ObjectSpec) -> str:
 
 
 def randomization_in_words(thing: ObjectSpec, *, with_joint: bool) -> str:
-    """The ranges that an episode draws from.
+    """Describe an object's randomization ranges.
 
     Args:
-        with_joint: the object has a joint, so that its openness is drawn too.
+        thing: object of a task.
+        with_joint: whether the object is articulated, so that its openness is randomized, too.
     """
     drawn = thing.randomization
     parts = [_offset("x", drawn.x), _offset("y", drawn.y), f"yaw up to {math.degrees(drawn.yaw):.0f}°"]
