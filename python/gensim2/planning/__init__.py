@@ -1,4 +1,4 @@
-"""Planning: a scene, a step of a task and a strategy in; a motion, its actions and the scene after it out."""
+"""Plan a step of a task with a strategy on a scene: the result is a motion, its actions and the predicted scene."""
 
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject

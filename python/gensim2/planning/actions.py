@@ -1,4 +1,4 @@
-"""A plan as the reference of a robot: arm joints, their velocities and a gripper command at its control frequency."""
+"""Convert a plan to reference joints, velocities and gripper commands at the robot's control rate."""
 
 from __future__ import annotations
 
@@ -13,42 +13,42 @@ from gensim2.robots import CLOSED, OPEN, RobotProfile
 
 Array = npt.NDArray[np.float64]
 
-#: Speed of each finger as it closes on a thing that can be pushed away, m/s.
+#: Speed of each finger when closing on a movable object, m/s.
 CLOSING_SPEED = 0.06
 
-#: Weights of what was taken up by which each finger presses: at least, so that its lever and its inertia are carried,
-#: too; and at most. In some solvers a contact gives the more, the lighter a body is: pads that are pressed by many
-#: times its weight sink into it, and a ball of a few grams is shot out of the fingers.
+#: Minimum and maximum grip force of each finger, as multiples of the object's weight. The minimum also covers lever arm
+#: and inertia. The maximum is needed because some physics solvers make contacts softer for lighter bodies: pads pressed
+#: with many times its weight sink into an object, and eject a ball of a few grams.
 LEAST_GRIP_WEIGHTS, MAX_GRIP_WEIGHTS = 6.0, 15.0
 
-#: Times its weight that the friction of both fingers is to carry.
+#: The friction of both fingers should carry this multiple of the object's weight.
 CARRIED_WEIGHTS = 3.0
 
-#: Metres from the middle of a pad at which its friction acts against turning about the line between the pads.
+#: Effective radius (m) of a pad's friction against rotation about the line between the pads.
 PAD_ARM = 0.0075
 
-#: Least force (N) of each finger: what moves the hand moves the fingers, too, and they weigh more than a ball.
+#: Minimum grip force (N) of each finger, because the fingers' own inertia exceeds that of a light object.
 LEAST_GRIP_FORCE = 0.5
 
 #: m/s².
 GRAVITY = 9.81
 
-#: Seconds for which the last position is held, so that the arm arrives.
+#: Seconds for which the last position is held, so that the arm settles.
 HOLD_SECONDS = 0.2
 
 
 @dataclass(frozen=True)
 class Acts:
-    """Finger commands along a plan.
+    """Gripper commands along a plan.
 
     Attributes:
-        fingers: as the strategy says.
-        command: gripper command, -1 to 1, with which the step begins.
-        opening: command at which the hand arrives where it closes, -1 to 1.
+        fingers: finger mode of the strategy.
+        command: gripper command at the start of the step, -1 to 1.
+        opening: command with which the hand arrives at a grasp, -1 to 1.
         grip: command to which the fingers close, -1 to 1.
-        gently: close at ``CLOSING_SPEED``: what is grasped can be pushed away.
-        before: whether the command is to be reached before the arm moves.
-        lets_go: whether the hand opens and backs off at the end.
+        gently: close at ``CLOSING_SPEED`` because the object can be pushed away.
+        before: whether the fingers reach ``command`` before the arm moves.
+        lets_go: whether the hand opens and retreats at the end.
     """
 
     fingers: kpam.Gripper
@@ -62,17 +62,17 @@ class Acts:
 
 @dataclass(frozen=True)
 class Schedule:
-    """A plan, one row a control step; what drives the arm makes its own commands of it.
+    """A plan sampled at the control rate, one row for each control step.
 
     Attributes:
-        reference: (N, 2, m) arm joints and velocities that are meant at the end of each step, whatever drives them.
-        ends: (N,) row up to which the motion goes that the row is part of; its own where the arm stands.
-        commands: (N,) of the gripper, -1 to 1.
-        times: (N,) seconds on the plan's clock at which the arm is meant to be when the step ends.
-        contact: the first step in which the hand may touch what it reaches for (the way to the actuation pose).
-        actuation: the first step at the actuation pose.
-        gripped: the first step after the fingers have closed on something, or None; may be N.
-        released: the first step in which the fingers let go of something, or None.
+        reference: (N, 2, m) desired arm joints and velocities at the end of each step, before any drive compensation.
+        ends: (N,) row at which the motion of each row ends; its own index while the arm stands still.
+        commands: (N,) gripper commands, -1 to 1.
+        times: (N,) seconds on the plan's clock at the end of each step.
+        contact: first step in which the hand may touch its target (approach to the actuation pose).
+        actuation: first step at the actuation pose.
+        gripped: first step after the fingers have closed on an object, or None; may be N.
+        released: first step in which the fingers release an object, or None.
     """
 
     reference: npt.NDArray[np.float32]
@@ -89,24 +89,29 @@ class Schedule:
 
 
 def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> float:
-    """The force (N) of each finger that carries a mass (kg).
+    """Return the force (N) of each finger that carries a mass (kg).
 
     Args:
-        margin: angle (rad) that is left between what the fingers press along and the edge of the friction cone: all of
-            the cone on parallel faces, next to nothing on faces that slope as much as friction holds.
-        lever: distance (m) of the centre of mass from the line between the pads, about which it may turn.
+        mass: kg.
+        margin: angle (rad) between the pressing direction and the edge of the friction cone: the full cone for parallel
+            faces, nearly zero for faces with the steepest slope that friction can hold.
+        lever: distance (m) of the centre of mass from the line between the pads, about which the object may turn.
     """
     weights = max(LEAST_GRIP_WEIGHTS, CARRIED_WEIGHTS * hypot(1.0, lever / PAD_ARM) / (2.0 * tan(margin)))
     return max(LEAST_GRIP_FORCE, min(weights, MAX_GRIP_WEIGHTS) * mass * GRAVITY)
 
 
 def grip_on(pad_distance: float, force: float, profile: RobotProfile, stiffness: float | None = None) -> float:
-    """The command, -1 to 1, by which each finger presses with ``force`` (N) on what keeps the pads so far (m) apart.
+    """Return the command, -1 to 1, at which each finger presses with ``force`` (N) on an object of width
+    ``pad_distance`` (m).
 
-    Soft drives press as hard as they can where they cannot press so hard.
+    A drive too soft for this force presses as hard as it can.
 
     Args:
-        stiffness: of the fingers' drives, N/m; None takes the profile's.
+        pad_distance: distance of the pads, m.
+        force: force of each finger, N.
+        profile: profile of the robot.
+        stiffness: stiffness of the fingers' drives, N/m; None: the profile's.
     """
     command = profile.gripper.grip(pad_distance, force, stiffness or profile.finger_drive.stiffness)
     return float(np.clip(command, CLOSED, OPEN))
@@ -116,9 +121,9 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
     """Return the rows that execute ``plan``.
 
     Args:
-        plan: a plan that has a trajectory.
-        acts: what the fingers do.
-        profile: of the robot that executes them.
+        plan: plan with a trajectory.
+        acts: gripper commands.
+        profile: profile of the robot.
 
     Raises:
         ValueError: the plan has no trajectory.
@@ -176,13 +181,13 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
 
 
 class _Rows:
-    """Rows under way.
+    """Rows of a schedule under construction.
 
     Args:
-        arm: (K, m) samples of the trajectory at the control frequency.
-        settling: control steps that the arm is given to arrive where it stops.
-        rate: control frequency, Hz.
-        command: of the gripper, at the start.
+        arm: (K, m) samples of the trajectory at the control rate.
+        settling: control steps for the arm to settle after a stop.
+        rate: control rate, Hz.
+        command: gripper command at the start.
     """
 
     def __init__(self, arm: Array, settling: int, rate: int, command: float) -> None:
@@ -197,32 +202,30 @@ class _Rows:
         return len(self._steps)
 
     def move(self, start: int, end: int) -> None:
-        """Follow the samples from one to another."""
+        """Follow the samples from ``start`` to ``end``."""
         last = len(self) + end - start
         for step in range(start, end + 1):
             self._add(step, last)
 
     def dwell(self, step: int, command: float, count: int) -> None:
-        """Stay at a sample with a gripper command."""
+        """Stay at a sample with a gripper command for ``count`` steps."""
         self.command = command
         for _ in range(count):
             self._add(step, len(self))
 
     def close(self, step: int, grip: float, profile: RobotProfile) -> None:
-        """Close slowly at a sample to a command, and press."""
+        """Close the fingers slowly at a sample, and then press."""
         travel = profile.gripper.travel(self.command, grip)
         for command in np.linspace(self.command, grip, ceil(travel * self._rate / CLOSING_SPEED) + 1)[1:]:
             self.dwell(step, float(command), 1)
         self.dwell(step, grip, self.settling + ceil(HOLD_SECONDS * self._rate))
 
     def reference(self) -> npt.NDArray[np.float32]:
-        """(N, 2, m) positions and velocities; where a sample stays, nothing moves."""
         positions = self._arm[self._steps]
         velocities = np.diff(positions, axis=0, prepend=positions[:1]) * self._rate
         return np.stack([positions, velocities], axis=1).astype(np.float32)
 
     def times(self) -> Array:
-        """(N,) seconds on the plan's clock."""
         return np.array(self._steps, dtype=np.float64) / self._rate
 
     def _add(self, step: int, end: int) -> None:
@@ -238,5 +241,4 @@ def _before_letting_go(plan: kpam.Plan) -> str:
 
 
 def _first(times: Array, time: float) -> int:
-    """The first step that ends at or after ``time``."""
     return int(np.searchsorted(times, time - 1e-9))

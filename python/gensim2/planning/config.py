@@ -1,4 +1,4 @@
-"""Strategies held against the objects of a task before anything is planned: refused by file and field."""
+"""Check strategies against the objects of a task before planning, with errors that name file and field."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class ObjectNames:
     """Names of an object that a strategy may use.
 
     Attributes:
-        keypoints: their names.
-        joint: type of its joint; None of a rigid object.
+        keypoints: names of its keypoints.
+        joint: type of its joint; None for a rigid object.
     """
 
     keypoints: tuple[str, ...]
@@ -38,17 +38,17 @@ def check_strategies(
     profile: RobotProfile,
     files: Mapping[str, Path | str] | None = None,
 ) -> None:
-    """Make sure that every step has its strategies, and that tool and objects have the keypoints that these name.
+    """Check that every step has its strategies, and that these name existing keypoints of tool and objects.
 
     Args:
-        task: whose steps.
-        strategies: by name.
-        objects: by their names in the task.
-        profile: the robot.
-        files: where the strategies come from, by name.
+        task: spec of the task.
+        strategies: strategies by name.
+        objects: names of each object, by its name in the task.
+        profile: profile of the robot.
+        files: files of the strategies by name, for messages.
 
     Raises:
-        InputError: something does not fit; names the file and the field.
+        InputError: a strategy does not fit; names the file and the field.
     """
     planner = StepPlanner(profile)
     scene = _made_up(objects, profile)
@@ -93,7 +93,7 @@ def _with_held(scene: Scene, held: str | None) -> Scene:
 
 
 def _made_up(objects: Mapping[str, ObjectNames], profile: RobotProfile) -> Scene:
-    """Objects side by side, their keypoints anywhere off their joint's axis, no two in one place."""
+    """Return a scene with the objects side by side and distinct keypoints at arbitrary places off the joint's axis."""
     q = np.array(profile.reset_qpos)
     made = {name: _object(name, names, 1.0 + n) for n, (name, names) in enumerate(objects.items())}
     return Scene(q, np.zeros_like(q), profile.T_world_base, made)

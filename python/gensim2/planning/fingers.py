@@ -1,4 +1,4 @@
-"""Finger motions along a step, and the gripper commands for them."""
+"""Choose the gripper commands of a step."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gensim2.robots import CLOSED, OPEN, RobotProfile
 
 Array = npt.NDArray[np.float64]
 
-#: A gripper command nearer than this to the one that a step begins with needs no time of its own.
+#: A command that differs less than this from the initial one needs no waiting time.
 SAME_COMMAND = 0.1
 
 
@@ -20,37 +20,39 @@ class Fingers:
     """The fingers of a robot.
 
     Args:
-        profile: the robot.
+        profile: profile of the robot.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
         self._profile = profile
-        #: Where finger joints stand among the robot's active joints.
+        #: Indices of the finger joints among the robot's active joints.
         self.joints = list(profile.gripper_columns)
 
     def acts(
         self, scene: Scene, strategy: Strategy, opening: float = OPEN, grip: float = CLOSED, gently: bool = False
     ) -> Acts:
-        """Return the finger motions along a step that begins in ``scene``.
+        """Return the gripper commands of a step that begins in ``scene``.
 
         Args:
-            opening: command at which an empty hand arrives where it closes.
-            grip: command to which it closes.
-            gently: whether it closes slowly.
+            scene: scene at the start of the step.
+            strategy: strategy of the step.
+            opening: command with which an empty hand arrives at a grasp.
+            grip: command to which the hand closes.
+            gently: whether the hand closes slowly.
         """
         present = _clipped(self._profile.gripper.command_at(scene.q[self.joints]))
         fingers = strategy.fingers
         if scene.held is not None or fingers in ("hold", "release"):
-            # What is held is pressed; bare fingers stay where they are.
+            # A grasped object stays gripped; fingers without one stay in place.
             command = present if scene.held is None else self._grip(scene)
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
-        # Fingers that only come nearer to what they will grasp do so on the way.
+        # Fingers that only narrow before a grasp do so while the arm moves.
         before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
         return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
 
     def _grip(self, scene: Scene) -> float:
-        """The command that goes on holding what the hand has."""
+        """Return the command that keeps gripping the grasped object."""
         if scene.held_width is None:
             return CLOSED
         assert scene.held is not None
@@ -58,17 +60,17 @@ class Fingers:
         return grip_on(scene.held_width, force, self._profile, scene.finger_stiffness)
 
     def command(self, opening: float) -> float:
-        """The gripper command that takes the pads so far (m) apart."""
+        """Return the gripper command for a distance of the pads, m."""
         return _clipped(self._profile.gripper.command(opening))
 
     def positions(self, command: float) -> Array:
-        """(g,) joints of the gripper at a command."""
+        """Return the joints (g,) of the gripper at a command."""
         return self._profile.gripper.at_command(command)
 
     def around(self, q: Array, width: float, scene: Scene) -> Array:
-        """(n,) joints ``q`` of a hand that has taken what keeps its pads ``width`` (m) apart.
+        """Return the robot's joints (n,) after the hand has closed on an object ``width`` (m) wide.
 
-        Stiff drives stand about where they were sent, soft ones where what they press on stops them.
+        Stiff drives end near their target, soft ones stop at the object.
         """
         if scene.finger_stiffness is None or scene.finger_stiffness >= self._profile.finger_drive.stiffness:
             return q

@@ -1,4 +1,4 @@
-"""Grasps of a scene's rigid object, and the config that brings the hand to one."""
+"""Find grasps of a scene's rigid object, and create the config that executes one."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[np.float64]
 
-#: Height (m) by which the config language's ``move-up`` raises the hand.
+#: Height (m) by which ``move-up`` of the config language raises the hand.
 STRIDE = 0.06
 
-#: Grasps that are compared, from the first that serves on: the one is taken with which the next step can be done by the
-#: first of its strategies.
+#: Number of feasible grasps compared with each other; preferred is the one after which the next step can use its first
+#: strategy.
 COMPARED = 6
 
-#: Ways in which a thing is drawn out from under what bars its way up, and of how many grasps they are tried.
+#: Motions that draw an object out from under an obstacle, and the number of grasps for which they are tried.
 ASIDE = ("move-backward", "move-left", "move-right", "move-forward")
 DRAWN_OUT = 8
 
-#: Hand poses nearer to each other than this are the same grasp: m and rad.
+#: Hand poses closer than this (m and rad) count as the same grasp.
 SAME_PLACE, SAME_TURN = 0.015, 0.3
 
-#: Margin (rad) within the friction cone from which on a grasp counts as one that holds.
+#: Margin (rad) within the friction cone above which a grasp counts as secure.
 HELD = 0.03
 
-#: Metres of lever within which grasps of a thing that may slip keep their order.
+#: Lever arms (m) are rounded to this step when grasps of a slippery object are ranked.
 LEVER_STEP = 0.005
 
-#: How exactly the hand comes to a grasp: m and rad.
+#: Position (m) and angular (rad) tolerance of the hand at a grasp.
 AT, ALONG = 0.001, 0.02
 
 
@@ -48,18 +48,22 @@ def grasps_of(
     strategy: GraspStrategy,
     lost: Sequence[Array] = (),
 ) -> list[kpam.Grasp]:
-    """Grasps of a rigid object as it lies among all else, best first, of those that lean as far as is asked for.
+    """Return the grasps of a rigid object among the other objects, best first, within the allowed tilt.
 
-    They are sought and ranked by the strategy's friction: by that of a slippery scene alone, what is a little askew
-    would count for more than where the centre of mass lies. What the scene's own friction does not hold comes behind;
-    and where that friction is less than the strategy's, those come first whose pads are nearest to the centre of mass,
-    also along the fingers: what is carried turns any way round, and creeps about the line between the pads.
+    Grasps are found and ranked with the strategy's friction. Ranking with the lower friction of a slippery scene would
+    weigh a slight misalignment of the pads more than the distance to the centre of mass. Grasps that the scene's
+    friction cannot hold come last. If that friction is lower than the strategy's, grasps close to the centre of mass
+    come first, also along the fingers, because a carried object can turn in any direction and creeps about the line
+    between the pads.
 
     Args:
-        world: ``scene`` as the solver's own.
-        profile: the robot.
-        lost: (4, 4) hand poses in the object's frame from which it slipped before: what is near to one of them comes
-            last.
+        world: ``scene`` in the solver's form.
+        scene: scene at the start of the step.
+        name: name of the object.
+        gripper: gripper in the solver's form.
+        profile: profile of the robot.
+        strategy: grasp strategy.
+        lost: (4, 4) hand poses in the object's frame from which the object slipped before; similar grasps come last.
     """
     found = world.grasps(
         name,
@@ -86,13 +90,13 @@ def grasps_of(
 
 
 def margin_of(grasp: kpam.Grasp, scene: Scene, name: str, strategy: GraspStrategy) -> float:
-    """Angle (rad) that is left to the edge of the friction cone of the scene; at most the strategy's."""
+    """Return the angle (rad) to the edge of the friction cone, with the lower friction of scene and strategy."""
     friction = min(strategy.friction, scene.grip_friction(name) or strategy.friction)
     return grasp.quality["friction_margin"] - float(np.arctan(strategy.friction) - np.arctan(friction))
 
 
 def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> float:
-    """Distance (m) of an object's centre of mass from the line between the pads; 0 where it is unknown."""
+    """Return the distance (m) of an object's centre of mass from the line between the pads; 0 if unknown."""
     if thing.center_of_mass is None:
         return 0.0
     center = np.linalg.solve(grasp.T_object_hand, np.append(thing.center_of_mass, 1.0))[:3]
@@ -100,8 +104,8 @@ def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> fl
 
 
 def is_near(T_object_hand: Array, other: Array) -> bool:
-    """Whether two hand poses (4, 4) are the same grasp, the fingers either way round."""
-    from scipy.spatial.transform import Rotation  # here: refusing arguments needs none
+    """Return whether two hand poses (4, 4) are the same grasp, up to swapping the fingers."""
+    from scipy.spatial.transform import Rotation  # imported here because checking arguments does not need SciPy
 
     turn = T_object_hand[:3, :3].T @ other[:3, :3]
     turned = min(Rotation.from_matrix(turn @ swap).magnitude() for swap in (np.eye(3), np.diag([-1.0, -1.0, 1.0])))
@@ -117,11 +121,15 @@ def grasp_config(
     swapped: bool,
     aside: str | None = None,
 ) -> tuple[dict[str, Array], kpam.SolverConfig]:
-    """The config that brings the hand to a grasp and lifts, and the (3,) keypoints that it names, in the base frame.
+    """Return the keypoints (3,) in the base frame and the config that bring the hand to a grasp and lift.
 
     Args:
-        swapped: the fingers the other way round.
-        aside: one of ``ASIDE``: how the hand moves before it lifts.
+        scene: scene at the start of the step.
+        grasp: grasp to execute.
+        profile: profile of the robot.
+        strategy: grasp strategy.
+        swapped: whether the fingers are swapped.
+        aside: motion out of ``ASIDE`` before the lift, or None.
     """
     keypoints, constraints = hand_at(scene, grasp, profile, swapped)
     ups = max(1, round(strategy.lift / STRIDE))
@@ -139,10 +147,13 @@ def grasp_config(
 def hand_at(
     scene: Scene, grasp: kpam.Grasp, profile: RobotProfile, swapped: bool
 ) -> tuple[dict[str, Array], list[dict[str, Any]]]:
-    """The (3,) keypoint of a grasp, in the base frame, and the constraints that bring the hand to it.
+    """Return the keypoint (3,) of a grasp in the base frame, and the constraints that bring the hand to the grasp.
 
     Args:
-        swapped: the fingers the other way round.
+        scene: scene at the start of the step.
+        grasp: grasp to execute.
+        profile: profile of the robot.
+        swapped: whether the fingers are swapped.
     """
     T_base_hand = np.array(grasp.T_base_hand)
     if swapped:

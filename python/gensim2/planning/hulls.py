@@ -1,4 +1,4 @@
-"""Convex hulls as planes, and where straight lines run inside them."""
+"""Convex hulls as planes, and their intersections with straight lines."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Array = npt.NDArray[np.float64]
 
 
 class HullsKey:
-    """Hulls as a key: the same tuple is the same key, and is kept alive by it.
+    """Cache key for hulls that compares the tuple by identity and keeps it alive.
 
     Args:
         hulls: convex vertex sets, each (N, 3).
@@ -28,17 +28,16 @@ class HullsKey:
 
 
 def crossings(hulls: tuple[Array, ...], points: Array, along: Array) -> tuple[Array, Array]:
-    """Return where straight lines enter hulls and leave them; what is known of the hulls is kept by the tuple's
-    identity.
+    """Return where parallel lines enter and leave hulls; the hulls' planes are cached by the identity of the tuple.
 
     Args:
         hulls: H convex vertex sets.
-        points: (N, 3) of each line one.
-        along: (3,) unit direction of all of them.
+        points: (N, 3) a point on each line.
+        along: (3,) unit direction of all lines.
 
     Returns:
-        Two (N, H): of each line and hull the distance from the point, along the direction, at which it enters, and at
-        which it leaves; inf and -inf where it passes by.
+        Two arrays (N, H): distance from the point, along the direction, to the entry and to the exit; inf and -inf if a
+        line misses a hull.
     """
     enters, leaves = [], []
     for planes in _planes(HullsKey(hulls)):
@@ -55,7 +54,7 @@ def crossings(hulls: tuple[Array, ...], points: Array, along: Array) -> tuple[Ar
 
 @lru_cache(maxsize=64)
 def _planes(key: HullsKey) -> tuple[Array, ...]:
-    """Of each hull (K, 4) outward normals and offsets."""
-    from scipy.spatial import ConvexHull  # here: refusing a strategy needs none of SciPy
+    """Return the outward normals and offsets (K, 4) of each hull."""
+    from scipy.spatial import ConvexHull  # imported here because checking a strategy does not need SciPy
 
     return tuple(np.asarray(ConvexHull(hull, qhull_options="QJ").equations, dtype=np.float64) for hull in key.hulls)

@@ -1,4 +1,4 @@
-"""Points that follow from a scene's geometry and that strategies may name beside the objects' own keypoints."""
+"""Points derived from a scene's geometry that strategies may name in addition to keypoints."""
 
 from __future__ import annotations
 
@@ -13,27 +13,30 @@ from gensim2.planning.scene import Scene, SceneBody
 Array = npt.NDArray[np.float64]
 
 FLOOR = "floor"
-"""Surface below an object's last keypoint: things put into a container lie on it, a mug below a spout stands on it."""
+"""Surface below an object's last keypoint: the floor inside a container, or the surface below a spout."""
 
 UPRIGHT = "rigidbody_object_upright"
-"""``UPRIGHT_HEIGHT`` above a rigid object's first keypoint as it stood when the episode began."""
+"""Point ``UPRIGHT_HEIGHT`` above a rigid object's first keypoint in the pose at the start of the episode."""
 
 UPRIGHT_HEIGHT = 0.1
 ROOM = 0.04
-"""Metres that must be free above a floor."""
+"""Free height in metres required above a floor."""
 BESIDE, EVEN, SIDES = 0.03, 0.01, 3
-"""Metres beside the vertical at which a floor goes on, metres by which it may rise or fall until there, and on how many
-of the four sides it does."""
+"""A floor must extend ``BESIDE`` metres around the vertical, rise or fall by at most ``EVEN`` metres, on at least
+``SIDES`` of four sides.
+"""
 ABOVE = 0.02
-"""Metres above the keypoint within which a floor may lie: annotated points lie on shelves, or a little in them."""
+"""Height in metres above the keypoint within which a floor may lie, since annotated keypoints lie on shelves or
+slightly inside them.
+"""
 
 
 def floor(scene: Scene, name: str) -> Array:
-    """(3,) where the vertical through an object's last keypoint meets what lies below, base frame.
+    """Return the point (3,) of the floor below an object's last keypoint, in the base frame.
 
-    That is the highest surface of the object's bodies and of the fixtures that has ``ROOM`` above it and off which
-    things do not fall: it goes on, or meets a wall, on most sides. Where there is none it is the level of the table,
-    z = 0 in the world.
+    The floor is the highest surface of the object's bodies and of the fixtures that has ``ROOM`` free above it and
+    continues, or ends at a wall, on most sides, so that objects do not fall off. Without such a surface it is the
+    table's level, z = 0 in the world.
     """
     T_base_world = np.linalg.inv(scene.T_world_base)
     up = np.asarray(T_base_world[:3, 2], dtype=np.float64)
@@ -50,7 +53,7 @@ def floor(scene: Scene, name: str) -> Array:
 
 
 def _spans(bodies: Sequence[SceneBody], point: Array, up: Array) -> list[tuple[float, float]]:
-    """Stretches of a vertical line inside bodies' hulls, metres above ``point``, from low to high."""
+    """Return the intervals of a vertical line inside bodies' hulls, in metres above ``point``, from low to high."""
     return sorted(span for body in bodies for span in _spans_of(body, point, up))
 
 

@@ -1,4 +1,4 @@
-"""Prediction of the scene after a step, if its plan comes true."""
+"""Predict the scene after a step, assuming that the plan succeeds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 
 
 def with_joint(scene: Scene, name: str, value: float) -> Scene:
-    """The scene with an object's joint at another value (rad or m), and what lies on it taken along."""
+    """Return the scene with an object's joint at another value (rad or m); contained objects move along."""
     thing = scene.objects[name]
     joint = thing.joint
     assert joint is not None, name
@@ -32,7 +32,7 @@ def with_joint(scene: Scene, name: str, value: float) -> Scene:
             for body in thing.bodies
         ),
         T_base_object=motion @ thing.T_base_object,
-        # By the rule of docs/guides/objects.md: a keypoint whose name contains "base" belongs to the body.
+        # A keypoint whose name contains "base" belongs to the body (docs/guides/objects.md).
         keypoints={key: at if "base" in key else _point(motion, at) for key, at in thing.keypoints.items()},
         joint=replace(joint, value=value),
     )
@@ -40,14 +40,14 @@ def with_joint(scene: Scene, name: str, value: float) -> Scene:
 
 
 def with_pose(scene: Scene, name: str, T_base_object: Array) -> Scene:
-    """The scene with a rigid object elsewhere, (4, 4) in the base frame."""
+    """Return the scene with a rigid object at another pose (4, 4) in the base frame."""
     thing = scene.objects[name]
     motion = T_base_object @ np.linalg.inv(thing.T_base_object)
     return replace(scene, objects={**scene.objects, name: moved(thing, motion)})
 
 
 def moved(thing: SceneObject, motion: Array) -> SceneObject:
-    """A rigid object after a motion, (4, 4) in the base frame."""
+    """Return a rigid object after a motion (4, 4) in the base frame."""
     return replace(
         thing,
         bodies=tuple(replace(body, T_base_body=motion @ body.T_base_body) for body in thing.bodies),

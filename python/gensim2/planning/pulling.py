@@ -1,4 +1,4 @@
-"""Grasps of an object's moving link, and the config that takes one and moves the joint with it."""
+"""Find grasps of an object's moving link, and create the config that pulls the joint."""
 
 from __future__ import annotations
 
@@ -13,25 +13,29 @@ from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[np.float64]
 
-#: Cosine between the way in which the pads close and that of the joint, from which on the pads themselves pull and not
-#: their friction.
+#: Cosine between the closing direction of the pads and the joint's motion, above which the pads pull by contact rather
+#: than by friction.
 PADS_PULL = 0.7
 
-#: Points of the surface and hand poses that are looked at: a knob is a small part of a drawer, and its grasps are
-#: not the most promising ones.
+#: Number of surface points and of hand poses examined: a knob is a small part of a drawer, and its grasps are not the
+#: highest ranked.
 SAMPLES, TRIALS = 2048, 400_000
 
 
 def pulls_of(
     world: kpam.Scene, scene: Scene, thing: SceneObject, gripper: kpam.ParallelGripper, strategy: PullStrategy
 ) -> list[kpam.Grasp]:
-    """Find grasps of an object's moving link: those whose pads pull come before those whose friction does.
+    """Return grasps of an object's moving link: those in which a pad pulls by contact come before those that rely on
+    friction.
 
-    Within each kind, the best grasps near the object's first keypoint, which is on its handle, come first.
+    Within each kind, the best grasps near the object's first keypoint, which lies on the handle, come first.
 
     Args:
-        world: ``scene`` as the solver's own.
-        thing: that is acted on; it has a joint.
+        world: ``scene`` in the solver's form.
+        scene: scene at the start of the step.
+        thing: articulated object.
+        gripper: gripper in the solver's form.
+        strategy: pull strategy.
     """
     assert thing.joint is not None
     bodies = {body.name: body for body in thing.bodies}
@@ -66,10 +70,14 @@ def _pads_pull(grasp: kpam.Grasp, joint: JointState, gripper: kpam.ParallelGripp
 def pull_config(
     scene: Scene, grasp: kpam.Grasp, profile: RobotProfile, strategy: PullStrategy, swapped: bool
 ) -> tuple[dict[str, Array], KeypointStrategy]:
-    """Return the config that takes a grasp and moves the joint, and its (3,) keypoints in the base frame.
+    """Return the keypoints (3,) in the base frame and the config that grasp the link and move the joint.
 
     Args:
-        swapped: the fingers the other way round.
+        scene: scene at the start of the step.
+        grasp: grasp to execute.
+        profile: profile of the robot.
+        strategy: pull strategy.
+        swapped: whether the fingers are swapped.
     """
     keypoints, constraints = hand_at(scene, grasp, profile, swapped)
     config = {

@@ -1,4 +1,4 @@
-"""Reaching for a thing without moving it: nothing touches it before the actuation pose, where that can be had."""
+"""Plan a motion that touches the target only at the actuation pose, if possible."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ from dataclasses import dataclass
 
 import gensim2_kpam as kpam
 
-#: Clearances (m) that are asked for one after the other: more than the drives stray from their way, a hair, none.
+#: Clearances (m) to try in turn: more than the drives' tracking error, a minimal one, none.
 REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
 
-#: Outcomes of a plan that may get past none of the actuation poses that it tried: moved ones may serve.
+#: Statuses of a plan that may not have found a usable actuation pose, so that a shifted pose may help.
 SHORT = ("collision", "not_found", "unreachable")
 
-#: A motion is longer than another where it goes this much further, of what comes after the actuation pose.
+#: A partial motion counts as longer if it exceeds the other by this share of the motion after the actuation pose.
 LONGER = 0.01
 
 
 @dataclass(frozen=True)
 class Reach:
-    """A motion, and how it comes to its actuation pose.
+    """A motion, and the clearance of its approach.
 
     Attributes:
-        problem: that it solves.
-        plan: the planner's.
-        clearance: that was asked for, m.
-        touches: what stands in the way of one that touches nothing before the actuation pose; None: this one does not.
+        problem: solved problem.
+        plan: plan of the solver.
+        clearance: requested clearance, m.
+        touches: obstacle that prevents a motion without contact before the actuation pose; None if the motion has no
+            such contact.
     """
 
     problem: kpam.KeypointProblem
@@ -40,19 +41,18 @@ def reach(
     warm_start: kpam.Plan | None = None,
     explain: bool = False,
 ) -> Reach:
-    """Plan a motion that keeps clear of what the hand reaches for until it is at the actuation pose.
+    """Plan a motion that keeps clear of the target until the hand is at the actuation pose.
 
-    The clearances are asked for in turn; the first whole motion is taken. The last (None) lets hand and fingers touch
-    what they reach for in the last segment before the actuation pose: a motion that gets it done comes before one that
-    is gentle. Where none of them allows one, those that got to no pose are asked for again with poses that are moved
-    out of what they overlap: such poses barely fit. Where that is no whole motion either, the gentlest of
-    the longest parts is taken.
+    The clearances are tried in turn, and the first complete motion is used. The last clearance (None) lets hand and
+    fingers touch the target in the last segment before the actuation pose, since a motion with contact is better than
+    none. If no clearance gives a complete motion, the attempts without a usable pose are repeated with poses shifted
+    out of overlaps. If this fails, too, the longest partial motion is used, with the largest clearance.
 
     Args:
-        problem_with: the problem with options that take the place of its own.
-        clearances: m; None for none.
-        warm_start: an earlier plan of the same step; its pose and its way are tried first.
-        explain: whether the plan says what became of every pose that was tried.
+        problem_with: returns the problem with these options in place of its own.
+        clearances: m; None for no clearance.
+        warm_start: earlier plan of the same step, whose pose and path are tried first.
+        explain: whether the plan reports the result of every pose that was tried.
     """
     tried: list[Reach] = []
 
@@ -78,5 +78,7 @@ def reach(
 
 
 def _extent(plan: kpam.Plan) -> float:
-    """Return the extent of a motion: 0 without a trajectory, else 1 and the part of what comes after the actuation."""
+    """Return the extent of a motion: 0 without a trajectory, else 1 plus the completed share after the actuation
+    pose.
+    """
     return 0.0 if plan.trajectory is None else 1.0 + plan.reached_fraction

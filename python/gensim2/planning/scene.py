@@ -1,4 +1,4 @@
-"""The value that the simulator, or a robot's perception, hands to the planner: geometry only, no simulator types."""
+"""Scene geometry passed from the simulator, or from perception, to the planner."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 CENTER = "rigidbody_object_center"
-"""Name in configs of a rigid object's centre of mass: the way from it to a keypoint says how the object is turned."""
+"""Name of a rigid object's centre of mass in configs, which with a keypoint defines the object's direction."""
 MEASURED = "rigidbody_object_measured"
-"""Name in configs of the keypoint of a rigid object that criteria go by, its last: which one depends on the object."""
+"""Name in configs of the keypoint of a rigid object that criteria measure, its last one."""
 
 
 @dataclass(frozen=True)
 class SceneBody:
-    """A rigid piece of the scene: the table, a link of an object, or a rigid object.
+    """A rigid body of the scene: the table, a link of an object, or a rigid object.
 
     Attributes:
         name: unique in the scene: ``"table"``, ``"<object>/<link>"``, or the name of a rigid object.
-        hulls: convex vertex sets, each (N, 3) metres in the body frame. The same tuple in every scene of an episode,
-            so that what is made of it can be kept.
+        hulls: convex vertex sets, each (N, 3) metres in the body frame. All scenes of an episode share the same tuple,
+            so that derived data can be cached.
         T_base_body: (4, 4) pose in the robot base frame.
     """
 
@@ -35,13 +35,13 @@ class SceneBody:
 
 @dataclass(frozen=True)
 class JointState:
-    """An object's joint as it stands in the scene.
+    """State of an object's joint.
 
     Attributes:
         type: ``"revolute"`` or ``"prismatic"``.
         origin, axis: (3,) in the robot base frame.
         value, lower, upper: rad or m.
-        moves: names of the bodies that it moves.
+        moves: names of the bodies that the joint moves.
     """
 
     type: Literal["revolute", "prismatic"]
@@ -54,25 +54,25 @@ class JointState:
 
     @property
     def openness(self) -> float:
-        """(value - lower) / (upper - lower)."""
+        """Openness, (value - lower) / (upper - lower)."""
         return (self.value - self.lower) / (self.upper - self.lower)
 
 
 @dataclass(frozen=True)
 class SceneObject:
-    """One object of the scene.
+    """An object of the scene.
 
     Attributes:
-        name: its role in the task.
-        bodies: of which it is made.
+        name: name in the task.
+        bodies: bodies of the object.
         T_base_object: (4, 4) object frame in the robot base frame.
-        keypoints: name to (3,) metres in the robot base frame, in the object's own order.
-        joint: of an articulated object; None of a rigid one.
-        object_axis: axis of the object frame that "rotate" motions turn about.
-        yaw: rad that the randomization turned it by.
+        keypoints: position (3,) in metres in the robot base frame by name, in the object's own order.
+        joint: joint of an articulated object; None for a rigid one.
+        object_axis: axis of the object frame about which "rotate" motions turn.
+        yaw: rotation by the randomization, rad.
         center_of_mass: (3,) of a rigid object in its frame, m.
-        mass: of a rigid object, kg; None where it is unknown.
-        friction: coefficient of a rigid object's surface; None where it is unknown.
+        mass: mass of a rigid object, kg; None if unknown.
+        friction: friction coefficient of a rigid object's surface; None if unknown.
     """
 
     name: str
@@ -88,12 +88,14 @@ class SceneObject:
 
     @property
     def is_rigid(self) -> bool:
-        """Whether it has no joint: what a hand may pick up."""
+        """Whether the object has no joint, so that a hand may pick it up."""
         return self.joint is None
 
     @property
     def points(self) -> dict[str, Array]:
-        """Points that configs may name, as ``keypoints``: these, and of a rigid object ``CENTER`` and ``MEASURED``."""
+        """Return the points that configs may name: the keypoints, and for a rigid object also ``CENTER`` and
+        ``MEASURED``.
+        """
         if self.center_of_mass is None:
             return dict(self.keypoints)
         center = self.T_base_object[:3, :3] @ self.center_of_mass + self.T_base_object[:3, 3]
@@ -102,18 +104,18 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that planning needs to know, at one instant.
+    """Input of planning at one instant.
 
     Attributes:
         q, qvel: (n,) robot joints and their velocities, rad and m, in the robot's active joint order.
         T_world_base: (4, 4) robot base in the world.
-        objects: by name, in the task's order.
-        fixtures: what stands there and is no object: the table.
-        held: name of the rigid object in the hand, or None.
-        held_width: distance of the pads (m) at which it was grasped; None where it is unknown.
-        held_force: with which each finger presses on it, N.
-        finger_friction: coefficient of the fingers' surface; None where it is unknown.
-        finger_stiffness: of the fingers' drives, N/m; None: that of the robot's profile.
+        objects: objects by name, in the task's order.
+        fixtures: bodies that belong to no object: the table.
+        held: name of the grasped rigid object, or None.
+        held_width: distance of the pads (m) at the grasp; None if unknown.
+        held_force: force of each finger on the grasped object, N.
+        finger_friction: friction coefficient of the fingers' surface; None if unknown.
+        finger_stiffness: stiffness of the fingers' drives, N/m; None: the robot profile's.
     """
 
     q: Array
@@ -128,11 +130,13 @@ class Scene:
     finger_stiffness: float | None = None
 
     def grip_friction(self, name: str) -> float | None:
-        """Coefficient between the fingers and a rigid object: the mean of both surfaces; None where it is unknown."""
+        """Return the friction coefficient between fingers and a rigid object: the mean of both surfaces; None if
+        unknown.
+        """
         surface = self.objects[name].friction
         return None if surface is None or self.finger_friction is None else 0.5 * (surface + self.finger_friction)
 
     @property
     def bodies(self) -> tuple[SceneBody, ...]:
-        """Fixtures, then the bodies of every object."""
+        """Return the fixtures, then the bodies of every object."""
         return (*self.fixtures, *(body for thing in self.objects.values() for body in thing.bodies))

@@ -1,4 +1,4 @@
-"""The longest part of a motion as a config of its own, so that it ends as the whole would: with the hand letting go."""
+"""Turn the longest executable part of a motion into a config that still releases the object at its end."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from typing import Any
 
 import gensim2_kpam as kpam
 
-#: Share of the motion in which a part ends that is left out: there something was in the way, or out of reach.
+#: Share of the motion omitted before the point where a partial plan ends because of an obstacle or a limit of reach.
 LEFT_OUT = 0.05
 
 TO_OPENNESS = ("follow_joint_to", "trace_joint_to")
-"""Motions whose number is the openness at which they end; of other lists it is how far they go."""
+"""Motions whose number is the openness at their end; the number of other motions is a distance or an angle."""
 
 
 def shortened(config: Mapping[str, Any], plan: kpam.Plan, openness: float | None) -> dict[str, Any] | None:
-    """The config whose motions after the actuation pose go as far as a partial plan does.
+    """Return the config whose motions after the actuation pose end where a partial plan ends.
 
     Args:
-        config: of the whole, as plain data.
-        plan: the longest part of it.
-        openness: of the object's joint where the motion begins; None without one.
+        config: complete config as plain data.
+        plan: partial plan of the config.
+        openness: openness of the object's joint at the start of the motion; None without a joint.
 
     Returns:
-        None where the config does not let go, or the plan does not get past the actuation pose.
+        None if the config does not release the object, or the plan does not get past the actuation pose.
     """
     motions = list(config.get("post_actuation_motions", []))
     if plan.status != "partial" or not config.get("let_go") or not motions:
         return None
-    gone = plan.reached_fraction * (len(motions) + 1)  # letting go is one more
+    gone = plan.reached_fraction * (len(motions) + 1)  # the release counts as one more motion
     kept = motions[: int(gone)]
     share = gone - int(gone) - LEFT_OUT
     if len(kept) < len(motions) and share > 0.0:
@@ -41,14 +41,14 @@ def shortened(config: Mapping[str, Any], plan: kpam.Plan, openness: float | None
 
 
 def _openness_after(motion: Any, openness: float | None) -> float | None:
-    """Return the openness at which a motion leaves the joint; None where the plan does not say."""
+    """Return the openness at the end of a motion; None if the plan does not tell."""
     if isinstance(motion, list | tuple) and motion[0] in TO_OPENNESS:
         return float(motion[1])
     return openness if isinstance(motion, list | tuple) and motion[0] not in ("follow_joint", "trace_joint") else None
 
 
 def _part(motion: Any, share: float, openness: float | None) -> list[Any] | None:
-    """The first part of a motion; None of one that has no number."""
+    """Return the first part of a motion; None for a motion without a number."""
     if isinstance(motion, str):
         return None
     name, value = motion[0], float(motion[1])

@@ -1,4 +1,4 @@
-"""A plan in the browser: the arm moving through its scene, the hand's path, keyframes and keypoints (extra ``viz``)."""
+"""Show a plan in the browser: arm, scene, hand path, keyframes and keypoints (extra ``viz``)."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from gensim2_kpam.show import STEP, add_clock, add_text
 
 Array = npt.NDArray[np.float64]
 
-#: Colours, RGB: of what is no object, of what stands of an object, of what its joint moves, of rigid objects.
+#: RGB colours of fixtures, of the fixed and the moving parts of articulated objects, and of rigid objects.
 FIXTURE, STANDING, MOVING, RIGID = (205, 190, 170), (120, 150, 190), (230, 150, 60), (120, 180, 120)
 
 
 def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "localhost", port: int = 8080) -> Any:
-    """Serve a page on which the plan can be watched; return at once.
+    """Serve a web page that animates the plan, and return at once.
 
-    The page shows the arm at the slider's time, the scene's collision hulls, the hand's path, every keyframe (small
-    where it is not reached) and the objects' keypoints with their names. What is held rides on the hand. Without a
-    motion the arm stands at its start.
+    The page shows the arm at the slider's time, the scene's collision hulls, the hand's path, every keyframe (small if
+    it is not reached) and the objects' keypoints with their names. A grasped object moves with the hand. Without a
+    motion the arm is shown at its start.
 
     Args:
-        scene: what was planned in.
-        plan: what was found.
-        profile: the robot.
+        scene: planned scene.
+        plan: plan to show.
+        profile: profile of the robot.
         host: address to listen on.
-        port: of the page; the next free one is taken where it is in use.
+        port: port of the page; the next free one if it is in use.
 
     Returns:
-        The ``viser.ViserServer``; ``stop()`` ends it.
+        The ``viser.ViserServer``; its ``stop()`` ends the page.
 
     Raises:
         MissingExtraError: viser or yourdfpy is not installed.
@@ -72,7 +72,7 @@ def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "l
 
 
 def wait(server: Any) -> None:
-    """Keep the page up until Ctrl-C."""
+    """Serve the page until Ctrl-C."""
     try:
         server.sleep_forever()
     except KeyboardInterrupt:
@@ -104,7 +104,7 @@ def _draw_body(server: Any, body: SceneBody, color: tuple[int, int, int]) -> Any
 
 
 def _draw_scene(server: Any, scene: Scene) -> Any:
-    """Draw it; returns what is held as it was drawn, or None."""
+    """Draw the scene; return the drawn grasped object, or None."""
     riding = None
     for body in scene.fixtures:
         _draw_body(server, body, FIXTURE)
@@ -122,13 +122,13 @@ def _draw_scene(server: Any, scene: Scene) -> Any:
 
 
 def draw_plan(server: Any, plan: kpam.Plan, profile: RobotProfile, name: str = "") -> None:
-    """Draw a plan's keyframes (small where one is not reached), each with its label, and the hand's path.
+    """Draw a plan's keyframes (small if not reached) with their labels, and the hand's path.
 
     Args:
         server: a ``viser.ViserServer``.
-        plan: in the robot's base frame.
-        profile: the robot.
-        name: of what the plan's parts hang on in the page's tree.
+        plan: plan in the robot's base frame.
+        profile: profile of the robot.
+        name: parent node of the plan in the page's scene tree.
     """
     for frame in plan.keyframes:
         pose = np.asarray(frame["T_base_hand"], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""A step planned: the motion, its reference and the scene after it, or why there is none."""
+"""Result of planning a step: the motion and the predicted scene, or the reason for failure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gensim2.tasks.spec import Step
 Array = npt.NDArray[np.float64]
 
 NO_GRASP = "no_grasp"
-"""Status of a step whose object has no grasp that serves."""
+"""Status of a step whose object has no usable grasp."""
 
 INVALID = "invalid"
 """Status of a step whose strategy does not fit the objects of the scene."""
@@ -26,20 +26,21 @@ INVALID = "invalid"
 
 @dataclass(frozen=True)
 class StepPlan:
-    """A step planned.
+    """Result of planning a step.
 
     Attributes:
-        status, reason: the planner's; ``"no_grasp"`` where no grasp serves.
-        plan: the motion; None where there was none to be looked for.
-        schedule: its rows, None without a motion.
-        after: the scene as it will be; None without a motion.
-        picks: the object that is taken up, or None.
-        width: distance of the finger pads that hold it, m.
-        force: with which each finger presses on it, N.
-        T_object_hand: (4, 4) hand in its frame as it is grasped.
-        touches: what stands in the way of a motion that touches nothing before the actuation pose, where this one does.
-        whole: the plan of the whole motion, where ``plan`` is its longest part; it says why the rest fails.
-        foreseen: of a grasp the step that it is for, with the plan of it that was found on the scene as it will be.
+        status, reason: those of the solver; ``"no_grasp"`` if no grasp is usable.
+        plan: the motion; None if the solver was not called.
+        schedule: rows that execute the motion; None without a motion.
+        after: predicted scene after the motion; None without a motion.
+        picks: name of the object that is picked up, or None.
+        width: distance of the finger pads on that object, m.
+        force: force of each finger on that object, N.
+        T_object_hand: (4, 4) hand in the grasped object's frame.
+        touches: obstacle that prevents a motion without contact before the actuation pose, if this motion has such a
+            contact.
+        whole: failed plan of the complete motion, if ``plan`` is only its longest part.
+        foreseen: next step, which uses the grasp, with the plan for it on the predicted scene.
     """
 
     status: str
@@ -57,19 +58,20 @@ class StepPlan:
 
     @property
     def is_solved(self) -> bool:
-        """Whether the whole motion was found."""
+        """Whether the complete motion was found."""
         return self.status == "solved"
 
     @property
     def rank(self) -> int:
-        """The lower, the better: whole and gentle, whole, a part, no motion at all."""
+        """Rank of the result, lower is better: complete without early contact, complete, partial, no motion."""
         if self.schedule is None:
             return 3
         return 2 if not self.is_solved else 0 if self.touches is None else 1
 
     def detail(self) -> dict[str, Any]:
-        """Details of what prevents the whole motion: residuals missed, the keyframe not reached, bodies that collide;
-        and of one that touches nothing before the actuation pose."""
+        """Return why there is no complete motion (missed residuals, unreached keyframe, collisions), or no motion
+        without early contact.
+        """
         touches = {} if self.touches is None else {"touches": self.touches}
         plan = self.whole or self.plan
         if plan is None or self.is_solved:
@@ -91,11 +93,11 @@ class StepPlan:
 
 @dataclass(frozen=True)
 class Foreseen:
-    """A step planned ahead, on a scene as it will be.
+    """Plan of a step on a predicted scene.
 
     Attributes:
-        step: its name.
-        strategy: which of its strategies, by number.
+        step: name of the step.
+        strategy: index of its strategy.
         plan: the motion.
     """
 

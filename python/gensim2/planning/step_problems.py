@@ -1,4 +1,4 @@
-"""The problem that a step poses on a scene to the keypoint solver."""
+"""Formulate the keypoint solver's problem for a step on a scene."""
 
 from __future__ import annotations
 
@@ -19,25 +19,24 @@ from gensim2.tasks.spec import HAND, Step
 
 Array = npt.NDArray[np.float64]
 
-#: Joint speed (rad/s) below which the arm is at rest.
+#: Joint speed (rad/s) below which the arm counts as at rest.
 AT_REST = 0.01
 
-#: What is executed in physics: the margin is kept where some motion keeps it, else none; a hand presses by being driven
-#: into what it touches, so its depth has no limit (the plan tells it); and a robot that has touched something begins in
-#: it.
+#: Options of executed plans: keep the collision margin if possible; allow any contact depth, because a hand presses by
+#: moving into a body (the plan reports the depth); and allow a start in contact with a body.
 EXECUTED: kpam.Options = {"least_margin": 0.0, "contact_depth": None, "start_depth": 1.0}
 
-#: Share of the joints' velocity limits with which a motion starts at most: somewhat less than the solver plans with.
+#: Maximum joint velocity at the start of a motion, as a share of the limits; slightly below the solver's own limit.
 MAX_START_VALUES = 0.45
 
 
 class StepProblems:
-    """Poses the problems of one episode.
+    """Formulates the problems of one episode.
 
     Args:
-        profile: the robot.
-        options: the solver's, for every problem.
-        world: in which scenes become the solver's.
+        profile: profile of the robot.
+        options: solver options for every problem.
+        world: converts scenes to the solver's form.
     """
 
     def __init__(self, profile: RobotProfile, options: kpam.Options, world: PlanningWorld) -> None:
@@ -46,7 +45,7 @@ class StepProblems:
         self._fingers = list(profile.gripper_columns)
 
     def clearances(self, scene: Scene, step: Step, strategy: Strategy) -> tuple[float | None, ...]:
-        """Those to be kept from what the hand reaches for, in order of preference."""
+        """Return the clearances to the hand's target to try, in order of preference."""
         if "reach_clearance" in self._options:
             return (self._options["reach_clearance"],)
         reaches = strategy.fingers != "release" and (
@@ -62,21 +61,21 @@ class StepProblems:
         options: kpam.Options | None = None,
         more_keypoints: Mapping[str, Array] | None = None,
     ) -> kpam.KeypointProblem:
-        """The problem that a config poses on a scene.
+        """Return the problem of a config on a scene.
 
         Args:
-            scene: as it stands.
-            step: what is acted on, and with what.
-            strategy: the config.
-            options: in place of the planner's.
-            more_keypoints: (3,) each in the base frame, beside those of the scene.
+            scene: scene at the start of the step.
+            step: object and tool of the step.
+            strategy: strategy with the config.
+            options: options that override the planner's.
+            more_keypoints: additional keypoints (3,) in the base frame.
         """
         thing, gripper = scene.objects[step.object], self._profile.gripper
         fingers = strategy.fingers
         acts: dict[str, Any] = {}
         if fingers == "grasp" and thing.is_rigid and scene.held is None:
             acts["pick"] = [thing.name]
-        # A hand that releases something leaves the joint alone, and may touch nothing but what it held.
+        # A hand that releases an object does not move the joint, and may touch only the released object.
         joint = None if thing.is_rigid or fingers == "release" else thing.name
         if fingers == "release" and scene.held is not None:
             acts["release"] = [scene.held]
@@ -98,16 +97,16 @@ class StepProblems:
         options: Mapping[str, Any],
         more_keypoints: Mapping[str, Array] | None = None,
     ) -> kpam.KeypointProblem:
-        """The problem that the solver's own fields pose.
+        """Return the problem of a config with the solver's fields only.
 
         Args:
-            scene: as it stands.
-            step: what is acted on, and with what.
-            config: the solver's fields.
-            fingers: what they do.
-            joint: name of the object whose joint is worked, or None.
-            options: in place of the planner's.
-            more_keypoints: (3,) each in the base frame, beside those of the scene.
+            scene: scene at the start of the step.
+            step: object and tool of the step.
+            config: config with the solver's fields.
+            fingers: finger mode.
+            joint: name of the object whose joint is moved, or None.
+            options: options that override the planner's.
+            more_keypoints: additional keypoints (3,) in the base frame.
         """
         world = self._world.of(scene)
         thing = scene.objects[step.object]
@@ -121,7 +120,7 @@ class StepProblems:
         if scene.held is not None:
             tool |= _held_keypoints(world, scene.held, step.tool)
         q = self._start(scene, fingers)
-        # The arm may swing faster than its limits, from which no motion that keeps them could begin.
+        # A disturbed arm may exceed its limits, and no motion within the limits could start from there.
         fastest = MAX_START_VALUES * self._profile.model.velocity
         velocity = np.clip(scene.qvel, -fastest, fastest)
         velocity[self._fingers] = 0.0
@@ -143,14 +142,14 @@ class StepProblems:
         )
 
     def _floor(self, scene: Scene, thing: SceneObject) -> Array:
-        """(3,) that of an object; grasps are compared by dozens of plans on scenes in which it is the very same."""
+        """Return an object's floor point (3,), cached because dozens of plans compare grasps on the same object."""
         known = self._floors.get(thing.name)
         if known is None or known[0] is not thing:
             known = self._floors[thing.name] = (thing, floor(scene, thing.name))
         return known[1]
 
     def _start(self, scene: Scene, fingers: str) -> Array:
-        """Joints at the start, the fingers as they stand during the approach."""
+        """Return the joints at the start, with the fingers as during the approach."""
         q = self._world.joints(scene) if scene.held is not None or fingers == "hold" else scene.q.copy()
         if fingers == "closed" and scene.held is None:
             q[self._fingers] = self._profile.gripper.at_opening(0.0)
@@ -160,8 +159,8 @@ class StepProblems:
 
 
 def _held_keypoints(world: kpam.Scene, held: str, tool: str) -> dict[str, Array]:
-    """Keypoints of what is held; without prefix where it is the step's tool."""
+    """Return the keypoints of the grasped object, without prefix if it is the step's tool."""
     if tool == HAND:
-        return {}  # the scene hands them over, with prefix
+        return {}  # the scene already passes them, with prefix
     prefix = f"{held}/"
     return {key.removeprefix(prefix): at for key, at in world.tool_keypoints.items() if key.startswith(prefix)}

@@ -1,4 +1,4 @@
-"""One step of a task planned on a scene: by a config of the keypoint solver, or by a grasp."""
+"""Plan one step of a task on a scene, with a solver config or a grasp."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from gensim2.tasks.spec import Step
 
 Array = npt.NDArray[np.float64]
 
-#: Options of every plan that is executed: the longest part of a motion that can be done is taken; physics judges it.
+#: Options of every executed plan: the longest feasible part of a motion is kept, and the simulation decides.
 PLAN_OPTIONS: kpam.Options = {"allow_partial": True}
 
 
@@ -36,15 +36,14 @@ class StepPlanner:
     """Plans steps on the scenes of one episode.
 
     Args:
-        profile: the robot.
-        options: the solver's, for every plan.
-        patience: grasps, each way round counted, that are reached and with which nothing that follows can be planned,
-            before a step is given up; None: all are tried, which finds the rare one in some hundred and costs half a
-            minute where there is none.
+        profile: profile of the robot.
+        options: solver options for every plan.
+        patience: number of reachable grasps (each finger order counted) without a plan for the next step, after which
+            the step fails. None: try all, which takes half a minute if none works, but can find one in some hundred.
 
     Attributes:
-        profile: the robot.
-        world: of the episode.
+        profile: profile of the robot.
+        world: scene of the episode in the solver's form.
     """
 
     def __init__(
@@ -71,17 +70,17 @@ class StepPlanner:
         """Plan a step.
 
         Args:
-            scene: as it stands; the robot's velocity counts where it moves.
-            step: what is acted on, and with what.
-            strategy: how.
-            following: the steps after it; a grasp looks ahead to the first that uses the object as its tool.
-            warm_start: an earlier plan of the same step, or one that was foreseen; its pose and its way come first.
-            lost: (4, 4) hand poses in the frame of the step's object from which it slipped; they are tried last.
-            explain: whether the plan says what became of every pose that was tried.
+            scene: scene at the start, with the robot's velocity.
+            step: object and tool of the step.
+            strategy: strategy of the step.
+            following: later steps; a grasp considers the first one that uses the object as its tool.
+            warm_start: earlier or predicted plan of the same step, whose pose and path are tried first.
+            lost: (4, 4) hand poses in the object's frame from which the object slipped; they are tried last.
+            explain: whether the plan reports the result of every pose that was tried.
 
         Returns:
-            One without a motion and with the status ``"invalid"`` where the strategy does not fit these objects, or
-            makes room for the step and does not do it.
+            The result. Its status is ``"invalid"`` if the strategy does not fit these objects, or only makes room for
+            the step.
         """
         if strategy.makes_room is not None:
             return StepPlan(
@@ -118,14 +117,14 @@ class StepPlanner:
         """Plan a motion that moves another object out of the way of a step.
 
         Args:
-            scene: as it stands; on it none of ``ways`` can be planned.
-            step: which is to be possible afterwards.
-            strategy: one that makes room.
-            ways: to do the step.
-            following: the steps after it, as for :meth:`plan`.
+            scene: scene on which no strategy in ``ways`` can be planned.
+            step: step that should become possible.
+            strategy: strategy that moves the other object.
+            ways: strategies of the step.
+            following: later steps, as for :meth:`plan`.
 
         Returns:
-            None where there is no such motion, or where none of the ways can be planned on the scene that it foresees.
+            None if there is no such motion, or if none of the step's strategies can be planned on the predicted scene.
         """
         if strategy.makes_room is None:
             raise ValueError("the strategy does not make room")
@@ -137,7 +136,7 @@ class StepPlanner:
         return moved if able else None
 
     def _letting_go(self, scene: Scene, step: Step, strategy: KeypointStrategy, found: Reach) -> Reach | None:
-        """The longest part of a motion, after which the hand lets go as after the whole; None where there is none."""
+        """Return the longest part of a motion that ends with a release like the complete one, or None."""
         joint = scene.objects[step.object].joint
         config = shortened(strategy.config, found.plan, None if joint is None else joint.openness)
         if config is None:
@@ -149,7 +148,7 @@ class StepPlanner:
     def problem(
         self, scene: Scene, step: Step, strategy: KeypointStrategy, options: kpam.Options | None = None
     ) -> kpam.KeypointProblem:
-        """The problem that a config poses on a scene; ``options`` take the place of the planner's."""
+        """Return the problem of a config on a scene; ``options`` override the planner's."""
         return self._problems.of_step(scene, step, strategy, options)
 
     def _planned(
@@ -187,7 +186,7 @@ class StepPlanner:
             after = predict.with_joint(after, step.object, joint.value + gone)
         held = scene.held or picks
         if held is not None and acting is not None:
-            # What is held goes with the hand: from the start, or from where it is picked; and stays where it is let go.
+            # A grasped object moves with the hand, from the start or from the grasp on, until it is released.
             q_from = scene.q if scene.held is not None else trajectory.sample(acting)[0]
             q_to = end if rows.released is None else trajectory.sample(rows.times[rows.released - 1])[0]
             ride = hand(q_to) @ np.linalg.inv(hand(q_from))
@@ -211,7 +210,7 @@ class StepPlanner:
         use = next((ways for ways in following if ways[0].tool == thing.name), None)
         best: StepPlan | None = None
         serving: StepPlan | None = None
-        ways: Sequence[Strategy] = () if use is None else use[1]  # in which it is yet to serve
+        ways: Sequence[Strategy] = () if use is None else use[1]  # strategies that may use the grasp
         compared = useless = 0
         barred: list[tuple[kpam.Grasp, bool]] = []
         for grasp, swapped, aside in chain(((*each, None) for each in product(found, (False, True))), _aside(barred)):
@@ -246,13 +245,15 @@ class StepPlanner:
         return replace(best, status=NO_GRASP, reason=f"none of {len(found)} grasps is reached: {best.reason}")
 
     def _pull(self, scene: Scene, step: Step, strategy: PullStrategy) -> StepPlan:
-        """Take the first grasp of the moving link that nothing is touched before and the whole motion follows from."""
+        """Use the first grasp of the moving link that is reached without early contact and allows the complete
+        motion.
+        """
         thing = scene.objects[step.object]
         if thing.joint is None or scene.held is not None:
             what = "has no joint" if thing.joint is None else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
         found = pulls_of(self.world.of(scene), scene, thing, self._gripper, strategy)
-        # What touches early is left to configs.
+        # Approaches with early contact are left to configs.
         clearances = [each for each in self._problems.clearances(scene, step, strategy) if each is not None]
         first: kpam.Plan | None = None
         for grasp, swapped in product(found if clearances else (), (False, True)):
@@ -299,13 +300,13 @@ class StepPlanner:
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width, force, at)
 
     def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
-        """By which of the strategies, the first, a step can be planned on a scene that is foreseen, and how."""
+        """Return the first strategy with which a step can be planned on a predicted scene, with its plan."""
         for number, strategy in enumerate(strategies):
             if not isinstance(strategy, KeypointStrategy) or strategy.makes_room is not None:
                 continue
             try:
                 problem = self.problem(scene, step, strategy, {"allow_partial": False})
-            except kpam.ProblemError:  # it is for other objects than these
+            except kpam.ProblemError:  # the strategy does not fit these objects
                 continue
             if (plan := kpam.plan(problem)).status == "solved":
                 return Foreseen(step.name, number, plan)
@@ -313,12 +314,12 @@ class StepPlanner:
 
 
 def _is_barred(taken: StepPlan, name: str) -> bool:
-    """Whether a grasp is reached, and what it lifts meets something above it."""
+    """Return whether a grasp is reachable but the lifted object collides with an obstacle above it."""
     met = () if taken.plan is None else taken.plan.collisions
     return any(each["toward"].startswith("post_") and name in each["bodies"] for each in met)
 
 
 def _aside(barred: Sequence[tuple[kpam.Grasp, bool]]) -> Iterator[tuple[kpam.Grasp, bool, str]]:
-    """The first of the grasps that are barred, each with the ways in which the hand can draw the thing out."""
+    """Yield the first blocked grasps, each with the motions that may draw the object out."""
     for (grasp, swapped), aside in product(barred[:DRAWN_OUT], ASIDE):
         yield grasp, swapped, aside

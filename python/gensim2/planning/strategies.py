@@ -1,4 +1,4 @@
-"""Ways to do a step, as data: a config of the keypoint solver, or a grasp that is found on the object itself."""
+"""Strategies of a step as data: a solver config, or a grasp that is searched on the object's shape."""
 
 from __future__ import annotations
 
@@ -15,52 +15,54 @@ from gensim2.core.errors import InputError
 from gensim2.core.validation import input_error
 
 PLANNER_FIELDS = {"contact_speed": (0.001, 10.0), "opening": (0.001, 0.5)}
-"""Numbers of a config that are the planner's, not the solver's, and the range of each."""
+"""Numeric config fields that belong to the planner rather than the solver, with their ranges."""
 
 MAKES_ROOM = "makes_room"
-"""Field of a config by which another object than the step's is moved."""
+"""Config field that names another object to move instead of the step's."""
 
 
 @dataclass(frozen=True)
 class KeypointStrategy:
-    """A solver config (docs/reference/solver.md, docs/architecture.md).
+    """Strategy given by a solver config (docs/reference/solver.md, docs/architecture.md).
 
-    Its names without a prefix are keypoints of the step's object and of its tool; ``"<object>/<keypoint>"`` is one of
-    any other object.
+    Names without a prefix are keypoints of the step's object or its tool; ``"<object>/<keypoint>"`` is a keypoint of
+    another object.
 
     Attributes:
-        config: plain data; beside the solver's fields ``contact_speed``, the greatest speed (m/s) of the point that
-            touches, from the actuation on, ``opening``, the distance of the pads (m) on the way to a grasp, and
-            ``makes_room``, the object that it moves in place of the step's.
+        config: plain data. Besides the solver's fields it may have ``contact_speed``, the maximum speed (m/s) of the
+            contact point from the actuation on; ``opening``, the distance of the pads (m) on the way to a grasp; and
+            ``makes_room``, the object to move instead of the step's.
     """
 
     config: Mapping[str, Any]
 
     @cached_property
     def solver_config(self) -> kpam.SolverConfig:
-        """The solver's fields, validated."""
+        """The validated solver fields."""
         others = {*PLANNER_FIELDS, MAKES_ROOM}
         return kpam.SolverConfig({name: value for name, value in self.config.items() if name not in others})
 
     @property
     def contact_speed(self) -> float | None:
-        """Greatest speed of the point that touches, m/s; None: as fast as the arm may."""
+        """Maximum speed of the contact point, m/s; None: limited by the arm only."""
         speed: float | None = self.config.get("contact_speed")
         return speed
 
     @property
     def makes_room(self) -> str | None:
-        """Name of the object that it moves out of the way of the step, which it does not do; None: it does the step."""
+        """Name of the object that this strategy moves out of the way instead of doing the step; None for other
+        strategies.
+        """
         name: str | None = self.config.get(MAKES_ROOM)
         return name
 
     def as_step(self) -> KeypointStrategy:
-        """The same as a way to do a step on the object that it moves."""
+        """Return the strategy as one for a step on the object that it moves out of the way."""
         return KeypointStrategy({name: value for name, value in self.config.items() if name != MAKES_ROOM})
 
     @property
     def opening(self) -> float | None:
-        """Distance of the pads on the way to a grasp, m; None: as wide as they go."""
+        """Distance of the pads on the way to a grasp, m; None: fully open."""
         opening: float | None = self.config.get("opening")
         return opening
 
@@ -71,19 +73,19 @@ class KeypointStrategy:
 
     @property
     def let_go(self) -> float | None:
-        """Metres by which the hand backs off at the end, once it has let go."""
+        """Distance in metres by which the hand retreats after the release; None: no release."""
         return self.solver_config.let_go
 
     def to_dict(self) -> dict[str, Any]:
-        """The config."""
+        """Return the config."""
         return dict(self.config)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"config": self.config}  # what is validated is made again
+        return {"config": self.config}  # the validated fields are rebuilt
 
 
 class _FoundGrasp(BaseModel):
-    """Base of strategies whose grasp is found on an object's shape."""
+    """Base of strategies that search a grasp on an object's shape."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -91,7 +93,7 @@ class _FoundGrasp(BaseModel):
 
     @property
     def makes_room(self) -> None:
-        """It does the step."""
+        """None: these strategies do the step itself."""
 
     @property
     def fingers(self) -> kpam.Gripper:
@@ -99,24 +101,24 @@ class _FoundGrasp(BaseModel):
         return "grasp"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Return plain data."""
         return self.model_dump(mode="json")
 
 
 class GraspStrategy(_FoundGrasp):
-    """A grasp of the step's object between the two fingers, found on its shape; the first that serves is taken.
+    """Grasp of the step's object between the two fingers, searched on its shape; the first usable grasp is executed.
 
-    A grasp serves where the arm reaches it and lifts the object, and where the next step that uses the object as its
-    tool can then be planned.
+    A grasp is usable if the arm reaches it and lifts the object, and if the next step that uses the object as its tool
+    can then be planned.
 
     Attributes:
-        grasp: how it is found.
-        approach: straight way of the open hand to it, m.
-        lift: way up with the object, m; in strides of 6 cm, the config language's ``move-up``.
-        tilt: most (rad) by which the approach leans away from straight down.
-        least_tilt: the least; to lay down what stands, the hand comes from the side.
-        friction: coefficient between pads and object.
-        candidates: most grasps that are tried, each with the fingers either way round.
+        grasp: search method.
+        approach: length of the straight approach of the open hand, m.
+        lift: height of the lift, m, in steps of 6 cm, the config language's ``move-up``.
+        tilt: maximum angle (rad) of the approach from straight down.
+        least_tilt: minimum angle; to lay an object down, the hand comes from the side.
+        friction: friction coefficient between pads and object.
+        candidates: maximum number of grasps to try, each with both finger orders.
     """
 
     approach: Annotated[float, Field(gt=0, le=0.3)] = 0.08
@@ -129,30 +131,30 @@ class GraspStrategy(_FoundGrasp):
     @field_validator("least_tilt")
     @classmethod
     def _leaves_a_tilt(cls, least: float, info: ValidationInfo) -> float:
-        most = info.data.get("tilt", least)  # not there where it is wrong itself
+        most = info.data.get("tilt", least)  # absent if it is invalid itself
         if least > most:
             raise ValueError(f"must be at most tilt, {most} rad")
         return least
 
     @property
     def let_go(self) -> None:
-        """A grasp keeps what it holds."""
+        """None: the grasped object is not released."""
 
 
 class PullStrategy(_FoundGrasp):
-    """Grasp the moving link of the step's object and move its joint.
+    """Grasp of the moving link of the step's object that moves its joint.
 
-    The first grasp is taken that the hand reaches without touching anything, and with which the whole motion of the
-    joint can be planned.
+    The first grasp is executed that the hand reaches without early contact and that allows the complete motion of the
+    joint.
 
     Attributes:
-        grasp: how it is found.
-        follow_joint_to: openness to which the joint goes.
-        approach: straight way of the open hand to it, m.
-        let_go: way back of the opened hand at the end, m.
-        friction: coefficient between pads and object.
-        contact_speed: greatest speed of the pads while they hold it, m/s.
-        candidates: most grasps that are tried, each with the fingers either way round.
+        grasp: search method.
+        follow_joint_to: target openness of the joint.
+        approach: length of the straight approach of the open hand, m.
+        let_go: distance by which the open hand retreats at the end, m.
+        friction: friction coefficient between pads and object.
+        contact_speed: maximum speed of the pads while they hold the link, m/s.
+        candidates: maximum number of grasps to try, each with both finger orders.
     """
 
     follow_joint_to: Annotated[float, Field(ge=0, le=1)]
@@ -170,9 +172,9 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
     """Validate a strategy given as plain data.
 
     Args:
-        data: fields of a solver config; where there is a field ``grasp``, of :class:`GraspStrategy`, or of
-            :class:`PullStrategy` with ``follow_joint_to``.
-        file: where it comes from.
+        data: fields of a solver config; with a field ``grasp``, fields of :class:`GraspStrategy`; with
+            ``follow_joint_to`` in addition, of :class:`PullStrategy`.
+        file: file of the data, for messages.
 
     Raises:
         InputError: a field is unknown, missing or out of range; names it.
@@ -203,6 +205,6 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
 
 
 def named(error: kpam.KpamError, file: Path | str | None) -> InputError:
-    """The solver's complaint as one of ours: it writes ``field: what is wrong``."""
+    """Convert a solver error, which reads ``field: problem``, to an InputError."""
     field, colon, problem = str(error).partition(": ")
     return InputError(problem if colon else field, file=file, field=field if colon else None)

@@ -1,4 +1,4 @@
-"""A scene as the solver's own: built once an episode, and moved."""
+"""Convert the scenes of an episode to the solver's form, built once and then updated."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[np.float64]
 
-#: What a scene calls its table.
+#: Name of the table in a scene.
 TABLE = "table"
 
 
 class PlanningWorld:
-    """Turns scenes of one episode into the solver's; the bodies are converted once.
+    """Converts the scenes of one episode to the solver's form; the bodies are converted once.
 
     Args:
-        profile: the robot.
+        profile: profile of the robot.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -29,9 +29,9 @@ class PlanningWorld:
         self._first: Scene | None = None
 
     def of(self, scene: Scene) -> kpam.Scene:
-        """The solver's scene: joints and rigid objects as they stand in ``scene``, what is held on the hand.
+        """Return the solver's scene with the joints, rigid objects and grasped object of ``scene``.
 
-        A rigid object that lies within what a joint moves goes with that joint.
+        A rigid object inside a part that a joint moves, such as a drawer, moves with that joint.
         """
         if self._built is None or self._first is None or not _same_bodies(self._first, scene):
             self._built, self._first = self._build(scene), scene
@@ -53,7 +53,7 @@ class PlanningWorld:
         return world
 
     def joints(self, scene: Scene) -> Array:
-        """(n,) joints of the robot, within their limits."""
+        """Return the robot's joints (n,), clipped to their limits."""
         model = self._profile.model
         return np.asarray(np.clip(scene.q, model.lower, model.upper), dtype=np.float64)
 
@@ -83,7 +83,7 @@ def _body(body: SceneBody, role: str, keypoints: dict[str, Array] | None = None)
 
 
 def _same_bodies(one: Scene, other: Scene) -> bool:
-    """Whether both are of one episode: the same bodies, made of the very same hulls."""
+    """Return whether both scenes belong to one episode, with the same bodies and the same hulls."""
     first, second = one.bodies, other.bodies
     return len(first) == len(second) and all(
         a.name == b.name and a.hulls is b.hulls for a, b in zip(first, second, strict=True)
@@ -91,7 +91,7 @@ def _same_bodies(one: Scene, other: Scene) -> bool:
 
 
 def carried_by(scene: Scene, name: str) -> str | None:
-    """Name of the object whose joint takes a rigid object along: its centre lies within what that joint moves."""
+    """Return the name of the articulated object whose moving part encloses a rigid object's centre, or None."""
     thing = scene.objects[name]
     center = np.zeros(3) if thing.center_of_mass is None else thing.center_of_mass
     point = thing.T_base_object[:3, :3] @ center + thing.T_base_object[:3, 3]
@@ -101,7 +101,7 @@ def carried_by(scene: Scene, name: str) -> str | None:
 def _encloses(thing: SceneObject, point: Array) -> bool:
     if thing.joint is None:
         return False
-    from scipy.spatial import ConvexHull, QhullError  # here: refusing a strategy needs none of SciPy
+    from scipy.spatial import ConvexHull, QhullError  # imported here because checking a strategy does not need SciPy
 
     parts = [
         hull @ body.T_base_body[:3, :3].T + body.T_base_body[:3, 3]
@@ -116,6 +116,6 @@ def _encloses(thing: SceneObject, point: Array) -> bool:
         return False
     try:
         hull = ConvexHull(points)
-    except QhullError:  # flat: it holds nothing
+    except QhullError:  # a flat body encloses nothing
         return False
     return bool((hull.equations[:, :3] @ point + hull.equations[:, 3] <= 0).all())

@@ -1,4 +1,4 @@
-"""Robots: one profile each, with all that planning, control and simulation need to know of it."""
+"""Robot profiles: the data that planning, control and simulation need about each robot."""
 
 from gensim2.robots.description import mounted, read_description, stored, touching_neighbours
 from gensim2.robots.gripper import CLOSED, OPEN, Gripper, Mimic, SlidingGripper

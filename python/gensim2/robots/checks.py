@@ -1,4 +1,4 @@
-"""Whether a profile says what its URDF says: told before anything is built of it."""
+"""Check a robot profile against itself and its URDF."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CAMERA_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
 class Refuse(Protocol):
-    """Makes an error about a field of the profile."""
+    """Creates an error about a field of the profile."""
 
     def __call__(self, field: str, message: str, remedy: str | None = None) -> InputError: ...
 
@@ -29,6 +29,7 @@ def check_profile(profile: RobotProfile, where: str) -> None:
     """Refuse a profile that contradicts itself or its URDF.
 
     Args:
+        profile: profile to check.
         where: file or module of the profile, for the message.
 
     Raises:
@@ -126,7 +127,7 @@ def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
 
 
 def _check_mimics(profile: RobotProfile, refuse: Refuse) -> None:
-    """Check that joints which follow others mimic them in the URDF, too: planning knows of the URDF only."""
+    """Check that joints which mimic others do so in the URDF, too, since planning reads only the URDF."""
     written = gensim2_kpam.read_urdf(read_input(profile.urdf, MAX_URDF), str(profile.urdf))
     followed = {joint["name"]: joint["mimic"] for joint in written["joints"]}
     remedy = "give the joint a <mimic> element with these numbers"

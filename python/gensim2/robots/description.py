@@ -1,4 +1,4 @@
-"""URDFs put together: an arm of one file and a hand of another, stored where simulator and planner read them."""
+"""Combine URDF files, such as an arm and a hand, and store the result for simulator and planner."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from gensim2.robots.profile import RobotFiles
 
 
 def read_description(urdf: Path) -> ET.Element:
-    """Read a URDF, its meshes named by absolute paths.
+    """Read a URDF, and make the paths of its meshes absolute.
 
     Raises:
-        InputError: it cannot be read.
-        gensim2_kpam.UrdfError: it is not a URDF that the planner reads.
+        InputError: the file cannot be read.
+        gensim2_kpam.UrdfError: the planner cannot read the URDF.
     """
     gensim2_kpam.read_urdf(read_input(urdf, MAX_URDF), str(urdf))
     root = read_xml(urdf)
@@ -39,23 +39,23 @@ def mounted(
     xyz: Sequence[float] = (0.0, 0.0, 0.0),
     rpy: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> ET.Element:
-    """Return an arm with a hand: ``palm`` and all that hangs on it, fixed to the arm's ``flange``.
+    """Return an arm with a hand: ``palm`` and everything attached to it, fixed to the arm's ``flange``.
 
     Args:
-        arm, hand: as :func:`read_description` gives them; neither is changed.
+        arm, hand: results of :func:`read_description`; neither is changed.
         flange: link of the arm.
-        palm: link of the hand's URDF; what carries it there is left out.
-        xyz, rpy: of the palm in the flange's frame, m and rad.
+        palm: link of the hand's URDF; links above it are left out.
+        xyz, rpy: position (m) and roll, pitch, yaw (rad) of the palm in the flange's frame.
 
     Raises:
-        InputError: there is no such link, or both have a link or a joint of one name.
+        InputError: a link does not exist, or both URDFs share the name of a link or a joint.
     """
     root = copy.deepcopy(arm)
     for element, link in ((root, flange), (hand, palm)):
         if link not in _links(element):
             raise InputError(f"the URDF {element.get('name')!r} has no link {link!r}", field="link")
     names = {palm}
-    for joint in (joints := hand.findall("joint")) * len(joints):  # whatever their order in the file
+    for joint in (joints := hand.findall("joint")) * len(joints):  # for any order in the file
         if _end(joint, "parent") in names:
             names.add(_end(joint, "child"))
     hanging = [joint for joint in joints if _end(joint, "parent") in names]
@@ -75,16 +75,21 @@ def mounted(
 
 
 def touching_neighbours(root: ET.Element, *pairs: tuple[str, str]) -> str:
-    """Return the SRDF of a URDF: links that a joint connects never collide, nor do those of ``pairs``."""
+    """Return the SRDF of a URDF that disables collisions between links connected by a joint, and between ``pairs``."""
     srdf = ET.Element("robot", name=str(root.get("name")))
     joined = [(_end(joint, "parent"), _end(joint, "child")) for joint in root.findall("joint")]
     for one, other in (*joined, *pairs):
-        ET.SubElement(srdf, "disable_collisions", link1=one, link2=other, reason="Default")  # SAPIEN reads no other
+        ET.SubElement(srdf, "disable_collisions", link1=one, link2=other, reason="Default")  # for SAPIEN
     return ET.tostring(srdf, encoding="unicode")
 
 
 def stored(name: str, urdf: ET.Element | str, srdf: str) -> RobotFiles:
-    """Write a description into the user's cache folder, under the digest of its content.
+    """Write a description into the user's cache folder, in a folder named by its digest.
+
+    Args:
+        name: file name without suffix.
+        urdf: URDF.
+        srdf: SRDF.
 
     Raises:
         InputError: the cache folder cannot be written to.

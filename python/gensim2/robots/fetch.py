@@ -1,4 +1,4 @@
-"""ManiSkill's Fetch with everything below and beside its arm standing still."""
+"""ManiSkill's Fetch robot with base, torso and head fixed."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ from gensim2.robots.maniskill import robot_folder
 from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfile, Simulation, finger_keypoints
 
 TORSO_HEIGHT = 0.38
-"""Metres of the torso's 0.386: the shoulder stands 0.57 m above the table, the torso's overhang clear of it."""
+"""Torso height in metres, of at most 0.386: the shoulder is 0.57 m above the table, and the torso clears the table."""
 
 FINGERTIP = 0.024
-"""Metres from ManiSkill's ``gripper_link`` along the fingers: 7 mm behind their tips, as the Panda's head keypoint."""
+"""Distance in metres from ManiSkill's ``gripper_link`` along the fingers, 7 mm behind their tips like the Panda's head
+keypoint.
+"""
 
 
 def fetch_files() -> RobotFiles:
-    """ManiSkill's description with a fixed base, in the user's cache folder.
+    """Return ManiSkill's description with a fixed base, in the user's cache folder.
 
-    Head and torso stand still, the three joints that turn for ever turn half a turn either way (every orientation of
-    the hand stays within reach, and no simulator counts turns differently), and the hand has a frame of its own.
+    Head and torso are fixed. The three continuous joints are limited to half a turn in either direction; the hand can
+    still reach every orientation, and all simulators count turns alike. A link is added for the hand frame.
 
     Raises:
         MissingExtraError: ManiSkill is not installed.
@@ -44,9 +46,10 @@ def fetch_files() -> RobotFiles:
 
 
 def fetch() -> RobotProfile:
-    """The profile; drives and friction are those of ManiSkill's agent.
+    """Return the profile; drives and friction are those of ManiSkill's agent.
 
-    It stands on the floor, 0.6 m below the table's top, its wheels under the table and its torso at the table's edge.
+    The robot stands on the floor, 0.6 m below the table's top, with its wheels under the table and its torso at the
+    edge.
     """
     return RobotProfile(
         name="fetch",

@@ -1,4 +1,4 @@
-"""A mobile robot's URDF as that of an arm: what carries the arm stands still; the hand has the frame of all hands."""
+"""Convert the URDF of a mobile robot to that of a fixed arm with the standard hand frame."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ def fixed_base(
     tool: str,
     tool_at: float,
 ) -> str:
-    """URDF text derived from another's.
+    """Return the text of a URDF with a fixed base.
 
-    What lies between the root and ``base`` is left out, joints of ``standing`` become fixed ones, those without limits
-    turn by ``turns`` either way, and meshes are named by absolute paths.
+    Links and joints between the root and ``base`` are removed, the joints in ``standing`` become fixed, continuous
+    joints are limited to ``turns`` in either direction, and mesh paths become absolute.
 
     Args:
-        urdf: a URDF whose meshes are named by paths relative to it.
+        urdf: URDF with mesh paths relative to it.
         base: link that becomes the root.
-        standing: joint to the value (rad or m) at which it stands still.
+        standing: joint value (rad or m) at which each joint is fixed, by name.
         turns: limit of continuous joints, rad.
         palm: link that carries the fingers.
         hand: name of a new link without shapes at the palm's origin, between the palm and its parent.
-        pitch: of the hand in the palm's frame, rad.
+        pitch: pitch of the hand in the palm's frame, rad.
         tool: name of a new link without shapes on the hand's z axis.
-        tool_at: where it is along that axis, m.
+        tool_at: position of the tool link along that axis, m.
     """
     root = read_description(urdf)
     _drop_above(root, base)
@@ -66,7 +66,11 @@ def fixed_base(
 
 
 def never_touching(srdf: Path, *pairs: tuple[str, str]) -> str:
-    """SRDF text with more pairs of links that never touch: a frame between two links makes them no neighbours."""
+    """Return SRDF text with additional pairs of links that never touch.
+
+    An added frame between two links makes them no longer neighbours, so that their collisions must be disabled
+    explicitly.
+    """
     root = read_xml(srdf)
     for one, other in pairs:
         ET.SubElement(root, "disable_collisions", link1=one, link2=other, reason="Default")
@@ -74,7 +78,6 @@ def never_touching(srdf: Path, *pairs: tuple[str, str]) -> str:
 
 
 def _drop_above(root: ET.Element, base: str) -> None:
-    """Remove the links and joints between the root and ``base``."""
     above = {_link(joint, "child"): joint for joint in root.findall("joint")}
     links = {link.get("name"): link for link in root.findall("link")}
     while base in above:
@@ -85,7 +88,7 @@ def _drop_above(root: ET.Element, base: str) -> None:
 
 
 def _join(root: ET.Element, parent: str, child: str, pose: RigidTransform, joint: ET.Element | None = None) -> None:
-    """Fix ``child``, made where it is not there, to ``parent``: by a joint that is there already, or a new one."""
+    """Fix ``child``, which is created if missing, to ``parent`` by an existing or a new joint."""
     if all(link.get("name") != child for link in root.findall("link")):
         ET.SubElement(root, "link", name=child)
     if joint is None:
@@ -122,7 +125,7 @@ def _place(joint: ET.Element, pose: RigidTransform) -> None:
     origin = joint.find("origin")
     origin = ET.SubElement(joint, "origin") if origin is None else origin
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # a pitch of a quarter turn has many yaws: any will do
+        warnings.simplefilter("ignore", UserWarning)  # In gimbal lock any yaw is valid.
         turn = pose.rotation.as_euler("xyz")
     origin.set("xyz", " ".join(map(repr, pose.translation.tolist())))
     origin.set("rpy", " ".join(map(repr, turn.tolist())))

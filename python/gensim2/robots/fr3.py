@@ -1,4 +1,4 @@
-"""The Franka Research 3: the Panda's links with limits of its own."""
+"""The Franka Research 3: the Panda's links with other limits."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ LIMITS = (
     (0.5445, 4.5169, 4.18, 12.0),
     (-3.0159, 3.0159, 5.26, 12.0),
 )
-"""Lower and upper position (rad), velocity (rad/s) and torque (N m) of each joint, as Franka publishes them."""
+"""Lower and upper position (rad), velocity (rad/s) and torque (N m) of each joint, as published by Franka."""
 
 
 def fr3_files() -> RobotFiles:
-    """ManiSkill's description of the Panda with the Research 3's limits, in the user's cache folder.
+    """Return ManiSkill's description of the Panda with the limits of the Research 3, in the user's cache folder.
 
     Raises:
         MissingExtraError: ManiSkill is not installed.
@@ -38,13 +38,13 @@ def fr3_files() -> RobotFiles:
 
 
 def fr3() -> RobotProfile:
-    """The profile: links, meshes, hand, place and drives are the Panda's; limits are the Research 3's."""
+    """Return the profile: links, meshes, hand, placement and drives of the Panda, limits of the Research 3."""
     known = panda()
     return replace(
         known,
         name="fr3",
         files=fr3_files,
         simulation=replace(known.simulation, agent="fr3"),
-        # Its velocity limits depend on the position, which no URDF says.
+        # The velocity limits depend on the position, which a URDF cannot express.
         solver={**known.solver, "limits": "fr3"},
     )

@@ -1,4 +1,4 @@
-"""Folders of the robots that ManiSkill ships."""
+"""Locate the robot models that ManiSkill ships."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from gensim2.core.errors import MissingExtraError
 
 
 def robot_folder(name: str) -> Path:
-    """Folder of one of ManiSkill's robot models; ManiSkill itself is not imported.
+    """Return the folder of one of ManiSkill's robot models, without importing ManiSkill.
 
     Raises:
-        MissingExtraError: it is not installed.
+        MissingExtraError: ManiSkill is not installed.
     """
     spec = importlib.util.find_spec("mani_skill")
     if spec is None or not spec.submodule_search_locations:

@@ -1,4 +1,4 @@
-"""The Franka Panda with its own fingers, as ManiSkill ships it."""
+"""The Franka Panda with its own fingers, from ManiSkill's files."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfi
 
 
 def panda_files() -> RobotFiles:
-    """ManiSkill's description.
+    """Return the paths of ManiSkill's description.
 
     Raises:
         MissingExtraError: ManiSkill is not installed.
@@ -18,7 +18,7 @@ def panda_files() -> RobotFiles:
 
 
 def panda() -> RobotProfile:
-    """The profile; drives, gripper targets and friction are those of ManiSkill's agent."""
+    """Return the profile; drives, gripper targets and friction are those of ManiSkill's agent."""
     return RobotProfile(
         name="panda",
         files=panda_files,
@@ -42,7 +42,7 @@ def panda() -> RobotProfile:
             agent="panda", arm=JointDrive(1e3, 1e2, 100.0), gripper=JointDrive(1e3, 1e2, 100.0), tendons=True
         ),
         footprint=Footprint(base_half=0.12, hand_half=0.12, hand_drop=0.02),
-        # The original's weights and box, and the limits that Franka publishes.
+        # The original's weights and bounding box, and the limits published by Franka.
         solver={
             "limits": "panda",
             "joint_weights": [10.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],

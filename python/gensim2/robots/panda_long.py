@@ -1,4 +1,4 @@
-"""The Panda with the long fingers and the soft finger drives of the original's release."""
+"""The Panda with the long fingers and soft finger drives of the original's release."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ from gensim2.robots.panda import panda, panda_files
 from gensim2.robots.profile import JointDrive, RobotFiles, RobotProfile, Simulation, finger_keypoints
 
 FINGER_X, FINGER_Y, FINGER_Z = (-0.014, 0.014), (-0.009, 0.031), (0.0, 0.1176)
-"""Bounds (m) of a finger in its link's frame, y away from the other one: in the hand's frame, 4 cm open, they are x
--0.014 to 0.014, y 0.031 to 0.071 and up to z 0.176. The original's hull has ten corners; this is its box."""
+"""Bounds (m) of a finger in its link's frame, with y away from the other finger. In the hand's frame at an opening of 4
+cm, x ranges from -0.014 to 0.014, y from 0.031 to 0.071, and z up to 0.176. The original's hull has ten vertices; these
+bounds are its bounding box.
+"""
 
 FINGER_MASS = 0.1
-"""kg, as the original's hull weighs at its density of 1000 kg/m3."""
+"""kg, the mass of the original's hull at its density of 1000 kg/m3."""
 
 UNLIMITED = 1e10
-"""N m or N: a drive without a limit."""
+"""Force limit (N m or N) of a drive without a limit."""
 
 
 def panda_long_files() -> RobotFiles:
-    """ManiSkill's description with other fingers, in the user's cache folder.
+    """Return ManiSkill's description with longer fingers, in the user's cache folder.
 
     Raises:
         MissingExtraError: ManiSkill is not installed.
@@ -40,7 +42,7 @@ def panda_long_files() -> RobotFiles:
 
 
 def _lengthen(link: ET.Element, side: float) -> None:
-    """Replace what a finger is made of by one box; ``side``: 1 where it opens along y, -1 where against it."""
+    """Replace a finger's shapes by one box; ``side`` is 1 if the finger opens along y, -1 if it opens against y."""
     for kind in ("visual", "collision", "inertial"):
         for element in link.findall(kind):
             link.remove(element)
@@ -63,7 +65,7 @@ def _text(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
 
 
 def panda_long() -> RobotProfile:
-    """The profile: arm, base and start are the Panda's; tool keypoints and drives are the original's."""
+    """Return the profile: arm, base and start of the Panda, tool keypoints and drives of the original."""
     short = panda()
     assert isinstance(short.gripper, SlidingGripper)
     return replace(

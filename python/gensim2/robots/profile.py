@@ -1,4 +1,4 @@
-"""Profile of a robot: numbers and names only, read without a simulator."""
+"""Profile of a robot, readable without a simulator."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 DEFAULT_ROBOT = "panda"
-"""Name of the robot where no other one is named."""
+"""Default robot."""
 
 
 FINGER_KEYPOINTS = {
@@ -44,17 +44,17 @@ def finger_keypoints(tip: float, side: float, base: float | None = None) -> dict
 
 
 def _no_options() -> kpam.Options:
-    """Options of a solver that knows nothing of the robot but its URDF."""
+    """Return empty options: the solver then knows only the robot's URDF."""
     return {}
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """Footprint of a robot on the table at the start of an episode; metres.
+    """Area that a robot occupies on the table at the start of an episode; metres.
 
     Attributes:
-        base_half, hand_half: half sides of what its base covers on the table, and its hand at rest.
-        hand_drop: below the tool at rest that what passes under it keeps.
+        base_half, hand_half: half side lengths of the areas occupied by the base and by the hand at rest.
+        hand_drop: distance below the resting tool within which nothing may pass under it.
     """
 
     base_half: float
@@ -72,24 +72,24 @@ class JointDrive:
 
     @property
     def lag(self) -> float:
-        """Steady-state tracking delay (s) behind a target of constant velocity: kd/kp."""
+        """Steady-state delay (s) behind a target of constant velocity: kd/kp."""
         return self.damping / self.stiffness
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """Simulation parameters of a robot: drives in the place of its motors.
+    """Simulation parameters of a robot, with drives in place of its motors.
 
     Attributes:
-        agent: name of ManiSkill's agent, under which states are recorded; where ManiSkill has none of that name,
-            :mod:`gensim2.sim.agents` makes one of the profile.
-        arm: drives of the arm's joints: one for all, or one each.
-        gripper: of the driven joints of the gripper.
-        mimic: of the joints that follow one of them: a stiff one stands for a transmission.
-        passive: of the joints that have no motor: a spring to 0.
-        tendons: whether PhysX couples joints that mimic one another in the URDF by fixed tendons, as ManiSkill's own
-            agents have them; those of ``gripper.mimics`` need none.
-        physics_hz: rate of the physics; a multiple of the control rate.
+        agent: name of ManiSkill's agent, under which states are recorded; :mod:`gensim2.sim.agents` creates an agent
+            from the profile if ManiSkill has none of that name.
+        arm: drive of all arm joints, or one for each.
+        gripper: drive of the driven gripper joints.
+        mimic: drive of the joints that follow them; a stiff one represents a transmission.
+        passive: drive of the joints without a motor: a spring to 0.
+        tendons: whether PhysX couples the URDF's mimic joints by fixed tendons, as in ManiSkill's own agents; not
+            needed for ``gripper.mimics``.
+        physics_hz: simulation rate in Hz; a multiple of the control rate.
     """
 
     agent: str
@@ -103,7 +103,9 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """(m,) velocities, accelerations and jerks of an arm's joints: rad or m, per second, second squared and cubed."""
+    """Maximum velocity, acceleration and jerk (m,) of an arm's joints: rad or m, per second, second squared and
+    cubed.
+    """
 
     velocity: Array
     acceleration: Array
@@ -112,14 +114,14 @@ class JointLimits:
 
 @dataclass(frozen=True, eq=False)
 class MountedCamera:
-    """A camera that a link of the robot carries.
+    """A camera mounted on a link of the robot.
 
     Attributes:
-        name: unique among those of the robot; none of the fixed cameras'.
-        link: that carries it.
-        T_link_camera: (4, 4) as OpenCV has cameras: x to the right of the picture, y down, z forward; m.
+        name: unique name, different from those of the fixed cameras.
+        link: name of the link.
+        T_link_camera: (4, 4) pose in the OpenCV convention: x to the right of the image, y down, z forward; m.
         width, height: pixels.
-        field_of_view: rad, of the picture's height.
+        field_of_view: vertical field of view, rad.
     """
 
     name: str
@@ -132,8 +134,9 @@ class MountedCamera:
 
 @dataclass(frozen=True)
 class RobotFiles:
-    """A robot's description: ``urdf``, and ``srdf`` with its pairs of links that never touch, which lies beside it
-    under the same name (where simulators look for it)."""
+    """Description of a robot: ``urdf``, and ``srdf`` with the pairs of links that never touch, which has the same name
+    in the same folder because simulators look for it there.
+    """
 
     urdf: Path
     srdf: Path
@@ -141,32 +144,32 @@ class RobotFiles:
 
 @dataclass(frozen=True)
 class RobotProfile:
-    """One robot.
+    """Static description of a robot for planning, control and simulation.
 
     An action is (m + 1,): targets of the m arm joints in rad or m, and the gripper from -1 (closed) to 1 (open).
 
-    The hand frame is the same for every robot: z the way the fingers point, y the axis along which they open, so that a
-    solver config means the same motion whoever executes it.
+    The hand frame is the same for every robot: z points along the fingers, and the fingers open along y. A solver
+    config therefore describes the same motion for every robot.
 
     Attributes:
-        name: as in ``--robot``.
-        files: gives its description; a function, since that may come with a package that need not be installed.
-        hand_link: whose frame tool keypoints and hand poses are in.
-        tool_link: whose pose state observations give.
-        arm_joints: names of the m joints that an action commands, in active joint order; the gripper's come after them.
-        gripper: what opens and closes.
+        name: value of ``--robot``.
+        files: function that returns the description, which may belong to a package that is not installed.
+        hand_link: link of the hand frame, in which tool keypoints and hand poses are given.
+        tool_link: link whose pose is part of state observations.
+        arm_joints: names of the m joints that an action commands, in active joint order, before the gripper's joints.
+        gripper: gripper of the robot.
         reset_qpos: (n,) all active joints at the start of an episode.
-        base_position: (3,) of its base in the world, m.
-        tool_keypoints: (3,) each, m in the hand frame; ``tool_head``, ``tool_tail``, ``tool_side``. See
-            :func:`finger_keypoints`.
+        base_position: (3,) position of the base in the world, m.
+        tool_keypoints: position (3,) m in the hand frame, for ``tool_head``, ``tool_tail`` and ``tool_side``;
+            see :func:`finger_keypoints`.
         reach: horizontal distance (m) from the base within which the hand, pointing down, reaches the table.
-        footprint: what it covers of the table at rest.
-        simulation: what stands for its motors in a simulation.
-        base_quaternion: (4,) of its base in the world, (w, x, y, z).
-        control_hz: rate of its actions.
-        cameras: that its links carry, beside the fixed ones.
-        tool_keypoint_descriptions: descriptions of the tool keypoints for people and language models.
-        solver: options of every planning problem: limits that no URDF holds, the joints' weights, the box of the hand's
+        footprint: area occupied on the table at rest.
+        simulation: simulation parameters.
+        base_quaternion: (4,) orientation of the base in the world, (w, x, y, z).
+        control_hz: control rate, Hz.
+        cameras: cameras mounted on the robot's links, in addition to the fixed ones.
+        tool_keypoint_descriptions: descriptions of the tool keypoints for readers and language models.
+        solver: options of every planning problem: limits that the URDF lacks, joint weights, and bounds of the hand's
             origin at the actuation pose.
     """
 
@@ -194,28 +197,28 @@ class RobotProfile:
 
     @property
     def urdf(self) -> Path:
-        """URDF that planning and simulation read.
+        """URDF for planning and simulation.
 
         Raises:
-            MissingExtraError: it comes with a package that is not installed.
+            MissingExtraError: the file belongs to a package that is not installed.
         """
         return self._files.urdf
 
     @property
     def srdf(self) -> Path:
-        """Its pairs of links that never touch.
+        """SRDF with the pairs of links that never touch.
 
         Raises:
-            MissingExtraError: it comes with a package that is not installed.
+            MissingExtraError: the file belongs to a package that is not installed.
         """
         return self._files.srdf
 
     @cached_property
     def model(self) -> kpam.Robot:
-        """The planner's robot, read once a process.
+        """The planner's model of the robot, loaded once in each process.
 
         Raises:
-            MissingExtraError: its files come with a package that is not installed.
+            MissingExtraError: its files belong to a package that is not installed.
         """
         import gensim2_kpam as kpam
 
@@ -223,17 +226,17 @@ class RobotProfile:
 
     @property
     def arm_size(self) -> int:
-        """m, the number of arm joints: the first m of all active joints."""
+        """Number m of arm joints, the first m active joints."""
         return len(self.arm_joints)
 
     @property
     def action_size(self) -> int:
-        """m + 1."""
+        """Size of an action, m + 1."""
         return self.arm_size + 1
 
     @cached_property
     def T_world_base(self) -> Array:
-        """(4, 4) base in the world."""
+        """Pose (4, 4) of the base in the world."""
         pose = np.eye(4)
         pose[:3, :3] = rotation_matrix(self.base_quaternion)
         pose[:3, 3] = self.base_position
@@ -241,24 +244,24 @@ class RobotProfile:
 
     @property
     def agent(self) -> str:
-        """Name under which its states are recorded."""
+        """Name of the ManiSkill agent under which states are recorded."""
         return self.simulation.agent
 
     @cached_property
     def arm_drives(self) -> tuple[JointDrive, ...]:
-        """One for each of the m arm joints, in a simulation."""
+        """Drive of each of the m arm joints in simulation."""
         drives = self.simulation.arm
         return (drives,) * self.arm_size if isinstance(drives, JointDrive) else drives
 
     @property
     def finger_drive(self) -> JointDrive:
-        """Drive, in a simulation, that presses a pad."""
+        """Drive that presses a finger pad in simulation."""
         follows = self.gripper.fingers[0] in self.gripper.mimics
         return self.simulation.mimic if follows else self.simulation.gripper
 
     @property
     def substeps(self) -> int:
-        """Physics steps in a control step."""
+        """Number of physics steps in a control step."""
         return self.simulation.physics_hz // self.control_hz
 
     @cached_property
@@ -274,10 +277,11 @@ class RobotProfile:
         return tuple(names.index(name) for name in self.gripper.joints)
 
     def arm_limits(self, acceleration: npt.ArrayLike, jerk: npt.ArrayLike) -> JointLimits:
-        """Limits of the arm's joints, those of the solver's options where the robot has such.
+        """Return the limits of the arm's joints from the solver's options, else the given ones.
 
         Args:
-            acceleration, jerk: (m,) or one for all, where it has none. Velocities are the URDF's then.
+            acceleration, jerk: (m,) or one number for all joints, for a robot without such options; velocities then
+                come from the URDF.
         """
 
         def own(given: npt.ArrayLike | None, usual: npt.ArrayLike) -> Array:
@@ -291,40 +295,40 @@ class RobotProfile:
         )
 
     def gripper_at(self, T_world_hand: Array) -> dict[str, Array]:
-        """Tool keypoints in the world, (3,) m each, where the hand stands at ``T_world_hand`` (4, 4)."""
+        """Return the tool keypoints in the world, (3,) m each, for a hand pose ``T_world_hand`` (4, 4)."""
         points = self._tool_points @ T_world_hand[:3, :3].T + T_world_hand[:3, 3]
         return dict(zip(self.tool_keypoints, points, strict=True))
 
     @cached_property
     def _tool_points(self) -> Array:
-        """(N, 3) tool keypoints in the hand."""
+        """Return the tool keypoints (N, 3) in the hand frame."""
         return np.array(list(self.tool_keypoints.values()), dtype=np.float64)
 
     def gripper_with(self, q: Sequence[float]) -> dict[str, Array]:
-        """Tool keypoints in the world, (3,) m each, where the (n,) active joints stand at ``q``."""
+        """Return the tool keypoints in the world, (3,) m each, for the active joints ``q`` (n,)."""
         return self.gripper_at(self.T_world_base @ self.model.forward_kinematics(np.asarray(q, dtype=np.float64)))
 
     @cached_property
     def lags(self) -> Array:
-        """(m,) tracking delays (s) of the arm's simulated drives."""
+        """Tracking delays (m,) in seconds of the arm's simulated drives."""
         return np.array([drive.lag for drive in self.arm_drives])
 
     @cached_property
     def lag_steps(self) -> tuple[int, ...]:
-        """(m,) the same in control steps."""
+        """Tracking delays (m,) in control steps."""
         return tuple(round(float(lag) * self.control_hz) for lag in self.lags)
 
     @property
     def arrival_steps(self) -> int:
-        """Control steps that the arm is given to arrive where it stops."""
+        """Number of control steps for the arm to settle after a stop."""
         return max(self.lag_steps)
 
     def simulated_targets(self, positions: Row, ends: npt.NDArray[np.int64]) -> Row:
-        """Targets by which the simulated drives bring the arm where it is meant to be: each ahead by its drive's delay.
+        """Return targets that compensate the tracking delay of the simulated drives.
 
         Args:
-            positions: (N, m) of the arm joints that are meant at the end of each control step.
-            ends: (N,) row up to which the motion goes that a row is part of; no target lies beyond it.
+            positions: (N, m) desired arm joints at the end of each control step.
+            ends: (N,) row at which the motion of each row ends; no target lies beyond it.
 
         Returns:
             (N, m) targets of each control step.
@@ -335,21 +339,21 @@ class RobotProfile:
 
     @property
     def gripper_steps(self) -> int:
-        """Control steps that the fingers are given to open or to close."""
+        """Number of control steps for opening or closing the fingers."""
         return self.steps(self.gripper.travel_seconds)
 
     def steps(self, seconds: float) -> int:
-        """Control steps in so many seconds."""
+        """Return the number of control steps in ``seconds``."""
         return round(seconds * self.control_hz)
 
     @property
     def rest_action(self) -> npt.NDArray[np.float32]:
-        """(m + 1,): the arm stays where an episode begins, fingers open."""
+        """Action (m + 1,) that keeps the arm at its start, fingers open."""
         return np.array([*self.reset_qpos[: self.arm_size], OPEN], dtype=np.float32)
 
 
 def rotation_matrix(quaternion: Sequence[float] | Array) -> Array:
-    """Return the (3, 3) rotation of a unit quaternion (w, x, y, z)."""
+    """Return the rotation matrix (3, 3) of a unit quaternion (w, x, y, z)."""
     w, x, y, z = quaternion
     return np.array(
         [

@@ -1,6 +1,6 @@
 """Robots by name: those of the package, and those that the command line or a program has loaded.
 
-:func:`robot` looks a name up and runs nothing: the name may come from a file. Only :func:`load_robot` runs code.
+:func:`robot` never runs code, because the name may come from an untrusted file. Only :func:`load_robot` runs code.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ PACKAGED = {
     "fr3": "gensim2.robots.fr3:fr3",
     "fetch": "gensim2.robots.fetch:fetch",
 }
-"""Factory of each robot of the package."""
+"""Factory function of each robot of the package."""
 
 _registered: dict[str, str] = {}
-"""Names that this process knows besides, each with where its robot is made: what other processes are told."""
+"""Names registered in this process, with the location of their factory function, which is sent to worker processes."""
 
 _made_by: dict[str, Maker] = {}
-"""Registered robots, by the place of their factory."""
+"""Factory functions of the registered robots, by location."""
 
 _allowed: set[str] = set()
-"""Places that the command line, a program or the parent process named: :func:`robot` may load them."""
+"""Locations that :func:`robot` may load because the command line, the program or the parent process named them."""
 
 _loading: list[list[str]] = []
-"""Names that were registered by the files being loaded, innermost last."""
+"""Names registered by the files being loaded, innermost last."""
 
 
 def register_robot(make: _Made) -> _Made:
-    """Register a robot under the name of the function that makes its profile; usable as a decorator.
+    """Register a robot under the name of the function that creates its profile; usable as a decorator.
 
     Example:
         ```python
@@ -54,17 +54,17 @@ def register_robot(make: _Made) -> _Made:
             return RobotProfile(...)
         ```
 
-    Worker processes are told where the function stands, and load that file or module: it must be a function of a
-    module's own level, and the module must do nothing else when it is loaded (``if __name__ == "__main__"``).
+    Worker processes load the function's file or module again. The function must therefore be defined at module level,
+    and loading the module must have no other effect (``if __name__ == "__main__"``).
 
     Args:
-        make: takes nothing and returns the profile.
+        make: function without arguments that returns the profile.
 
     Returns:
         The same function.
 
     Raises:
-        InputError: it is no such function, or its name is that of another robot.
+        InputError: ``make`` is no such function, or another robot has its name.
     """
     name = getattr(make, "__name__", "")
     if not callable(make) or not name.isidentifier() or make.__qualname__ != name:
@@ -84,20 +84,20 @@ def register_robot(make: _Made) -> _Made:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Return the names of the robots that are known in this process."""
+    """Return the names of the robots known in this process."""
     return (*PACKAGED, *_registered)
 
 
 class RobotPlace(str):
-    """File or module of a robot that this process has loaded; a process that receives it by pickle loads it, too.
+    """File or module of a robot that this process has loaded; a process that unpickles the value may load it, too.
 
-    Text that was read from a file is a plain ``str``, and grants nothing.
+    Text read from a file is a plain ``str`` and grants no permission.
     """
 
     __slots__ = ()
 
     def __reduce__(self) -> tuple[Callable[[str], RobotPlace], tuple[str]]:
-        """Register the place where the value is unpickled; the robot is loaded when it is first used."""
+        """Permit the location in the unpickling process; the robot is loaded on first use."""
         return _granted, (str(self),)
 
 
@@ -107,9 +107,9 @@ def _granted(place: str) -> RobotPlace:
 
 
 def load_robot(place: str | Path) -> str:
-    """Load a robot of one's own, and return the word by which this process and its workers know it.
+    """Load a user's own robot, and return the key that identifies it in this process and its workers.
 
-    This runs the file or the module: never call it with a value that was read from data.
+    This runs the file or module: never call it with a value read from data.
 
     Example:
         ```python
@@ -118,13 +118,13 @@ def load_robot(place: str | Path) -> str:
 
     Args:
         place: path of a Python file that registers one robot (``"my_arm.py"``) or one of several
-            (``"my_arm.py:left"``), or ``"module:function"``. The name of a known robot is returned as it is.
+            (``"my_arm.py:left"``), or ``"module:function"``. The name of a known robot is also accepted.
 
     Returns:
-        Word for the ``robot`` arguments of this package.
+        Value for the ``robot`` arguments of this package.
 
     Raises:
-        InputError: there is no such robot, or its file or its profile cannot be used.
+        InputError: there is no such robot, or its file or profile is invalid.
     """
     name = str(place)
     if name in PACKAGED or name in _registered:
@@ -139,7 +139,7 @@ def load_robot(place: str | Path) -> str:
 
 
 def robot_key(name: object) -> str:
-    """Return the word by which any process of a run finds a known robot; nothing is loaded.
+    """Return the key by which every process of a run finds a known robot; nothing is loaded.
 
     Raises:
         InputError: this process knows no such robot.
@@ -166,7 +166,7 @@ def robot_key(name: object) -> str:
 
 
 def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
-    """Return the profile of a known robot, the same one at every call.
+    """Return the profile of a known robot; repeated calls return the same object.
 
     Example:
         ```python
@@ -175,13 +175,13 @@ def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
         ```
 
     Args:
-        name: of a robot of the package or of a registered one, or the word that :func:`load_robot` returned.
+        name: name of a packaged or registered robot, or the key returned by :func:`load_robot`.
 
     Returns:
-        URDF, tool points, rates, gripper, drives and base of the robot.
+        Profile with URDF, tool keypoints, rates, gripper, drives and base of the robot.
 
     Raises:
-        InputError: this process knows no such robot, or its profile cannot be used.
+        InputError: this process knows no such robot, or its profile is invalid.
     """
     key = robot_key(name)
     return _robot(PACKAGED.get(key, key))
@@ -197,12 +197,12 @@ def _robot(place: str) -> RobotProfile:
 
 @cache
 def _made(make: Maker, where: str) -> RobotProfile:
-    """The profile of a factory, whatever name it was asked for by."""
+    """Return the profile that a factory function creates."""
     profile = _called(make, where)
     if not isinstance(profile, RobotProfile):
         raise InputError(f"{make.__name__}() returns no RobotProfile but {profile!r:.80}", file=where, field="robot")
 
-    def refused(error: BaseException) -> InputError:  # of its files, which are made and read here
+    def refused(error: BaseException) -> InputError:  # covers the profile's files, which are read here
         known = type(error).__module__.startswith("gensim2_kpam")
         said = str(error) if known else f"files() raises {_told(error, Path(where))}"
         return InputError(said, file=where, field=f"{profile.name}.files")
@@ -213,7 +213,7 @@ def _made(make: Maker, where: str) -> RobotProfile:
 
 
 def _parted(place: str) -> tuple[Path | None, str, str]:
-    """File or module, and function, of where a robot is made; function is empty where a file registers only one."""
+    """Split a location into file or module, and function; the function is empty if the file registers only one."""
     path, _, function = place.rpartition(":")
     if place.endswith(".py"):
         return Path(place), "", ""
@@ -255,7 +255,7 @@ def _from_file(file: Path, function: str) -> Maker:
             "installed there (module:function)",
         )
     names = _names_in.get(file)
-    if not names or (function and function not in names):  # it may have been edited since
+    if not names or (function and function not in names):  # the file may have been edited since it was loaded
         names = _loaded(file)
     found = [name for name in names if not function or name == function]
     if len(found) != 1:
@@ -271,7 +271,7 @@ def _from_file(file: Path, function: str) -> Maker:
 
 
 _names_in: dict[Path, list[str]] = {}
-"""Names that the files which were loaded registered."""
+"""Names registered by each loaded file."""
 
 
 def _loaded(file: Path) -> list[str]:
@@ -281,7 +281,7 @@ def _loaded(file: Path) -> list[str]:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # so that what it defines pickles within the process
+    sys.modules[spec.name] = module  # so that its functions can be pickled in this process
     _loading.append([])
 
     def refused(error: BaseException) -> InputError:
@@ -317,7 +317,7 @@ def _called(make: Maker, where: str) -> object:
 
 
 def _told(error: BaseException, file: Path | str) -> str:
-    """An exception in a user's file: its type, its words, and the last line of that file that it came through."""
+    """Describe an exception in a user's file: its type, its message, and the last line in that file."""
     line, trace = None, error.__traceback__
     while trace is not None:
         if Path(trace.tb_frame.f_code.co_filename).name == Path(file).name:
