@@ -1,1 +1,1 @@
-"""The command line: one module a command, each a thin face of a typed function."""
+"""Command line of gensim2: one module for each command, generated from a typed function."""

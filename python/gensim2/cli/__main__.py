@@ -1,4 +1,4 @@
-"""``python -m gensim2.cli`` is ``gensim2``."""
+"""Run the ``gensim2`` command with ``python -m gensim2.cli``."""
 
 from gensim2.cli.main import main
 

@@ -1,4 +1,4 @@
-"""``gensim2 assets``."""
+"""Commands ``gensim2 assets list`` and ``gensim2 assets show``."""
 
 from __future__ import annotations
 
@@ -74,12 +74,12 @@ def _numbers(values: list[float]) -> str:
 
 @command(name="list", show=_show)
 def list_assets(*, assets: str | None, kind: Literal["articulated", "rigid"] | None = None) -> dict[str, Any]:
-    """List the classes of the library with their instances.
+    """List the classes of an object library with their instances.
 
     A rigid object is the only instance of its class.
 
     Args:
-        kind: Only objects of this kind.  [default: both]
+        kind: List only objects of this kind.  [default: both]
     """
     from gensim2.objects import listing, open_library
 
@@ -106,8 +106,9 @@ def show(
 ) -> dict[str, Any]:
     """Describe an object.
 
-    Prints its joint or grip, keypoints, mass, placement and files. WHICH is an id, train, test, new, all or random; of
-    several objects the first is described. Without WHICH it is the first of the class.
+    Prints the object's joint or grasp, keypoints, mass, placement and files. WHICH is an id, train, test, new, all or
+    random. If WHICH selects several objects, the first is described. Without WHICH, the first object of the class is
+    described.
     """
     from gensim2.objects import open_library
     from gensim2.objects.library.selection import select_one

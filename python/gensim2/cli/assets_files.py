@@ -1,4 +1,4 @@
-"""``gensim2 assets export`` and ``gensim2 assets import``."""
+"""Commands ``gensim2 assets export`` and ``gensim2 assets import``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Library = Annotated[Path, click.Path(path_type=Path, file_okay=False), Option(me
 
 
 class _Scale(click.ParamType[float | str]):
-    """``auto`` or a positive number."""
+    """Parameter type: ``auto`` or a positive number."""
 
     name = "scale"
 
@@ -62,15 +62,14 @@ def export(
     seed: int,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Write objects as URDF, meshes and info.json.
+    """Export articulated objects as URDF, meshes and info.json.
 
-    Writes articulated objects in the layout of the GenSim2 release, which other tools load. WHICH is an id, train,
-    test, new, all or random. Each object becomes articulated_objs/CLASS/ID in LIBRARY with mobility.urdf,
-    textured_objs/ and info.json, in metres.
+    The layout is that of the GenSim2 release, which other tools can load: folder articulated_objs/CLASS/ID in LIBRARY,
+    with mobility.urdf, textured_objs/ and info.json, in metres. WHICH is an id, train, test, new, all or random.
 
     Args:
         every: Export all articulated objects of the library.
-        out: Folder of objects, usable as --assets; created if missing.
+        out: Output folder, usable as --assets; created if missing.
         force: Replace existing objects.
     """
     if not objects and not every:
@@ -105,20 +104,20 @@ def import_(
     force: bool = False,
     progress: Progress,
 ) -> dict[str, Any] | Ending:
-    """Make an object of a PartNet-Mobility folder.
+    """Import an object from a PartNet-Mobility folder.
 
-    DIR is the folder, or the number of a model that ManiSkill has downloaded. Fixes all joints but one, scales the
-    model, proposes keypoints from the geometry of the moving link, and checks the result. To change the proposal, edit
-    info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY`. Ends with exit code 1 if
-    the object is not sound.
+    DIR is the folder, or the number of a model that ManiSkill has downloaded. The import fixes all joints but one,
+    scales the model, proposes keypoints from the geometry of the moving link, and checks the result. To change the
+    proposed keypoints, edit info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY`.
+    The exit code is 1 if the object fails a check.
 
     Args:
         asset_class: Class of the new object.
         name: Id of the new object.
-        joint: Joint that stays movable.  [default: the only one of the class's type]
-        scale: Metres for each unit of the model.
+        joint: Joint that stays movable.  [default: the only one of the class's joint type]
+        scale: Length in metres of one unit of the model.
         license: Licence of the model.
-        out: Folder of objects, usable as --assets; created if missing.
+        out: Output folder, usable as --assets; created if missing.
         force: Replace existing objects.
     """
     from gensim2.objects import open_library

@@ -1,4 +1,4 @@
-"""``gensim2 assets render`` and ``gensim2 assets gallery``."""
+"""Commands ``gensim2 assets render`` and ``gensim2 assets gallery``."""
 
 from __future__ import annotations
 
@@ -32,15 +32,16 @@ def render(
     out: Annotated[Path, click.Path(path_type=Path, dir_okay=False), Option(metavar="PNG")],
     size: Annotated[int, click.IntRange(64, 2048)] = 420,
 ) -> dict[str, Any]:
-    """Draw a picture of one object, or of several.
+    """Render a picture of one or several objects.
 
-    A single object is drawn at openness 0, 0.5 and 1, or from three sides if it is rigid, with the names of its
-    keypoints. Several objects have one picture each on one sheet. WHICH is an id, train, test, new, all or random; of
-    several objects the first is drawn. Without WHICH it is the first of the class.
+    A single articulated object is rendered at openness 0, 0.5 and 1, a single rigid one from three sides, with the
+    names of its keypoints. Several objects appear on one sheet with one picture each. WHICH is an id, train, test, new,
+    all or random. If WHICH selects several objects, the first is rendered. Without WHICH, the first object of the class
+    is rendered.
 
     Args:
-        out: Picture to write.
-        size: Edge of each view in pixels.
+        out: Image file to write.
+        size: Edge length of each view in pixels.
     """
     from gensim2.objects import open_library
     from gensim2.objects.library.selection import select_one
@@ -71,18 +72,18 @@ def gallery(
     size: Annotated[int, click.IntRange(32, 1024)] = 176,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Make a page with pictures of every object.
+    """Write a page with pictures of every object.
 
-    The page has a turntable picture of every object, at openness 0, 0.5 and 1 if it has a joint. Pictures that an
-    earlier run made of the same objects are kept; after Ctrl-C the same command continues.
+    The page has a turntable picture of every object, at openness 0, 0.5 and 1 for articulated ones. Existing pictures
+    of unchanged objects are reused. After Ctrl-C, the same command continues.
 
     Args:
-        where: Folder of objects, or 'builtin'; may be given again.  [default: builtin, and $GENSIM2_ASSETS if set]
-        classes: Only these classes.
-        findings: File that `gensim2 assets validate --json FILE` wrote, to be shown beside the pictures.
+        where: Folder of objects, or 'builtin'; can be repeated.  [default: builtin, and $GENSIM2_ASSETS if set]
+        classes: Show only these classes.
+        findings: Result of `gensim2 assets validate --json FILE`, shown beside the pictures.
         out: Folder of the page.
-        views: Number of pictures around an object.
-        size: Edge of each view in pixels.
+        views: Number of views around an object.
+        size: Edge length of each view in pixels.
     """
     from gensim2.objects import open_library
     from gensim2.objects.library.selection import wanted_classes

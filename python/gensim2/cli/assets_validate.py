@@ -1,4 +1,4 @@
-"""``gensim2 assets validate`` and ``gensim2 assets prepare``."""
+"""Commands ``gensim2 assets validate`` and ``gensim2 assets prepare``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _show(result: dict[str, Any]) -> None:
 
 
 def object_line(entry: dict[str, Any]) -> str:
-    """One line about one validated object."""
+    """Return a line of text about a validated object."""
     name = f"{entry['class']}/{entry['id']}"
     if entry["sound"]:
         return f"ok     {name}"
@@ -49,15 +49,16 @@ def validate(
     workers: int,
     progress: Progress,
 ) -> dict[str, Any] | Ending:
-    """Check objects in geometry and in physics.
+    """Check the geometry and the physics of objects.
 
-    Checks that objects are complete, stay where they are put, move as they should and can be reached. WHICH is an id,
-    train, test, new, all or random. Prints one line for each object; ends with exit code 1 if an object is not sound.
+    The checks test that objects are complete, stay at rest, move as their joint allows and can be reached by the robot.
+    WHICH is an id, train, test, new, all or random. The command prints one line for each object. The exit code is 1 if
+    an object fails a check.
 
     Args:
-        every: Check all objects of the library; the same as no CLASS.
-        drawn: Also check N more objects of each class, drawn by --seed: new numbers of generated objects, any of a
-            folder's.
+        every: Check all objects of the library; the default without CLASS.
+        drawn: Also check N more objects of each class, drawn by --seed: newly generated ones, or any object of a
+            folder.
         physics: Simulate each object.
     """
     from gensim2.objects import open_library
@@ -81,13 +82,13 @@ def validate(
 def prepare(
     objects: Objects = (), *, assets: str | None, every: Every = False, seed: int, workers: int, progress: Progress
 ) -> dict[str, Any] | Ending:
-    """Prepare objects now instead of at first use.
+    """Prepare objects in advance instead of on first use.
 
-    Takes real objects apart into convex parts, or generates objects, and keeps them in the cache. Any command does so
-    when it first needs an object. Ends with exit code 1 if an object cannot be used.
+    Real objects are decomposed into convex parts, generated ones are created, and both are stored in the cache. The
+    exit code is 1 if an object cannot be used.
 
     Args:
-        every: Prepare all objects of the library; the same as no CLASS.
+        every: Prepare all objects of the library; the default without CLASS.
     """
     from gensim2.objects import open_library
     from gensim2.objects.library.selection import select

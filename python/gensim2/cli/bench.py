@@ -1,4 +1,4 @@
-"""``gensim2 bench``."""
+"""Commands ``gensim2 bench``: timing of the solver, of motion planning and of policies."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _show_policy(result: dict[str, Any]) -> None:
 def _show_times(
     result: dict[str, Any], heads: Sequence[str], cells: Callable[[dict[str, Any]], tuple[Any, ...]], what: str = ""
 ) -> None:
-    """Show rows of times by stage, each behind the ``cells`` of its own."""
+    """Print rows of times by stage, each preceded by its ``cells``."""
     stages = list(result["rows"][0]["p50"])
     rows = [
         (*cells(row), *(f"{row['p50'][each]:.1f} {row['p95'][each]:.1f} ({row['cpu'][each]:.1f})" for each in stages))
@@ -81,17 +81,17 @@ def solver(
     sample_dt: Annotated[float | None, Option(metavar="S")] = None,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Solve a file of planning problems.
+    """Time the keypoint solver on a file of planning problems.
 
-    --json writes one JSON object for each problem, each on its own line. Times are CPU times of the solver calls alone;
-    reading and mesh loading come before.
+    --json writes one JSON object for each problem, each on its own line. Times are CPU times of the solver calls alone,
+    without reading files and loading meshes.
 
     Args:
         problems: Planning problems, one on each line.
-        assets: Folder of real objects, which are then obstacles.  [default: the table is the only obstacle]
-        frames: Interpretation of motion frames: the original's, or the object's own.
+        assets: Folder of real objects, used as obstacles.  [default: the table is the only obstacle]
+        frames: Frame of the motions: the original's, or the object's own.
         threads: Number of solver threads.
-        sample_dt: Also write the joints at this interval in seconds.
+        sample_dt: Also write the joint positions at this interval in seconds.
     """
     from gensim2.bench import solve_problems, summary_of
 
@@ -110,7 +110,7 @@ def motion(
     deadline_ms: Annotated[float | None, Option(metavar="MS")] = None,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Plan a file of joint-to-joint problems.
+    """Time the planner on a file of joint-to-joint motion problems.
 
     --json writes one JSON object for each problem, each on its own line. Times are CPU times from the problem to the
     timed motion, including the construction of the scene.
@@ -118,7 +118,7 @@ def motion(
     Args:
         problems: Motion problems, one on each line.
         robot: Robot of the problems.
-        margin: Smallest distance to all obstacles, in metres.
+        margin: Minimum distance to all obstacles, in metres.
         deadline_ms: Time limit of each problem in milliseconds.  [default: none]
     """
     from gensim2.bench import motion_summary, read_motion_problems, solve_motions
@@ -143,17 +143,18 @@ def policy(
 ) -> dict[str, Any]:
     """Time policies from observation to action.
 
-    Times decisions of every head on a live scene, including ray casting, with fresh weights and batch size 1. The
-    planner that executes keyposes is not included; --checkpoint times a trained policy with it.
+    Without --checkpoint, the command times decisions of every policy head on a live scene, including ray casting, with
+    random weights and batch size 1. The planner that executes keyposes is not included. With --checkpoint, it times a
+    trained policy including the planner.
 
     Args:
-        checkpoint: Keypose policy whose decisions are timed in episodes of its tasks, including the planner.
-        heads: Only this head; may be given again.
-        encoders: Encoder to time; may be given again.  [default: mlp]
-        points: Number of points of a cloud.
+        checkpoint: Keypose policy to time in episodes of its tasks.
+        heads: Time only this head; can be repeated.
+        encoders: Encoder to time; can be repeated.  [default: mlp]
+        points: Number of points of a point cloud.
         decisions: Number of decisions of each policy.
-        threads: Number of PyTorch's threads.
-        device: Device by PyTorch's name.
+        threads: Number of PyTorch threads.
+        device: Device, as PyTorch names it.
     """
     from gensim2.policy.config import HEADS
     from gensim2.policy.keypose.latency import measure_looks
@@ -168,7 +169,7 @@ def policy(
 
 
 def _refuse_beside_a_checkpoint(context: click.Context) -> None:
-    """Refuse the options that a trained policy determines: its network and its device."""
+    """Refuse options that a trained policy determines: its network and its device."""
     for param in context.command.params:
         fits = param.name in ("checkpoint", "decisions", "threads", "assets", "library", "json_file")
         if not fits and is_given(context, param.name or ""):

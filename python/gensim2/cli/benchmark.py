@@ -1,4 +1,4 @@
-"""``gensim2 benchmark``."""
+"""Command ``gensim2 benchmark``."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _show(result: dict[str, Any]) -> None:
 
 
 def interval_of(row: dict[str, Any], verdict: str) -> str:
-    """Return the 95 % interval of a verdict in words."""
+    """Return the 95 % confidence interval of a verdict in words."""
     low, high = row[f"{verdict}_interval"]
     return f"({low:.2f} to {high:.2f})"
 
@@ -83,22 +83,23 @@ def benchmark(
     progress: Progress,
     **given: Any,
 ) -> dict[str, Any]:
-    """Measure how often tasks succeed.
+    """Measure the success rates of tasks.
 
-    Runs TASKS on random scenes in the paper's protocol. Without TASKS, runs the paper's suite, or all tasks of
-    --origin. Reports three verdicts, each with its 95 % interval: paper (what the paper counts), held (true at the
-    end, at rest, and not in the no-op baseline) and strict. The JSON holds every episode, from which the table follows.
-    Tasks that these objects do not support are named and left out.
+    The command runs TASKS on random scenes by the paper's protocol. Without TASKS, it runs the paper's suite, or all
+    tasks of --origin. It reports three success rates with 95 % confidence intervals. Verdict paper counts episodes as
+    the paper does. Verdict held requires that the goal is true at the end and at rest, and not without the robot.
+    Verdict strict adds further conditions. The JSON output contains every episode. Tasks that these objects do not
+    support are reported and left out.
 
     Args:
         runs: Number of repetitions.
         episodes: Number of episodes of each task in each run.
-        attempts: Largest number of attempts of an episode. Each attempt starts from the same state with another
-            strategy first and another seed of the solver, until one attempt holds.
-        disturbance: At a seeded moment of each episode, push the object to be grasped 3 cm aside, or open the gripper
+        attempts: Maximum number of attempts in an episode. Each attempt starts from the same state with another
+            strategy first and another solver seed, until one attempt succeeds.
+        disturbance: At a random moment of each episode, push the object to be grasped 3 cm aside, or open the gripper
             that holds it. Tasks without such an object are left out.
-        method: chain uses our strategies and replans a step after a deviation. one-plan is the paper's method with our
-            solver: every step is planned once, at its turn, by its first strategy.
+        method: chain uses several strategies for each step and replans after a deviation. one-plan is the paper's
+            method with our solver: every step is planned once, at its start, with its first strategy.
     """
     from gensim2.evaluation import benchmark as function
 

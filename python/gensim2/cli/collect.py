@@ -1,4 +1,4 @@
-"""``gensim2 collect``."""
+"""Command ``gensim2 collect``."""
 
 from __future__ import annotations
 
@@ -46,22 +46,22 @@ def collect(
     resume: bool = False,
     **given: Any,
 ) -> dict[str, Any]:
-    """Collect a data set of many tasks.
+    """Collect a data set of demonstrations for many tasks.
 
-    Runs --episodes episodes of each of TASKS, or of the whole suite without TASKS, and keeps a record of each. Episodes
-    that hold keep their states and actions, too. The content of the folder depends on the arguments alone, even after
-    interruptions. With --resume you may raise --episodes and add TASKS. `gensim2 render` makes observations of the
-    data set.
+    The command runs --episodes episodes of each of TASKS, or of the whole suite without TASKS. Every episode has a
+    record; successful episodes also keep their states and actions. The result depends on the arguments alone, also
+    after interruptions. With --resume, --episodes can be raised and TASKS added. Use `gensim2 render` to add
+    observations.
 
     Args:
-        episodes: Number of episodes to run of each task.
+        episodes: Number of episodes of each task.
         out: Folder of the data set.
-        keep_failures: Keep the states of episodes that do not hold, too.
-        noise: Standard deviation of random angles that perturb the arm's commands now and then. The unperturbed
-            command is kept as the label that `gensim2 train` learns.
-        strategy: Use only this strategy in steps that have it; may be given again, for other steps.
-        objects: Number of generated objects of each class to draw from, beyond the listed ones.  [default: the objects
-            of --instances]
+        keep_failures: Also keep the states of failed episodes.
+        noise: Standard deviation of random angles that occasionally perturb the arm's commands. The label for training
+            stays the unperturbed command.
+        strategy: Use only this strategy in steps that have it; can be repeated for other steps.
+        objects: Number of generated objects of each class to use, beyond the listed ones.  [default: the objects of
+            --instances]
         resume: Continue the data set in --out, if there is one.
     """
     from gensim2.data import collect as function

@@ -1,4 +1,4 @@
-"""A collection on the screen: a table that is drawn anew on a terminal, a line now and then elsewhere."""
+"""Show the progress of a data collection: a live table on a terminal, otherwise an occasional line."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from gensim2.data.status import Status, TaskStatus
 
 LINE_SECONDS = 30.0
-"""Between two lines where nothing can be drawn."""
+"""Seconds between progress lines if the output is not a terminal."""
 
 
 class CollectionView(NullProgress):
-    """Shows a collection on standard error. A context manager: leaving it leaves the last picture standing."""
+    """Context manager that shows a collection on standard error; the last table stays on the screen."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         from rich.console import Console
@@ -41,7 +41,7 @@ class CollectionView(NullProgress):
             self._live.stop()
 
     def update(self, status: Status) -> None:
-        """Show it."""
+        """Show the status."""
         if self._live is not None:
             self._live.update(_picture(status), refresh=True)
         elif time.monotonic() - self._said > LINE_SECONDS or status.tried == status.total:
@@ -49,12 +49,12 @@ class CollectionView(NullProgress):
             self.message(summary(status))
 
     def message(self, text: str) -> None:
-        """Print one line; a drawn table stays below it."""
+        """Print one line above the table."""
         self._console.print(text, markup=False, soft_wrap=True)
 
 
 def summary(status: Status) -> str:
-    """One line: how many, how fast, how long, how much."""
+    """Return one line with the number of episodes, rate, remaining time and size."""
     held = sum(task.held for task in status.tasks)
     words = [f"{status.tried}/{status.total} episodes", f"{held} held"]
     if status.rate is not None and status.left is not None:

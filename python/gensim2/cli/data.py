@@ -1,4 +1,4 @@
-"""``gensim2 data``."""
+"""Commands ``gensim2 data``."""
 
 from __future__ import annotations
 
@@ -55,23 +55,23 @@ def export(
     progress: Progress,
     **given: Any,
 ) -> dict[str, Any]:
-    """Write a data set in another format.
+    """Export a data set to another format.
 
-    Writes the episodes of the data set in FOLDER that held. Beside frames, an export to LeRobot or zarr holds the
-    episodes themselves, so that `gensim2 data import` restores them. A card, README.md, says what the data are and how
-    to read them.
+    The command exports the successful episodes of the data set in FOLDER. Exports to LeRobot and zarr also contain the
+    original episode files, so that `gensim2 data import` can restore them. A README.md describes the data and how to
+    read them.
 
     Args:
-        to: ManiSkill's HDF5, LeRobot v3.0, or zarr.
-        out: Folder to write to.
-        tasks: Only this task; may be given again.
-        strict: Only episodes that meet the strict verdict.
-        whole: Only episodes in which every motion was executed completely.
-        first_try: Only episodes without replanning.
-        min_steps: Smallest number of control steps.
-        max_steps: Largest number of control steps.
-        min_clearance: Smallest distance, in metres, of the robot from the table, itself and objects that no step acts
-            on; at most 0.2.
+        to: Format: ManiSkill's HDF5, LeRobot v3.0, or zarr.
+        out: Output folder.
+        tasks: Export only this task; can be repeated.
+        strict: Export only episodes that pass the strict verdict.
+        whole: Export only episodes in which every motion was executed completely.
+        first_try: Export only episodes without replanning.
+        min_steps: Minimum number of control steps.
+        max_steps: Maximum number of control steps.
+        min_clearance: Minimum distance, in metres, of the robot from the table, from itself and from objects that no
+            step acts on; at most 0.2.
         observations: Include the observations that `gensim2 render` made.
     """
     from gensim2.data.formats.export import export as function
@@ -94,9 +94,9 @@ def export(
 def import_(
     folder: Existing, *, of: Annotated[Format, Option("--from")], out: Folder, progress: Progress
 ) -> dict[str, Any]:
-    """Make a data set of an export.
+    """Restore a data set from an export.
 
-    Restores the episodes of FOLDER, which `gensim2 data export` wrote, byte for byte.
+    The command restores the episodes of FOLDER, which `gensim2 data export` wrote, byte for byte.
 
     Args:
         of: Format of FOLDER.
@@ -110,11 +110,11 @@ def import_(
 
 @command("moved_assets", name="report", show=_show_quality)
 def quality(folder: Existing, *, video: bool, progress: Progress, **given: Any) -> dict[str, Any]:
-    """Write a page about what a data set covers.
+    """Write a page about the coverage and quality of a data set.
 
-    Reads every episode of the data set in FOLDER and writes FOLDER/quality.html: the objects, their placements and
-    openness, length and smoothness of the motions, the robot's clearance from objects that it must not touch,
-    duplicates, and a video of each task.
+    The command reads every episode of the data set in FOLDER and writes FOLDER/quality.html. The page shows objects,
+    placements, openness, length and smoothness of motions, the robot's clearance from other objects, duplicates, and a
+    video of each task.
     """
     from gensim2.data.report import HTML
     from gensim2.data.report import report as function
@@ -124,9 +124,9 @@ def quality(folder: Existing, *, video: bool, progress: Progress, **given: Any) 
 
 @command(show=lambda result: line(result["card"]))
 def card(folder: Existing) -> dict[str, Any]:
-    """Write a data set's README.md.
+    """Write the README.md of a data set.
 
-    The card says what the data are, how they were made, under which licence, and how to read them.
+    The file describes the data, their origin, their licence, and how to read them.
     """
     from gensim2.data.card import card as function
 

@@ -1,4 +1,4 @@
-"""``gensim2 demo``."""
+"""Command ``gensim2 demo``."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def _show(result: dict[str, Any]) -> None:
 def demo(task: str, *, episodes: Count = 5, progress: Progress, **given: Any) -> dict[str, Any] | Ending:
     """Record demonstrations of a task.
 
-    TASK is a task of the library or a folder that holds task.yaml and strategies/. A demonstration counts if the goal
-    holds at the end; --json also holds, for every verdict, the number of episodes that meet it, and the CPU seconds of
-    all processes without their start. Ends with exit code 1 if fewer demonstrations succeeded than requested.
+    TASK is a task of the library, or a folder that holds task.yaml and strategies/. A demonstration counts if the goal
+    holds at the end. --json also contains the number of episodes that pass each verdict, and the CPU seconds of all
+    processes without their start. The exit code is 1 if fewer demonstrations succeeded than requested.
 
     Args:
         episodes: Number of demonstrations to record.

@@ -1,4 +1,4 @@
-"""Options of who designs, and the designer that they name."""
+"""Options that select and configure the designer of a pipeline run."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ Price = Annotated[float | None, click.FloatRange(0), Option(metavar="USD")]
 
 
 class Designing:
-    """Options of who designs.
+    """Options that select and configure the designer.
 
     Attributes:
-        mode: explore designs tasks of one motion; topdown takes long tasks apart; bottomup composes long tasks of
-            verified ones.  [default: explore; offline designer: all that it knows]
+        mode: explore designs single-step tasks; topdown decomposes long tasks into steps; bottomup composes long tasks
+            of verified ones.  [default: explore; offline designer: all tasks]
         trials: Number of configs of a step to request at once.  [default: 3]
-        max_rounds: Number of answers to a question before it is dropped, and of rounds that improve configs after
-            physics.  [default: 3]
-        visual: Show the model pictures of the object and the actuation pose.
+        max_rounds: Maximum number of answers to a question, and of rounds that improve configs after simulation.
+            [default: 3]
+        visual: Send pictures of the object and of the actuation pose to the model.
         code: Also request each task as code, which is interpreted.
-        review: Ask on the terminal whether to accept each proposal.
-        prompts: Your own prompts, with the names of ours.
-        replay: Use the answers of this run folder, and ask no model.
+        review: Ask on the terminal whether to accept each proposed task.
+        prompts: Folder with your own prompts, named like the built-in ones.
+        replay: Use the answers of this run folder instead of a model.
         config: Settings of the model (YAML).
         base_url: OpenAI-compatible endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]
-        temperature: Temperature of the model's answers.
-        budget: Largest cost of the model's answers; needs both prices.
-        price_in: Price of a million tokens of questions.
-        price_out: Price of a million tokens of answers.
-        concurrency: Number of simultaneous questions.  [default: 4]
+        temperature: Sampling temperature of the model.
+        budget: Maximum cost of the model's answers in USD; needs both prices.
+        price_in: Price in USD of a million prompt tokens.
+        price_out: Price in USD of a million answer tokens.
+        concurrency: Number of simultaneous requests.  [default: 4]
     """
 
     mode: Literal["explore", "topdown", "bottomup"] | None = None
@@ -61,7 +61,7 @@ class Designing:
 
 
 NAMES = tuple(Designing.__annotations__)
-#: Options that apply to the offline designer, too.
+#: Options that also apply to the offline designer.
 _FOR_ALL = ("mode", "review")
 _ASKING = ("mode", "trials", "max_rounds", "visual", "code")
 
@@ -73,10 +73,10 @@ def designer_of_command(
     scene: SceneOptions,
     asked: dict[str, Any],
 ) -> tuple[Designer, str | None]:
-    """The designer that the options stand for, and the task of the library that is to be designed anew.
+    """Return the designer that the options select, and the library task to redesign, if any.
 
     Raises:
-        InputError: an option cannot be used, or means nothing to this designer.
+        InputError: an option is invalid or does not apply to this designer.
         MissingExtraError: the extra ``llm`` is not installed.
     """
     from gensim2.design.designing import model_designer, offline_designer
@@ -111,7 +111,7 @@ def designer_of_command(
 
 
 def _check_object(target_object: str, target_task: str | None, scene: SceneOptions) -> None:
-    """Refuse a class that there is not, before anything is looked at or a model is asked."""
+    """Refuse an unknown class before any object is loaded or a model is asked."""
     from gensim2.objects import open_library
     from gensim2.tasks.library import task_names
 
@@ -124,14 +124,14 @@ def _check_object(target_object: str, target_task: str | None, scene: SceneOptio
 
 
 def _check_terminal() -> None:
-    """Refuse to ask a person whom no terminal reaches: that is an error, not a no."""
+    """Refuse ``--review`` without a terminal, since a missing answer must not count as "no"."""
 
     if not sys.stdin.isatty():
         raise InputError("standard input is no terminal, so no one can be asked", field="--review")
 
 
 def _confirmed(task: TaskSpec) -> bool:
-    """Ask the person at the terminal."""
+    """Ask at the terminal whether to accept a task."""
     from gensim2.tasks.wording import criteria_in_words
 
     steps = "; ".join(step.name for step in task.steps)

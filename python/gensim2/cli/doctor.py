@@ -1,4 +1,4 @@
-"""``gensim2 doctor``."""
+"""Command ``gensim2 doctor``."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def doctor(
     base_url: Annotated[str | None, Option(metavar="URL")] = None,
     model_config: File | None = None,
 ) -> dict[str, Any] | Ending:
-    """Report what works on this machine and what is missing.
+    """Report which parts of gensim2 work on this machine and what is missing.
 
-    Asks a language model if an option or the environment names an endpoint. Ends with exit code 1 if something required
-    is missing.
+    The command asks a language model if an option or the environment names an endpoint. The exit code is 1 if a
+    required part is missing.
 
     Args:
-        model: Language model to ask for one word.
-        base_url: URL of its endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]
+        model: Language model to test with a one-word question.
+        base_url: URL of the model's endpoint.  [default: $OPENAI_BASE_URL, else OpenAI's]
         model_config: Settings of the requests (YAML).
     """
     from gensim2.doctor import doctor as function

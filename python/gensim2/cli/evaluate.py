@@ -1,4 +1,4 @@
-"""``gensim2 evaluate``."""
+"""Command ``gensim2 evaluate``."""
 
 from __future__ import annotations
 
@@ -75,22 +75,23 @@ def evaluate(
     progress: Progress,
     **given: Any,
 ) -> dict[str, Any]:
-    """Measure how often your own controller succeeds.
+    """Measure the success rate of a controller or policy.
 
-    Runs a controller on TASKS, on the random scenes of the benchmark, and judges it as the benchmark does. The fields
-    of a controller's observation have the same names as in exports; see docs/guides/controllers.md.
+    The command runs a controller on TASKS with the random scenes and verdicts of `gensim2 benchmark`. The fields of an
+    observation have the same names as in exported data; see docs/guides/controllers.md.
 
     Args:
-        checkpoint: Policy that gensim2 learn or train made, or the package's own for the single-step tasks, in place of
-            --controller.
-        controller: Class of the controller; reset(observation, seed) and act(observation) decide.
+        checkpoint: Policy made by gensim2 learn or train, or builtin for the packaged policy of the single-step tasks;
+            replaces --controller.
+        controller: Class of the controller with the methods reset(observation, seed) and act(observation).
         arguments: Keyword arguments of the controller.
-        data: Rendered data set that the controller was trained on; other observations are refused.
-        stop: End an episode when the goal has held for half a second and still holds when the scene rests, or at the
-            time limit; or only when the controller returns None, and cut episodes of controllers that never do.
+        data: Rendered data set that the controller was trained on; different observation settings are refused.
+        stop: goal ends an episode when the goal has held for half a second and still holds with the scene at rest, or
+            at the time limit. controller ends it only when the controller returns None, and marks episodes at the time
+            limit as truncated.
         runs: Number of repetitions.
         episodes: Number of episodes of each task in each run.
-        videos: Number of episodes of each task to film.
+        videos: Number of episodes of each task to record as video.
     """
     from gensim2.evaluation import evaluate as function
     from gensim2.policy.evaluating import evaluate_policy, read_controls

@@ -1,4 +1,4 @@
-"""``gensim2 experiment``."""
+"""Command ``gensim2 experiment``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gensim2.cli.output import line, table
 from gensim2.cli.typed import File
 from gensim2.core.progress import Progress
 
-#: Experiments with what each measures.
+#: Description of each experiment.
 EXPERIMENTS = {
     "generalization": "Train one policy for 5 tasks and one for 15, and test on training objects and on others; arms "
     "with real objects need a folder of them, --assets.",
@@ -26,7 +26,7 @@ EXPERIMENTS = {
 
 @click.group("experiment", short_help="Train and measure several policies, and draw the figure.")
 def experiment() -> None:
-    """Run experiments of several trainings; each is one command, which --resume continues, and one page."""
+    """Run experiments that compare several trained policies; each writes one page and can continue with --resume."""
 
 
 def _add(name: str, help_text: str) -> None:
@@ -36,8 +36,8 @@ def _add(name: str, help_text: str) -> None:
         """Run an experiment.
 
         Args:
-            small: Run a small version as a check; it takes some minutes on two cores.
-            config: Arms as YAML, in place of the package's own.
+            small: Run a small version as a check; takes some minutes on two cores.
+            config: Variants to compare as YAML, instead of the packaged ones.
         """
         if small and config is not None:
             raise click.UsageError("Give either --small or --config.")

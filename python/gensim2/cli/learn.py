@@ -1,4 +1,4 @@
-"""``gensim2 learn``."""
+"""Command ``gensim2 learn``."""
 
 from __future__ import annotations
 
@@ -17,30 +17,29 @@ class Learning:
     """Options of training.
 
     Attributes:
-        policy: Network. keypose predicts poses of the hand, the planner moves between them, and plans teach it. The
-            others predict chunks of actions, and episodes teach them.
-        minutes: CPU minutes for the data and the training of each policy. If a GPU trains, the rest after the data is
+        policy: Type of policy. keypose predicts hand poses, the planner moves between them, and it learns from plans.
+            The other types predict chunks of actions and learn from episodes.
+        minutes: CPU minutes for data and training of each policy. If a GPU trains, the time after the data counts as
             wall-clock time. Evaluation is not limited.
-        multi_task: Train one policy for all TASKS; their sentences tell the tasks apart.
-        scenes: Largest number of scenes of each task to plan; of episodes at most 600.
-        episodes: Number of episodes of each task to evaluate.
-        videos: Number of episodes of each task to film for the page.
-        objects: Number of generated objects of each class to learn from, beyond the listed ones.  [default: the objects
-            of --instances; without --instances 200, or the training split of real objects]
-        generated: Number of generated objects of each class to learn from beside the objects of --assets. Both share
-            the time for plans in proportion to their numbers, and each gets up to --scenes.
-        verify: Execute the plans that teach a keypose policy in physics, and leave out failed ones; a scene then takes
-            ten times as long.
-        start: Keypose policy of several tasks that learn made, or the package's. TASKS are added to its tasks, and all
-            are measured.
-        demonstrations: Run of learn for another policy with the same TASKS, objects and seed. Its demonstrations are
-            used, and more are made if their share of --minutes is not spent.
-        text: Text encoder of a policy of several tasks: a small one trained with it, CLIP's, or a sentence model's.
-            [default: that of --from, else small]
-        text_model: Folder or hub name of the weights of --text clip or sentence.  [default: CLIP's on the hub]
-        settings: Settings of network and training that differ from the defaults, as YAML; for example encoder:
-            pointnext.
-        test_instances: Objects to evaluate on.  [default: new if the policy learns from --objects; otherwise, and with
+        multi_task: Train one policy for all TASKS; instructions tell it which task to do.
+        scenes: Maximum number of scenes of each task to plan; for episodes at most 600.
+        episodes: Number of evaluation episodes of each task.
+        videos: Number of episodes of each task to record as video.
+        objects: Number of generated training objects of each class, beyond the listed ones.  [default: the objects of
+            --instances; without --instances 200, or the training split of real objects]
+        generated: Number of generated training objects of each class in addition to those of --assets. Planning time is
+            divided in proportion to the numbers of objects, and each part uses up to --scenes scenes.
+        verify: Simulate the plans that train a keypose policy, and leave out failed ones; a scene then takes ten times
+            as long.
+        start: Multi-task keypose policy to start from, made by learn or the packaged one. TASKS are added to its tasks,
+            and all tasks are evaluated.
+        demonstrations: Earlier run of learn for another policy type with the same TASKS, objects and seed. Its
+            demonstrations are reused, and more are made if their share of --minutes is not used up.
+        text: Text encoder of a multi-task policy: small is trained with the policy, clip is CLIP's, sentence is a
+            sentence model's.  [default: that of --from, else small]
+        text_model: Folder or hub name of the weights for --text clip or sentence.  [default: CLIP's on the hub]
+        settings: YAML settings of network and training that differ from the defaults, such as encoder: pointnext.
+        test_instances: Evaluation objects.  [default: new if the policy learns from --objects; otherwise, and with
             --from a policy that was trained on listed objects, test if each class has ten or more objects, else new]
     """
 
@@ -97,14 +96,15 @@ def learn(
     progress: Progress,
     **given: Any,
 ) -> dict[str, Any]:
-    """Train a policy on tasks, and measure it.
+    """Train a policy on tasks, and evaluate it.
 
-    The policy sees point clouds, the robot's state and a sentence. learn draws scenes of TASKS and plans them (for
-    action chunks: simulates and renders them), trains, and evaluates on objects and seeds outside the training, beside
-    baselines. --out is a checkpoint, or holds one for each task.
+    The policy observes point clouds, the robot's state and an instruction. The command generates scenes of TASKS and
+    plans them (for action-chunk policies, it also simulates and renders them), trains the policy, and evaluates it with
+    baselines on objects and seeds that are not used in training. --out becomes a checkpoint, or a folder with one
+    checkpoint for each task.
 
     Args:
-        instances: Objects to learn from, in place of --objects.
+        instances: Training objects, instead of --objects.
     """
     from gensim2.data.runfolder import default_run_dir
     from gensim2.perception.noise import read_noise

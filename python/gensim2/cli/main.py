@@ -1,4 +1,4 @@
-"""Entry point: finds the command, and turns every way to end into an exit code."""
+"""Entry point of the command line: run a command and convert every outcome to an exit code."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gensim2.cli.signals import exit_code, stopping_signals
 from gensim2.cli.typed import Option, parameters, summary
 from gensim2.core.errors import GenSim2Error, InputError, MissingExtraError, ModelError, NotRunError, Stopped, one_line
 
-#: Modules that come with an extra; a light installation has none of them.
+#: Modules that belong to an optional extra.
 EXTRAS = {
     **dict.fromkeys(("embreex", "fpsample", "imageio", "mani_skill", "PIL", "sapien", "torch"), "sim"),
     **dict.fromkeys(("httpx2", "json_repair", "openai"), "llm"),
@@ -34,7 +34,7 @@ EXTRAS = {
     **dict.fromkeys(("matplotlib", "pyarrow", "zarr"), "data"),
 }
 
-#: Command to the module and object that hold it: imported when asked for, so that ``--help`` is quick.
+#: Module and attribute of each command, imported on use so that ``--help`` is fast.
 COMMANDS = {
     "run-pipeline": "gensim2.cli.run_pipeline:run_pipeline",
     "demo": "gensim2.cli.demo:demo",
@@ -56,15 +56,15 @@ COMMANDS = {
 }
 
 
-#: Entry points of this group, of any distribution, are commands as well.
+#: Entry-point group in which other distributions can add commands.
 COMMAND_GROUP = "gensim2.commands"
 
-#: Commands of our other distributions, for the remedy where a distribution is not installed.
+#: Commands of our other distributions, to name the missing package in an error.
 OTHER_DISTRIBUTIONS = {"robot": "gensim2-robot"}
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are imported one at a time."""
+    """A group of commands that are imported individually on use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order of ``COMMANDS``, then those of other installed distributions."""
@@ -89,14 +89,14 @@ class LazyGroup(click.Group):
 
 
 def _start(*, robots: Annotated[tuple[str, ...], Option("--load-robot", "FILE.py")] = ()) -> None:
-    """Articulated objects in, verified manipulation tasks and demonstrations out.
+    """Turn articulated objects into verified manipulation tasks and demonstrations.
 
-    Exit codes: 0 ran to the end, 1 a check found something wrong, 2 bad input, 3 jobs could not be run (--resume
-    tries them again), 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
+    Exit codes: 0 success, 1 a check failed, 2 invalid input, 3 some jobs could not be run (--resume retries them), 130
+    interrupted by Ctrl-C (143 by SIGTERM, 129 by SIGHUP).
 
     Args:
-        robots: Load your own robot that a checkpoint, a log or a data set names; data alone never load one. May be
-            given again.
+        robots: Load your own robot, which a checkpoint, a log or a data set may then name; data files never load code
+            themselves. Can be repeated.
     """
     for place in robots:
         from gensim2.robots import load_robot
@@ -115,14 +115,14 @@ click.version_option(package_name="gensim2", prog_name="gensim2")(cli)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run the command line and leave the process with its exit code."""
+    """Run the command line and exit the process."""
     if sys.stdout is None:
         sys.exit(_fail("gensim2: standard output is closed (let it go to a file, or to /dev/null)", BAD_INPUT))
     _leave(run(arguments))
 
 
 def _leave(code: int) -> NoReturn:
-    """Leave the process with a code; at once where Ray would leave it with another."""
+    """Exit the process; immediately if Ray's exit handlers would change the exit code."""
     head = sys.modules.get("gensim2.core.processes.ray")
     if head is not None and head.left_waiting:
         sys.stderr.flush()
@@ -133,9 +133,9 @@ def _leave(code: int) -> NoReturn:
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code; ``arguments`` defaults to the process's own."""
+    """Run the command line and return its exit code; ``arguments`` defaults to ``sys.argv``."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a path may hold bytes that the terminal's encoding has not
+        if isinstance(stream, io.TextIOWrapper):  # A path can contain bytes that the terminal's encoding lacks.
             stream.reconfigure(errors="backslashreplace")
     try:
         with stopping_signals():
@@ -163,11 +163,11 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
     except (KeyboardInterrupt, click.Abort, Stopped) as error:
         return _fail("gensim2: interrupted; what was finished is kept", exit_code(error))
-    except SystemExit as error:  # a library's, or a user's: click raises none here
+    except SystemExit as error:  # raised by a library or the user's code; click raises none here
         return _fail(f"gensim2: something called sys.exit({error.code!r}) before the work was done", NOT_RUN)
     except OSError as error:
         refused = _drop_unwritten_output() or _was_printing(error)
-        if refused and error.errno == errno.EPIPE:  # whoever read our output has left, which is no fault
+        if refused and error.errno == errno.EPIPE:  # The reader of the pipe has closed it, which is not an error.
             return FOUND_WRONG
         said = error.strerror or str(error)
         if error.filename is not None:
@@ -176,7 +176,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _was_printing(error: OSError) -> bool:
-    """Whether an error came from writing to standard output: its innermost frame is that of a printing function."""
+    """Return whether an error came from writing to standard output, judged by its innermost frame."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
@@ -185,13 +185,13 @@ def _was_printing(error: OSError) -> bool:
 
 
 def _fail(text: str, code: int) -> int:
-    with contextlib.suppress(OSError):  # standard error is closed, too; the exit code still says it
+    with contextlib.suppress(OSError):  # If standard error is closed too, the exit code still reports the failure.
         click.echo(one_line(text), err=True)
     return code
 
 
 def _drop_unwritten_output() -> bool:
-    """Whether standard output takes nothing; what is left then goes nowhere: the flush at exit would complain again."""
+    """Return whether standard output is unusable, and redirect it, so that the flush at exit does not fail again."""
     try:
         sys.stdout.flush()
     except OSError:

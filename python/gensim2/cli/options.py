@@ -1,4 +1,4 @@
-"""The decorator of commands, and the options that several of them share."""
+"""Decorator for commands, and options shared by several commands."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from gensim2.core.cores import usable_cores
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import LARGEST_SEED
 
-#: Exit codes; 0 is "ran to the end", 128 + n "stopped by signal n".
+#: Exit codes for a failed check, invalid input, and jobs that could not be run.
 FOUND_WRONG, BAD_INPUT, NOT_RUN = 1, 2, 3
 
 
 class _Physics(click.ParamType[str]):
-    """A preset, a mixture, or a file of switches."""
+    """Parameter type: a physics preset, a mixture of presets, or a file of settings."""
 
     name = "physics"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the word for the switches."""
+        """Return the name of the physics settings."""
         from gensim2.scenes.physics import physics_name
 
         try:
@@ -35,19 +35,19 @@ class _Physics(click.ParamType[str]):
 
 
 class _Robot(click.ParamType[str]):
-    """A robot's name, or a Python file or module, which is loaded because the user names it; data never load one."""
+    """Parameter type: a robot's name, or the user's own Python file or module, which is loaded."""
 
     name = "robot"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the word for the robot."""
+        """Return the key of the robot."""
         from gensim2.robots import load_robot
 
         return load_robot(value)
 
 
 Robot = Annotated[str, _Robot(), Option(metavar="NAME|FILE.py")]
-#: Not a path: of ``builtin`` and ``./builtin`` only the latter is a folder.
+#: Not a path type, because ``builtin`` is a name while ``./builtin`` is a folder.
 Checkpoint = Annotated[str, Option(metavar="DIR|builtin")]
 
 
@@ -55,44 +55,45 @@ class Shared:
     """Options that several commands share, each with one meaning.
 
     Attributes:
-        assets: Folder of objects, 'builtin' for the generated ones, or 'ycb' for ManiSkill's download; a rigid object
-            that a folder lacks is the generated one.  [default: $GENSIM2_ASSETS, else builtin]
-        control_episodes: Number of episodes of each task and control.
-        controls: Baselines to measure beside the policy: blind, shuffled (clouds of other scenes), no-op, expert (the
-            planner).
-        device: Training device by PyTorch's name; several devices share each batch. auto is the first GPU, else the
+        assets: Folder of objects, 'builtin' for generated objects, or 'ycb' for ManiSkill's download. If a folder lacks
+            a rigid object, the generated one is used.  [default: $GENSIM2_ASSETS, else builtin]
+        control_episodes: Number of episodes of each task and baseline.
+        controls: Baselines to measure in addition to the policy: blind (no point cloud), shuffled (point clouds of
+            other scenes), no-op, expert (the planner).
+        device: Training device, as PyTorch names it; several devices share each batch. auto is the first GPU, else the
             CPU.
-        engine: Physics engine: sapien is PhysX with ManiSkill's environments; mujoco (extra gensim2[mujoco]) needs
-            neither ManiSkill nor PyTorch, and simulates --physics default only.
-        instances: Objects to draw from. train and test split the listed objects nine to one; train-K and test-K, with
-            K from 1 to 9, use another tenth for testing; new objects are generated beyond the listed ones; random is
-            one listed object, drawn by --seed.
-        jobs_per_worker: Jobs after which a simulator process is replaced.
-        library: Your own tasks beside those of the package.  [default: $GENSIM2_LIBRARY, else a folder among your data]
+        engine: Physics engine. sapien uses PhysX with ManiSkill's environments. mujoco (extra gensim2[mujoco]) needs
+            neither ManiSkill nor PyTorch, and supports --physics default only.
+        instances: Objects to use. train and test split the listed objects nine to one; train-K and test-K, with K from
+            1 to 9, use another tenth for testing; new generates objects beyond the listed ones; random is one listed
+            object, drawn by --seed.
+        jobs_per_worker: Number of jobs after which a simulator process is replaced.
+        library: Folder of your own tasks, used in addition to the package's.  [default: $GENSIM2_LIBRARY, else a folder
+            in your user data]
         moved_assets: Folder that now holds the data set's objects, which must be unchanged. Built-in objects do not
-            need it.  [default: their folder when the data set was made]
-        noise: Noise of the depth cameras. deployed is d435 with errors of calibration and clock, drawn for each
-            episode; FILE is a file that gensim2 robot fit-noise wrote.
-        open_loop: Plan all steps at the start of an episode, each by its first strategy with a complete plan, and do
-            not react to deviations.
-        origin: Use all tasks of the library that NAME, a designer, proposed.  [default: paper, the paper's suite]
-        out: Folder to write to.  [default: runs/<date>-<time>]
-        physics: Joint friction, densities, materials, solver, default poses, drives of the fingers and redraws: the
-            project's own, or those of the original GenSim2; or a mixture such as original+gripper=default, or a YAML or
-            JSON file of switches.
+            need this option.  [default: their folder when the data set was made]
+        noise: Noise of the depth cameras. deployed is the d435 noise with calibration and clock errors drawn for each
+            episode; FILE is a file written by gensim2 robot fit-noise.
+        open_loop: Plan all steps at the start of an episode, each with its first strategy that gives a complete plan,
+            without reacting to deviations.
+        origin: Use all library tasks proposed by NAME, a designer.  [default: paper, the paper's suite]
+        out: Output folder.  [default: runs/<date>-<time>]
+        physics: Physics settings (joint friction, densities, materials, solver, default poses, finger drives and
+            redraws): the project's own, or those of the original GenSim2; or a mixture such as
+            original+gripper=default, or a YAML or JSON file of settings.
         randomization: Ranges of the scenes: the task's own, half of them, or wider ones that also vary the objects'
             friction and mass and the robot's start.
-        ray: Run on Ray (extra gensim2[ray]): on this machine, or on a cluster whose nodes all have --out at the same
-            path. --workers is then the largest number of environments at a time.  [default of --workers: one for each
-            CPU]
-        redraw: Whether to redraw the placements of several objects until all have room.  [default: as --physics has
-            it: placement, or none for the original]
-        resume: Resume the run in --out.
+        ray: Run on Ray (extra gensim2[ray]), on this machine or on a cluster whose nodes all have --out at the same
+            path. --workers is then the maximum number of simultaneous environments.  [default of --workers: one for
+            each CPU]
+        redraw: Redraw object placements that overlap (placement), or keep the first draw (none).  [default: that of
+            --physics: placement, or none for the original]
+        resume: Continue the run in --out.
         robot: Robot: panda, fr3, fetch, or a Python file that registers your own robot.
-        seed: Seed of every draw.
+        seed: Random seed.
         time_limit: Time after which an episode counts as hung and is repeated in a new process.
-        video: Record videos where this machine can render.
-        workers: Number of simulator processes; the result does not depend on it.
+        video: Record videos if this machine can render.
+        workers: Number of simulator processes; does not affect the result.
     """
 
     seed: Annotated[int, click.IntRange(0, LARGEST_SEED)] = 0
@@ -122,16 +123,16 @@ class Shared:
 
 _SHARED = options_of_class(Shared)
 
-#: Options that decide scenes and episodes.
+#: Options that determine scenes and episodes.
 SCENE = ("assets", "instances", "engine", "physics", "redraw", "randomization", "robot")
 EPISODES = ("seed", *SCENE, "open_loop")
-#: How simulator processes work.
+#: Options of simulator processes.
 PROCESSES = ("workers", "time_limit", "jobs_per_worker")
 
 
 @dataclass(frozen=True)
 class Ending:
-    """Result of a command that does not end with exit code 0.
+    """Result of a command whose exit code is not 0.
 
     Attributes:
         result: document, which is shown and written as usual.
@@ -149,7 +150,7 @@ def command(
     text: Callable[[dict[str, Any]], str] = document,
     beside: Sequence[click.Option] = (),
 ) -> Callable[[Callable[..., Any]], click.Command]:
-    """Make a command of a typed function whose docstring holds the help.
+    """Create a command from a typed function whose docstring holds the help.
 
     Example:
         ```python
@@ -163,11 +164,12 @@ def command(
         ```
 
     Args:
-        shared: names of options of :class:`Shared`, and classes of options, which the function takes by keyword.
+        shared: names of options of :class:`Shared`, and classes of options, which the function takes as keyword
+            arguments.
         name: name of the command; None: the function's.
         show: prints the function's result, a dictionary or :class:`Ending`. The command then has ``--json``.
-        text: what goes into the file of ``--json``.
-        beside: further options.
+        text: formats the result for the file of ``--json``.
+        beside: additional options.
     """
 
     def decorate(function: Callable[..., Any]) -> click.Command:
@@ -215,15 +217,15 @@ def _json() -> click.Option:
 
 
 def is_given(context: click.Context, name: str) -> bool:
-    """Return whether the user gave an option, rather than its default."""
+    """Return whether the user gave an option explicitly."""
     return context.get_parameter_source(name) is ParameterSource.COMMANDLINE
 
 
 def _settle(context: click.Context, given: dict[str, Any]) -> None:
-    """Apply the options that change others, or the process.
+    """Apply the options that change other options or the process.
 
     Raises:
-        UsageError: ``--resume`` without ``--out``: a new folder would begin from nothing.
+        UsageError: ``--resume`` without ``--out``, since a new folder has nothing to resume.
     """
     if given.get("resume") and given.get("out", "") is None:
         raise click.UsageError("--resume goes on with what --out holds: give --out, too")
@@ -234,4 +236,4 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
     if (library := given.pop("library", None)) is not None:
         from gensim2.tasks.library import using_library
 
-        context.with_resource(using_library(library))  # worker processes are given tasks as values
+        context.with_resource(using_library(library))  # worker processes receive tasks as values

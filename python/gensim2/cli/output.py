@@ -1,4 +1,4 @@
-"""Results for people on standard output, or as one JSON document."""
+"""Print results as text on standard output, or as one JSON document."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Show = Callable[[dict[str, Any]], None]
 
 
 def document(result: dict[str, Any]) -> str:
-    """A result as one JSON document. NaN is refused: JSON has none."""
+    """Return a result as a JSON document; NaN raises an error because JSON has none."""
     return json.dumps(result, indent=2, allow_nan=False) + "\n"
 
 
@@ -32,16 +32,15 @@ def document(result: dict[str, Any]) -> str:
 def report(
     json_file: str | None, show: Show, text: Callable[[dict[str, Any]], str] = document
 ) -> Iterator[tuple[ConsoleProgress, Callable[[dict[str, Any]], None]]]:
-    """Give a command its progress listener and a function that takes its result.
+    """Yield a progress listener, and a function that accepts the command's result.
 
-    With ``json_file == "-"`` everything that is printed to standard output while the command runs, by
-    simulators written in C++ and by worker processes too, goes to standard error; the document alone goes to
-    standard output.
+    With ``json_file == "-"``, only the document goes to standard output. Everything else that is printed there while
+    the command runs, also by C++ simulators and worker processes, is redirected to standard error.
 
     Args:
         json_file: value of ``--json``: ``None``, ``"-"`` or a file.
-        show: prints the result for a person.
-        text: what goes to the file.
+        show: prints the result as text.
+        text: formats the result for the file.
 
     Raises:
         InputError: the file cannot be written to.
@@ -65,7 +64,7 @@ def report(
         if to_stdout:
             sys.stdout.write(text(result))
         else:
-            show(result)  # first: a file that cannot be written takes nothing from whoever looks
+            show(result)  # printed first, so that the result is visible even if the file cannot be written
             if json_file is not None:
                 with _said_of_json(json_file):
                     write_output(Path(json_file), text(result))
@@ -86,17 +85,17 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[object]], *, title: st
 
 
 def line(text: str) -> None:
-    """Print one line as it is, never folded: whoever reads it may be a program."""
+    """Print one line without wrapping, since a program may read it."""
     console().print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def number(value: float | None) -> str:
-    """A number with one digit behind the point; nothing where there is none."""
+    """Format a number with one decimal; empty for None."""
     return "" if value is None else f"{value:.1f}"
 
 
 def console() -> Console:
-    """Standard output; wide where it is not a terminal, so that nothing is folded in a pipe."""
+    """Return a console for standard output, wide if it is not a terminal, so that piped lines are not wrapped."""
     from rich.console import Console
 
     found = Console(soft_wrap=False, highlight=False)
@@ -105,7 +104,7 @@ def console() -> Console:
 
 @contextlib.contextmanager
 def _said_of_json(json_file: str) -> Iterator[None]:
-    """Name the option in what is wrong with its file."""
+    """Add the option's name to errors about its file."""
     try:
         yield
     except InputError as error:

@@ -1,4 +1,4 @@
-"""``gensim2 policy``."""
+"""Commands ``gensim2 policy``."""
 
 from __future__ import annotations
 
@@ -51,9 +51,10 @@ def _argument(text: str) -> tuple[str, Any]:
 
 @command(show=_show)
 def show(folder: Checkpoint) -> dict[str, Any]:
-    """Describe a checkpoint.
+    """Describe a policy checkpoint.
 
-    Prints the network, the training data and the observations of the checkpoint DIR, or of the package's own.
+    The command prints network, training data and observation settings of the checkpoint DIR, or of the packaged policy
+    (builtin).
     """
     from gensim2.policy.checkpoint import PolicyCheckpoint
 
@@ -75,11 +76,11 @@ def show(folder: Checkpoint) -> dict[str, Any]:
 
 @command(show=_show_export)
 def export(folder: Checkpoint, *, to: Literal["onnx", "torch"] = "onnx", out: File) -> dict[str, Any]:
-    """Write a policy's network as ONNX or a PyTorch graph.
+    """Export a policy's network as ONNX or a PyTorch graph.
 
-    Writes the network of the checkpoint DIR, one decision at a time, and checks that it computes the same function.
-    FILE.json beside it holds names and shapes of the inputs, the sentences and the observation spec; for keypose
-    policies also the order of the points and the meaning of the classes.
+    The command exports the network of the checkpoint DIR for single decisions, and checks that the export computes the
+    same function. FILE.json beside it contains names and shapes of the inputs, the instructions and the observation
+    settings; for keypose policies also the order of the points and the meaning of the classes.
 
     Args:
         to: Format.
@@ -99,16 +100,17 @@ def serve(
     arguments: Annotated[tuple[str, ...], Option("--argument", "NAME=JSON")] = (),
     robot: str,
 ) -> None:
-    """Serve a policy, or any controller, to a robot on another machine.
+    """Serve a policy or controller to a robot on another machine.
 
-    Serves the checkpoint DIR, or your own class, by websocket: gensim2 robot run --policy ws://HOST:PORT. Clients must
-    send the token in GENSIM2_POLICY_TOKEN; without that variable, the server makes a token and prints it. Connections
-    are not encrypted: outside this machine use a tunnel (ssh -L), or a proxy that speaks wss.
+    The command serves the checkpoint DIR, or your own class, by websocket; on the robot's machine use gensim2 robot run
+    --policy ws://HOST:PORT. Clients must send the token in GENSIM2_POLICY_TOKEN; without that variable, the server
+    generates a token and prints it. Connections are not encrypted: for access from other machines use a tunnel (ssh -L)
+    or a wss proxy.
 
     Args:
         host: Address to listen on.
         port: Port to listen on; 0 is any free port.
-        arguments: Argument of module:Class; may be given again.
+        arguments: Argument of module:Class; can be repeated.
     """
     from gensim2.policy.evaluating import policy_controller
     from gensim2.policy.remote.protocol import TOKEN

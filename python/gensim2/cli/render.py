@@ -1,4 +1,4 @@
-"""``gensim2 render``."""
+"""Command ``gensim2 render``."""
 
 from __future__ import annotations
 
@@ -50,23 +50,24 @@ def render(
     progress: Progress,
     **given: Any,
 ) -> dict[str, Any]:
-    """Make observations of a data set's states.
+    """Render observations of a data set.
 
-    Observes the episodes of the data set DIR from their recorded states; nothing is simulated again. Point clouds,
-    depth and segmentation are ray-cast and need no GPU; rgb comes from the renderer.
+    The command computes observations of the episodes in the data set DIR from their recorded states, without simulating
+    them again. Point clouds, depth and segmentation images are ray-cast and need no GPU; rgb images come from the
+    renderer.
 
     Args:
         modalities: Observations to make, of pointcloud, rgb, depth, segmentation; rgb needs a Vulkan driver.
         cameras: Cameras to use.
-        points: Number of points of a cloud.
-        source: Source of the clouds: depth pictures, or the true places of the objects' keypoints and of the corners of
-            their boxes, which only a simulator knows, for privileged baselines.
-        keep_robot: Part of the robot that point clouds keep.
-        drop_outliers: Drop isolated points: points whose distance to their neighbours exceeds the mean by this number
-            of standard deviations.
-        depth_noise: White noise with a RealSense D435's numbers; the same as --noise white.
-        tasks: Only this task; may be given again.
-        episodes: Number of episodes of each task, from the first that held.  [default: all]
+        points: Number of points of a point cloud.
+        source: Source of the point clouds. depth uses depth images. keypoints uses the true positions of keypoints and
+            bounding-box corners, which only a simulator knows, for privileged baselines.
+        keep_robot: Part of the robot that point clouds include.
+        drop_outliers: Drop isolated points, whose distance to their neighbours exceeds the mean by this number of
+            standard deviations.
+        depth_noise: Add white noise with the parameters of a RealSense D435; same as --noise white.
+        tasks: Render only this task; can be repeated.
+        episodes: Number of episodes of each task, starting with the first successful one.  [default: all]
         resume: Continue the observations in DIR.
     """
     from gensim2.data.rendering import render as function

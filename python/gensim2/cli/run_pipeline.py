@@ -1,4 +1,4 @@
-"""``gensim2 run-pipeline``."""
+"""Command ``gensim2 run-pipeline``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Several = Annotated[int | None, click.IntRange(0, 1000)]
 
 
 def _check_kinds(designer: str | None, asked: dict[str, Any], single: int | None, long: int | None) -> None:
-    """Refuse kinds of tasks that a model does not propose in this mode, because each proposal would cost."""
+    """Refuse kinds of tasks that a language model does not propose in this mode, before they cost requests."""
     if designer in (None, OFFLINE) and asked["config"] is None and asked["replay"] is None:
         return
     mode = asked["mode"]
@@ -72,24 +72,25 @@ def run_pipeline(
 ) -> dict[str, Any] | Ending:
     """Design, verify and demonstrate new tasks.
 
-    Proposes tasks, finds strategies that solve them, verifies them in physics and records demonstrations. The run
-    folder then holds the tasks, their strategies and verification, the demonstrations, a video of each task and
-    report.html. A task is kept if enough of its new episodes hold that do not hold in the no-op baseline, on objects
-    that the search never saw; kept tasks go into your own library. With a language model the folder also holds every
-    question, its answer and its cost (docs/guides/pipeline.md).
+    The pipeline proposes tasks, searches strategies for them, verifies them in simulation and records demonstrations.
+    The run folder holds the tasks, strategies, verifications, demonstrations, a video of each task and report.html. A
+    task is kept if it succeeds in enough fresh episodes, with objects that the search never used; an episode whose goal
+    is also reached without the robot does not count. Kept tasks are added to your own library. With a language model,
+    the folder also holds every question with its answer and cost (docs/guides/pipeline.md).
 
     Args:
         num_tasks: Number of tasks to design.
-        single: Number of tasks of one step, in place of --num-tasks.
-        long: Number of tasks of several steps, in place of --num-tasks.
-        verify: Number of new episodes that verify each task.
+        single: Number of single-step tasks; replaces --num-tasks.
+        long: Number of tasks with several steps; replaces --num-tasks.
+        verify: Number of fresh episodes that verify each task.
         from_empty: Hide all stored tasks from the designer.
-        episodes: Number of demonstrations to keep of each task; 0 records none.
-        target_task: Redesign this task of the library without using its stored solution. A model also accepts a new
-            name, and describes the task itself.
-        target_object: Class of objects that the tasks are about.
-        stored_tasks: Also verify and demonstrate this task of the library as it is stored; may be given again.
-        designer: Designer of tasks and configs: offline is the search, MODEL a language model.  [default: offline]
+        episodes: Number of demonstrations to keep for each task; 0 records none.
+        target_task: Redesign this library task without using its stored solution. A language model also accepts a new
+            name, and then describes the task itself.
+        target_object: Class of objects that the tasks must use.
+        stored_tasks: Also verify and demonstrate this library task with its stored strategies; can be repeated.
+        designer: Designer of tasks and strategies: offline is a search, MODEL is the name of a language model.
+            [default: offline]
     """
     from gensim2.design import run_pipeline as function
     from gensim2.design.remembering import Remembered, remember
@@ -98,7 +99,7 @@ def run_pipeline(
 
     memory = Memory()
     if memory.is_there:
-        _ = memory.folder  # refuses an archive, which is read-only, before the work
+        _ = memory.folder  # an archive is read-only, so refuse it before any work
     asked = {name: given.pop(name) for name in NAMES}
     _check_kinds(designer, asked, single, long)
     scene = SceneOptions.of(**split_arguments(given)[0])
@@ -114,7 +115,7 @@ def run_pipeline(
     result = function(designer=by, progress=progress, **counts, **wanted, **given).to_dict()
     try:
         remembered = remember(Path(result["run_dir"]))
-    except InputError as error:  # of the library; the result of the run is shown all the same
+    except InputError as error:  # A fault of the library must not hide the result of the run.
         left_out = Remembered(None, (), {"the kept tasks": error.message})
         return Ending({**result, "remembered": asdict(left_out)}, error)
     return {**result, "remembered": asdict(remembered)}

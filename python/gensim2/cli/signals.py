@@ -1,4 +1,4 @@
-"""Signals that ask the program to stop are treated as Ctrl-C is."""
+"""Treat signals that ask the program to stop like Ctrl-C."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from gensim2.core.errors import Stopped
 
 _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
-#: Packages with ``except BaseException``, around their imports too: Ctrl-C there would be taken for a missing module.
+#: Packages that catch BaseException, also around imports, where Ctrl-C would look like a missing module.
 SWALLOWING = ("networkx", "trimesh")
 
-#: Seconds after which a signal that came in one of them is looked at again.
+#: Seconds after which a signal that arrived inside one of these packages is raised again.
 AGAIN = 0.05
 
 
 def exit_code(error: BaseException) -> int:
-    """128 + the signal's number, as shells have it; 130 for Ctrl-C."""
+    """Return the exit code 128 + signal number, as shells do; 130 for Ctrl-C."""
     return 128 + (error.number if isinstance(error, Stopped) else signal.SIGINT)
 
 
 @contextlib.contextmanager
 def stopping_signals() -> Iterator[None]:
-    """Raise in the block :class:`Stopped` on SIGTERM and SIGHUP, once, and KeyboardInterrupt on Ctrl-C.
+    """Raise :class:`Stopped` on the first SIGTERM or SIGHUP in the block, and KeyboardInterrupt on Ctrl-C.
 
-    What comes after one of the former does not disturb the cleaning up. A signal that the parent had us ignore
-    (``nohup``) stays ignored. What comes inside a package of ``SWALLOWING`` is raised once that has returned.
+    Later signals do not disturb the cleanup. A signal ignored by the parent process (``nohup``) stays ignored. A signal
+    inside a package of ``SWALLOWING`` is raised after the package has returned.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -56,12 +56,12 @@ def stopping_signals() -> Iterator[None]:
         if signal.getsignal(signal.SIGALRM) is not before[signal.SIGALRM]:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
-            if handler is not None:  # not Python's
+            if handler is not None:  # a handler installed by C code is None
                 signal.signal(number, handler)
 
 
 def _swallowed(frame: FrameType | None) -> bool:
-    """Whether what is raised at a frame would end in one of the packages that catch everything."""
+    """Return whether an exception raised at a frame would be caught by one of these packages."""
     while frame is not None:
         if str(frame.f_globals.get("__name__")).partition(".")[0] in SWALLOWING:
             return True

@@ -1,4 +1,4 @@
-"""``gensim2 solve``."""
+"""Command ``gensim2 solve``."""
 
 from __future__ import annotations
 
@@ -65,11 +65,11 @@ def _show_plan(plan: dict[str, Any]) -> None:
 def solve(
     task: str, *, out: Folder | None = None, browser: Annotated[bool, Option("--show")] = False, **given: Any
 ) -> dict[str, Any] | Ending:
-    """Plan the motions of a task.
+    """Plan the motions of a task without executing them.
 
-    Plans TASK in the scene of one seed as an episode would, without executing the plan. Each step starts from the state
-    that the steps before it should reach. If no complete motion is found, the longest part is used, as in episodes, and
-    the plan is called partial. Ends with exit code 1 if a step has no plan; the status and the reason say why.
+    The command plans TASK on one random scene, as an episode would. Each step starts from the predicted result of the
+    steps before. If no complete motion is found, the longest part is used, as in episodes, and the plan is reported as
+    partial. The exit code is 1 if a step has no plan; status and reason explain why.
 
     Args:
         out: Folder to write the plan to.  [default: the plan is not written]

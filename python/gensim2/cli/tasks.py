@@ -1,4 +1,4 @@
-"""``gensim2 tasks``."""
+"""Commands ``gensim2 tasks``."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _show_figures(figures: dict[str, Any]) -> None:
 
 
 def show_remembered(result: dict[str, Any]) -> None:
-    """Say what was added and what was not."""
+    """Print which tasks were added to the library, and why others were not."""
     for name, why in result["left_out"].items():
         line(f"left out {name}: {why}")
     if not result["added"] and not result["left_out"]:
@@ -127,10 +127,10 @@ def _show_gallery(result: dict[str, Any]) -> None:
 def list_tasks(*, origin: Name | None = None) -> dict[str, Any]:
     """List the tasks of the library.
 
-    Lists the paper's suite, the designed tasks, and your own.
+    The list contains the paper's suite, the designed tasks, and your own.
 
     Args:
-        origin: Only tasks that NAME proposed: paper, or a designer.
+        origin: List only tasks proposed by NAME: paper, or a designer.
     """
     from gensim2.tasks.library import load_task, origin_of, packaged_names, task_names
 
@@ -153,9 +153,9 @@ def list_tasks(*, origin: Name | None = None) -> dict[str, Any]:
 def show(task: str) -> dict[str, Any]:
     """Describe a task.
 
-    Prints the sentence of TASK, its objects, steps, strategies and their origin, its goal, and its success rate in the
-    paper, with the original's release, and here. TASK is a task of the library or a folder that holds task.yaml and
-    strategies/.
+    The command prints the instruction of TASK, its objects, its steps, its strategies and their origin, its goal, and
+    its success rates: the paper's, the original release's, and our own. TASK is a task of the library, or a folder that
+    holds task.yaml and strategies/.
     """
     from gensim2.design.description import description_of
     from gensim2.objects import open_library
@@ -169,10 +169,11 @@ def show(task: str) -> dict[str, Any]:
     "origin", "library", "seed", "assets", "engine", "physics", "workers", "time_limit", "resume", show=_show_gallery
 )
 def gallery(tasks: tuple[str, ...] = (), *, out: Page, progress: Progress, **given: Any) -> dict[str, Any]:
-    """Make a page with a film of every task.
+    """Write a page with a video of every task.
 
-    Shows TASKS; without TASKS the paper's suite, or all tasks of --origin. Each task has a picture, a short film of the
-    first of five random episodes that holds, its sentence, its steps and its figures. After Ctrl-C, --resume continues.
+    The page shows TASKS; without TASKS, the paper's suite or all tasks of --origin. For each task it has a picture, a
+    video of the first of five random episodes that succeeds, the instruction, the steps and the success rates. After
+    Ctrl-C, --resume continues.
 
     Args:
         out: Folder of the page.
@@ -186,8 +187,8 @@ def gallery(tasks: tuple[str, ...] = (), *, out: Page, progress: Progress, **giv
 def add(folder: Path, *, episodes: Count = 20, progress: Progress, **given: Any) -> dict[str, Any]:
     """Add the kept tasks of a run, or your own task, to your library.
 
-    FOLDER is the folder of a run-pipeline, whose designed and kept tasks are added; or a folder with task.yaml and
-    strategies/, a task made by hand. Such a task is first verified: 60 % of --episodes new episodes must hold. The
+    FOLDER is a run folder of run-pipeline, whose designed and kept tasks are added; or a folder with task.yaml and
+    strategies/ that you wrote. Your own task is verified first: 60 % of --episodes fresh episodes must succeed. The
     command names the tasks that are not added, with the reason.
 
     Args:
@@ -215,7 +216,7 @@ def add(folder: Path, *, episodes: Count = 20, progress: Progress, **given: Any)
 def remove(names: tuple[str, ...]) -> dict[str, Any]:
     """Remove tasks from your own library.
 
-    Removes the tasks NAMES; tasks of the package cannot be removed.
+    The command removes the tasks NAMES; tasks of the package cannot be removed.
     """
     from gensim2.tasks.memory import Memory
 
@@ -231,13 +232,13 @@ def export(
     origin: Name | None = None,
     out: Annotated[Path, Option(metavar="DIR|FILE.zip")],
 ) -> dict[str, Any]:
-    """Write tasks with their strategies to a folder or a .zip.
+    """Export tasks with their strategies to a folder or a .zip file.
 
-    Writes the tasks NAMES, or all of --origin, with all strategies that they use. Every command accepts the result as
-    --library, and OUT/<Task> of a folder also as a task.
+    The command exports the tasks NAMES, or all of --origin, with all strategies that they use. Every command accepts
+    the result as --library, and a folder OUT/<Task> also as a task.
 
     Args:
-        origin: All tasks that NAME proposed, if no task is named.
+        origin: Export all tasks proposed by NAME, if no task is named.
         out: Folder or archive to write.
     """
     from gensim2.tasks.exporting import export as function

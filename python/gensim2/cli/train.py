@@ -1,4 +1,4 @@
-"""``gensim2 train``."""
+"""Command ``gensim2 train``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gensim2.policy.config import OF_KEYPOSES, PolicyConfig, TrainConfig
 SETTINGS = {
     each.name: each for kind in (PolicyConfig, TrainConfig) for each in fields(kind) if each.name not in OF_KEYPOSES
 }
-"""Settings that demonstrations can teach; each is an option that is None if it is not given."""
+"""Settings that apply to training on demonstrations; each is an option without a default."""
 
 
 def _options() -> Iterator[click.Option]:
@@ -60,18 +60,18 @@ def train(
 ) -> dict[str, Any]:
     """Train a policy on demonstrations.
 
-    Reads rendered data sets; --out is then a checkpoint for `gensim2 evaluate`. Ctrl-C saves the state, and --resume
-    continues, bit for bit on CPUs.
+    The command reads rendered data sets and writes a checkpoint for `gensim2 evaluate`. Ctrl-C saves the state, and
+    --resume continues; on CPUs the result is bit-identical to an uninterrupted run.
 
     Args:
-        data: Rendered data set; may be given again.
-        tasks: Only this task; may be given again.
+        data: Rendered data set; can be repeated.
+        tasks: Train only on this task; can be repeated.
         config: Settings as YAML.
         start: Start from the weights of this policy, with other data or tasks.
         out: Folder of the checkpoint.
-        dagger: Number of rounds in which the policy is rolled out, the planner labels the visited states along the
-            episode's own strategy and pose, and training continues with these labels, too.
-        dagger_episodes: Number of episodes of each task and round of --dagger.
+        dagger: Number of DAgger rounds: run the policy, label the visited states with the planner's actions for the
+            episode's own strategy and pose, and continue training with these labels, too.
+        dagger_episodes: Number of episodes of each task in each DAgger round.
     """
     from gensim2.policy.training import train as function
 

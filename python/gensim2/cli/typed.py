@@ -1,7 +1,7 @@
-"""Options of the command line from typed functions and classes.
+"""Generate command-line options from typed functions and classes.
 
-A parameter's type and default define what an option takes, and the docstring's ``Args`` (``Attributes`` of a class)
-hold its help. Nothing else declares an option.
+A parameter's type and default define its option, and the docstring's ``Args`` (``Attributes`` for a class) contain its
+help text.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ _ENTRY = re.compile(r"^    (\w+): ", re.M)
 
 @dataclass(frozen=True)
 class Option:
-    """Details of an option that its type does not hold; stands in ``Annotated``.
+    """Details of an option beyond its type, given in ``Annotated``.
 
     Attributes:
-        flags: names on the command line, with spaces between them; empty: the parameter's name.
+        flags: names on the command line, separated by spaces; empty: the parameter's name.
         metavar: placeholder of the value in the help.
-        shown: text in place of the default.
+        shown: text shown instead of the default.
     """
 
     flags: str = ""
@@ -36,7 +36,7 @@ class Option:
 
 
 def count(max_count: int = 1_000_000) -> click.IntRange:
-    """Return the type of whole numbers from 1 to ``max_count``; larger ones could never finish."""
+    """Return the parameter type of whole numbers from 1 to ``max_count``, which bounds the run time."""
     return click.IntRange(1, max_count)
 
 
@@ -59,12 +59,13 @@ def options_of_class(source: type) -> dict[str, click.Parameter]:
 
 
 def parameters(function: Callable[..., Any], shared: Mapping[str, click.Parameter]) -> list[click.Parameter]:
-    """Return the command-line parameters of a function: arguments of positional ones, options of keyword-only ones.
+    """Return the command-line parameters of a function: an argument for each positional parameter, an option for each
+    keyword-only one.
 
     Args:
-        function: command; its parameter ``progress`` is none of the command line.
-        shared: options by name. A keyword-only parameter that the docstring does not describe is the one of its name,
-            with the function's default where the signature has one.
+        function: the command's function; its parameter ``progress`` is not a command-line parameter.
+        shared: shared options by name. They apply to keyword-only parameters that the docstring does not describe, with
+            the function's default if it has one.
     """
     hints, texts = get_type_hints(function, include_extras=True), _texts(function)
     found: list[click.Parameter] = []
@@ -129,7 +130,7 @@ def _option(name: str, hint: Any, default: Any, text: str) -> click.Option:
 
 
 def _kind(hint: Any) -> tuple[click.ParamType[Any], Option, bool]:
-    """Return the type of a value, the details beside it, and whether there may be several values."""
+    """Return the type of a value, its details, and whether the option accepts several values."""
     kind: click.ParamType[Any] | None = None
     details, several = Option(), False
     while (origin := get_origin(hint)) in (Annotated, Union, UnionType, tuple):

@@ -1,4 +1,4 @@
-"""``gensim2 view``."""
+"""Command ``gensim2 view``."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ def view(
     port: Port = 8080,
     **given: Any,
 ) -> None:
-    """Watch an episode in the browser.
+    """Show an episode in the browser.
 
-    Shows a TASK, which is planned and executed, the file of an EPISODE, or an episode of the data set in the folder
-    DATA, until Ctrl-C. The page holds the scene's meshes, the keyframes of the plan (of a TASK), the policy's point
-    cloud, and a slider over time. Needs the extra `viz`.
+    The command shows a TASK, which is planned and executed; the file of an EPISODE; or an episode of the data set in
+    the folder DATA, until Ctrl-C. The page contains the scene's meshes, the keyframes of the plan (for a TASK), the
+    policy's point cloud, and a time slider. Needs the extra `viz`.
 
     Args:
         task: Task of a data set.  [default: its first]
-        episode: Episode of a data set.  [default: the first that held]
+        episode: Episode of a data set.  [default: its first successful one]
         port: Port of the page.
     """
     from gensim2.planning.show import wait
