@@ -158,7 +158,7 @@ def extra(name: str, which: str, packages: Sequence[str], without: str) -> Check
     for each in packages:
         try:
             importlib.import_module(each)
-        except (ImportError, OSError) as error:  # a library of the system's that is not there
+        except (ImportError, OSError) as error:  # a missing system library
             return Check(name, "limited", f"{each} does not load: {error}", remedy)
     return Check(name, "ok", _versions(packages))
 
@@ -280,7 +280,7 @@ def _memory() -> Check:
     return Check("Memory", "ok", f"{total:.1f} GiB")
 
 
-if __name__ == "__main__":  # `python -m gensim2.doctor vulkan`: the set-up asks before there is a command line.
+if __name__ == "__main__":  # `python -m gensim2.doctor vulkan` runs during setup, before the command line is installed
     found = vulkan()
     print(f"{found.name}: {found.value}", file=sys.stderr)
     sys.exit(found.status != "ok")

@@ -34,7 +34,7 @@ CLOUD_POINT = 0.006
 
 @dataclass(frozen=True)
 class Shown:
-    """Contents of a page.
+    """Content of a page.
 
     Attributes:
         title: title line.
@@ -86,7 +86,7 @@ def view(
             of a data set's objects.
 
     Returns:
-        The ``viser.ViserServer``; ``stop()`` ends it.
+        The ``viser.ViserServer``; its ``stop()`` ends the page.
 
     Raises:
         InputError: the task or episode does not exist, or an argument is invalid.

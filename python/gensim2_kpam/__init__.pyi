@@ -39,23 +39,23 @@ class KpamError(Exception):
     """Base class. Its subclasses name the file or field and the remedy, in their text and as attributes."""
 
     file: str | None
-    """The file at fault, where there is one."""
+    """File at fault, if any."""
     field: str | None
-    """Path of the field at fault, e.g. ``constraint_list[2].tolerance`` or ``options.margin``."""
+    """Path of the field at fault, such as ``constraint_list[2].tolerance`` or ``options.margin``."""
     message: str | None
     """Fault and remedy, without file and field."""
 
 class UrdfError(KpamError):
-    """A robot description that cannot be used: file, field, remedy."""
+    """A robot description cannot be used; the message names file, field and remedy."""
 
 class ConfigError(KpamError):
-    """A solver config that cannot be used: field, remedy."""
+    """A solver config cannot be used; the message names field and remedy."""
 
 class ProblemError(KpamError):
-    """A problem whose parts do not fit each other: field, remedy."""
+    """Parts of a problem do not fit each other; the message names field and remedy."""
 
 class Robot:
-    """Kinematics, dynamics and collision shapes of a URDF arm. Pickles.
+    """Kinematics, dynamics and collision shapes of a URDF arm. Instances can be pickled.
 
     Example:
         ```python
@@ -69,31 +69,31 @@ class Robot:
         """Read a URDF and its collision meshes.
 
         Args:
-            path: URDF file; paths of meshes are relative to it, those of ``package://`` to it or a folder above it.
-            hand_link: link that carries the tool. The joints between ``base_link`` and it are planned, poses and tool
-                keypoints are in its frame, moving joints below it are fingers.
-            srdf: SRDF file: pairs of ``disable_collisions``, and links of ``disable_default_collisions`` but for the
-                pairs of ``enable_collisions``, are not checked for collision. Without one, neighbours and links that
-                overlap at the middle of all joint ranges are not.
+            path: URDF file; mesh paths are relative to it, ``package://`` paths to it or a folder above it.
+            hand_link: link that carries the tool. The joints between ``base_link`` and this link are planned, poses
+                and tool keypoints refer to its frame, and moving joints below it are fingers.
+            srdf: SRDF file. Pairs of ``disable_collisions``, and links of ``disable_default_collisions`` except the
+                pairs of ``enable_collisions``, are not checked for collision. Without an SRDF file, neighbouring
+                links and links that overlap at the middle of all joint ranges are not checked.
             base_link: link of the base frame; default: the only link without a parent.
 
         Raises:
-            UrdfError: a file cannot be read, or is no robot of this kind: a limit is missing, a name is misspelt or
-                unknown, xacro is not filled in. Names the link or joint.
+            UrdfError: a file cannot be read or used: a limit is missing, a name is misspelt or unknown, or xacro is
+                not expanded. Names the link or joint.
         """
     @property
     def name(self) -> str:
         """Name in the URDF."""
     @property
     def joint_names(self) -> list[str]:
-        """Moving joints, in the order of joint vectors (that of the URDF); n of them."""
+        """Names of the n moving joints, in the order of joint vectors (the URDF's)."""
     @property
     def link_names(self) -> list[str]:
         """Names of all links."""
     @property
     def unchecked_pairs(self) -> list[tuple[str, str]]:
-        """Links that overlap at the middle of all joint ranges and are never checked against each other for that reason
-        alone: an SRDF would say whether they may touch."""
+        """Pairs of links that are not checked against each other because they overlap at the middle of all joint
+        ranges; an SRDF would decide whether they may touch."""
     @property
     def lower(self) -> Array:
         """(n,) lower joint limits, rad or m; minus infinity for continuous joints."""
@@ -102,27 +102,27 @@ class Robot:
         """(n,) upper joint limits, rad or m; infinity for continuous joints."""
     @property
     def velocity(self) -> Array:
-        """(n,) velocity limits, rad/s or m/s; infinity where the URDF gives none, or 0. Planning asks for the others by
+        """(n,) velocity limits, rad/s or m/s; infinity if the URDF gives none or 0. Planning requires these as
         ``velocity_limits``."""
     @property
     def acceleration(self) -> Array:
-        """(n,) acceleration limits, rad/s^2 or m/s^2; infinity where the URDF gives none."""
+        """(n,) acceleration limits, rad/s^2 or m/s^2; infinity if the URDF gives none."""
     @property
     def jerk(self) -> Array:
-        """(n,) jerk limits, rad/s^3 or m/s^3; infinity where the URDF gives none."""
+        """(n,) jerk limits, rad/s^3 or m/s^3; infinity if the URDF gives none."""
     def surface(self, link: str) -> tuple[Array, Array]:
-        """Return (M, 3, 3) triangles of a link's collision shapes and (K, 4) centres and radii of its balls, m, in the
-        link frame."""
+        """Return the triangles (M, 3, 3) of a link's collision shapes, and centres and radii (K, 4) of its spheres,
+        m, in the link frame."""
     @property
     def effort(self) -> Array:
-        """(n,) torque limits, N m or N; infinity where the URDF gives none."""
+        """(n,) torque limits, N m or N; infinity if the URDF gives none."""
     @property
     def mass(self) -> float:
         """Mass of all links, kg."""
     def inverse_dynamics(
         self, q: Numbers, velocity: Numbers, acceleration: Numbers, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)
     ) -> Array:
-        """Compute joint torques from a motion by the URDF's masses; friction and motors' inertia are left out.
+        """Compute the joint torques of a motion from the URDF's masses, without friction and motor inertia.
 
         Args:
             q: (n,) or (N, n) joints, rad or m.
@@ -157,50 +157,51 @@ class SolverConfig:
     """
 
     def __init__(self, config: Mapping[str, Any]) -> None:
-        """Validate a config.
+        """Validate a solver config.
 
         Args:
-            config: fields as docs/reference/solver.md lists them.
+            config: fields listed in docs/reference/solver.md.
 
         Raises:
-            ConfigError: a field is unknown, or its value is not finite or of another type.
+            ConfigError: a field is unknown, or its value is not finite or of the wrong type.
         """
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain data."""
     @property
     def gripper(self) -> Gripper:
-        """Finger mode."""
+        """Finger mode of the config."""
     @property
     def let_go(self) -> float | None:
-        """Retreat (m) of the hand along its own z axis at the end, once it has let go; None where it stays."""
+        """Retreat (m) of the hand along its own z axis after the final release; None for no release."""
 
 class Shape:
-    """A collision shape in the body frame. Pickles."""
+    """A collision shape in the body frame. Instances can be pickled."""
 
     @staticmethod
     def box(half_extents: Numbers, pose: Numbers | None = None) -> Shape:
-        """Box with (3,) half extents (m) along the axes of ``pose`` (4, 4), default: those of the body."""
+        """Return a box with half extents (3,), m, along the axes of ``pose`` (4, 4); default: the body's axes."""
     @staticmethod
     def sphere(radius: float, center: Numbers | None = None) -> Shape:
-        """Ball of a radius (m) about ``center`` (3,), default: the body's origin."""
+        """Return a sphere of a radius (m) about ``center`` (3,); default: the body's origin."""
     @staticmethod
     def capsule(radius: float, length: float, pose: Numbers | None = None) -> Shape:
-        """Capsule along z of ``pose``; ``length`` (m) is between the centres of its caps."""
+        """Return a capsule along z of ``pose``; ``length`` (m) is the distance between the centres of its caps."""
     @staticmethod
     def cylinder(radius: float, length: float, pose: Numbers | None = None) -> Shape:
-        """Cylinder along z of ``pose``, as a prism of 32 sides around it; lengths in m."""
+        """Return a cylinder along z of ``pose``, approximated by a circumscribed prism of 32 sides; lengths in m."""
     @staticmethod
     def convex_hull(points: Numbers) -> Shape:
-        """Hull of (N, 3) points in the body frame; flat sets are fine."""
+        """Return the convex hull of (N, 3) points in the body frame; the points may be coplanar."""
     @staticmethod
     def mesh(vertices: Numbers, triangles: npt.ArrayLike) -> Shape:
-        """Triangles (M, 3) over (N, 3) vertices: a surface; what lies wholly inside it does not touch it."""
+        """Return a surface of triangles (M, 3) over vertices (N, 3); a body entirely inside does not collide with
+        it."""
     @staticmethod
     def point_cloud(points: Numbers, radius: float) -> Shape:
-        """Point cloud: (N, 3) points, each a ball of ``radius`` (m). Without points it is no obstacle."""
+        """Return a point cloud (N, 3), each point a sphere of ``radius`` (m); an empty cloud is no obstacle."""
 
 class Body:
-    """A body of the scene. Pickles."""
+    """A body of the scene. Instances can be pickled."""
 
     def __init__(
         self,
@@ -211,34 +212,34 @@ class Body:
         *,
         keypoints: Mapping[str, Numbers] | None = None,
     ) -> None:
-        """Put shapes into the scene as one rigid body.
+        """Create a rigid body from shapes.
 
         Args:
             name: unique in its scene.
-            role: what the body is to the hand. Hand, fingers and what they hold may touch a ``target``; an ``attached``
-                body rides on the hand.
+            role: relation to the hand. Hand, fingers and the grasped body may touch a ``target``; an ``attached``
+                body moves with the hand.
             shapes: collision shapes in the body frame.
-            pose: (4, 4) body in the robot base frame; of an attached body, in the hand frame.
-            keypoints: (3,) each, in the body frame, m; scenes hand them to problems.
+            pose: (4, 4) body in the robot base frame; in the hand frame for an attached body.
+            keypoints: (3,) each, in the body frame, m; problems on the scene receive them.
 
         Raises:
             ProblemError: the pose is not rigid, or a number is not finite.
         """
     @property
     def name(self) -> str:
-        """Name in its scene."""
+        """Name of the body in its scene."""
     @property
     def role(self) -> str:
-        """Role, e.g. "rigid"."""
+        """Role of the body, such as "rigid"."""
     def surface(self) -> tuple[Array, Array]:
-        """Return (M, 3, 3) triangles of the surface and (K, 4) centres and radii of balls (points of clouds among
-        them), m, in the body frame."""
+        """Return the triangles (M, 3, 3) of the surface, and centres and radii (K, 4) of spheres (including the
+        points of point clouds), m, in the body frame."""
     @property
     def pose(self) -> Array:
         """(4, 4) body in the robot base frame; of an attached body, in the hand frame."""
 
 class Joint:
-    """A joint of an object: an axis, its present value and its range."""
+    """A joint of an object: axis, current value and range."""
 
     def __init__(
         self,
@@ -249,35 +250,35 @@ class Joint:
         lower: float,
         upper: float,
     ) -> None:
-        """Describe a joint.
+        """Create a joint.
 
         Args:
             kind: "revolute" or "prismatic".
             origin: (3,) point on the axis in the robot base frame, m.
             axis: (3,) direction in the robot base frame.
-            value: present value, rad or m.
+            value: current value, rad or m.
             lower: lower end of the range, rad or m.
             upper: upper end of the range, rad or m.
         """
 
 class SceneJoint:
-    """A joint of an object and the names of the bodies that it moves. Pickles."""
+    """A joint of an object and the names of the bodies that it moves. Instances can be pickled."""
 
     def __init__(self, name: str, joint: Joint, moves: Sequence[str]) -> None:
-        """Name a joint and the bodies that it moves."""
+        """Create a named joint of the scene with the bodies that it moves."""
     @property
     def name(self) -> str:
         """Name in its scene."""
     @property
     def value(self) -> float:
-        """Present value, rad or m."""
+        """Current value, rad or m."""
     @property
     def moves(self) -> list[str]:
         """Names of the bodies that it moves."""
 
 class Scene:
-    """A robot and its surroundings, built once; every problem on it shares its shapes and its tree. Methods that change
-    a scene return another one. Pickles.
+    """A robot and its surroundings. All problems on a scene share its shapes and its bounding volume hierarchy. A
+    scene is immutable: methods that change it return a new one. Instances can be pickled.
 
     Example:
         ```python
@@ -294,40 +295,41 @@ class Scene:
 
         Args:
             robot: the arm.
-            bodies: obstacles, targets and held bodies; names are unique.
+            bodies: obstacles, targets and attached bodies; names are unique.
             joints: joints of objects, each with the names of the bodies that it moves.
 
         Raises:
-            ProblemError: two bodies or joints have one name, or a joint moves a body that is not there.
+            ProblemError: two bodies or joints share a name, or a joint moves an unknown body.
         """
     def own_points(self, q: Numbers, points: npt.ArrayLike, clearance: float = 0.02) -> npt.NDArray[np.bool_]:
-        """Mark which of (N, 3) points (m, base frame) lie within ``clearance`` (m) of the robot at joints ``q`` (n,) or
-        of what it holds: (N,). They are no obstacle: ``points[~scene.own_points(q, points)]`` is what stands about."""
+        """Return which of (N, 3) points (m, base frame) lie within ``clearance`` (m) of the robot at joints ``q``
+        (n,) or of its attached bodies. ``points[~scene.own_points(q, points)]`` are the obstacle points of a
+        measured cloud."""
     @property
     def robot(self) -> Robot:
         """The arm."""
     @property
     def bodies(self) -> list[Body]:
-        """Bodies in their order."""
+        """Bodies of the scene, in order."""
     @property
     def joints(self) -> list[SceneJoint]:
-        """Joints of objects in their order."""
+        """Joints of objects, in order."""
     @property
     def tool_keypoints(self) -> dict[str, Array]:
         """Keypoints of the attached bodies in the hand frame, named "body/keypoint"."""
     @property
     def object_keypoints(self) -> dict[str, Array]:
-        """Keypoints of the standing bodies in the base frame, named "body/keypoint"."""
+        """Keypoints of all other bodies in the base frame, named "body/keypoint"."""
     def with_joint(self, name: str, value: float) -> Scene:
-        """Return the scene with a joint at another value (rad or m, within its range); the bodies that it moves go with
-        it."""
+        """Return the scene with a joint at another value (rad or m, within its range), and the bodies that it moves."""
     def with_pose(self, body: str, pose: Numbers) -> Scene:
         """Return the scene with a body at another pose: (4, 4) in the base frame, in the hand frame if attached."""
     def attached(self, body: str, q: Numbers) -> Scene:
-        """Return the scene with a body that the hand holds at joints ``q`` (n,); no joint moves it any more."""
+        """Return the scene with a body attached to the hand at joints ``q`` (n,); joints of objects no longer move
+        the body."""
     def detached(self, body: str, q: Numbers, on: str | None = None) -> Scene:
-        """Return the scene with an attached body left where the hand at joints ``q`` (n,) holds it: a rigid obstacle,
-        which the joint ``on`` moves where the body lies on something that moves."""
+        """Return the scene with an attached body released at the hand's pose for joints ``q`` (n,). The body becomes
+        a rigid obstacle, which the joint ``on``, if given, moves along."""
     def problem(
         self,
         config: SolverConfig,
@@ -342,11 +344,11 @@ class Scene:
         T_base_world: Numbers | None = None,
         options: Options | None = None,
     ) -> KeypointProblem:
-        """Make a problem on this scene.
+        """Create a problem on this scene.
 
-        Arguments are those of :class:`KeypointProblem`, with two differences: the keypoints of the scene's bodies are
-        added to those given, and ``joint`` is the name of the joint that the config is about. The bodies that this
-        joint moves are the moving link.
+        The arguments are those of :class:`KeypointProblem` with two differences: the keypoints of the scene's bodies
+        are added to the given ones, and ``joint`` is the name of the joint that the config moves. The bodies moved
+        by this joint are the moving link.
 
         Raises:
             ProblemError: the parts do not fit each other.
@@ -358,21 +360,21 @@ class Scene:
         center_of_mass: Numbers | None = None,
         options: GraspOptions | None = None,
     ) -> list[Grasp]:
-        """Search for grasps of a body where it stands among the others; the same arguments give the same grasps.
+        """Search for grasps of a body among the other bodies; the search is deterministic.
 
-        Bodies that ride on the hand are left out.
+        Attached bodies are ignored.
 
         Args:
             body: name of the body, of convex hulls or closed meshes.
             gripper: the robot's gripper.
-            center_of_mass: (3,) in the body frame, m; default: the centre of its volume (of a mesh: of its box).
+            center_of_mass: (3,) in the body frame, m; default: centroid of the volume, or of a mesh's bounding box.
             options: :class:`GraspOptions`.
 
         Returns:
-            Grasps, best first; none where there are none.
+            Grasps, best first; may be empty.
 
         Raises:
-            ProblemError: there is no such body, or an option is unknown or out of its range.
+            ProblemError: the body does not exist, or an option is unknown or out of its range.
         """
     def plan_grasp(
         self,
@@ -386,26 +388,25 @@ class Scene:
         lift: Numbers | None = None,
         options: Options | None = None,
     ) -> GraspPlan | None:
-        """Plan with the first of the grasps by which a body can be picked and brought to every target.
+        """Plan a pick and its placements with the first grasp that reaches every target.
 
-        Each is tried as it is and with the fingers swapped. While it is carried, the body is checked as part of the
-        hand: targets are to be free, so a little above what it is put on.
+        Each grasp is also tried with the fingers swapped. A carried body is checked for collisions as part of the
+        hand, so targets must lie slightly above the support.
 
         Args:
-            body: its name.
-            gripper: the robot's gripper.
+            body: name of the body. the robot's gripper.
             q_start: (n,) joints at the start.
-            grasps: of the body, best first.
-            targets: where it goes, one after the other: (4, 4) pose in the base frame, and a (3,) direction about which
-                it may come turned, or None.
-            approach: straight way of the open hand, m.
-            lift: (3,) way of the hand right after the grasp, base frame, m; also how it comes to targets. Default: up
-                0.1.
-            options: options of every plan; ``start_velocity`` and ``start_acceleration`` are the pick's, for what comes
-                after it begins at rest.
+            grasps: grasps of the body, best first.
+            targets: successive target poses (4, 4) in the base frame, each with a direction (3,) about which the
+                body may be rotated, or None.
+            approach: length of the straight approach of the open hand, m.
+            lift: (3,) translation of the hand after the grasp, base frame, m; reversed for the approach to targets.
+                Default: 0.1 upwards.
+            options: options of every plan; ``start_velocity`` and ``start_acceleration`` apply to the pick only,
+                since later motions start at rest.
 
         Returns:
-            The grasp with its motions; None where no grasp will do.
+            The grasp with its motions; None if no grasp works.
 
         Raises:
             ProblemError: an argument does not fit the scene.
@@ -436,42 +437,45 @@ class Scene:
         deadline_ms: float | None = None,
         cancel: Cancel | None = None,
     ) -> Motion:
-        """Plan a timed motion from ``q_start`` (n,) to rest at a goal, clear by ``margin`` all along.
+        """Plan a timed motion from ``q_start`` (n,) to rest at a goal that keeps ``margin`` from all obstacles.
 
-        A start under way takes the fastest motion within the limits where that is free, and a way round otherwise.
+        From a moving start, the planner uses the fastest motion within the limits if it is collision-free, and
+        searches a path around the obstacles otherwise.
 
         Args:
-            q_start: (n,) full joint vector; joints that do not move the hand stay there.
-            goal: (n,) joints, or (K, n) of which any will do, or a pose (4, 4) of ``link`` in the base frame. With
-                four joints, (4, 4) that is a rigid transform is a pose. Joints that do not move the hand have the value
-                of ``q_start``.
-            link: link that the pose is of (default: the hand).
-            margin: distance in m, 0 to 0.1. A pair that is nearer at the start or at the goal keeps what it has there.
-            samples: most samples of the search.
-            seed: number of the sequence of samples.
-            velocity_scale: share of the velocity limits, above 0 to 1.
-            acceleration_scale: share of the acceleration and jerk limits, above 0 to 1.
-            limits: acceleration and jerk limits of an arm that is known; "fr3" has velocity limits that depend on the
-                position, too.
-            velocity_limits: (n,) rad/s or m/s instead of the URDF's; needed where it has none.
+            q_start: (n,) full joint vector; joints that do not move the hand keep their values.
+            goal: joints (n,), alternative joints (K, n), or a pose (4, 4) of ``link`` in the base frame. For a robot
+                with four joints, a (4, 4) array that is a rigid transform is a pose. Joints that do not move the
+                hand keep the value of ``q_start``.
+            link: link of the goal pose (default: the hand).
+            margin: minimum distance in m, 0 to 0.1. Pairs that are closer at the start or the goal keep that
+                distance there.
+            samples: maximum number of samples of the search.
+            seed: seed of the samples.
+            velocity_scale: fraction of the velocity limits, above 0, at most 1.
+            acceleration_scale: fraction of the acceleration and jerk limits, above 0, at most 1.
+            limits: acceleration and jerk limits of a known arm; "fr3" also has velocity limits that depend on the
+                position.
+            velocity_limits: (n,) rad/s or m/s instead of the URDF's; required if the URDF has none.
             acceleration_limits: (n,) rad/s^2 or m/s^2 instead of the URDF's and those of ``limits``.
             jerk_limits: (n,) rad/s^3 or m/s^3, likewise.
-            torque_limits: (n,) N m, or N; torques are not looked at by default.
-            path: a config whose axis constraints hold all along: the direction between two keypoints of the tool keeps
-                its angle to a direction of the base (``target_axis_frame`` "world") within ``tolerance`` rad. Start and
-                goal lie within 0.85 of that.
-            tool_keypoints: (3,) each, m in the hand frame, that it names; those of held bodies are there.
+            torque_limits: (n,) N m, or N; default: torques are not limited.
+            path: config whose axis constraints hold along the whole motion: the direction between two tool keypoints
+                keeps its angle to a direction of the base (``target_axis_frame`` "world") within ``tolerance`` rad.
+                Start and goal must lie within 0.85 of the tolerance.
+            tool_keypoints: (3,) each, m in the hand frame, as named by ``path``; keypoints of attached bodies are
+                added.
             start_velocity: (n,) rad/s or m/s at the start; default: at rest.
             start_acceleration: (n,) rad/s^2 or m/s^2 at the start; default: none.
-            start_time: time of the start, s; the motion begins then.
-            warm_start: the motion under way. It goes on where it passes the start at ``start_time``, ends at a goal and
-                is still free, unless another motion arrives earlier.
-            max_checks: most configurations to be looked at.
-            deadline_ms: wall time after which the search ends; without one, the same question has the same answer.
-            cancel: ends the search from another thread.
+            start_time: time at which the motion starts, s.
+            warm_start: current motion. It is kept if it passes the start at ``start_time``, ends at a goal and is
+                still collision-free, unless another motion arrives earlier.
+            max_checks: maximum number of configurations to check for collisions.
+            deadline_ms: time limit of the search in wall-clock time; without a limit, the result is reproducible.
+            cancel: flag that ends the search from another thread.
 
         Returns:
-            The motion, or in ``status`` and ``reason`` why there is none.
+            The motion; ``status`` and ``reason`` explain a failure.
 
         Raises:
             ProblemError: an argument does not fit the robot.
@@ -488,80 +492,83 @@ class Scene:
     def ik(
         self, pose: Numbers, q_start: Numbers, *, link: str | None = None, max_solutions: int = 16, seed: int = 0
     ) -> Array:
-        """Solve inverse kinematics; obstacles are left out.
+        """Solve inverse kinematics, ignoring obstacles.
 
         Args:
             pose: (4, 4) of ``link`` in the base frame.
-            q_start: (n,) joints that solutions are to be near.
-            link: link that the pose is of; default: the hand.
-            max_solutions: largest number of solutions, 1 to 256.
-            seed: number of the sequence of start values, 0 to 1,000,000.
+            q_start: (n,) joints that the solutions should be close to.
+            link: link of the pose; default: the hand.
+            max_solutions: maximum number of solutions, 1 to 256.
+            seed: seed of the start values, 0 to 1,000,000.
 
         Returns:
-            Distinct joint vectors (K, n), nearest to ``q_start`` first; samples where the arm is redundant.
+            Distinct joint vectors (K, n), closest to ``q_start`` first; samples of the solutions if the arm is
+            redundant.
         """
     def in_collision(self, q: Numbers) -> bool | npt.NDArray[np.bool_]:
         """Check whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool.
 
-        There are no contact rules. Links that no joint moves, pairs that the SRDF disables and held bodies against the
-        hand are left out.
+        Contact rules do not apply. Fixed links, pairs that the SRDF disables, and attached bodies against the hand
+        are not checked.
         """
     def distance(self, q: Numbers, max_distance: float = 1.0) -> float | Array:
-        """Measure the smallest signed distance (m) of the pairs of :meth:`in_collision`, ``max_distance`` where none is
-        nearer: (n,) -> float, (N, n) -> (N,)."""
+        """Measure the smallest signed distance (m) over the pairs of :meth:`in_collision`, at most ``max_distance``:
+        (n,) -> float, (N, n) -> (N,)."""
     def check(self, q: Numbers, reach: float = 0.0) -> list[Any]:
-        """List the pairs that come within ``reach`` (m), nearest first, each a :class:`CheckedPair`: for
-        (n,) a list of them, for (N, n) a list of such lists."""
+        """List the pairs closer than ``reach`` (m), closest first, as :class:`CheckedPair`: one list for (n,), N
+        lists for (N, n)."""
 
 class Motion:
-    """Motion to a goal, or why there is none. Pickles."""
+    """Result of planning a motion to a goal. Instances can be pickled."""
 
     @property
     def status(self) -> MotionStatus:
-        """ "solved", or "start_blocked", "goals_blocked", "unreachable", "not_found", "untimed" (a free way was found,
-        and no motion along it keeps the limits), "late" (the deadline passed), "cancelled"."""
+        """ "solved", or the failure: "start_blocked", "goals_blocked", "unreachable", "not_found", "untimed" (a
+        collision-free path was found, but no motion along it within the limits), "late" (the deadline passed),
+        "cancelled"."""
     @property
     def reason(self) -> str:
-        """One sentence for a person; empty where solved."""
+        """Explanation of a failure in one sentence; empty if solved."""
     @property
     def trajectory(self) -> Trajectory | None:
-        """Timed motion where solved."""
+        """Timed motion, if solved."""
     @property
     def goal(self) -> int | None:
-        """Number of the goal at which it ends."""
+        """Index of the goal at which the motion ends."""
     @property
     def corners(self) -> Array | None:
-        """(K, n) corners of the way that it follows."""
+        """(K, n) vertices of the path that the motion follows."""
     @property
     def nearer(self) -> list[tuple[str, str, float]]:
-        """Pairs nearer than the margin at the start or at the goal, with their distance (m)."""
+        """Pairs closer than the margin at the start or the goal, with their distance (m)."""
     @property
     def checks(self) -> int | None:
-        """Configurations that were looked at."""
+        """Number of configurations checked for collisions."""
     @property
     def assumed_limits(self) -> list[str]:
-        """Limits ("acceleration", "jerk") that neither the options nor the URDF give, so that plain ones are assumed:
-        ``limits`` or lists of them say better. Empty where there is no motion."""
+        """Limits ("acceleration", "jerk") for which defaults are assumed, because neither the arguments nor the URDF
+        give them. Empty without a motion."""
     @property
     def warnings(self) -> list[str]:
-        """Sentences for a user: limits that are assumed and for which joints, and links that are never checked."""
+        """Warnings: assumed limits with their joints, and links that are never checked for collisions."""
     @property
     def cpu_ms(self) -> float:
         """CPU time of planning (ms)."""
 
 class Cancel:
-    """Ends planning from another thread: pass it to ``plan`` and call ``cancel``. Once set it stays set."""
+    """Flag that ends planning from another thread: pass the flag to ``plan`` and call ``cancel``. The flag cannot be
+    cleared."""
 
     def __init__(self) -> None:
-        """Make a flag that is not set."""
+        """Create a flag that is not set."""
     def cancel(self) -> None:
         """Set the flag."""
     @property
     def is_cancelled(self) -> bool:
-        """Whether it is set."""
+        """Whether the flag is set."""
 
 class KeypointProblem:
-    """Robot, config, keypoints and obstacles of one plan; checked on construction. Pickles.
+    """Robot, config, keypoints and obstacles of one plan, validated on construction. Instances can be pickled.
 
     Example:
         ```python
@@ -593,7 +600,7 @@ class KeypointProblem:
         bodies: Sequence[Body] = (),
         options: Options | None = None,
     ) -> None:
-        """Put the parts of a problem together.
+        """Create and validate a problem.
 
         Args:
             robot: the arm.
@@ -602,23 +609,23 @@ class KeypointProblem:
             tool_keypoints: (3,) each, in the hand frame, m.
             object_keypoints: (3,) each, in the base frame, m.
             T_base_object: (4, 4) object frame in the base frame.
-            joint: the object's joint, which moves the bodies of the role ``moving_link``.
+            joint: the object's joint, which moves the bodies with role ``moving_link``.
             object_axis: axis of the object frame about which "rotate" turns.
-            object_yaw: yaw that the scene's randomization drew, rad; ``frames="original"`` reads motions by it.
-            T_base_world: (4, 4) world frame in the base frame; default: the same axes.
-            bodies: obstacles, targets and held bodies.
+            object_yaw: yaw of the object from the scene's randomization, rad; used by ``frames="original"``.
+            T_base_world: (4, 4) world frame in the base frame; default: identity.
+            bodies: obstacles, targets and attached bodies.
             options: :class:`Options`.
 
         Raises:
-            ProblemError: parts do not fit each other, or an option is unknown or out of its range.
+            ProblemError: the parts do not fit each other, or an option is unknown or out of range.
         """
     def with_start(
         self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0, *, acceleration: Numbers | None = None
     ) -> KeypointProblem:
-        """Return the same problem from another state; it shares everything else.
+        """Return the problem with another start state; everything else is shared.
 
-        A motion that goes on from a sample of another one is continuous in position, velocity and acceleration where
-        all three are given.
+        If position, velocity and acceleration come from a sample of another motion, the new motion continues it
+        smoothly.
 
         Args:
             q: (n,) joints, rad or m.
@@ -628,20 +635,20 @@ class KeypointProblem:
         """
     @property
     def scene(self) -> Scene:
-        """The problem's scene; its joint is named "joint" there."""
+        """Scene of the problem, in which the joint is named "joint"."""
 
 class Trajectory:
-    """Timed joint motion. Pickles."""
+    """Timed joint motion. Instances can be pickled."""
 
     @property
     def times(self) -> Array:
-        """(N,) seconds, at most 0.1 s (or a 100,000th of the motion) apart; every keyframe time is among them."""
+        """(N,) seconds, at most 0.1 s (or a 100,000th of the motion) apart, including every keyframe time."""
     @property
     def positions(self) -> Array:
         """(N, n) joint positions at ``times``."""
     @property
     def duration(self) -> float:
-        """Length in time, s."""
+        """Duration of the motion, s."""
     def sample(self, t: npt.ArrayLike) -> tuple[Array, Array, Array]:
         """Sample the motion; it is at rest after its end.
 
@@ -652,131 +659,133 @@ class Trajectory:
             Position, velocity and acceleration, (n,) each; (N, n) for (N,) times.
         """
     def sample_into(self, t: float, position: Array, velocity: Array, acceleration: Array) -> None:
-        """Write position, velocity and acceleration at time t (s) into contiguous float64 arrays (n,), for control
-        loops: nothing is allocated. Raises ProblemError where an array does not fit."""
+        """Write position, velocity and acceleration at time t (s) into contiguous float64 arrays (n,), without
+        allocating memory, for control loops. Raises ProblemError if an array does not fit."""
     def brake(self, t: float) -> Trajectory:
-        """Return the fastest stop found from the state at time t (s) on, along the motion's path and within its limits
-        of velocity, acceleration and jerk; limits of torque, where it was planned with these, are not looked at.
+        """Return the fastest stop found from the state at time t (s), along the motion's path and within its limits
+        of velocity, acceleration and jerk. Torque limits of the plan are ignored.
 
-        The stop begins at t. It is the motion until that rests where that is sooner. Where no stop along the path keeps
-        the limits, as right before the motion turns back, every joint stops by itself, which may lead off the path.
+        The stop begins at t. If the motion itself comes to rest sooner, the motion is returned. If no stop along the
+        path keeps the limits, as right before the motion reverses, every joint stops independently, which may leave
+        the path.
         """
     def splice(self, next: Trajectory, t: float) -> Trajectory:
         """Return this motion until time t (s) and ``next`` from there on.
 
-        Raises ProblemError where ``next`` does not go on from the state at t: position, velocity and acceleration to
-        1e-6, and joints that neither moves, such as fingers, where they stand. What a stream has behind it is kept:
-        see ``since``.
+        Raises ProblemError if ``next`` does not continue the state at t: position, velocity and acceleration within
+        1e-6, and the same position of joints that neither motion moves, such as fingers. The past of the motion is
+        kept; see ``since``.
         """
     def since(self, t: float) -> Trajectory:
-        """Return this motion from time t (s) on, so that a stream that is spliced again and again stays small."""
+        """Return this motion from time t (s) on, so that a repeatedly spliced motion does not grow."""
     def sample_every(self, dt: float) -> Array:
         """Return positions every ``dt`` (s), (ceil(duration / dt) + 1, n); at most a million rows."""
 
 class Plan:
-    """Result of planning: motion, residuals, failures. Pickles."""
+    """Result of planning: motion, residuals, failures. Instances can be pickled."""
 
     @property
     def status(self) -> Status:
-        """ "solved", "partial" (a part of the motion, where allowed), or why not: "actuation_infeasible",
+        """ "solved", "partial" (a part of the motion, if allowed), or the failure: "actuation_infeasible",
         "unreachable", "collision", "start_in_collision", "not_found" (the search ended without a motion; there may be
-        one), "too_fast", "cannot_stop" (no motion from the start stays within the joint limits), "untimed" (a path was
-        found, and no motion along it that keeps the limits from the start on), "cancelled". The first two have a
-        trajectory, the others have none."""
+        one), "too_fast", "cannot_stop" (no motion from the start stays within the joint limits), "untimed" (a path
+        was found, but no motion along it within the limits), "cancelled". Only the first two have a trajectory."""
     @property
     def reason(self) -> str:
-        """One sentence for a person: which constraint misses by how much, which keyframe, which two bodies where."""
+        """Explanation in one sentence: the missed constraint and its error, the unreached keyframe, or the colliding
+        bodies."""
     @property
     def warnings(self) -> list[str]:
-        """Sentences about what was assumed or left out."""
+        """Warnings about assumptions and omitted checks."""
     @property
     def margin(self) -> float:
-        """Clearance that the motion keeps from what it may not touch, m, but for what is ``tight``."""
+        """Clearance that the motion keeps from bodies that it may not touch, m, except the pairs in ``tight``."""
     @property
     def tight(self) -> list[TightPair]:
-        """Pairs nearer than the margin at the start or at a keyframe, though they may not touch on the way there, or
-        from there on: ``bodies`` (two names), ``at`` ("start" or a keyframe), ``distance`` (m). Where they may not
-        touch the motion keeps that instead."""
+        """Pairs closer than the margin at the start or at a keyframe that may not touch before or after it:
+        ``bodies`` (two names), ``at`` ("start" or a keyframe), ``distance`` (m). The motion keeps this distance
+        instead of the margin."""
     @property
     def touches(self) -> list[Touch]:
         """Permitted overlaps at keyframes: ``bodies`` (two names), ``at`` (keyframe), ``depth`` (m)."""
     @property
     def guesses(self) -> list[Guess]:
-        """Motions that move the object's joint by an amount that is a guess: ``toward`` (keyframe), ``travel`` (rad or
-        m), ``depth`` (m of overlap that is let pass for it)."""
+        """Motions that move the object's joint by an estimated amount: ``toward`` (keyframe), ``travel`` (rad or m),
+        ``depth`` (m of overlap tolerated because of the estimate)."""
     @property
     def assumed_limits(self) -> list[str]:
-        """Limits ("acceleration", "jerk") that neither options nor URDF give, so that plain ones are assumed."""
+        """Limits ("acceleration", "jerk") for which defaults are assumed, because neither options nor URDF give
+        them."""
     @property
     def q_actuation(self) -> Array | None:
-        """(n,) the cheapest pose that meets all constraints, obstacles left out."""
+        """(n,) cheapest pose that meets all constraints, ignoring obstacles."""
     @property
     def cost(self) -> float | None:
         """Cost of ``q_actuation``."""
     @property
     def q_plan(self) -> Array | None:
-        """(n,) the actuation pose that the trajectory takes, or that came furthest."""
+        """(n,) actuation pose of the trajectory, or of the failed attempt that came furthest."""
     @property
     def q_best_effort(self) -> Array | None:
-        """(n,) where no pose meets the constraints: the one that misses least."""
+        """(n,) pose with the smallest constraint error, if no pose meets the constraints."""
     @property
     def residuals(self) -> list[Residual]:
-        """One a constraint: ``name``, ``residual`` (m or rad), ``tolerance``, ``satisfied``."""
+        """One entry for each constraint: ``name``, ``residual`` (m or rad), ``tolerance``, ``satisfied``."""
     @property
     def keyframes(self) -> list[Keyframe]:
-        """One a keyframe, in time: ``label`` ("pre_1", "pre_0", "actuation", "post_0", "let_go"), ``time`` (s or None),
-        ``T_base_hand`` (4, 4), ``reached``."""
+        """One entry for each keyframe, in time order: ``label`` ("pre_1", "pre_0", "actuation", "post_0", "let_go"),
+        ``time`` (s or None), ``T_base_hand`` (4, 4), ``reached``."""
     @property
     def trajectory(self) -> Trajectory | None:
-        """The motion: there is one where the status is "solved" or "partial", and only there."""
+        """The motion; None unless the status is "solved" or "partial"."""
     @property
     def tried(self) -> int:
         """Number of poses whose motion was tried."""
     @property
     def tried_poses(self) -> list[TriedPose]:
-        """Outcome of each pose that was tried, where ``explain`` asked for it: ``q`` (n,), ``rank``, ``status``,
-        ``reason``."""
+        """Outcome of each pose that was tried, if ``explain`` was set: ``q`` (n,), ``rank``, ``status``, ``reason``."""
     @property
     def reached_fraction(self) -> float:
-        """Part of the motion after the actuation pose that is reachable and free, 0..1."""
+        """Fraction of the motion after the actuation pose that is reachable and collision-free, 0..1."""
     @property
     def collisions(self) -> list[Collision]:
-        """``bodies`` (two names), ``time`` (s or None), ``toward`` (keyframe), ``distance`` (m, negative when
-        overlapping), ``point`` (3,)."""
+        """Obstacles of the motion: ``bodies`` (two names), ``time`` (s or None), ``toward`` (keyframe), ``distance``
+        (m, negative if they overlap), ``point`` (3,)."""
     @property
     def start_overlap(self) -> float:
-        """Deepest overlap of a checked pair at the start, m."""
+        """Largest overlap of a checked pair at the start, m."""
     @property
     def cpu_ms(self) -> CpuTimes:
-        """Thread CPU time of planning: ``setup``, ``actuation``, ``trajectory``, ``total``. Does not pickle."""
+        """Thread CPU time of planning, ms: ``setup``, ``actuation``, ``trajectory``, ``total``. Not preserved by
+        pickling."""
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values, as JSON holds them."""
+        """Return JSON-compatible data."""
 
 def read_urdf(content: bytes, file: str) -> dict[str, Any]:
-    """Read a URDF as it is written: every number is checked, and only the defaults of URDF itself are filled in.
+    """Parse a URDF without interpretation: every number is validated, and only URDF's own defaults are filled in.
 
     Args:
-        content: of the file, in the encoding that it declares.
-        file: its name, for errors.
+        content: bytes of the file, in the encoding that it declares.
+        file: file name for error messages.
 
     Returns:
-        ``name``, ``links``, ``joints`` and ``materials``; None for what is not written or infinite.
+        ``name``, ``links``, ``joints`` and ``materials``; None for missing or infinite values.
 
     Raises:
-        UrdfError: it is no URDF; names the link or joint, the attribute and the remedy.
+        UrdfError: the content is no valid URDF; names the link or joint, the attribute and the remedy.
     """
 
 def read_obj(content: bytes) -> tuple[Array, list[tuple[str, npt.NDArray[np.int64]]], list[str]]:
     """Read a Wavefront OBJ file.
 
     Args:
-        content: of the file.
+        content: bytes of the file.
 
     Returns:
-        (N, 3) vertices; the name and the (M, 3) triangles of each material; names of the material files.
+        Vertices (N, 3); name and triangles (M, 3) of each material; names of the material files.
 
     Raises:
-        ValueError: a vertex is not three numbers, or a face has under three corners or refers to no vertex.
+        ValueError: a vertex is not three numbers, or a face has fewer than three vertices or an invalid index.
     """
 
 def plan(
@@ -789,7 +798,8 @@ def plan(
     cancel: Cancel | None = None,
     explain: bool = False,
 ) -> Plan:
-    """Plan a timed motion that meets a problem's constraints. The GIL is released; Ctrl-C ends it.
+    """Plan a timed motion that meets a problem's constraints. Planning releases the GIL and can be interrupted by
+    Ctrl-C.
 
     Example:
         ```python
@@ -800,40 +810,40 @@ def plan(
 
     Args:
         problem: robot, config, keypoints and obstacles.
-        warm_start: an earlier plan of this or a similar problem; its pose and its way are tried first.
-        resume: label of the keyframe that the motion goes to first. What comes before it is done: ``q_start`` and
-            ``start_velocity`` are the present state, everything else is as before the motion. Past the actuation pose
-            it needs ``warm_start``.
-        max_checks: most states that are checked for collisions; the same on every machine.
-        deadline_ms: wall time after which planning ends with the best so far, or why there is none; without one, the
-            same question has the same answer.
-        cancel: ends planning when set.
-        explain: whether ``Plan.tried_poses`` says what became of each pose that was tried.
+        warm_start: earlier plan of this or a similar problem, whose pose and path are tried first.
+        resume: label of the first keyframe still to reach. Earlier parts of the motion are done: ``q_start`` and
+            ``start_velocity`` are the current state, and all other arguments are those of the original problem.
+            After the actuation pose, ``warm_start`` is required.
+        max_checks: maximum number of states checked for collisions, a limit independent of the machine.
+        deadline_ms: time limit in wall-clock time, after which the best result so far is returned; without a limit,
+            the result is reproducible.
+        cancel: flag that ends planning from another thread.
+        explain: whether to record the outcome of each tried pose in ``Plan.tried_poses``.
 
     Returns:
-        The plan; where ``status`` is neither "solved" nor "partial", ``reason`` says which constraint, keyframe or pair
-        of bodies stands in the way.
+        The plan; if ``status`` is neither "solved" nor "partial", ``reason`` names the failing constraint, keyframe
+        or pair of bodies.
 
     Raises:
         ProblemError: ``warm_start`` or ``resume`` does not fit the problem.
     """
 
 def ik(problem: KeypointProblem, max_solutions: int = 10) -> list[ActuationPose]:
-    """Find the cheapest distinct poses that meet the constraints; obstacles are left out.
+    """Find the cheapest distinct poses that meet the constraints, ignoring obstacles.
 
     Args:
         problem: robot, config and keypoints.
-        max_solutions: largest number of poses.
+        max_solutions: maximum number of poses.
 
     Returns:
-        Poses, cheapest first: ``q`` (n,) and ``cost``. ``Scene.check`` says what a pose touches.
+        Poses, cheapest first: ``q`` (n,) and ``cost``. Use ``Scene.check`` to find the bodies that a pose touches.
     """
 
 def joint_travel(problem: KeypointProblem, plan: Plan, times: Numbers) -> Array:
-    """Return the travel (N,), rad or m, that the planner assumes of the object's joint at times (N,), s, of a plan."""
+    """Return the travel (N,), rad or m, that the planner assumes for the object's joint at times (N,), s, of a plan."""
 
 class ParallelGripper:
-    """A gripper with two flat pads that move towards each other equally far. Pickles."""
+    """A gripper with two flat pads that move symmetrically. Instances can be pickled."""
 
     def __init__(
         self,
@@ -846,100 +856,101 @@ class ParallelGripper:
         palm: Sequence[Shape] = (),
         fingers: tuple[Sequence[Shape], Sequence[Shape]] = ((), ()),
     ) -> None:
-        """Describe a gripper; keypoints and shapes are in the hand frame, m.
+        """Create a gripper; keypoints and shapes are in the hand frame, m.
 
         Args:
-            tool_head: (3,) middle between the pads.
-            tool_tail: (3,) point behind it, against the direction in which the fingers point.
-            tool_side: (3,) point to a side in which a finger opens.
-            pad: (2,) extents of a pad, across and along the fingers, m.
+            tool_head: (3,) midpoint between the pads.
+            tool_tail: (3,) point behind the midpoint, against the direction of the fingers.
+            tool_side: (3,) point beside the midpoint, in the opening direction of one finger.
+            pad: (2,) size of a pad, across and along the fingers, m.
             stroke: (2,) smallest and largest opening, m.
-            palm: shapes that do not move.
-            fingers: shapes of the finger away from ``tool_side`` and of the one towards it, at opening zero.
+            palm: shapes that do not move with the fingers.
+            fingers: shapes of the finger away from ``tool_side`` and of the finger towards it, at opening zero.
         """
     @staticmethod
     def of_robot(robot: Robot, tool_head: Numbers, tool_tail: Numbers, tool_side: Numbers) -> ParallelGripper:
         """Derive the gripper of a robot whose fingers slide along the axis from ``tool_head`` to ``tool_side``.
 
-        Pads and stroke follow from shapes and limits.
+        Pads and stroke are derived from shapes and joint limits.
 
         Raises:
             ProblemError: the robot has no such fingers.
         """
     @property
     def T_hand_grip(self) -> Array:
-        """(4, 4): x along the closing axis, z as the fingers point, origin midway between the pads' middles."""
+        """(4, 4) grip frame: x along the closing axis, z along the fingers, origin midway between the centres of the
+        pads."""
     @property
     def pad(self) -> tuple[float, float]:
-        """Extents of a pad, m: across the fingers and along them."""
+        """Size of a pad, m, across and along the fingers."""
     @property
     def stroke(self) -> tuple[float, float]:
         """Smallest and largest opening, m."""
 
 class Grasp:
-    """A way to hold an object. Pickles."""
+    """A grasp of an object. Instances can be pickled."""
 
     @property
     def T_object_hand(self) -> Array:
         """(4, 4) hand in the object frame."""
     @property
     def T_base_hand(self) -> Array:
-        """(4, 4) hand in the robot base frame, where the object stands now."""
+        """(4, 4) hand in the robot base frame, for the object's current pose."""
     @property
     def approach(self) -> Array:
         """(3,) unit direction in which the hand approaches, robot base frame."""
     @property
     def width(self) -> float:
-        """Distance of the pads when they hold, m."""
+        """Distance of the pads in the grasp, m."""
     @property
     def opening(self) -> float:
-        """Distance of the pads on the way there, m."""
+        """Distance of the pads during the approach, m."""
     @property
     def score(self) -> float:
         """Rank, 0 to 1; higher is better."""
     @property
     def quality(self) -> GraspQuality:
-        """Terms of the rank: ``friction_margin`` (rad inside the friction cone), ``contact`` (part of a pad that
-        touches), ``lever`` (m, of gravity about the middle between the pads), ``clearance`` (m, kept by the open hand),
-        ``tilt`` (rad between approach and straight down)."""
+        """Terms of the rank: ``friction_margin`` (rad inside the friction cone), ``contact`` (fraction of a pad in
+        contact), ``lever`` (m, lever arm of gravity about the midpoint of the pads), ``clearance`` (m, of the open
+        hand), ``tilt`` (rad between approach and straight down)."""
 
 class GraspPlan:
-    """A grasp with its motions, all of them solved."""
+    """A grasp with its planned motions."""
 
     @property
     def index(self) -> int:
-        """Number of the grasp in the list."""
+        """Index of the grasp in the given list."""
     @property
     def T_object_hand(self) -> Array:
-        """(4, 4) hand in the object frame: the grasp's, or that with the fingers swapped."""
+        """(4, 4) hand in the object frame, possibly with the fingers swapped."""
     @property
     def pick(self) -> Plan:
-        """From the start to the grasp ("actuation") and up ("post_0")."""
+        """Plan from the start to the grasp ("actuation") and the lift ("post_0")."""
     @property
     def carries(self) -> list[Plan]:
-        """One a target, each from where the last plan ends."""
+        """Plans to the targets, each starting at the end of the previous one."""
 
 def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) -> list[Plan]:
-    """Plan many problems in parallel; Ctrl-C ends it.
+    """Plan several problems in parallel; Ctrl-C interrupts.
 
     Args:
         problems: independent problems.
-        threads: number of threads, 1 to 256; default: one a core.
+        threads: number of threads, 1 to 256; default: number of cores.
 
     Returns:
-        The same plans as :func:`plan` makes, in order.
+        The same plans as from :func:`plan`, in order.
     """
 
 def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> Clearances | None:
     """Measure the smallest signed distances (m) of checked pairs along a plan's motion.
 
     Args:
-        problem: the problem that was planned.
-        plan: a plan of it.
+        problem: planned problem.
+        plan: plan of the problem.
         step: interval of the samples, s; at least a 100,000th of the motion.
 
     Returns:
-        Distances by kind of pair: "self", "table", "object"; None where the plan has no motion.
+        Distances by kind of pair: "self", "table", "object"; None if the plan has no motion.
     """
 
 def retime(
@@ -957,50 +968,50 @@ def retime(
     braking: Sequence[tuple[float, float, float, float] | None] | None = None,
     method: Literal["reachability", "conic"] = "reachability",
 ) -> tuple[Trajectory, Array]:
-    """Return the fastest motion along the cubic spline through waypoints within velocity, acceleration and jerk limits.
-    Ctrl-C ends it.
+    """Return the fastest motion along the cubic spline through waypoints within velocity, acceleration and jerk
+    limits. Ctrl-C interrupts.
 
     Args:
-        waypoints: (N, n) joint positions, rad or m; the spline is natural, over the chord length between them.
+        waypoints: (N, n) joint positions, rad or m; the natural spline is parametrized by chord length.
         velocity_limits, acceleration_limits, jerk_limits: (n,) per second, per second squared and cubed.
-        stops: waypoints at which the motion rests, beside the last.
-        slowest: (N - 1,) least time of each interval between waypoints, s.
-        start_velocity, start_acceleration: (n,) at the first waypoint; at rest by default. A start that does not move
-            towards the second waypoint leaves the path in a turn, or comes to rest first where no turn is possible.
+        stops: indices of waypoints at which the motion stops, in addition to the last.
+        slowest: (N - 1,) minimum time of each interval between waypoints, s.
+        start_velocity, start_acceleration: (n,) at the first waypoint; default: at rest. If the start does not move
+            towards the second waypoint, the motion leaves the path in a turn, or stops first if no turn is possible.
         start_time: time of the first waypoint, s.
-        position_limits: (n,) lower and upper limits that a start under way has to stop within.
-        braking: upper, lower, gain and offset a joint (None for none): upwards it moves no faster than
+        position_limits: (n,) lower and upper limits within which a moving start must be able to stop.
+        braking: upper, lower, gain and offset for each joint, or None. Upwards, the joint moves no faster than
             ``-offset + sqrt(gain * (upper - q))``, downwards than ``-offset + sqrt(gain * (q - lower))``.
-        method: "conic" solves a cone program on Clarabel instead; the same motion, slower.
+        method: "conic" solves a cone program with Clarabel instead; the result is the same, but slower to compute.
 
     Returns:
-        The motion from the start time on, and the (N,) times at which it passes the waypoints.
+        The motion from the start time on, and the times (N,) at which it passes the waypoints.
 
     Raises:
-        ProblemError: what does not fit, by argument; ``start_velocity`` where no motion from there keeps the limits.
+        ProblemError: an argument is invalid; names the argument. It is ``start_velocity`` if no motion from the
+            start keeps the limits.
     """
 
 def refine(
     problem: KeypointProblem, plan: Plan, *, times: npt.ArrayLike | None = None, keep_paths: bool = False
 ) -> Refined:
-    """Shorten a plan's whole waypoint path by sequential quadratic programming on Clarabel.
+    """Shorten a plan's waypoint path by sequential quadratic programming with Clarabel.
 
-    The cost is squared joint steps between waypoints, weighted by the problem's ``joint_weights`` (the original weighs
-    the first joint 10 times). Hand poses of
-    keyframes stay (position exactly, orientation within 0.03 rad), joint limits hold, straight steps that were free
-    stay free; the cost is never more than before.
+    The cost is the sum of squared joint steps between waypoints, weighted by the problem's ``joint_weights`` (the
+    original weights the first joint by 10). Hand poses at keyframes are kept (position exactly, orientation within
+    0.03 rad), joint limits are kept, collision-free steps stay collision-free, and the cost never increases.
 
     Args:
-        problem: what was planned.
-        plan: a plan of it that has a trajectory.
-        times: (N,) times of the plan's motion at which waypoints lie, s, beside its start, end and keyframes; about 40
-            evenly by default.
-        keep_paths: keep the hand on its lines and arcs from the actuation on, not only at keyframes.
+        problem: planned problem.
+        plan: plan of the problem with a trajectory.
+        times: (N,) times of waypoints in the
+            plan's motion, s, in addition to its start, end and keyframes; default: about 40, evenly spaced.
+        keep_paths: keep the hand on its lines and arcs after the actuation, not only at keyframes.
 
     Returns:
-        ``waypoints`` (N, n), ``times`` (N,), ``keyframes`` (numbers of their waypoints), ``cost_before``,
-        ``cost_after``, ``rounds``. ``retime`` makes a motion of the waypoints.
+        ``waypoints`` (N, n), ``times`` (N,), ``keyframes`` (indices of their waypoints), ``cost_before``,
+        ``cost_after``, ``rounds``. ``retime`` computes a motion from the waypoints.
 
     Raises:
-        ProblemError: the plan has no motion, or a time is not within it.
+        ProblemError: the plan has no motion, or a time lies outside it.
     """

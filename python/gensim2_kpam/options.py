@@ -7,22 +7,26 @@ import numpy.typing as npt
 
 Gripper = Literal["open", "closed", "grasp", "hold", "release"]
 """Finger mode of a config: open or closed throughout, closing at the actuation pose, unchanged (an object is held), or
-opening at the actuation pose."""
+opening at the actuation pose.
+"""
 
 ContactWindow = TypedDict(
     "ContactWindow",
     {"links": Sequence[str], "bodies": Sequence[str], "from": str, "to": str, "depth": NotRequired[float | None]},
 )
-"""Links (and held bodies) that may overlap bodies of the scene between two keyframes: in time order "start", ...,
-"pre_1", "pre_0", "actuation", "post_0", ..., "let_go", "end". The largest overlap is ``depth`` (m, 0 to 1), otherwise
-the option ``contact_depth``."""
+"""Links (and held bodies) that may overlap bodies of the scene between two keyframes, which are in time order "start",
+..., "pre_1", "pre_0", "actuation", "post_0", ..., "let_go", "end". The maximum overlap is ``depth`` (m, 0 to 1), or the
+option ``contact_depth`` if omitted.
+"""
 
 
 class Options(TypedDict, total=False):
     """Options of a problem; n is the number of the robot's joints. An omitted option has its default."""
 
     timing: Literal["limits", "config"] | None
-    """"limits": as fast as the limits allow. "config": on the config's clock; the default for configs with times."""
+    """"limits": as fast as the limits allow. "config": at the times given in the config; the default for configs with
+    times.
+    """
     start_time: float
     """Time of the first waypoint on the config's clock, s (0)."""
     velocity_scale: float
@@ -46,9 +50,9 @@ class Options(TypedDict, total=False):
     start_acceleration: npt.ArrayLike | None
     """(n,) rad/s^2 or m/s^2, within 1e4; default none."""
     contact_speed: float | None
-    """Greatest speed (m/s) of the contact point from the actuation on, 0.001 to 1,000; default: no limit."""
+    """Maximum speed (m/s) of the contact point from the actuation on, 0.001 to 1,000; default: no limit."""
     frames: Literal["object", "original"]
-    """"object": list-type translations are in the hand frame. "original": they are turned by the object's yaw."""
+    """"object": list-type translations are in the hand frame. "original": they are rotated by the object's yaw."""
     rotate_path: Literal["arc", "chord"]
     """Path of the hand between the keyframes of "rotate" ("arc")."""
     workspace: npt.ArrayLike | None
@@ -56,22 +60,27 @@ class Options(TypedDict, total=False):
     joint_weights: npt.ArrayLike | None
     """(n,) weights of squared joint distances in the cost of the actuation pose, 0.001 to 1e6; default: 1 each."""
     margin: float
-    """Clearance that the whole motion keeps from bodies that it may not touch, 0 to 0.2 m (0.005). A pair of bodies
-    that is closer at the start or end of a segment keeps its distance there: ``Plan.tight``."""
+    """Clearance of the whole motion from bodies that it may not touch, 0 to 0.2 m (0.005). A pair of bodies that is
+    closer at the start or end of a segment keeps its distance there, see ``Plan.tight``.
+    """
     least_margin: float | None
-    """Smaller clearance for a second try if no motion keeps ``margin``, 0 to ``margin``, m; default: no second try."""
+    """Smaller clearance for a second attempt if no motion keeps ``margin``, 0 to ``margin``, m; default: no second
+    attempt.
+    """
     contact_depth: float | None
-    """Largest overlap of pairs that may touch, 0 to 1 m (0.003); None: no limit."""
+    """Maximum overlap of pairs that may touch, 0 to 1 m (0.003); None: no limit."""
     guess_depth: float
-    """Largest depth of arm and held bodies inside the moving link if its travel is estimated, 0 to 0.1 m (0.05)."""
+    """Maximum depth of arm and held bodies inside the moving link if its travel is estimated, 0 to 0.1 m (0.05)."""
     start_depth: float
-    """Largest overlap of the robot at the start, 0 to 1 m (0.01): the motion moves out first. A deeper overlap has the
-    status "start_in_collision"."""
+    """Maximum overlap of the robot at the start, 0 to 1 m (0.01); the motion first leaves the overlap. A deeper overlap
+    gives the status "start_in_collision".
+    """
     reach_clearance: float | None
     """Clearance from the handled bodies (moving link, targets, picked bodies) up to the actuation pose, 0 to 0.05 m;
-    default: hand and fingers may touch them in the last segment. Not with ``contacts``."""
+    default: hand and fingers may touch them in the last segment. Not with ``contacts``.
+    """
     avoid_collisions: bool
-    """False: collisions are only reported (True)."""
+    """False: collisions are reported but not avoided (True)."""
     allow_partial: bool
     """True: accept the longest part of the motion after the actuation pose, with status "partial" (False)."""
     finger_width: float | None
@@ -82,13 +91,13 @@ class Options(TypedDict, total=False):
     num_refinements: int
     """Number of feasible poses that are optimized, 1 to 1,000 (2)."""
     candidates: int
-    """Largest number of poses that are tried for the whole motion, 1 to 1,000 (40)."""
+    """Maximum number of poses for which the whole motion is tried, 1 to 1,000 (40)."""
     extra_seeds: int
-    """Number of further start values if no candidate allows the motion, at most 100,000 (200)."""
+    """Number of additional start values if no candidate allows the motion, at most 100,000 (200)."""
     clearings: int
-    """Largest number of overlapping poses that are moved out of contact if all other poses fail, at most 1,000 (64)."""
+    """Maximum number of overlapping poses that are moved out of contact if all other poses fail, at most 1,000 (64)."""
     samples: int
-    """Largest number of samples of the free-space planner per pose, at most 1,000,000 (2,000)."""
+    """Maximum number of samples of the path planner for each pose, at most 1,000,000 (2,000)."""
     seed: int
     """Seed of start values and samples, 0 to 1,000,000 (0). Another seed may give another motion."""
     contacts: Sequence[ContactWindow] | None
@@ -98,21 +107,22 @@ class Options(TypedDict, total=False):
     release: Sequence[str]
     """Names of attached bodies that stay where they are from the actuation on."""
     joint_travel: npt.ArrayLike | None
-    """(motions after the actuation,) travel of the joint in each motion (rad or m). Default: defined by motions that
-    follow or trace the joint, otherwise estimated from the contact point."""
+    """(number of motions after the actuation,) travel of the joint in each motion (rad or m). Default: given by motions
+    that follow or trace the joint, otherwise estimated from the contact point.
+    """
 
 
 class GraspOptions(TypedDict, total=False):
     """Options of a search for grasps. An omitted option has its default."""
 
     count: int
-    """Largest number of grasps (100)."""
+    """Maximum number of grasps (100)."""
     samples: int
     """Number of surface points (256)."""
     per_part: bool
-    """Sample every part of the body equally often, because a knob is a small part of a drawer (False)."""
+    """Sample every part of the body equally often, so that a small knob of a drawer gets samples, too (False)."""
     trials: int
-    """Largest number of hand poses to check in detail (2,000)."""
+    """Maximum number of hand poses to check in detail (2,000)."""
     friction: float
     """Friction coefficient between pads and object (0.6)."""
     approach: float
@@ -122,4 +132,4 @@ class GraspOptions(TypedDict, total=False):
     up: npt.ArrayLike | None
     """Direction (3,) against gravity in the base frame ([0, 0, 1]); None: no gravity."""
     tilt: npt.ArrayLike
-    """Smallest and largest angle (2,) between the approach and straight down, rad ([0, pi])."""
+    """Minimum and maximum angle (2,) between the approach and straight down, rad ([0, pi])."""

@@ -1,6 +1,6 @@
-"""Results as types: words for how planning ends, and the dictionaries that plans, motions and checks consist of.
+"""Types of results: statuses of planning, and the dictionaries in plans, motions and checks.
 
-A status is a string: ``plan.status == "solved"`` and ``plan.status is Status.SOLVED`` say the same.
+A status is a string: ``plan.status == "solved"`` and ``plan.status is Status.SOLVED`` are equivalent.
 """
 
 from enum import StrEnum
@@ -13,28 +13,28 @@ Array = npt.NDArray[np.float64]
 
 
 class Status(StrEnum):
-    """Outcome of planning a keypoint problem. The first two have a trajectory, the others have none."""
+    """Outcome of planning a keypoint problem. Only the first two have a trajectory."""
 
     SOLVED = "solved"
-    """The whole motion is reachable and clear."""
+    """The whole motion is reachable and collision-free."""
     PARTIAL = "partial"
-    """A part of the motion, where ``allow_partial`` allows it."""
+    """Only part of the motion was found, and ``allow_partial`` permits it."""
     ACTUATION_INFEASIBLE = "actuation_infeasible"
     """No joint values meet the constraints."""
     UNREACHABLE = "unreachable"
-    """A keyframe is out of reach from every actuation pose tried."""
+    """From every tried actuation pose, a keyframe is out of reach."""
     COLLISION = "collision"
-    """Something is in the way from every actuation pose tried."""
+    """From every tried actuation pose, an obstacle is in the way."""
     START_IN_COLLISION = "start_in_collision"
-    """The robot is deeper inside something at the start than ``start_depth``."""
+    """At the start, the robot overlaps a body by more than ``start_depth``."""
     TOO_FAST = "too_fast"
-    """The clock asks for more than the joints' limits give."""
+    """The times given in the config require more than the joints' limits allow."""
     CANNOT_STOP = "cannot_stop"
-    """No motion from the state at the start stays within the joints' limits."""
+    """No motion from the start state stays within the joints' limits."""
     UNTIMED = "untimed"
-    """A path was found, and no motion along it that keeps the limits from the start on."""
+    """A path was found, but no motion along it within the limits."""
     NOT_FOUND = "not_found"
-    """The search ended without a motion; there may be one."""
+    """The search ended without a motion; one may exist."""
     CANCELLED = "cancelled"
     """Planning was cancelled."""
 
@@ -43,19 +43,19 @@ class MotionStatus(StrEnum):
     """Outcome of planning a motion to a goal."""
 
     SOLVED = "solved"
-    """There is a motion."""
+    """A motion was found."""
     START_BLOCKED = "start_blocked"
     """The start is in collision."""
     GOALS_BLOCKED = "goals_blocked"
     """Every goal is in collision."""
     UNREACHABLE = "unreachable"
-    """No joint values bring the link to the pose."""
+    """No joint values bring the link to the goal pose."""
     NOT_FOUND = "not_found"
-    """The search ended without a motion; there may be one."""
+    """The search ended without a motion; one may exist."""
     UNTIMED = "untimed"
-    """A free way was found, and no motion along it that keeps the limits."""
+    """A collision-free path was found, but no motion along it within the limits."""
     CANNOT_STOP = "cannot_stop"
-    """No motion from the state at the start stays within the joints' limits."""
+    """No motion from the start state stays within the joints' limits."""
     LATE = "late"
     """The deadline passed."""
     CANCELLED = "cancelled"
@@ -63,7 +63,7 @@ class MotionStatus(StrEnum):
 
 
 class Residual(TypedDict):
-    """A constraint at a pose; metres or radians."""
+    """Residual of a constraint at a pose; metres or radians."""
 
     name: str
     residual: float
@@ -72,69 +72,69 @@ class Residual(TypedDict):
 
 
 class Keyframe(TypedDict):
-    """A pose of the hand that a motion passes."""
+    """A pose of the hand that a motion passes through."""
 
     label: str
-    """"pre_1", "pre_0", "actuation", "post_0", "let_go"."""
+    """Name: "pre_1", "pre_0", "actuation", "post_0", "let_go"."""
     time: float | None
-    """s on the motion's clock; None where it is not reached."""
+    """Time on the motion's clock, s; None if not reached."""
     T_base_hand: Array
-    """(4, 4)"""
+    """Pose (4, 4) of the hand in the base frame."""
     reached: bool
 
 
 class Collision(TypedDict):
-    """Obstacle to a motion."""
+    """Collision that blocks a motion."""
 
     bodies: tuple[str, str]
     time: float | None
-    """s; None where the motion has no time there."""
+    """Time in s; None if the motion has no time there."""
     toward: str
-    """Keyframe of the segment."""
+    """Keyframe at the end of the segment."""
     distance: float
-    """m, negative where they overlap."""
+    """Distance in m, negative if the bodies overlap."""
     point: Array
-    """(3,)"""
+    """Point (3,) in the base frame."""
 
 
 class TightPair(TypedDict):
-    """Bodies that are nearer than the margin at the start or at a keyframe, though they may not touch."""
+    """Bodies closer than the margin at the start or at a keyframe although they may not touch."""
 
     bodies: tuple[str, str]
     at: str
-    """"start" or a keyframe."""
+    """"start" or the name of a keyframe."""
     distance: float
-    """m"""
+    """Distance, m."""
 
 
 class Touch(TypedDict):
-    """Bodies that overlap at a keyframe, and may."""
+    """Bodies that overlap at a keyframe, as permitted."""
 
     bodies: tuple[str, str]
     at: str
-    """Keyframe."""
+    """Name of the keyframe."""
     depth: float
-    """m"""
+    """Depth of the overlap, m."""
 
 
 class Guess(TypedDict):
-    """A motion that moves the object's joint by an amount that is a guess."""
+    """A motion that moves the object's joint by an estimated amount."""
 
     toward: str
-    """Keyframe."""
+    """Keyframe at the end of the segment."""
     travel: float
-    """rad or m"""
+    """Estimated travel, rad or m."""
     depth: float
-    """m of overlap that is let pass for it."""
+    """Overlap tolerated because of the estimate, m."""
 
 
 class TriedPose(TypedDict):
-    """Outcome of an actuation pose."""
+    """Outcome of one actuation pose."""
 
     q: Array
-    """(n,)"""
+    """Joints (n,)."""
     rank: int
-    """0 for the cheapest."""
+    """Rank by cost, 0 for the cheapest."""
     status: Status
     reason: str
 
@@ -143,32 +143,32 @@ class CpuTimes(TypedDict):
     """Thread CPU times of planning, ms."""
 
     setup: float
-    """The world compiled, and the start looked at."""
+    """Time for building the scene and checking the start."""
     actuation: float
     trajectory: float
     total: float
 
 
 class CheckedPair(TypedDict):
-    """Two bodies and how near they are to each other."""
+    """Two bodies and their distance."""
 
     bodies: tuple[str, str]
     distance: float
-    """m, negative where they overlap."""
+    """Distance in m, negative if the bodies overlap."""
     point: Array
-    """(3,)"""
+    """Point (3,) in the base frame."""
 
 
 class ActuationPose(TypedDict):
     """Joint values that meet the constraints."""
 
     q: Array
-    """(n,)"""
+    """Joints (n,)."""
     cost: float
 
 
 class Clearances(TypedDict):
-    """Smallest signed distances along a motion, m; None where nothing is checked within a metre."""
+    """Minimum signed distances along a motion, m; None if no pair is closer than a metre."""
 
     self: float | None
     table: float | None
@@ -179,26 +179,26 @@ class GraspQuality(TypedDict):
     """Terms of a grasp's rank."""
 
     friction_margin: float
-    """rad inside the friction cone"""
+    """Angle in rad from the edge of the friction cone."""
     contact: float
-    """Part of a pad that touches."""
+    """Fraction of a pad in contact."""
     lever: float
-    """m, of gravity about the middle between the pads"""
+    """Lever arm of gravity about the midpoint of the pads, m."""
     clearance: float
-    """m, kept by the open hand"""
+    """Clearance of the open hand, m."""
     tilt: float
-    """rad between approach and straight down"""
+    """Angle between approach and straight down, rad."""
 
 
 class Refined(TypedDict):
-    """A shorter waypoint path."""
+    """A shortened waypoint path."""
 
     waypoints: Array
-    """(N, n)"""
+    """Joints (N, n)."""
     times: Array
-    """(N,) s"""
+    """Times (N,), s."""
     keyframes: list[int]
-    """Numbers of their waypoints."""
+    """Indices of the keyframes' waypoints."""
     cost_before: float
     cost_after: float
     rounds: int

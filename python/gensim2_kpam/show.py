@@ -1,4 +1,4 @@
-"""Scene and motion in the browser as the solver sees them: collision shapes, arm, the hand's path (extra ``viz``)."""
+"""Show a scene and a motion in the browser: collision shapes, arm and the hand's path (extra ``viz``)."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from . import Motion, Plan, Robot, Scene, Trajectory
 
 Array = npt.NDArray[np.float64]
 
-#: Colours, RGB: of the robot, of what stands, of what is held.
+#: RGB colours of the robot, of other bodies, and of held bodies.
 ROBOT, STANDING, HELD = (190, 190, 200), (205, 170, 120), (120, 180, 120)
-#: Seconds between two pictures while a motion plays, and between two points of the path that is drawn.
+#: Seconds between frames of the animation, and between points of the drawn path.
 STEP = 0.04
 _PLAIN = " :.,;%()/?=+-'\""
-"""Punctuation that means nothing inside a line of Markdown."""
+"""Punctuation without a meaning inside a line of Markdown."""
 
 
 class MissingViewerError(ImportError):
-    """viser is not installed; the message names the extra that brings it."""
+    """viser is not installed; the message names the extra that provides it."""
 
 
 def show(
@@ -33,17 +33,17 @@ def show(
     host: str = "localhost",
     port: int = 8080,
 ) -> Any:
-    """Serve a page with a scene and, where there is one, the motion through it; return at once.
+    """Serve a web page that shows a scene and, if given, a motion; return at once.
 
     Args:
         scene: robot and bodies.
-        motion: what was planned, or a trajectory; without one, or where it has none, the arm stands at ``q``.
-        q: (n,) joints, rad or m; the middle of the ranges by default.
+        motion: plan, motion or trajectory; without a trajectory the arm is shown at ``q``.
+        q: (n,) joints, rad or m; default: middle of the joint ranges.
         host: address to listen on.
-        port: of the page; the next free one is taken where it is in use.
+        port: port of the page; the next free one if it is in use.
 
     Returns:
-        The ``viser.ViserServer``; ``stop()`` ends it.
+        The ``viser.ViserServer``; its ``stop()`` ends the page.
 
     Raises:
         MissingViewerError: viser is not installed.
@@ -91,15 +91,15 @@ def show(
 
 
 def add_text(server: Any, *lines: str) -> Any:
-    """Add lines of plain text to a page, and return the handle of its Markdown; all text of our pages comes by here."""
+    """Add lines of plain text to a page, and return the handle of the Markdown element."""
     return server.gui.add_markdown(plain_markdown(*lines))
 
 
 def plain_markdown(*lines: str) -> str:
-    """Return Markdown that shows lines of plain text as they are.
+    """Return Markdown that shows lines of plain text unchanged.
 
-    Viser runs HTML and expressions in its Markdown, and reads the files that its pictures name: text of a file, a
-    server or a solver must never be taken for them.
+    Viser executes HTML and expressions in Markdown, and reads the files that images name, so untrusted text must be
+    escaped.
     """
     return "\n\n".join(_plain_line(" ".join(line.split())) for line in lines)
 
@@ -123,7 +123,7 @@ def _middle(robot: Robot) -> Array:
 
 
 def _draw(server: Any, name: str, surface: tuple[Array, Array], color: tuple[int, int, int]) -> list[Any]:
-    """Draw triangles and balls under a name; the handles, none where there is nothing."""
+    """Draw triangles and spheres under a name, and return the handles."""
     triangles, balls = surface
     out = []
     if len(triangles):
@@ -154,7 +154,7 @@ def _place(handle: Any, pose: Array) -> None:
 
 
 def _quaternion(turn: Array) -> Array:
-    """Unit quaternion w, x, y, z of a rotation matrix (Shepperd's method)."""
+    """Return the unit quaternion w, x, y, z of a rotation matrix (Shepperd's method)."""
     m = turn
     diagonal = np.array([m.trace(), m[0, 0], m[1, 1], m[2, 2]])
     k = int(diagonal.argmax())
@@ -171,7 +171,7 @@ def _quaternion(turn: Array) -> Array:
 
 
 def add_clock(server: Any, trajectory: Trajectory, pose_at: Any) -> None:
-    """Add a slider over the motion's time, and a button that plays it."""
+    """Add a slider over the motion's time, and a play button."""
     start, end = float(trajectory.times[0]), float(trajectory.times[-1])
     pose_at(trajectory.sample(start)[0])
     if end <= start:
