@@ -196,7 +196,9 @@ class DistanceGripperRigid(_Distance):
 
 
 class DistanceGripperArticulated(_Distance):
-    """Any keypoint of the gripper is within ``threshold`` (m) of the articulated object's point, horizontally."""
+    """A keypoint of the gripper is within ``threshold`` (m) of the articulated object's measured keypoint
+    horizontally.
+    """
 
     type: Literal["distance_gripper_articulated"] = "distance_gripper_articulated"
     articulated: str
