@@ -250,7 +250,14 @@ def assigned(path: Path) -> set[str]:
     return {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
 
 
-@pytest.mark.parametrize(("walk", "most"), [("A cloud from the ray caster to the policy", 8)])
+@pytest.mark.parametrize(
+    ("walk", "most"),
+    [
+        ("A seed from the command to the trajectory", 12),
+        ("A cloud from the ray caster to the policy", 8),
+        ("A designed task from the answer to the shelf", 12),
+    ],
+)
 def test_a_walk_of_the_architecture_is_short_and_leads_through_functions_that_exist(walk: str, most: int) -> None:
     """Each row of the table names a function; the function's module names the one of the row before or after it."""
     page = (PYTHON.parent / "docs/architecture.md").read_text()
