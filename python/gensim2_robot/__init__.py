@@ -1,1 +1,1 @@
-"""From a controller to an arm and its cameras: limits, a watch, one loop, a log that replays (docs/guides/robot.md)."""
+"""Run a controller on an arm with cameras: limits, a watchdog, one control loop, a log (docs/guides/robot.md)."""

@@ -1,4 +1,4 @@
-"""An arm behind its limits: the only way to the wire."""
+"""An arm behind its limits; all commands pass through here."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from gensim2_robot.devices import ArmDriver, ArmState
 from gensim2_robot.limits import Sent, begin, check_force, halt, limit
 
 _STATES = 200
-"""States that are kept, to know where the arm stood when a picture was taken."""
+"""Number of past arm states kept, to know the arm's position when an image was taken."""
 
 
 class LimitedArm:
-    """Commands go through :func:`~gensim2_robot.limits.limit`; there is no other way to the driver.
+    """Sends commands to a driver through :func:`~gensim2_robot.limits.limit`; no other code uses the driver.
 
     Args:
-        driver: the wire.
-        limits: of every command.
+        driver: driver of the arm.
+        limits: limits of every command.
 
     Attributes:
-        clips: how often each limit kept a command from being what was asked for.
+        clips: number of commands changed, by limit.
     """
 
     def __init__(self, driver: ArmDriver, limits: ArmLimits) -> None:
@@ -36,20 +36,20 @@ class LimitedArm:
         self.clips: Counter[str] = Counter()
 
     def poll(self) -> list[ArmState]:
-        """Take note of states that came."""
+        """Return the arm states received since the last call, and remember them."""
         found = list(self._driver.poll())
         self._states.extend(found)
         return found
 
     def state(self) -> ArmState | None:
-        """The last known; None: none has come yet."""
+        """Return the last known state; None before the first."""
         return self._states[-1] if self._states else None
 
     def at(self, time: float) -> ArmState:
-        """Return the arm's state at a time, interpolated between two measurements in proportion.
+        """Return the arm's state at a time, linearly interpolated between two measurements.
 
         Raises:
-            LookupError: no state has come yet.
+            LookupError: no state has been received yet.
         """
         if not self._states:
             raise LookupError("the arm has not said anything yet")
@@ -63,33 +63,33 @@ class LimitedArm:
 
     @property
     def sent(self) -> Sent | None:
-        """The last command; None: the arm is not begun."""
+        """The last command; None if the arm is not under control."""
         return self._sent
 
     @property
     def gripper(self) -> float:
-        """The last command of the gripper."""
+        """The last gripper command."""
         return self._gripper
 
     def begin(self, q: npt.ArrayLike, gripper: float = 1.0) -> Sent:
-        """Take the arm over where it stands.
+        """Start to control the arm at its present position.
 
         Raises:
-            RefusedError: it stands where it may not be.
+            RefusedError: the arm is outside its limits.
         """
         self._sent, self._gripper = begin(q, self.limits), gripper
         return self._sent
 
     def release(self) -> None:
-        """Send nothing more until the arm is begun anew; it stands by its own means."""
+        """Stop sending commands; the arm stands by its own controller until :meth:`begin`."""
         if self._sent is not None:
             self.stop()
 
     def command(self, q: npt.ArrayLike, gripper: float, t: float) -> Sent:
-        """Ask for (m,) joints at the time t; returns what was sent.
+        """Request joints (m,) for the time t, and return the command that was sent.
 
         Raises:
-            RefusedError: the target is not finite, or too great a force presses on the arm; nothing is sent.
+            RefusedError: the target is not finite, or the contact force is too large; nothing is sent.
         """
         assert self._sent is not None, "the arm is not begun"
         state = self.state()
@@ -97,10 +97,10 @@ class LimitedArm:
         return self._send(limit(self._sent, q, self.limits, force, measured), gripper, t)
 
     def hold(self, t: float) -> Sent:
-        """The next command of the checked stop; at rest, the same place.
+        """Send the next command of the checked stop; at rest, the same position again.
 
         Raises:
-            RefusedError: too great a force presses on the arm; nothing is sent.
+            RefusedError: the contact force is too large; nothing is sent.
         """
         assert self._sent is not None, "the arm is not begun"
         state = self.state()
@@ -109,7 +109,7 @@ class LimitedArm:
         return self._send(halt(self._sent), self._gripper, t)
 
     def stop(self) -> None:
-        """Let the arm stop by its own means, at once; it takes no command until it is begun anew."""
+        """Stop the arm at once by its own controller; no command is accepted until :meth:`begin`."""
         self._driver.stand()
         self._sent = None
 
@@ -121,40 +121,43 @@ class LimitedArm:
         return sent
 
     def joints(self, q: Array) -> Array:
-        """(m,) of the arm of (n,) all active joints."""
+        """Return the arm's joints (m,) among all active joints (n,)."""
         return q[list(self.limits.profile.arm_columns)]
 
 
 _SAME = 1e-6
-"""Rad (m) within which two targets are one, and a command is what the motion says."""
+"""Largest difference (rad or m) between two targets, or between a command and the motion, that counts as equal."""
 
 _PASSED = 2 * CYCLE
-"""Seconds before its time from which on a target is left to what follows: a motion that is a little late need not turn
-back for it."""
+"""Time (s) before a target at which the motion no longer has to pass through it, so that a slightly late motion need
+not
+turn back.
+"""
 
 _KEPT = 1.0
-"""Seconds of the past that are kept: the last command is asked about."""
+"""Time (s) for which the past motion is kept, because the last command is compared with it."""
 
 _FITTED = 0.999
-"""Share of the limits that motions use: what they ask for is to be sent as it is."""
+"""Share of the limits that motions use, so that their commands can be sent unchanged."""
 
 
 class Streamer:
-    """The motion that commands are read from.
+    """The smooth motion from which commands are sampled.
 
-    It goes through the targets that are still to come, each no earlier than its time, and then comes to rest a little
-    behind the last: where no more targets come, it has stopped by itself. New targets are joined to it where it is.
+    The motion passes through all future targets, each no earlier than its time, and comes to rest shortly after the
+    last one.
+    So the arm stops by itself if no more targets arrive. New targets extend the present motion.
 
     Args:
-        limits: that the motion keeps; those of the tool and of the workspace are the wire's.
+        limits: joint limits of the motion; limits of the tool and the workspace are checked for each command instead.
 
     Attributes:
-        late: targets that came when their time was over, and were dropped.
+        late: number of targets that were dropped because they arrived after their time.
     """
 
     def __init__(self, limits: ArmLimits) -> None:
         self._limits = limits
-        # The way from one command to the next is as fast as the middle between them, and limited by where it leads to.
+        # The velocity between two commands is that in the middle, and is limited by the position that it leads to.
         braking = limits.braking
         self._braking = None if braking is None else braking.ahead(0.5 * CYCLE).scaled(_FITTED).rows()
         self._motion: kpam.Trajectory | None = None
@@ -163,15 +166,17 @@ class Streamer:
         self.late = 0
 
     def clear(self) -> None:
-        """Forget everything; the arm stands."""
+        """Forget the motion and all targets."""
         self._motion, self._ahead = None, []
 
     def add(self, targets: Sequence[tuple[float, Array]], sent: Sent, now: float) -> bool:
-        """Go through targets, (m,) each with its time (s), after those that there are; say whether they were joined.
+        """Add targets, (m,) each with its time (s), after the present ones; return whether a motion through them was
+        found.
 
         Args:
-            sent: the last command; the motion starts from there where it is not what the motion says.
-            now: seconds.
+            targets: times and joints.
+            sent: the last command, from which the motion starts if it differs from the present motion.
+            now: present time, s.
         """
         fresh = [(stamp, np.clip(q, self._limits.lower, self._limits.upper)) for stamp, q in targets if stamp > now]
         self.late += len(targets) - len(fresh)
@@ -210,24 +215,24 @@ class Streamer:
         return True
 
     def _rest(self, q: Array, speed: Array) -> Array:
-        """(m,) way in which the arm comes to rest from (m,) joints and a speed, within the joints' range."""
+        """Return the displacement (m,) to rest from the given velocity, within the joint range."""
         speed = np.clip(speed, -self._limits.velocity, self._limits.velocity)
         way: Array = 0.75 * speed * (np.abs(speed) / self._limits.acceleration).max()
         room = np.where(way > 0.0, self._limits.upper - q, q - self._limits.lower)
         return way * min(1.0, float((room / np.maximum(np.abs(way), _SAME)).min()))
 
     def _state(self, sent: Sent, now: float) -> tuple[Array, Array, Array]:
-        """(m,) position, velocity and acceleration to go on from: the motion's where it is what is sent."""
+        """Return position, velocity and acceleration (m,) to continue from."""
         if self._motion is not None and self.follows(sent, now):
             return self._motion.sample(now)
         return sent.q, sent.v, sent.a
 
     def follows(self, sent: Sent, now: float) -> bool:
-        """Whether the last command is what the motion says of its time."""
+        """Return whether the last command agrees with the motion at its time."""
         return self._motion is not None and bool(np.abs(self._motion.sample(now)[0] - sent.q).max() <= _SAME)
 
     def brake(self, now: float) -> float:
-        """Come to rest along the path as soon as the limits allow, in the seconds returned; the targets are dropped."""
+        """Replace the motion by the fastest stop along its path, drop the targets, and return its duration, s."""
         self._ahead = []
         if self._motion is None:
             return 0.0
@@ -235,7 +240,7 @@ class Streamer:
         return self._motion.duration
 
     def at(self, now: float, sent: Sent) -> Array:
-        """(m,) to be sent for a time; where the arm is, if there is no motion."""
+        """Return the joints (m,) to send for a time; the last command without a motion."""
         if self._motion is None:
             return sent.q
         self._motion.sample_into(now, *self._rows)

@@ -1,4 +1,4 @@
-"""Limits of an arm: numbers, and the shapes that it must not come near."""
+"""Limits of an arm: numbers, and the collision geometry."""
 
 from __future__ import annotations
 
@@ -17,13 +17,15 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Braking:
-    """Velocity limits ``-offset + sqrt(gain (upper - q))`` upwards, ``-offset + sqrt(gain (q - lower))`` downwards.
+    """Velocity limits that depend on the position: ``-offset + sqrt(gain (upper - q))`` upwards, ``-offset + sqrt(gain
+    (q
+    - lower))`` downwards.
 
-    Beside constant limits; 0 where they would be negative.
+    They apply in addition to constant limits, and are 0 if negative.
 
     Attributes:
         upper, lower: (m,) rad, where the limits would be ``-offset``.
-        gain: (m,) rad/s^2, twice the deceleration that they allow for.
+        gain: (m,) rad/s^2, twice the allowed deceleration.
         offset: (m,) rad/s.
     """
 
@@ -33,29 +35,32 @@ class Braking:
     offset: Array
 
     def scaled(self, share: float) -> Braking:
-        """Limits that are a share of these everywhere."""
+        """Return limits that are a given share of these everywhere."""
         return replace(self, gain=share**2 * self.gain, offset=share * self.offset)
 
     def fastest(self, q: Array) -> tuple[Array, Array]:
-        """(..., m) rad/s upwards and downwards, each at least 0, at (..., m) positions (rad)."""
+        """Return the largest upward and downward velocities (..., m), rad/s, at least 0, at positions (..., m), rad."""
         return self._root(self.upper - q), self._root(q - self.lower)
 
     def ahead(self, seconds: float) -> Braking:
-        """Limits that a joint keeps for so long as it goes on at its velocity.
+        """Return limits that a joint still satisfies after moving at its velocity for ``seconds``.
 
-        ``v = -offset + sqrt(gain (room - v seconds))``, solved for v, is such a limit itself.
+        Solving ``v = -offset + sqrt(gain (room - v seconds))`` for v gives limits of the same form.
         """
         offset = self.offset + 0.5 * self.gain * seconds
         room = (offset**2 - self.offset**2) / self.gain
         return Braking(self.upper + room, self.lower - room, self.gain, offset)
 
     def range(self) -> tuple[Array, Array]:
-        """(m,) lower and upper positions (rad) at which a joint may still come nearer, by a tenth of the offset."""
+        """Return lower and upper positions (m,), rad, at which a tenth of the offset is still allowed as velocity
+        towards
+        the end.
+        """
         room = (1.1 * self.offset) ** 2 / self.gain
         return self.lower + room, self.upper - room
 
     def rows(self) -> list[tuple[float, float, float, float]]:
-        """Upper, lower, gain and offset of each joint, as ``gensim2_kpam.retime`` takes them."""
+        """Return upper, lower, gain and offset of each joint for ``gensim2_kpam.retime``."""
         columns = (self.upper, self.lower, self.gain, self.offset)
         return [(float(u), float(low), float(k), float(o)) for u, low, k, o in zip(*columns, strict=True)]
 
@@ -70,56 +75,61 @@ FR3 = Braking(
     gain=np.array([12.0, 5.17, 7.0, 8.0, 34.0, 11.0, 34.0]),
     offset=np.array([0.3, 0.2, 0.2, 0.3, 0.35, 0.35, 0.35]),
 )
-"""As Franka publishes them for the Research 3; the solver has the same (``limits: "fr3"``)."""
+"""Franka's published limits of the Research 3, the same as in the solver (``limits: "fr3"``)."""
 
 
 CYCLE = 0.01
-"""Seconds from one command on the wire to the next."""
+"""Time between two commands, s."""
 
 SPEED = 0.1
-"""Share of the arm's speed where nothing else is said."""
+"""Default share of the arm's speed."""
 MARGIN = 0.1
-"""Rad (m) that joints keep from the ends of their range where nothing else is said."""
+"""Default distance (rad or m) of joints from the ends of their range."""
 TOOL_SPEED = 1.7
-"""Metres a second that the tool makes at most at full speed: the Panda's, the slowest of the arms that are known."""
+"""Speed (m/s) of the tool at full speed: the Panda's, the slowest of the known arms."""
 
 FORCE = 140.0
-"""Newtons that may press on the arm where nothing else is said: ISO/TS 15066 has them for a hand that is clamped."""
+"""Default limit of the contact force, N, from ISO/TS 15066 for a clamped hand."""
 
 JUMP = 0.2
-"""Rad (m) by which the first action of an episode may lie off where the arm stands."""
+"""Largest distance (rad or m) of an episode's first action from the arm's position."""
 LEASH, LEASH_AT_SPEED = 0.08, 0.2
-"""Rad (m) by which a target may lead the measured arm: standing, and what a drive trails by at full speed beside it."""
+"""Largest distance (rad or m) of a target ahead of the measured arm: at rest, and in addition for the lag of a drive at
+full speed.
+"""
 
 _PANDA = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]), np.array([7500.0, 3750, 5000, 6250, 7500, 10000, 10000])
-"""Acceleration (rad/s^2) and jerk (rad/s^3) as Franka publishes them."""
+"""Franka's published acceleration (rad/s^2) and jerk (rad/s^3)."""
 _UNKNOWN = 10.0, 5000.0
-"""The same of a joint that nothing is known of, as in the solver; Franka publishes them for the Research 3."""
+"""Acceleration and jerk of joints without published limits, as in the solver; Franka publishes them for the Research 3.
+"""
 
 _TABLE_SIDE, _TABLE_DEPTH = 2.4, 0.06
 
 
 @dataclass(frozen=True, eq=False)
 class ArmLimits:
-    """Limits that no command passes.
+    """Limits that no command exceeds.
 
-    Speed is a share of the arm's; accelerations and jerks are the arm's own at any speed, so that it stops as fast as
-    it can.
+    The speed is a share of the arm's. Accelerations and jerks are the arm's own at any speed, so that it stops as fast
+    as it
+    can.
 
     Attributes:
-        profile: of the robot.
-        lower, upper: (m,) positions of the arm's joints, rad or m, the margin taken off.
-        range_lower, range_upper: (m,) the ends of their range.
-        velocity, acceleration, jerk: (m,) a second, a second squared and cubed.
-        braking: velocity limits that depend on the position, beside ``velocity``; None: there are none.
-        tool_speed: of the tool, m/s.
-        low, high: (3,) corners of the workspace of the tool in the robot's base frame, m.
-        clearance: that the robot keeps from itself and from the table, m.
-        force: that presses on the arm from outside, N.
-        leash: rad (m) by which a target may lead the measured arm: what is blocked is pressed on no harder. A force
-            shortens it.
-        jump: rad (m) by which the first target of an episode may lie off where the arm stands, and by which any may lie
-            outside the range of a joint.
+        profile: the robot.
+        lower, upper: (m,) limits of the arm's joints, rad or m, including the margin.
+        range_lower, range_upper: (m,) ends of the joints' ranges.
+        velocity, acceleration, jerk: (m,) in rad or m, per s, s^2 and s^3.
+        braking: velocity limits that depend on the position, in addition to ``velocity``; None for none.
+        tool_speed: speed of the tool, m/s.
+        low, high: (3,) corners of the tool's workspace in the robot's base frame, m.
+        clearance: distance of the robot from itself and from the table, m.
+        force: contact force, N.
+        leash: distance (rad or m) of a target ahead of the measured arm, so that a blocked arm does not press harder. A
+            contact force shortens it.
+        jump: distance (rad or m) of an episode's first target from the arm's position, and of any target beyond a
+            joint's
+            range.
     """
 
     profile: RobotProfile
@@ -151,15 +161,15 @@ class ArmLimits:
         force: float = FORCE,
         jump: float = JUMP,
     ) -> ArmLimits:
-        """Limits of a robot.
+        """Return the limits of a robot.
 
         Args:
             speed: share of its speed, above 0 to 1.
-            margin: rad (m) that joints keep from the ends of their range.
+            margin: distance (rad or m) of joints from the ends of their range.
             low, high, clearance, force, jump: see the class.
 
         Raises:
-            InputError: a number is none that limits anything.
+            InputError: a number is invalid.
         """
         if not 0.0 < speed <= 1.0:
             raise InputError(f"must be above 0 and at most 1, is {speed}", field="speed")
@@ -201,22 +211,22 @@ class ArmLimits:
         )
 
     def leash_under(self, force: float) -> float:
-        """Leash (rad or m) under a force (N), by the share that is left of what may press on the arm."""
+        """Return the leash (rad or m) under a contact force (N), in proportion to the remaining force."""
         return self.leash * (1.0 - force / self.force)
 
     def fastest_from(self, q: Array) -> tuple[Array, Array]:
-        """(m,) velocities upwards and downwards, both positive, of a command that goes on from (m,) joints."""
+        """Return the largest upward and downward velocities (m,), both positive, of a command at joints (m,)."""
         if self.braking is None:
             return self.velocity, self.velocity
         up, down = self.braking.ahead(CYCLE).fastest(q)
         return np.minimum(up, self.velocity), np.minimum(down, self.velocity)
 
     def brakes(self, q: Array, v: Array, slack: float) -> bool:
-        """Whether commands keep the velocity limits that depend on their positions.
+        """Return whether commands keep the velocity limits that depend on the position.
 
         Args:
-            q, v: (N, m) or (m,) commands, and the way to each from the one before by the cycle.
-            slack: share of a limit, and rad/s, that arithmetic may be off.
+            q, v: (N, m) or (m,) commands, and their velocities.
+            slack: tolerance for rounding, as a share of a limit and in rad/s.
         """
         if self.braking is None:
             return True
@@ -225,18 +235,18 @@ class ArmLimits:
 
     @property
     def size(self) -> int:
-        """m, joints of the arm."""
+        """Number of joints of the arm, m."""
         return len(self.lower)
 
     def prepare(self) -> None:
-        """Read and build what the first command would have to wait for."""
+        """Prepare everything that would delay the first command."""
         here = self._open[None, list(self.profile.arm_columns)]
         self.tool(here)
         self.is_clear(here)
 
     @cached_property
     def scene(self) -> kpam.Scene:
-        """The robot above its table."""
+        """Collision scene of the robot and its table."""
         pose = np.eye(4)
         pose[:3, 3] = [0.0, 0.0, -0.5 * _TABLE_DEPTH]
         sides = [_TABLE_SIDE, _TABLE_SIDE, 0.5 * _TABLE_DEPTH]
@@ -245,22 +255,22 @@ class ArmLimits:
 
     @cached_property
     def _open(self) -> Array:
-        """(n,) all active joints with the fingers open."""
+        """All active joints (n,) with open fingers."""
         joints = np.array(self.profile.reset_qpos, dtype=np.float64)
         joints[list(self.profile.gripper_columns)] = self.profile.gripper.at_command(1.0)
         return joints
 
     def whole(self, arm: Array) -> Array:
-        """(N, n) all active joints of (N, m) of the arm: fingers open, which is where they need the most room."""
+        """Return all active joints (N, n) for arm joints (N, m), with open fingers, which need the most space."""
         rows = np.tile(self._open, (len(arm), 1))
         rows[:, list(self.profile.arm_columns)] = arm
         return rows
 
     def tool(self, arm: Array) -> Array:
-        """(N, 3) places of the tool in the base frame, m, at (N, m) of the arm."""
+        """Return the tool positions (N, 3), m in the base frame, at arm joints (N, m)."""
         return np.asarray(self.profile.model.forward_kinematics(self.whole(arm), self.profile.tool_link)[:, :3, 3])
 
     def is_clear(self, arm: Array) -> bool:
-        """Whether the robot keeps its clearance at all of (N, m) of the arm."""
+        """Return whether the robot keeps its clearance at all arm joints (N, m)."""
         distance = np.asarray(self.scene.distance(self.whole(arm), 2.0 * self.clearance + 1e-3))
         return bool((distance >= self.clearance).all())

@@ -1,4 +1,4 @@
-"""Commands judged after the fact, by code that had no part in them: differences, and the ray caster's kinematics."""
+"""Check sent commands with independent code: finite differences and the ray caster's kinematics."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from gensim2.perception.raycast.kinematics import Tree, read_urdf
 from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
 
 SHARE = 1e-6
-"""Of a limit that rounding may add."""
+"""Tolerance for rounding, as a share of a limit."""
 BLOCK = 5000
 
 
 def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
-    """Count the commands (m,), one cycle apart and from rest, that pass a limit."""
+    """Return the number of commands (m,), one cycle apart and starting at rest, that exceed a limit."""
     if not commands:
         return 0
     q = np.array(commands)
@@ -41,7 +41,7 @@ def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
 
 
 def _too_near_an_end(q: Array, velocity: Array, limits: ArmLimits) -> npt.NDArray[np.bool_]:
-    """(N,) commands that are too fast for where they are: ``(|v| + o)^2 > k room`` while they move towards an end."""
+    """Return which commands (N,) move too fast towards a joint limit: ``(|v| + o)^2 > k room``."""
     if limits.braking is None:
         return np.zeros(len(q), dtype=bool)
     ends = limits.braking

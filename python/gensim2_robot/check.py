@@ -1,4 +1,4 @@
-"""Whether everything is there before an arm is driven: what can be told without moving anything."""
+"""Check everything that a run needs without moving the arm."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from gensim2_robot.limits import RefusedError, begin, limit
 from gensim2_robot.log import MAX_BYTES
 
 MODULES = {"mcap": "robot", "sapien": "sim", "embreex": "sim", "fpsample": "sim"}
-"""Modules that a simulated line imports, and the extra that it comes with."""
+"""Modules that a simulated run imports, and their extras."""
 WAKE_UPS = 100
 
 
 def check(robot_name: str, folder: Path) -> list[dict[str, Any]]:
-    """Name, whether it is fine, and what was found, of each thing that a run needs.
+    """Return name, result and finding of each check.
 
     Args:
-        robot_name: of the robot.
-        folder: where the log is to be written.
+        robot_name: name of the robot.
+        folder: folder for the log.
     """
     found = []
     for module, extra in MODULES.items():
@@ -57,7 +57,7 @@ def check(robot_name: str, folder: Path) -> list[dict[str, Any]]:
 
 
 def _lateness() -> list[float]:
-    """Seconds by which this process is woken too late."""
+    """Return the delays (s) with which this process wakes up."""
     found = []
     for _ in range(WAKE_UPS):
         due = time.monotonic() + 2e-3

@@ -1,4 +1,4 @@
-"""The time that a line goes by: the machine's, or a simulated one that never sleeps."""
+"""The control loop's clock: the machine's, or a simulated one that never sleeps."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from typing import Protocol
 from gensim2.core.cores import SWITCH_INTERVAL
 
 LOOP_PRIORITY = 50
-"""Of a loop, and of an arm's driver, that the kernel lets go before all others: that of ros2_control."""
+"""Real-time priority of the control loop and of an arm's driver, the same as in ros2_control."""
 CONTROLLER_PRIORITY = 40
-"""Of a controller, for which the arm waits, in a process of its own."""
+"""Real-time priority of a controller process, for which the arm waits."""
 
 
 class Clock(Protocol):
-    """Seconds, and waiting."""
+    """A clock that can wait."""
 
     def now(self) -> float:
-        """Seconds of a clock that never goes back."""
+        """Return the time of a monotonic clock, s."""
         ...
 
     def wait(self, until: float) -> None:
-        """Return at that time; at once, if it is over."""
+        """Return at the given time, at once if it has passed."""
         ...
 
     def punctual(self) -> AbstractContextManager[str]:
-        """Let the thread that waits be woken on time; gives the kernel's policy for it."""
+        """Make wake-ups of this thread punctual within the block; yields the kernel's scheduling policy."""
         ...
 
 
@@ -39,23 +39,23 @@ class MachineClock:
     """The machine's monotonic clock, which all its processes share."""
 
     def now(self) -> float:
-        """Seconds since the machine started."""
+        """Return the time since the machine started, s."""
         return time.monotonic()
 
     def wait(self, until: float) -> None:
-        """Sleep until then."""
+        """Sleep until the given time."""
         time.sleep(max(0.0, until - time.monotonic()))
 
     @contextlib.contextmanager
     def punctual(self) -> Iterator[str]:
-        """Let nothing keep this thread from its turn while the block runs.
+        """Give this thread priority over others within the block.
 
-        It goes before all that is not real-time where the user may ask for that (``ulimit -r``), other threads give up
-        the interpreter soon, and the garbage collector leaves alone what exists already: to look at all that was ever
-        imported takes it 0.1 s.
+        It gets real-time priority if the user may request it (``ulimit -r``). Other threads yield the interpreter soon,
+        and the
+        garbage collector skips existing objects, because scanning all imported modules takes 0.1 s.
 
         Yields:
-            The policy by which the kernel schedules it: ``fifo``, or ``other`` where it is one among all.
+            The kernel's scheduling policy: ``fifo``, or ``other`` without real-time priority.
         """
         before = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_INTERVAL)
@@ -65,20 +65,20 @@ class MachineClock:
             yield scheduling
         finally:
             if scheduling == "fifo":
-                # The flag stays: only the privileged may take it back.
+                # The flag stays set, because only privileged processes may clear it.
                 os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
             gc.unfreeze()
             sys.setswitchinterval(before)
 
 
 def schedule_first(priority: int) -> str:
-    """Schedule this thread, and none that it begins, before all that are not real-time, where the user may ask for it.
+    """Give this thread, but not its children, real-time priority if the user may request it.
 
     Args:
-        priority: among those that are, 1 to 99.
+        priority: priority, 1 to 99.
 
     Returns:
-        The policy by which the kernel schedules it: ``fifo``, or ``other``.
+        The kernel's scheduling policy: ``fifo``, or ``other``.
     """
     if not hasattr(os, "sched_setscheduler"):
         return "other"
@@ -90,10 +90,10 @@ def schedule_first(priority: int) -> str:
 
 
 class SimulatedClock:
-    """A clock that stands still while anything is computed: one process, the same run every time.
+    """A clock that stands still during computations, so that a run in one process is reproducible.
 
     Attributes:
-        hooks: called with each time that is reached, in order: what else goes by this clock.
+        hooks: functions called in order with each new time.
     """
 
     def __init__(self) -> None:
@@ -101,16 +101,16 @@ class SimulatedClock:
         self.hooks: list[Callable[[float], None]] = []
 
     def now(self) -> float:
-        """Seconds since it was made."""
+        """Return the time since the clock was made, s."""
         return self._now
 
     def wait(self, until: float) -> None:
-        """Go on to that time."""
+        """Advance to the given time."""
         if until > self._now:
             self._now = until
             for hook in self.hooks:
                 hook(until)
 
     def punctual(self) -> AbstractContextManager[str]:
-        """Nothing is late by it."""
+        """Do nothing, because a simulated clock is never late."""
         return contextlib.nullcontext("simulated")

@@ -1,4 +1,4 @@
-"""Configuration of a line, spelled once for everything that drives one: runs, trials, pages."""
+"""Configuration of the control loop, shared by runs, trials and pages."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from gensim2_robot.watch import WatchRules
 SIMULATED = "simulated"
 SOFTWARE = "software"
 ARMS = ("franka", "panda", "ur", "xarm")
-"""Arms that there is a driver for; ``panda``: Franka's by the other library."""
+"""Arms with a driver; ``panda`` is a Franka arm by the other library."""
 
 MAX_RATE = 1000.0
-"""Pictures a second of a camera: more than any gives."""
+"""Highest frame rate of a camera, Hz."""
 MAX_PIXELS = 8192
-"""Width and height of a picture: more than any camera gives."""
+"""Largest width and height of an image, pixels."""
 
 CameraKind = Literal["simulated", "software", "recording", "realsense"]
 
 
 @dataclass(frozen=True)
 class CameraSource:
-    """Source of the pictures.
+    """Source of the images.
 
     Attributes:
-        kind: ``simulated``: rays; ``software``: rays that go through software devices of ``pyrealsense2``;
-            ``recording``: files of devices, or logs of the line; ``realsense``: devices.
-        devices: file, folder of a log or serial number of each camera, by name; empty where pictures are rendered.
+        kind: ``simulated``: ray casting; ``software``: ray casting through software devices of ``pyrealsense2``;
+            ``recording``: recordings of devices, or logs of a run; ``realsense``: devices.
+        devices: file, folder of a log or serial number of each camera, by name; empty for rendered images.
     """
 
     kind: CameraKind
@@ -44,15 +44,15 @@ class CameraSource:
 
     @property
     def is_rendered(self) -> bool:
-        """Whether pictures follow the simulated world."""
+        """Whether images are rendered from the simulated world."""
         return self.kind in (SIMULATED, SOFTWARE)
 
     @classmethod
     def parse(cls, word: str) -> CameraSource:
-        """Read ``simulated``, ``software``, ``recording:NAME=DIR|FILE,...`` or ``realsense:NAME=SERIAL,...``.
+        """Parse ``simulated``, ``software``, ``recording:NAME=DIR|FILE,...`` or ``realsense:NAME=SERIAL,...``.
 
         Raises:
-            InputError: it is not written so.
+            InputError: the text is invalid.
         """
         if word in (SIMULATED, SOFTWARE):
             return cls(cast(CameraKind, word))
@@ -69,11 +69,11 @@ class CameraSource:
 
 @dataclass(frozen=True)
 class Delays:
-    """Delays of simulated devices by a simulated clock: ranges in seconds, drawn each episode.
+    """Delays of simulated devices with a simulated clock: ranges in s, drawn for each episode.
 
     Attributes:
-        camera: from a picture to its arrival.
-        controller: from a question to its answer.
+        camera: from taking an image to its arrival.
+        controller: from a request to the answer.
     """
 
     camera: tuple[float, float] = (0.03, 0.03)
@@ -86,7 +86,7 @@ class Delays:
 
 
 class LineArguments(SceneArguments, total=False):
-    """Inputs of a line by keyword: those of scenes, and the attributes of :class:`LineConfig`."""
+    """Keyword arguments of a run: those of scenes, and the attributes of :class:`LineConfig`."""
 
     arm: str
     cameras: str
@@ -110,32 +110,33 @@ class LineArguments(SceneArguments, total=False):
 
 @dataclass(frozen=True)
 class LineConfig:
-    """Everything that a line follows from beside its task and scenes.
+    """All settings of a control loop other than its task and scenes.
 
     Attributes:
         arm: ``simulated``, or ``franka:HOST``, ``panda:HOST``, ``ur:HOST``, ``xarm:HOST``.
-        cameras: see :meth:`CameraSource.parse`. Recordings do not follow an arm: they go with a dry run of a
-            simulated one.
-        policy: a checkpoint, the URL of a server (``ws://host:port``), or a controller; None: the plan's chain, which
-            is shown the true scene.
-        deadline: seconds within which an action must come from a server.
-        speed: share of the arm's speed; control steps are stretched by as much.
-        margin: rad that joints keep from the ends of their range.
-        force: that may press on the arm, N.
-        jump: rad by which the first action of an episode may lie off where the arm stands.
-        pixels: width and height of the cameras' pictures.
-        rate: of the cameras, pictures a second.
-        noise: of simulated cameras: itself, its name, or a file that was fitted.
-        delays: of simulated devices by a simulated clock.
-        calibration: file that says where the cameras are; None: they are where the simulation has them.
-        calibration_days: of its age from which on it is refused.
-        seed: of the scenes and of all noise.
-        dry: nothing is sent to the arm.
-        simulated_clock: everything in this process, by a clock that waits for it.
-        rules: of the watch; None: the usual ones.
+        cameras: see :meth:`CameraSource.parse`. Recordings do not follow an arm, so they need a dry run of a simulated
+            one.
+        policy: a checkpoint, the URL of a server (``ws://host:port``), or a controller; None: the planner, which gets
+            the
+            true scene.
+        deadline: time limit for an action from a server, s.
+        speed: share of the arm's speed; control steps take longer in proportion.
+        margin: distance (rad) of joints from the ends of their range.
+        force: limit of the contact force, N.
+        jump: largest distance (rad) of an episode's first action from the arm's position.
+        pixels: width and height of the images.
+        rate: frame rate of the cameras, Hz.
+        noise: noise of simulated cameras: a value, its name, or a fitted file.
+        delays: delays of simulated devices with a simulated clock.
+        calibration: file of camera poses; None: the simulation's poses.
+        calibration_days: largest age of the calibration, days.
+        seed: seed of the scenes and of all noise.
+        dry: send nothing to the arm.
+        simulated_clock: run everything in this process with a clock that waits for it.
+        rules: settings of the watchdog; None: the defaults.
 
     Raises:
-        InputError: an argument cannot be so.
+        InputError: a value is invalid.
     """
 
     arm: str = SIMULATED
@@ -186,16 +187,16 @@ class LineConfig:
 
     @property
     def source(self) -> CameraSource:
-        """Source of the pictures."""
+        """Source of the images."""
         return CameraSource.parse(self.cameras)
 
     @classmethod
     def split(cls, given: Mapping[str, Any]) -> tuple[LineConfig, SceneArguments]:
-        """The configuration of a line, and the arguments of its scenes, from the keywords of both.
+        """Return the configuration and the scene arguments among keyword arguments.
 
         Raises:
-            InputError: an argument cannot be so.
-            TypeError: there is no such keyword.
+            InputError: an argument is invalid.
+            TypeError: a keyword is unknown.
         """
         scene, others = split_arguments(given)
         unknown = set(others) - {each.name for each in fields(cls)}

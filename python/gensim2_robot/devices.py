@@ -1,4 +1,4 @@
-"""Frames, states and the interfaces of drivers; the keyboard of the person who stands by."""
+"""Images, arm states and driver interfaces; the operator's keyboard."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ ArmMode = Literal["ready", "reflex", "refusing", "at-limit"]
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """An arm at one instant.
+    """State of an arm at one instant.
 
     Attributes:
-        time: at which it was measured, s.
-        q: (n,) positions of all active joints, rad (m).
-        v: (n,) their velocities, rad/s (m/s).
-        force: that presses on the arm from outside, N.
-        mode: ``"reflex"``: it has stopped by itself; ``"refusing"``: it takes no commands; ``"at-limit"``: a limit of
-            its own keeps it from where it was sent.
-        reason: why, where its library says something.
+        time: time of the measurement, s.
+        q: (n,) positions of all active joints, rad or m.
+        v: (n,) velocities, rad/s or m/s.
+        force: contact force, N.
+        mode: ``"reflex"``: it has stopped by its own safety function; ``"refusing"``: it accepts no commands;
+            ``"at-limit"``: one of its own limits keeps it from its target.
+        reason: reason from its library, if any.
     """
 
     time: float
@@ -48,15 +48,15 @@ class ArmState:
 
 @dataclass(frozen=True, eq=False)
 class CameraFrame:
-    """One picture of one camera.
+    """An image of one camera.
 
     Attributes:
-        camera: its name.
-        number: counts its pictures.
-        captured: at which it was taken, s.
-        depth: (H, W) uint16, mm; 0 where nothing was measured.
-        colors: (H, W, 3) uint8, RGB, brought onto the depth picture.
-        serial: number of the device that took it, as the device itself says; empty: it says none.
+        camera: name of the camera.
+        number: number of the image.
+        captured: time when it was taken, s.
+        depth: (H, W) uint16, mm; 0 for no measurement.
+        colors: (H, W, 3) uint8, RGB, aligned with the depth image.
+        serial: serial number reported by the device; empty if none.
     """
 
     camera: str
@@ -68,26 +68,26 @@ class CameraFrame:
 
 
 class ArmDriver(Protocol):
-    """The wire to an arm. Nothing here waits."""
+    """Connection to an arm; no method blocks."""
 
     profile: RobotProfile
 
     def poll(self) -> Sequence[ArmState]:
-        """States that came since the last call, oldest first."""
+        """Return the states received since the last call, oldest first."""
         ...
 
     def send(self, q: Array, gripper: float, t: float) -> None:
-        """Take targets for one instant.
+        """Accept targets for one instant.
 
         Args:
-            q: (m,) of the arm's joints, rad (m).
+            q: (m,) joints of the arm, rad or m.
             gripper: -1 (closed) to 1 (open).
             t: the instant, s.
         """
         ...
 
     def stand(self) -> None:
-        """Stop at once by the arm's own means, and take no more targets until it is begun anew."""
+        """Stop at once by the arm's own controller, and accept no targets until the next start."""
         ...
 
     def close(self) -> None:
@@ -96,34 +96,34 @@ class ArmDriver(Protocol):
 
 
 class CameraDriver(Protocol):
-    """Cameras. Nothing here waits.
+    """Connection to cameras; no method blocks.
 
     Attributes:
-        cameras: that there are; those that a link carries with their poses in its frame, the others in the base frame.
-        serials: number of the device that each camera is, by its name; one that is not among them is not compared.
+        cameras: cameras; those on a link have their pose in the link's frame, others in the base frame.
+        serials: expected serial number by camera; cameras that are not listed are not checked.
     """
 
     cameras: tuple[Camera, ...]
     serials: Mapping[str, str]
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Pictures that came since the last call, oldest first."""
+        """Return the images received since the last call, oldest first."""
         ...
 
     def close(self) -> None:
-        """Give up what they hold."""
+        """Release the devices."""
         ...
 
 
 class Keys:
-    """Keys as they are pressed, where there is a terminal; none where there is not."""
+    """Single key presses, if there is a terminal."""
 
     def __init__(self) -> None:
         self._there = sys.stdin is not None and sys.stdin.isatty()
 
     @property
     def is_there(self) -> bool:
-        """Whether a person could press any."""
+        """Whether there is a terminal."""
         return self._there
 
     def __enter__(self) -> Self:
@@ -140,7 +140,7 @@ class Keys:
 
     @contextlib.contextmanager
     def let_go(self) -> Iterator[None]:
-        """Give the terminal back while a block asks for whole lines."""
+        """Restore the terminal within a block that asks for whole lines."""
         if not self._there:
             yield
             return
@@ -151,7 +151,7 @@ class Keys:
             tty.setcbreak(sys.stdin)
 
     def pressed(self) -> str | None:
-        """The next key; None: none was pressed."""
+        """Return the next key, or None."""
         if not self._there or not select.select([sys.stdin], [], [], 0.0)[0]:
             return None
         return os.read(sys.stdin.fileno(), 1).decode(errors="replace") or None

@@ -1,4 +1,4 @@
-"""Pictures and joints to what a controller sees: the same function on the robot and in a replay."""
+"""Make observations from images and joints, with the same code on the robot and in a replay."""
 
 from __future__ import annotations
 
@@ -17,30 +17,29 @@ from gensim2.robots import RobotProfile
 from gensim2_robot.devices import Array, CameraFrame
 
 NEAR = 0.02
-"""Metres by which a measured depth may lie off the robot's own and still show it."""
+"""Largest difference (m) between measured depth and the robot's meshes at which a pixel shows the robot."""
 
 THROUGH = 0.05
-"""Metres behind the robot's surface from which on a camera that is where it is said to be cannot measure."""
+"""Distance (m) behind the robot's surface at which a correctly placed camera cannot measure."""
 THROUGH_SHARE = 0.3
-"""Share of the pixels on the robot that measure behind it, from which on the camera is elsewhere."""
+"""Share of pixels on the robot that measure behind it, from which on the camera pose is wrong."""
 THROUGH_PIXELS = 1.0 / 400.0
-"""Share of a picture that the robot must cover to tell."""
+"""Share of an image that the robot must cover for this test."""
 
 
 class CameraPoseError(GenSim2Error):
-    """A camera does not see the robot where its posed meshes are: another camera, or one that was moved."""
+    """A camera does not see the robot where its meshes should be: it is another camera, or it was moved."""
 
 
 class OwnPoints:
-    """The robot's meshes in the eyes of its cameras.
+    """The robot's meshes as seen by its cameras.
 
     Args:
-        profile: of the robot.
-        cameras: that look; those that a link carries with their poses in its frame.
-        near: metres by which a depth may lie off that of the meshes.
+        cameras: cameras; those on a link have their pose in the link's frame.
+        near: largest difference (m) between depth and meshes.
 
     Attributes:
-        robot: ids of the hand with all that hangs on it, and of the rest.
+        robot: segmentation ids of the hand with its descendants, and of the rest of the robot.
     """
 
     def __init__(self, profile: RobotProfile, cameras: Sequence[Camera], near: float = NEAR) -> None:
@@ -53,7 +52,7 @@ class OwnPoints:
             for number in self._shown
             if (surface := surfaces[self._tree.names[number]]) is not None
         ]
-        # A picture's depth is corrected here once: whoever has its camera must not correct it again.
+        # Depth is corrected here once, so the stored cameras must not correct it again.
         self._seen = {camera.name: replace(camera, depth_scale=1.0, depth_bias=0.0) for camera in self._cameras}
         self._casters = {camera.name: Caster(solids, [camera]) for camera in self._cameras}
         rest = self._tree.poses(np.eye(4)[None], np.array(profile.reset_qpos)[None])[0][self._shown]
@@ -67,7 +66,7 @@ class OwnPoints:
         self.robot = RobotSegments(hand, frozenset(range(1, len(self._tree.names) + 1)) - hand)
 
     def placed(self, camera: Camera, q: Array) -> Camera:
-        """A camera in the base frame, where the (n,) joints stand at ``q``."""
+        """Return a camera in the base frame for joints ``q`` (n,)."""
         if camera.link is None:
             return camera
         T_base_link = self._profile.model.forward_kinematics(q, camera.link)
@@ -76,16 +75,18 @@ class OwnPoints:
     def picture(
         self, camera: Camera, depth: npt.NDArray[np.uint16], colors: npt.NDArray[np.uint8] | None, q: Array
     ) -> Picture:
-        """Mark the robot in a picture; its depth is in corrected metres, and its camera corrects none.
+        """Return an image with corrected depth in m, in which the robot's pixels are marked; its camera has no
+        calibration
+        left.
 
         Args:
-            camera: that took it, as it was given.
+            camera: camera of the image.
             depth: (H, W) mm.
-            colors: (H, W, 3); None: there are none.
+            colors: (H, W, 3); None for none.
             q: (n,) all active joints when it was taken.
 
         Raises:
-            CameraPoseError: the picture goes through the robot, so that it is not of this camera.
+            CameraPoseError: the image measures behind the robot, so it is not from this camera pose.
         """
         metres = camera.metres(depth)
         poses = self._tree.poses(np.eye(4)[None], q[None])[0][self._shown]
@@ -103,7 +104,7 @@ class OwnPoints:
 def _require_robot(
     camera: Camera, depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16]
 ) -> None:
-    """Refuse a picture that measures behind the robot where the robot is; what stands before it may hide it."""
+    """Refuse an image that measures behind the robot; objects in front of the robot are allowed."""
     covered = (ids > 0) & (depth > 0)
     count = int(covered.sum())
     if count < THROUGH_PIXELS * depth.size:
@@ -119,7 +120,10 @@ def _require_robot(
 def _marked(
     depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16], near: float
 ) -> npt.NDArray[np.int16]:
-    """Ids of pixels whose depth is that of the meshes there, or in a pixel beside: stereo makes edges fat."""
+    """Return the ids of pixels whose depth agrees with the meshes, there or in a neighbouring pixel, because stereo
+    widens
+    edges.
+    """
     found = np.where((ids > 0) & (np.abs(depth - meshes) < near), ids, np.int16(0))
     for here, there in (
         (np.s_[1:, :], np.s_[:-1, :]),
@@ -133,11 +137,11 @@ def _marked(
 
 
 PIXELS = 320 * 240
-"""Pixels of a picture that are looked at, at least: a cloud is drawn of a few thousand of them."""
+"""Smallest number of pixels used of an image; a cloud is sampled from a few thousand of them."""
 
 
 def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
-    """A camera that has each n-th pixel of a larger one's rows and columns, and n; no fewer pixels than asked for."""
+    """Return a camera with every n-th row and column, with at least ``pixels`` pixels, and n."""
     step = max(1, int((camera.width * camera.height / pixels) ** 0.5))
     if step == 1:
         return camera, 1
@@ -150,14 +154,14 @@ def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
 
 @dataclass(frozen=True, eq=False)
 class SensorSnapshot:
-    """All that an observation follows from.
+    """All data that an observation depends on.
 
     Attributes:
-        step: control steps since the episode began.
-        q, v: (n,) all active joints, rad and m; a second.
-        gripper: its last command, -1 to 1.
-        frames: one of each camera.
-        posed: (n,) joints when each of them was taken, by camera.
+        step: control steps since the start of the episode.
+        q, v: (n,) all active joints, rad and m, and their velocities.
+        gripper: last gripper command, -1 to 1.
+        frames: one image of each camera.
+        posed: (n,) joints at the time of each image, by camera.
     """
 
     step: int
@@ -169,17 +173,15 @@ class SensorSnapshot:
 
 
 class Eyes:
-    """Makes observations.
+    """Makes observations from images.
 
     Args:
-        spec: what is looked at.
-        profile: of the robot.
-        cameras: that there are.
-        language: what is to be done.
-        pixels: that are looked at of each picture, at least.
+        cameras: available cameras.
+        language: instruction.
+        pixels: smallest number of pixels used of each image.
 
     Raises:
-        InputError: a camera of the spec is not there, or it asks for what no camera gives.
+        InputError: a camera is missing, or the spec needs data that no camera provides.
     """
 
     def __init__(
@@ -197,7 +199,7 @@ class Eyes:
         if not set(spec.modalities) <= {"pointcloud", "depth"}:
             raise InputError("cameras give point clouds and depth", field="modalities")
         used = [there[name] for name in spec.cameras] if spec.modalities else []
-        # Depth is asked for in the size in which it was taken.
+        # Depth images are requested in full size.
         whole = "depth" in spec.modalities
         looked = [(camera, 1) if whole else thinned(camera, pixels) for camera in used]
         self._used, self._steps = tuple(camera for camera, _ in looked), tuple(step for _, step in looked)
@@ -205,10 +207,10 @@ class Eyes:
         self._encoder = Encoder(spec, profile, language, self._own.robot)
 
     def observe(self, sight: SensorSnapshot) -> Observation:
-        """Observe the present instant.
+        """Return the observation of a snapshot.
 
         Raises:
-            EmptyCloudError: the cameras see nothing that a point cloud keeps.
+            EmptyCloudError: the point cloud is empty.
         """
         frames = {frame.camera: frame for frame in sight.frames}
         views = []
@@ -219,5 +221,5 @@ class Eyes:
 
 
 def inputs(observation: Observation) -> dict[str, npt.NDArray[np.generic]]:
-    """All arrays of an observation, by name: what a policy is given."""
+    """Return all arrays of an observation by name, the inputs of a policy."""
     return {name: np.asarray(observation[name]) for name in observation}

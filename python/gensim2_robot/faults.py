@@ -1,4 +1,4 @@
-"""Faults of simulated devices, to see what the watch makes of them. Each begins at its time and lasts."""
+"""Injected faults of simulated devices, to test the watchdog; each starts at its time and lasts."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ FAULTS: tuple[FaultName, ...] = get_args(FaultName)
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault.
+    """An injected fault.
 
     Attributes:
-        name: which.
-        at: seconds from the first action of the run on; a fault lasts from then.
+        name: name of the fault.
+        at: time after the run's first action at which it starts, s.
     """
 
     name: FaultName
@@ -49,15 +49,15 @@ class Fault:
 
     @property
     def kind(self) -> str:
-        """Kind of the device that fails: ``camera``, ``policy``, ``arm`` or ``disk``."""
+        """Kind of the failing device: ``camera``, ``policy``, ``arm`` or ``disk``."""
         return self.name.partition("-")[0]
 
     @staticmethod
     def parse(text: str) -> Fault:
-        """A fault from ``NAME@SECONDS``.
+        """Parse ``NAME@SECONDS``.
 
         Raises:
-            InputError: there is none of that name, or no such time.
+            InputError: the fault is unknown, or the time is invalid.
         """
         name, _, at = text.partition("@")
         if name not in FAULTS:
@@ -72,10 +72,10 @@ class Fault:
 
 
 class FullDisk:
-    """A disk that can be full: then one write fails, and after it there is the room that the log kept aside.
+    """A simulated disk that can become full: then one write fails, and afterwards only the log's reserve is left.
 
     Attributes:
-        full: whether it is.
+        full: whether it is full.
     """
 
     def __init__(self) -> None:
@@ -83,14 +83,14 @@ class FullDisk:
         self._room: int | None = None
 
     def open(self, path: Path) -> BinaryIO:
-        """A new file on this disk."""
+        """Open a new file on this disk."""
         return cast(BinaryIO, _FileOnFullDisk(self, path))
 
     def take(self, size: int) -> None:
-        """Take room for ``size`` bytes.
+        """Allocate ``size`` bytes.
 
         Raises:
-            OSError: there is none.
+            OSError: the disk is full.
         """
         if not self.full:
             return

@@ -1,7 +1,7 @@
-"""Parameters of the depth noise from recordings of cameras that stand still before a scene that stands still.
+"""Fit depth noise to recordings of fixed cameras in front of a static scene.
 
-What changes from picture to picture of the same thing is noise. How wide the window of the stereo matcher is
-(fattening), and what is always wrong in the same way, cannot be told without the truth, and stays as it is given.
+Variation between images of the same scene is noise. The width of the stereo matching window (fattening) and constant
+errors cannot be determined without the true depth, and keep their given values.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from gensim2_robot.calibration.poses import read_standing
 Array = npt.NDArray[np.float64]
 
 MIN_PICTURES, MOST_PICTURES = 8, 60
-"""Pictures of one camera and one scene that are enough to tell, and that are looked at."""
+"""Smallest and largest number of images of one camera and scene for the fit."""
 TOLD = 200
-"""Pixels from which on a share is told."""
+"""Smallest number of pixels for an estimate."""
 SMOOTHED = 1.0
-"""Pixels by which surfaces are smoothed before their angle is told."""
+"""Standard deviation (pixels) of the smoothing before surface angles are computed."""
 DOUBT = 0.1
-"""Rad within which an angle is not told."""
+"""Width (rad) of the range of angles that are excluded as uncertain."""
 WORKSPACE = 2.0
-"""Metres within which pixels count: noise matters there."""
+"""Largest depth (m) of pixels in the fit, where noise matters."""
 MILLIMETRE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class StillRecording:
-    """Pictures of one camera; nothing in them moves.
+    """Images of one camera of a static scene.
 
     Attributes:
-        depths: (N, H, W) m; 0 where nothing was measured.
+        depths: (N, H, W) m; 0 for no measurement.
         colors: (H, W, 3) of one of them.
-        focal: pixels of the pictures.
+        focal: focal length of the images, pixels.
     """
 
     depths: npt.NDArray[np.float32]
@@ -52,18 +52,18 @@ class StillRecording:
 
 
 def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
-    """Fit to the stretches of a run's log in which its arm stood, and write a file.
+    """Fit noise to the intervals of a run's log in which its arm was at rest, and write a file.
 
     Args:
-        log: folder.
+        log: folder of the log.
         out: file to write.
-        base: what cannot be told, and the stereo pair's focal length and baseline.
+        base: values of parameters that cannot be estimated, and the stereo pair's focal length and baseline.
 
     Returns:
-        Plain data: the parameters, and of how many pixels each was told.
+        Plain data: the parameters, and the number of pixels behind each estimate.
 
     Raises:
-        InputError: there is no log, or the arm stood nowhere long enough.
+        InputError: the log is missing, or the arm was never at rest long enough.
     """
     from gensim2_robot.log_reader import about_of
 
@@ -84,10 +84,10 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
 
 
 def fit(recordings: Sequence[StillRecording], base: DepthNoise = D435) -> tuple[DepthNoise, dict[str, int]]:
-    """Parameters of noise, and the number of pixels by which each was told; what was not is as in ``base``.
+    """Return noise parameters and the number of pixels behind each; other parameters keep the value of ``base``.
 
     Raises:
-        InputError: there are too few pictures.
+        InputError: there are too few images.
     """
     if not recordings or min(len(each.depths) for each in recordings) < MIN_PICTURES:
         raise InputError(f"needs {MIN_PICTURES} pictures of each scene", field="recordings")
@@ -96,7 +96,7 @@ def fit(recordings: Sequence[StillRecording], base: DepthNoise = D435) -> tuple[
     told: dict[str, int] = {}
 
     def tell(name: str, pairs: Sequence[tuple[float, int]]) -> None:
-        """The mean of a parameter over recordings, by their pixels."""
+        """Store the mean of a parameter over recordings, weighted by their pixels."""
         count = sum(each for _, each in pairs)
         if count >= TOLD:
             found[name], told[name] = float(sum(value * each for value, each in pairs) / count), count
@@ -122,7 +122,7 @@ def fit(recordings: Sequence[StillRecording], base: DepthNoise = D435) -> tuple[
 
 
 class _Part:
-    """One recording, and which of its pixels tell what."""
+    """One recording, and the pixels that are used for each parameter."""
 
     def __init__(self, recording: StillRecording, base: DepthNoise) -> None:
         depths = recording.depths.astype(np.float64)
@@ -137,10 +137,11 @@ class _Part:
         measured = (self._share > 0) & (self._median < WORKSPACE)
         near, far = _window(self._median, 1)
         wide_near, wide_far = _window(self._median, 2 + int(np.ceil(base.fattening)))
-        # In a median at an edge noise stands still: what is wide of an edge is plain.
+        # The median at an edge has noise as well, so only pixels away from edges count as plain.
         inside = measured & (wide_far - wide_near < 2.0 * base.edge) & (wide_near > 0)
         self.edges = measured & (near > 0) & (far - near > base.edge) & (self._share > 0.2)
-        # Noise left in the median turns a surface by a tenth of a radian and more from pixel to pixel.
+        # Noise in the median changes the surface angle by a tenth of a radian and more between pixels, so it is
+        # smoothed.
         angle = incidence(gaussian_filter(self._median, SMOOTHED).astype(np.float32), recording.focal, base.edge)
         bright = brightness(recording.colors)
         self.dark = inside & (bright < base.dark)
@@ -153,13 +154,13 @@ class _Part:
         middle = np.full(self._median.shape, np.nan)
         middle[self.plain] = np.nanmean(self._error[:, self.plain], axis=0)
         count = seen.sum(axis=0)
-        # The mean of N has a share of each: what is left of it is smaller by (N - 1) / N.
+        # The mean of N values contains each of them, so the remaining variance is smaller by (N - 1) / N.
         self._error = (self._error - middle) * np.sqrt(count / np.maximum(count - 1, 1))
         rounding = pair * MILLIMETRE / np.where(self._median > 0, self._median, 1.0) ** 2
         self._rounded = (base.disparity_step**2 + rounding**2) / 12.0
 
     def sigma(self) -> tuple[float, int]:
-        """Standard deviation of disparity, pixels."""
+        """Return the standard deviation of disparity, pixels, and the number of pixels used."""
         which = self.plain & (self._share > 0.5)
         if not which.any():
             return 0.0, 0
@@ -167,7 +168,7 @@ class _Part:
         return float(np.sqrt(max(float(np.mean(variance)), 0.0))), int(which.sum())
 
     def correlation(self) -> tuple[float, int]:
-        """Pixels of the Gaussian that neighbouring errors share."""
+        """Return the standard deviation of the Gaussian that correlates neighbouring errors, pixels."""
         error, which = self._error, self.plain & (self._share > 0.5)
         if not which.any():
             return 0.0, 0
@@ -183,27 +184,27 @@ class _Part:
             share = covariance / max(variance, 1e-12)
             if 0.02 < share < 0.995:
                 found.append(lag / np.sqrt(-4.0 * np.log(share)))
-        # A Gaussian of less than a third of a pixel shares nothing that could be told from white noise.
+        # A Gaussian of less than a third of a pixel cannot be distinguished from white noise.
         return (float(np.mean(found)) if found else 0.0), int(which.sum())
 
     def lost(self, mask: npt.NDArray[np.bool_]) -> tuple[float, int]:
-        """Share of the pictures in which pixels measure nothing."""
+        """Return the share of missing measurements in the given pixels."""
         return (float(1.0 - self._share[mask].mean()) if mask.any() else 0.0), int(mask.sum())
 
     def mixed(self) -> tuple[float, int]:
-        """Share of the pixels at an edge that lie between its sides."""
+        """Return the share of measurements at an edge with a depth between its sides."""
         if not self.edges.any():
             return 0.0, 0
         near, far = (each[self.edges] for each in _window(self._median, 1))
         depths = self._depths[:, self.edges]
         room = np.minimum(0.2 * (far - near), 0.02)
         between = (depths > near + room) & (depths < far - room)
-        # Of what is mixed evenly this much shows.
+        # Visible share of mixed depths, if they are uniformly distributed.
         shows = (far - near - 2.0 * room) / (far - near)
         return float(np.mean(between.mean(axis=0) / shows)), int(self.edges.sum())
 
     def shadowed(self) -> tuple[float, int]:
-        """Share of what lies in the shadow of a stereo pair that is never measured."""
+        """Return the share of pixels in the stereo shadow that are never measured."""
         filled = self._median.copy()
         for row in filled:
             there = np.flatnonzero(row)
@@ -217,13 +218,13 @@ class _Part:
 
 
 def _window(depth: Array, reach: int) -> tuple[Array, Array]:
-    """Least and largest depth of each pixel and those around it; 0 counts as the least."""
+    """Return the smallest and largest depth around each pixel; 0 counts as smallest."""
     side = 2 * reach + 1
     return minimum_filter(depth, side), maximum_filter(depth, side)
 
 
 def shown(noise: Mapping[str, Any], told: Mapping[str, int]) -> list[tuple[str, str, str]]:
-    """Rows of a table: parameter, value, by how many pixels it was told."""
+    """Return table rows of parameter, value, and number of pixels used."""
     return [
         (name, f"{value:.4g}" if isinstance(value, float) else str(value), str(told.get(name, "as given")))
         for name, value in noise.items()

@@ -1,9 +1,12 @@
-"""The one function between anyone and the wire.
+"""The function through which every command to an arm passes.
 
-Every command that is sent comes with a stop that was checked whole: positions, velocities, accelerations, jerks, the
-tool's speed and workspace, the distance of the robot to itself and to the table. A command after which no such stop is
-known is not sent; the next piece of the last checked stop is, in its place or mixed with it. So by induction no limit
-is passed, whatever is asked for.
+Every command is sent together with a complete checked stop. The check covers positions, velocities, accelerations,
+jerks,
+speed and workspace of the tool, and distances of the robot from itself and the table. A command without a known stop is
+not
+sent; instead the next piece of the last checked stop is sent, possibly mixed with the command. So by induction no limit
+is
+ever exceeded, for any input.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from gensim2.core.errors import GenSim2Error
 from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
 
 SLACK = 1e-9
-"""Share by which arithmetic may be off a limit."""
+"""Tolerance for rounding, as a share of a limit."""
 
 _COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 29, 35, 42, 50, 60, 72, 86, 104, 125, 150, 180, 216, 260)
 _EDGES = (0.0, 0.25, 0.5)
@@ -26,10 +29,10 @@ _EDGES = (0.0, 0.25, 0.5)
 
 @dataclass(frozen=True, eq=False)
 class Commands:
-    """Commands one cycle apart, as they were or will be sent.
+    """Commands one cycle apart.
 
     Attributes:
-        q, v, a: (N, m) positions, and the differences of positions and of velocities by the cycle.
+        q, v, a: (N, m) positions, and their first and second differences divided by the cycle time.
     """
 
     q: Array
@@ -41,17 +44,19 @@ class Commands:
 
     @staticmethod
     def none(size: int) -> Commands:
-        """No command of an arm with so many joints."""
+        """Return an empty sequence of commands."""
         return Commands(*(np.empty((0, size)) for _ in range(3)))
 
     def after(self, count: int) -> Commands:
-        """Return the commands after the first so many."""
+        """Return the commands after the first ``count``."""
         return Commands(self.q[count:], self.v[count:], self.a[count:])
 
 
 @cache
 def _shapes(count: int) -> tuple[tuple[Array, Array, float, float], ...]:
-    """Accelerations in so many cycles: one that dies away, and a trapezoid that ends at zero; and the sums of both."""
+    """Return acceleration profiles for ``count`` cycles: one that decays to zero, and trapezoids that end at zero; with
+    their sums.
+    """
     cycle = np.arange(1, count + 1, dtype=np.float64)
     away = (count - cycle) / count
     found = []
@@ -62,10 +67,12 @@ def _shapes(count: int) -> tuple[tuple[Array, Array, float, float], ...]:
 
 
 def quickest_stop(q: Array, v: Array, a: Array, limits: ArmLimits) -> Commands | None:
-    """The quickest stop of those known that keeps velocities, accelerations, jerks and positions; None: none does.
+    """Return the fastest known stop within the limits of velocity, acceleration, jerk and position; None if there is
+    none.
 
     Args:
         q, v, a: (m,) of the last command.
+        limits: the limits.
     """
     if not v.any() and not a.any():
         return Commands.none(limits.size)
@@ -96,24 +103,24 @@ def quickest_stop(q: Array, v: Array, a: Array, limits: ArmLimits) -> Commands |
 
 
 _MIXTURES = (1.0, 0.5, 0.25, 0.1)
-"""Shares of what is asked for that are tried; the rest is the checked stop."""
+"""Shares of the requested motion that are tried; the rest is the checked stop."""
 
 _CLOSE = 1e-9
-"""Rad (m) within which a command is what was asked for."""
+"""Largest difference (rad or m) between a command and the request that counts as equal."""
 
 
 class RefusedError(GenSim2Error):
-    """A target or a state with which the arm must not go on; the message says why."""
+    """A target or a state with which the arm must not continue; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sent:
-    """The last command on the wire, and the stop that was checked with it.
+    """The last command, and the stop that was checked with it.
 
     Attributes:
-        q, v, a: (m,) the command, and the differences of commands and of velocities by the cycle.
-        stop: the commands that bring it to rest from here.
-        clips: names of the limits that kept it from being what was asked for.
+        q, v, a: (m,) the command, and its velocity and acceleration by differences.
+        stop: commands that bring the arm to rest from here.
+        clips: names of the limits that changed the command.
     """
 
     q: Array
@@ -124,22 +131,22 @@ class Sent:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the command stands still."""
+        """Return whether the arm is at rest."""
         return len(self.stop) == 0 and not self.v.any()
 
 
 def begin(q: npt.ArrayLike, limits: ArmLimits) -> Sent:
-    """Begin where the arm stands: the first command of all.
+    """Return the first command, at the arm's measured position.
 
     Args:
-        q: (m,) measured positions of the arm's joints, rad (m).
-        limits: of every command.
+        q: (m,) measured joints, rad or m.
+        limits: limits of every command.
 
     Returns:
-        A command of those positions, at rest.
+        A command at these positions, at rest.
 
     Raises:
-        RefusedError: the arm stands where it may not be, so that nothing can be checked from there.
+        RefusedError: the arm is outside its limits, so no motion can be checked from there.
     """
     here = _finite(q, limits)
     for number, (value, low, high) in enumerate(zip(here, limits.lower, limits.upper, strict=True)):
@@ -155,17 +162,18 @@ def begin(q: npt.ArrayLike, limits: ArmLimits) -> Sent:
 
 
 def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -> Array:
-    """A controller's action as numbers that make sense, before anything is done about it.
+    """Check a controller's action before it is used.
 
     Args:
         action: (m + 1,): targets of the arm's joints, and the gripper from -1 to 1.
-        here: (m,) where the arm stands, with the first action of an episode; None: it is not the first.
+        limits: limits of the arm.
+        here: (m,) present position of the arm for the first action of an episode; None for later actions.
 
     Returns:
-        (m + 1,), the gripper clipped to -1 and 1.
+        The action (m + 1,), with the gripper clipped to -1..1.
 
     Raises:
-        RefusedError: it is of another shape, not finite, jumps at the start, or cannot be reached.
+        RefusedError: the action has another shape, is not finite, jumps at the start, or cannot be reached.
     """
     try:
         given = np.asarray(action, dtype=np.float64)
@@ -192,23 +200,23 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
 def limit(
     sent: Sent, target: npt.ArrayLike, limits: ArmLimits, force: float = 0.0, measured: Array | None = None
 ) -> Sent:
-    """The command of the next cycle: the target, or what comes nearest to it and keeps every limit.
+    """Return the next command: the target, or the nearest command that keeps every limit.
 
-    A pure function: it keeps nothing, and the same arguments have the same result.
+    This is a pure function without state.
 
     Args:
         sent: the last command.
-        target: (m,) positions that are asked for, rad (m).
-        limits: of every command.
-        force: that presses on the arm from outside, N.
-        measured: (m,) positions at which the arm was measured last, rad (m); None: they are not known.
+        target: (m,) requested positions, rad or m.
+        limits: limits of every command.
+        force: contact force, N.
+        measured: (m,) last measured positions, rad or m; None if unknown.
 
     Returns:
-        The command, a cycle of 10 ms after ``sent``, the stop that was checked with it, and the names of the limits
-        that kept it from the target.
+        The command 10 ms after ``sent``, the stop that was checked with it, and the names of the limits that changed
+        it.
 
     Raises:
-        RefusedError: the target is not finite, or the force too great.
+        RefusedError: the target is not finite, or the force is too large.
     """
     check_force(force, limits)
     wanted = _finite(target, limits)
@@ -237,24 +245,23 @@ def limit(
 
 
 def check_force(force: float, limits: ArmLimits) -> None:
-    """Refuse to send anything under too great a force (N).
+    """Refuse to send commands under too large a contact force (N).
 
     Raises:
-        RefusedError: it is.
+        RefusedError: the force is too large.
     """
     if not force <= limits.force:
         raise RefusedError(f"a force of {force:.0f} N presses on the arm, {limits.force:g} N at most")
 
 
 def halt(sent: Sent) -> Sent:
-    """Follow the checked stop for one cycle.
+    """Return the next command of the checked stop.
 
     Args:
         sent: the last command.
 
     Returns:
-        The next command of its stop, a cycle of 10 ms later, without clips; the same positions (rad, m) at rest where
-        the stop is over.
+        The command 10 ms later, without clips; after the end of the stop the same positions (rad or m) at rest.
     """
     if not len(sent.stop):
         standing = np.zeros_like(sent.v)
@@ -272,7 +279,9 @@ def _finite(values: npt.ArrayLike, limits: ArmLimits) -> Array:
 
 
 def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]) -> Array:
-    """(m,) acceleration of the next cycle: to the target at once, or towards it so that it can be stopped at."""
+    """Return the acceleration (m,) of the next cycle, directly to the target or towards it so that the arm can stop
+    there.
+    """
     inside = np.clip(wanted, limits.lower, limits.upper)
     if (inside != wanted).any():
         clips.append("position")
@@ -299,7 +308,7 @@ def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]
 
 
 def _checked(before: Array, q: Array, v: Array, a: Array, limits: ArmLimits, clips: list[str]) -> Commands | None:
-    """The stop from a command, where the command and all of the stop keep every limit; else the limit is noted."""
+    """Return the stop from a command if the command and the stop keep every limit; otherwise record the limit."""
     if (q < limits.lower - SLACK).any() or (q > limits.upper + SLACK).any():
         clips.append("position")
         return None

@@ -1,8 +1,8 @@
-"""The loop: states and pictures in, questions to the controller, its targets through the limits onto the wire.
+"""The control loop: receive states and images, request actions, and send commands through the limits.
 
-One cycle is 10 ms. Ten of them are a period, in which the controller is asked for the actions that the next period
-needs. A plan's chain and a policy are asked in the same way. Periods follow the cameras: one is a cycle shorter or
-longer where pictures would wait for their question.
+One cycle takes 10 ms. Ten cycles are a period, in which the controller is asked for the actions of the next period. The
+planner and policies are asked in the same way. Periods follow the cameras: a period is one cycle shorter or longer if
+images would otherwise wait for the next request.
 """
 
 from __future__ import annotations
@@ -27,43 +27,44 @@ from gensim2_robot.watch import State, Watch
 
 PERIOD_CYCLES = 10
 PERIOD = PERIOD_CYCLES * CYCLE
-"""Seconds from one question to the next."""
+"""Time between two requests, s."""
 LEAD = PERIOD
-"""Seconds from a question to the first of its actions at the earliest: the time to think."""
+"""Shortest time from a request to the first of its actions, s, in which the controller computes."""
 BRAKING = PERIOD - 3.0 * CYCLE
-"""Seconds that braking along the path may take, so that the arm rests within a period: around a bend it is slower than
-a stop that leaves the path."""
+"""Longest time (s) of a stop along the path, so that the arm rests within a period; on a bend it is slower than a stop
+that leaves the path.
+"""
 CATCH_UP = 0.1
-"""Seconds that the loop may be behind and still make up for, cycle by cycle; what is more is left out."""
+"""Largest delay (s) that the loop catches up cycle by cycle; a larger delay is skipped."""
 FRESH_CYCLES = 3
-"""Cycles that pictures may have waited for their question before questions are moved towards them."""
+"""Number of cycles that images may wait for a request before requests are shifted."""
 STANDING = 0.02
-"""Rad/s (m/s) below which the arm is measured to stand."""
+"""Speed (rad/s or m/s) below which the arm is measured as standing."""
 
 
 class Mind(Protocol):
-    """The way to a controller. Nothing here waits."""
+    """Connection to a controller; no method blocks."""
 
     def send(self, message: Begin | Question) -> None:
-        """Say or ask something."""
+        """Send a message or a request."""
         ...
 
     def poll(self) -> Sequence[ControllerAnswer]:
-        """Answers that came since the last call."""
+        """Return the answers received since the last call."""
         ...
 
     @property
     def is_ready(self) -> bool:
-        """Whether the controller is made."""
+        """Whether the controller is ready."""
         ...
 
     @property
     def is_alive(self) -> bool:
-        """Whether there is still a controller."""
+        """Whether the controller still runs."""
         ...
 
     def fail(self, fault: str) -> None:
-        """Fail from now on."""
+        """Inject a fault from now on."""
         ...
 
     def close(self) -> None:
@@ -73,18 +74,18 @@ class Mind(Protocol):
 
 @dataclass
 class LoopFigures:
-    """Measurements of the loop; times in seconds, in milliseconds where the name says so.
+    """Measurements of the loop, in s, or in ms if the name says so.
 
     Attributes:
-        periods: from one period's begin to the next.
-        late: by which each began late.
-        commands_late: by which each command was sent after its time.
-        picture_age_ms: from the newest picture of a question to the cloud that was made of it, of each cloud.
-        encoding_ms: to make it of the pictures at hand, of each cloud.
-        acting_ms: of the controller, of each answer.
-        refused: targets that made no sense, by reason.
-        late_actions: that came when their time was over.
-        skipped: that were left out because the loop was too far behind.
+        periods: durations of the periods.
+        late: delays of the periods' starts.
+        commands_late: delays of the commands.
+        picture_age_ms: age of a request's newest image when its cloud is finished.
+        encoding_ms: times to make a cloud from its images.
+        acting_ms: computing times of the controller.
+        refused: refused targets by reason.
+        late_actions: number of actions that arrived after their time.
+        skipped: time that was skipped because the loop was too far behind.
     """
 
     periods: list[float] = field(default_factory=list)
@@ -99,14 +100,14 @@ class LoopFigures:
 
 
 def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
-    """Return the cycles to add to a period so that questions come to meet pictures; -1, 0 or 1.
+    """Return the change of a period's length, -1, 0 or 1 cycles, that moves requests towards the arrival of images.
 
-    The nearer way is taken, but for the one on which pictures would grow too old before the next ones meet a question.
+    The shorter direction is chosen, unless images would become too old before the next request.
 
     Args:
-        waited: cycles between the arrival of the newest complete set of pictures and a question.
-        latency: s from a picture to its arrival.
-        max_age: s that a picture may be old at a question.
+        waited: cycles between the arrival of the newest complete set of images and a request.
+        latency: delay of an image, s.
+        max_age: largest age of an image at a request, s.
     """
     if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:  # soon enough, or no set a period: nothing to follow
         return 0
@@ -115,23 +116,24 @@ def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> i
 
 
 class Line:
-    """A controller, an arm and its cameras.
+    """The control loop of a controller, an arm and its cameras.
 
     Args:
-        arm: behind its limits.
-        cameras: that are looked through.
-        mind: the controller.
-        watch: who lets the arm move.
-        clock: of everything.
-        journal: of everything.
-        pace: control steps a second.
+        arm: the arm behind its limits.
+        cameras: the cameras.
+        mind: connection to the controller.
+        watch: watchdog that permits motion.
+        clock: clock of the loop.
+        journal: log of the loop.
+        pace: control steps per second.
 
     Attributes:
-        pace: control steps a second.
-        commands: where set, every command is added to it.
-        in_phase: whether questions meet pictures soon after their arrival.
-        stopped_ms, standing_ms: from what ended the motion to the last command that moved, and to the measured arm
-            standing; None: not yet, or nothing ended it.
+        pace: control steps per second.
+        commands: if set, a list that gets every command.
+        in_phase: whether requests follow soon after the arrival of images.
+        stopped_ms, standing_ms: time from the event that ended the motion to the last moving command, and to the
+            measured
+            standstill; None if nothing ended it yet.
     """
 
     def __init__(
@@ -170,7 +172,7 @@ class Line:
         self.forget()
 
     def forget(self) -> None:
-        """Forget an episode; the arm is let go until the next begins."""
+        """Forget an episode and release the arm until the next one."""
         self.arm.release()
         self._next = self._clock.now() + CYCLE  # between episodes a person may have taken his time
         self.watch.clear()
@@ -186,13 +188,11 @@ class Line:
         self.done = False
         self._paused_at: float | None = None
 
-    # ---------------------------------------------------------------- episodes
-
     def begin(self, seed: int) -> None:
-        """Arm and run: the arm is taken over where it stands, and the controller is told.
+        """Start an episode: take control of the arm at its position, and inform the controller.
 
         Raises:
-            RefusedError: the arm stands where it may not be.
+            RefusedError: the arm is outside its limits.
         """
         now = self._clock.now()
         state = self.arm.state()
@@ -207,7 +207,7 @@ class Line:
         self._due = now + LEAD
 
     def resume(self, person: str) -> None:
-        """Go on after a hold, from where the arm stands; a controller that has failed begins anew there."""
+        """Continue after a hold from the arm's position; a failed controller starts again."""
         now = self._clock.now()
         self.watch.resume(now, person)
         if self._failed:
@@ -219,20 +219,18 @@ class Line:
         self.stopped_ms = self.standing_ms = None
 
     def pause(self) -> None:
-        """Ask the controller nothing more until :meth:`go_on`: the scene settles."""
+        """Stop requesting actions until :meth:`go_on`, while the scene settles."""
         if self._paused_at is None:
             self._paused_at = self._clock.now()
 
     def go_on(self) -> None:
-        """Ask the controller again; control steps that went by meanwhile count, so that it drops stale actions."""
+        """Request actions again; control steps in between count, so that the controller drops outdated actions."""
         if self._paused_at is not None:
             self._steps += round((self._clock.now() - self._paused_at) * self.pace)
             self._paused_at = None
 
-    # ------------------------------------------------------------------- cycle
-
     def cycle(self) -> None:
-        """One cycle of the wire."""
+        """Run one cycle."""
         self._clock.wait(self._next)
         due, now = self._next, self._clock.now()
         late = now - due
@@ -285,7 +283,7 @@ class Line:
             self.watch.stop(now, "the controller's process is gone")
 
     def _write_frames(self) -> None:
-        """Log the newest picture of each camera: a question is about no other, and devices give three times as many."""
+        """Log the newest image of each camera; requests use no others, and devices deliver three times as many."""
         for name, frame in self.frames.items():
             if frame is not self._written.get(name):
                 self._journal.frame(frame)
@@ -308,10 +306,8 @@ class Line:
         sent = self.arm.sent
         self.watch.check_answer(sent is not None and not sent.is_at_rest, now)
 
-    # -------------------------------------------------------- questions, answers
-
     def _ask(self, due: float, now: float) -> None:
-        """Ask for the actions that begin before the end of the next period and are not known yet."""
+        """Request the actions for the next period that are not known yet."""
         if self._open is not None:
             return
         step = 1.0 / self.pace
@@ -331,7 +327,7 @@ class Line:
         self.watch.asked(now)
 
     def _hear(self, answer: ControllerAnswer, now: float) -> None:
-        """Targets of an answer to the open question; any other answer is of an episode that is over."""
+        """Accept the answer to the open request; other answers belong to finished episodes."""
         is_open = self._open is not None and answer.number == self._open.number
         if is_open:
             self._open = None
@@ -374,10 +370,8 @@ class Line:
             self.figures.encoding_ms.append(answer.encoding_ms)
         self.figures.acting_ms.append(answer.acting_ms)
 
-    # ---------------------------------------------------------------- the wire
-
     def _drive(self, due: float, now: float) -> None:
-        """The command of this cycle, by the watch's state."""
+        """Send the command of this cycle according to the watchdog's state."""
         sent = self.arm.sent
         if sent is None:
             self._note_standing(now)
@@ -414,7 +408,7 @@ class Line:
         self._note_standing(now)
 
     def _held(self, sent: Sent, due: float) -> Sent:
-        """Brake along the path; where the arm is not on it, or that takes too long, by the stop that was checked."""
+        """Brake along the path, or by the checked stop if the arm has left the path or the path takes too long."""
         if not self._braking:
             self._braking = True
             self._on_path = (

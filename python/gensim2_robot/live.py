@@ -1,4 +1,4 @@
-"""The line in the browser while it runs: clouds, the robot, its next actions, clocks (viser)."""
+"""Show the running control loop in the browser (viser): clouds, robot, next actions, timing."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from gensim2_robot.mind import ControllerAnswer, Question
 from gensim2_robot.watch import WatchRules
 
 EVERY = 0.1
-"""Seconds from one picture of the page to the next."""
+"""Time between two updates of the page, s."""
 NEXT = (255, 120, 0)
-"""Colour of the tool at the next actions."""
+"""Colour of the tool positions at the next actions."""
 NEXT_POINT = 0.012
-"""Metres across of each of them."""
+"""Size of these points, m."""
 
 
 PATIENT = WatchRules(
@@ -43,20 +43,20 @@ PATIENT = WatchRules(
     behind=np.inf,
     overrun=np.inf,
 )
-"""Rules where nothing moves: what is late is shown, and looked at on."""
+"""Watchdog settings without motion, with which delays are shown but not acted on."""
 
 
 class LivePage:
-    """A page that is told of everything as a log is, and draws what is newest in a thread of its own.
+    """A page that gets everything that a log gets, and draws the newest data in its own thread.
 
     Args:
-        robot_name: of the robot.
-        title: one line of text.
+        robot_name: name of the robot.
+        title: title line.
         host: address to listen on.
-        port: of the page; the next free one is taken where it is in use.
+        port: port of the page; if it is in use, the next free one.
 
     Attributes:
-        trouble: None: a page that cannot be drawn holds nothing up.
+        trouble: always None, because a failing page must not stop a run.
 
     Raises:
         InputError: a file of the robot cannot be used.
@@ -95,12 +95,11 @@ class LivePage:
 
     @property
     def shown(self) -> list[str]:
-        """Names of the links that are drawn."""
+        """Names of the drawn links."""
         return [self._tree.names[number] for number, _ in self._links]
 
     @property
     def url(self) -> str:
-        """Address of the page."""
         return f"http://{self.server.get_host()}:{self.server.get_port()}"
 
     def __enter__(self) -> Self:
@@ -112,40 +111,36 @@ class LivePage:
         self.close()
 
     def close(self) -> None:
-        """Draw the last, and end the page."""
+        """Draw the last data, and close the page."""
         self._over.set()
         self._thread.join(timeout=3.0)
         self.server.stop()
 
-    # ----------------------------------------------------------------- what comes
-
     def state(self, state: ArmState) -> None:
-        """Note where the arm stands."""
+        """Remember the arm's state."""
         self._state = state
 
     def answer(self, time: float, answer: ControllerAnswer) -> None:
-        """Note the cloud and the next actions."""
+        """Remember the cloud and the next actions."""
         self._answer = answer
 
     def change(self, time: float, state: str, reason: str) -> None:
-        """Note the watch's state."""
+        """Remember the watchdog's state."""
         self._watch = f"{state}: {reason}"
 
     def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
-        """Note the clocks of a period."""
+        """Remember the timing of a period."""
         pictures = ", ".join(f"{name} {1e3 * age:.0f} ms" for name, age in ages.items())
         self._clocks = f"period {1e3 * late:.1f} ms late; pictures: {pictures}"
 
     def frame(self, frame: CameraFrame) -> None:
-        """Pictures are shown as the cloud that they make."""
+        """Do nothing, because images are shown as clouds."""
 
     def sent(self, time: float, sent: Sent, gripper: float) -> None:
-        """Nothing: the page shows where the arm stands."""
+        """Do nothing, because the page shows the measured arm."""
 
     def question(self, time: float, question: Question) -> None:
-        """An answer follows."""
-
-    # -------------------------------------------------------------------- drawing
+        """Do nothing, because the answer is shown."""
 
     def _run(self) -> None:
         while not self._over.wait(EVERY):
@@ -153,7 +148,7 @@ class LivePage:
         self.draw()
 
     def draw(self) -> None:
-        """Draw what is newest."""
+        """Draw the newest data."""
         state, answer = self._state, self._answer
         with self.server.atomic():
             if state is not None and state is not self._drawn[0]:
@@ -177,7 +172,7 @@ class LivePage:
             _show_points(self._next, tools, np.full((len(tools), 3), NEXT, np.uint8))
 
     def tools(self, actions: npt.NDArray[np.float32], q: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-        """(k, 3) m of the tool at (k, m + 1) actions, the other joints as in (n,) ``q``."""
+        """Return the tool positions (k, 3), m, at actions (k, m + 1), with the other joints as in ``q`` (n,)."""
         found = []
         for action in actions[np.isfinite(actions).all(axis=1)] if actions.ndim == 2 else ():
             if len(action) == self._profile.action_size:
@@ -203,12 +198,12 @@ def _show_points(handle: Any, points: npt.NDArray[np.float32], colors: npt.NDArr
 
 
 class Looking:
-    """A controller that looks and keeps the arm where it stands, without an end.
+    """Controller that observes and holds the arm without end.
 
     Args:
         arm: number of the arm's joints.
-        cameras: names of those that it looks through; None: the usual ones.
-        clouds: whether it wants clouds; of cameras that are not calibrated none can be made.
+        cameras: names of the used cameras; None: the defaults.
+        clouds: whether to make clouds, which need calibrated cameras.
     """
 
     def __init__(self, arm: int, cameras: Sequence[str] | None = None, clouds: bool = True) -> None:
@@ -217,16 +212,15 @@ class Looking:
         self._arm = arm
 
     def reset(self, observation: Observation, seed: int) -> None:
-        """Begin an episode."""
         self._action = np.append(observation.joint_positions[: self._arm], OPEN).astype(np.float32)
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32]:
-        """The same action always."""
+        """Return the same action at every step."""
         return self._action
 
 
 def looking(robot_name: str, cameras: Sequence[str] | None = None, clouds: bool = True) -> ControllerSpec:
-    """A controller that looks and moves nothing."""
+    """Return the spec of a controller that observes without moving."""
     named = None if cameras is None else list(cameras)
     arguments = {"arm": len(robot(robot_name).arm_joints), "cameras": named, "clouds": clouds}
     return ControllerSpec(f"{__name__}:Looking", arguments)

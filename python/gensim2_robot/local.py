@@ -1,4 +1,4 @@
-"""Simulated devices and a controller in this process, by a simulated clock: the same run every time."""
+"""Simulated devices and a controller in this process with a simulated clock, for reproducible runs."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from gensim2_robot.pipes import DeviceGoneError
 from gensim2_robot.simulated import GOAL_EVERY, RATE, SimulatedCameras, SimulatedWorld
 
 WAITING = 0.1
-"""Seconds after which a wait looks for a signal that asks to stop."""
+"""Time between checks for a stop signal while waiting, s."""
 
 
 class LocalArm:
-    """The simulated arm by a simulated clock.
+    """The simulated arm with a simulated clock.
 
     Attributes:
-        goal, at_rest: whether the task's goal held, and the scene was at rest, at the last look.
+        goal, at_rest: whether the goal held and the scene was at rest at the last check.
     """
 
     def __init__(self, world: SimulatedWorld, clock: SimulatedClock) -> None:
@@ -43,46 +43,41 @@ class LocalArm:
             self._cycles += 1
 
     def poll(self) -> Sequence[ArmState]:
-        """States of the cycles that went by."""
+        """Return the states of the past cycles."""
         return self._world.said(self._clock.now())
 
     def send(self, q: Array, gripper: float, t: float) -> None:
-        """Targets of the next cycle."""
         self._world.send(q, gripper, t)
 
     def stand(self) -> None:
-        """Stop where the arm is."""
         self._world.stand()
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """A fresh scene."""
         self._world.reset(seed, options)
         self._cycles, self.goal, self.at_rest = 0, False, False
 
     @property
     def is_ready(self) -> bool:
-        """Whether the scene is there."""
+        """Whether the scene is ready."""
         return True
 
     def fail(self, fault: str) -> None:
-        """Let it fail from now on."""
         self._world.faults.add(fault)
 
     def close(self) -> None:
-        """Give up the world."""
         self._world.close()
 
 
 class LocalCameras:
-    """Simulated cameras by a simulated clock.
+    """Simulated cameras with a simulated clock.
 
     Args:
-        world: that they look at.
-        cameras: that there are.
-        clock: by which they take pictures.
-        rate: pictures a second.
-        latency: range of the seconds from a picture to its arrival, drawn each episode.
-        seed: of it.
+        world: simulated world.
+        cameras: the cameras.
+        clock: clock of the images.
+        rate: frame rate, Hz.
+        latency: range of the delay of images, s, drawn for each episode.
+        seed: seed of the delay.
     """
 
     def __init__(
@@ -114,33 +109,32 @@ class LocalCameras:
         self._coming += [(now + self._latency, frame) for frame in self._cameras.take(self._world.rows(now))]
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Pictures that have arrived."""
+        """Return the images that have arrived."""
         now = self._clock.now()
         found = [frame for at, frame in self._coming if at <= now]
         self._coming = [each for each in self._coming if each[0] > now]
         return found
 
     def fail(self, fault: str) -> None:
-        """Let them fail from now on."""
         self._cameras.faults.add(fault)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing."""
 
 
 class LocalMind:
-    """A controller in a thread; the clock stands still until it has answered, and the answer takes its time by it.
+    """A controller in a thread; the clock stands still until it answers, and the answer arrives after a simulated
+    delay.
 
     Args:
-        spec: how the controller is made.
-        truth: for a privileged one.
-        clock: of the line.
-        latency: range of the seconds from a question to its answer, drawn each episode by its
-            seed.
-        interrupted: numbers of signals that have asked to stop; once there is one, no answer is waited for.
+        spec: specification of the controller.
+        truth: true state for privileged controllers.
+        clock: clock of the loop.
+        latency: range of the delay of answers, s, drawn by the episode's seed.
+        interrupted: received stop signals; once there is one, waiting ends.
 
     Raises:
-        GenSim2Error: a signal asked to stop before the controller was made, or before it answered.
+        GenSim2Error: a signal asked to stop before the controller was made or answered.
     """
 
     def __init__(
@@ -173,7 +167,7 @@ class LocalMind:
             self._outbox.put(None)
 
     def send(self, message: Begin | Question) -> None:
-        """Say or ask something; waits for the answer to a question."""
+        """Send a message, or send a request and wait for its answer."""
         if isinstance(message, Begin):
             self._latency = rng(message.seed, "delay of answers").uniform(*self._range)
         self._inbox.put(message)
@@ -185,7 +179,7 @@ class LocalMind:
             self._coming.append((self._clock.now() + self._latency + late, answer))
 
     def _said(self) -> Any:
-        """Wait for the controller's next word."""
+        """Wait for the controller's next message."""
         while True:
             try:
                 return self._outbox.get(timeout=WAITING)
@@ -196,7 +190,7 @@ class LocalMind:
                     raise DeviceGoneError(f"a person or the system asked to stop: {name}") from None
 
     def poll(self) -> Sequence[ControllerAnswer]:
-        """Answers whose time has come."""
+        """Return the answers that are due."""
         now = self._clock.now()
         found = [answer for at, answer in self._coming if at <= now]
         self._coming = [each for each in self._coming if each[0] > now]
@@ -204,11 +198,10 @@ class LocalMind:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the controller is made."""
+        """Whether the controller is ready."""
         return True
 
     def fail(self, fault: str) -> None:
-        """Let it fail from now on."""
         if fault == "policy-killed":
             self.is_alive = False
         elif fault == "policy-slow":
@@ -217,6 +210,6 @@ class LocalMind:
             self._inbox.put(fault)
 
     def close(self) -> None:
-        """Let the controller go."""
+        """End the controller."""
         self._inbox.put(None)
         self._thread.join(timeout=10 if self.is_alive else WAITING)

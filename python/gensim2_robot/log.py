@@ -1,8 +1,9 @@
-"""Everything that was seen, asked, answered, sent and decided, in MCAP files that are whole whatever happens.
+"""Log everything observed, requested, answered, sent and decided in MCAP files that stay readable after any failure.
 
-Files are closed at a set size and begun anew; the oldest go when the folder's share of the disk is used up. Room to
-close a file is kept aside from the start, in a file without a name, so that a full disk ends the log and not what it
-holds, and a killed run leaves nothing but its log.
+A file is closed at a given size and a new one is started; the oldest ones are removed when the folder's limit is
+reached.
+Space to close a file is reserved in an unnamed file, so that a full disk ends the log without damaging it, and a killed
+run leaves only its log.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ from gensim2_robot.mind import ControllerAnswer, Question
 
 
 class Journal(Protocol):
-    """Log of a run. Nothing here waits."""
+    """Log of a run; no method blocks."""
 
     @property
     def trouble(self) -> str | None:
-        """Why nothing more can be written; None: all is well."""
+        """Why logging has failed; None if it works."""
         ...
 
     def state(self, state: ArmState) -> None: ...
@@ -47,10 +48,10 @@ class Journal(Protocol):
 
 
 class Journals:
-    """Several journals as one; the first trouble of any is its trouble. Without any, nothing is written down.
+    """Several logs as one; the first failure of any is its failure. Without any, nothing is logged.
 
     Args:
-        several: that are told, in this order.
+        several: the logs, in order.
     """
 
     def __init__(self, several: Sequence[Journal] = ()) -> None:
@@ -58,59 +59,52 @@ class Journals:
 
     @property
     def trouble(self) -> str | None:
-        """The first trouble that there is."""
+        """The first failure, if any."""
         return next((each.trouble for each in self._several if each.trouble is not None), None)
 
     def state(self, state: ArmState) -> None:
-        """Pass on."""
         for each in self._several:
             each.state(state)
 
     def frame(self, frame: CameraFrame) -> None:
-        """Pass on."""
         for each in self._several:
             each.frame(frame)
 
     def sent(self, time: float, sent: Sent, gripper: float) -> None:
-        """Pass on."""
         for each in self._several:
             each.sent(time, sent, gripper)
 
     def question(self, time: float, question: Question) -> None:
-        """Pass on."""
         for each in self._several:
             each.question(time, question)
 
     def answer(self, time: float, answer: ControllerAnswer) -> None:
-        """Pass on."""
         for each in self._several:
             each.answer(time, answer)
 
     def change(self, time: float, state: str, reason: str) -> None:
-        """Pass on."""
         for each in self._several:
             each.change(time, state, reason)
 
     def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
-        """Pass on."""
         for each in self._several:
             each.clocks(time, late, ages)
 
 
 ENCODING = "gensim2-pack"
 SEGMENT = 256 << 20
-"""Bytes of a file."""
+"""Size of a file, bytes."""
 MAX_BYTES = 4 << 30
-"""Bytes of a run's files together."""
+"""Largest size of a run's files together, bytes."""
 DAYS = 30.0
-"""Age at which the files of former runs in the same folder go."""
+"""Age (days) at which files of earlier runs in the same folder are removed."""
 RESERVE = 8 << 20
-"""Bytes that are kept aside to close a file on a full disk: more than a chunk and all indices."""
+"""Space reserved to close a file on a full disk, bytes: more than a chunk and all indices."""
 CHUNK = 1 << 20
 MAX_SECONDS = 1e9
-"""Times from which on, like negative ones, a message has the stamp 0; its own field keeps the time."""
+"""Times from here on, and negative ones, get the log stamp 0; the message itself keeps its time."""
 BEHIND = 2000
-"""Messages that may wait to be written."""
+"""Largest number of messages that wait to be written."""
 
 Opener = Callable[[Path], BinaryIO]
 
@@ -120,12 +114,12 @@ def _open(path: Path) -> BinaryIO:
 
 
 class _Whole:
-    """File object for MCAP's writer: a block is written whole or not at all; on a full disk the reserve is freed.
+    """File for MCAP's writer that writes blocks completely or not at all, and frees the reserve on a full disk.
 
     Args:
-        path: of the file.
-        opener: opens it.
-        give_way: frees what was kept aside.
+        path: the file.
+        opener: function that opens it.
+        give_way: function that frees the reserved space.
     """
 
     def __init__(self, path: Path, opener: Opener, give_way: Callable[[], None]) -> None:
@@ -133,7 +127,7 @@ class _Whole:
         self.trouble: str | None = None
 
     def write(self, data: Any) -> int:
-        """Write all of the bytes; take back a half-written block and write it again in the reserved space.
+        """Write all bytes; on a full disk remove the incomplete block and write it again in the reserved space.
 
         Raises:
             OSError: the reserved space is used up too, or the file was removed.
@@ -158,14 +152,14 @@ class _Whole:
             view = view[self._file.write(view) :]
 
     def flush(self) -> None:
-        """Nothing waits."""
+        """Do nothing, because nothing is buffered."""
 
     def tell(self) -> int:
-        """Bytes so far."""
+        """Return the number of bytes written."""
         return self._length
 
     def close(self) -> None:
-        """Bring it to the disk."""
+        """Flush the file to disk and close it."""
         if not self._file.closed:
             with contextlib.suppress(OSError):
                 os.fsync(self._file.fileno())
@@ -173,21 +167,21 @@ class _Whole:
 
 
 class Log:
-    """Writes in a thread of its own; whoever logs never waits for the disk.
+    """Writes the log in its own thread, so that logging never waits for the disk.
 
     Args:
-        folder: of the run; made, must be empty.
-        about: the first message of each file.
-        max_bytes: bytes of all files together.
-        segment: bytes of one.
-        opener: opens files.
+        folder: folder of the run, which must be empty or missing.
+        about: first message of each file.
+        max_bytes: largest size of all files together.
+        segment: size of one file.
+        opener: function that opens files.
 
     Attributes:
-        trouble: why nothing more is written; None: all is well.
+        trouble: why logging has failed; None if it works.
 
     Raises:
         InputError: the folder is not empty.
-        WriteError: the folder cannot be written to, or is full.
+        WriteError: the folder cannot be written to, or the disk is full.
     """
 
     def __init__(
@@ -224,15 +218,13 @@ class Log:
         self._thread = threading.Thread(target=self._write_all, name="log", daemon=True)
         self._thread.start()
 
-    # ---------------------------------------------------------------- messages
-
     def state(self, state: ArmState) -> None:
-        """The arm's word."""
+        """Log a state of the arm."""
         plain = {"time": state.time, "force": state.force, "mode": state.mode}
         self._put("/arm", state.time, plain, {"q": state.q, "v": state.v})
 
     def frame(self, frame: CameraFrame) -> None:
-        """A picture."""
+        """Log an image."""
         plain = {
             "camera": frame.camera,
             "number": frame.number,
@@ -242,11 +234,11 @@ class Log:
         self._put(f"/camera/{frame.camera}", frame.captured, plain, {"depth": frame.depth, "colors": frame.colors})
 
     def sent(self, time: float, sent: Sent, gripper: float) -> None:
-        """A command."""
+        """Log a command."""
         self._put("/sent", time, {"time": time, "gripper": gripper, "clips": list(sent.clips)}, {"q": sent.q})
 
     def question(self, time: float, question: Question) -> None:
-        """Log a question to the controller; pictures by their numbers."""
+        """Log a request to the controller, with images by their numbers."""
         sight = question.sight
         plain = {
             "time": time,
@@ -260,7 +252,7 @@ class Log:
         self._put("/question", time, plain, {"q": sight.q, "v": sight.v, **posed})
 
     def answer(self, time: float, answer: ControllerAnswer) -> None:
-        """Log its answer, and all that it was given."""
+        """Log an answer, with all inputs of the controller."""
         plain = {
             "time": time,
             "number": answer.number,
@@ -273,11 +265,11 @@ class Log:
         self._put("/answer", time, plain, {"actions": answer.actions, **seen})
 
     def change(self, time: float, state: str, reason: str) -> None:
-        """The watch's state, and why."""
+        """Log the watchdog's state and its reason."""
         self._put("/watch", time, {"time": time, "state": str(state), "reason": reason}, {})
 
     def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
-        """Log how late a period began, and how old each camera's last picture was."""
+        """Log the delay of a period, and the age of each camera's last image."""
         wall = _time_of_day()
         self._put("/clocks", time, {"time": time, "late": late, "ages": ages, "wall": wall}, {})
 
@@ -293,10 +285,8 @@ class Log:
         except queue.Full:
             self.trouble = f"{BEHIND} messages wait: the disk is too slow"
 
-    # ------------------------------------------------------------------ files
-
     def close(self) -> None:
-        """Write what waits, and end."""
+        """Write all waiting messages and close the log."""
         while self._thread.is_alive():
             try:
                 self._queue.put(None, timeout=0.1)
@@ -347,7 +337,7 @@ class Log:
             self.trouble = self._file.trouble
 
     def _prune(self) -> None:
-        """Remove the run's oldest files beyond its share."""
+        """Remove the run's oldest files beyond the size limit."""
         files = sorted(self.folder.glob("log_*.mcap"))
         total = sum(path.stat().st_size for path in files)
         for path in files[:-2]:
@@ -358,7 +348,7 @@ class Log:
 
 
 def prune_runs(folder: Path, days: float = DAYS) -> list[Path]:
-    """Remove the logs of former runs, ``robot-*`` in a folder, that are older than so many days; returns them."""
+    """Remove files of earlier runs, ``robot-*`` in a folder, that are older than ``days``, and return them."""
     removed = []
     oldest = _time_of_day() - 86400.0 * days
     for path in sorted(folder.glob("robot-*/log_*.mcap")):

@@ -1,6 +1,6 @@
-"""Schemas of the messages in a log, which :class:`~gensim2_robot.log.Log` writes and ``log_reader`` reads.
+"""Schemas of log messages, written by :class:`~gensim2_robot.log.Log` and read by ``log_reader``.
 
-Messages of a robot that was moved may hold NaN, where a device or a policy gave it; cameras and settings may not.
+Messages about a moving robot may contain NaN from a device or a policy; cameras and settings may not.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class _Head(BaseModel):
 
 
 def pack(plain: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
-    """Plain data and arrays, by name."""
+    """Pack plain data and arrays by name."""
     kept = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     told = {name: [array.dtype.name, list(array.shape)] for name, array in kept.items()}
     head = json.dumps({"plain": plain, "arrays": told}).encode()
@@ -39,10 +39,10 @@ def pack(plain: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> by
 
 
 def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-    """Undo the packing.
+    """Unpack a message of :func:`pack`.
 
     Raises:
-        InputError: it was not packed so, or is damaged.
+        InputError: the data are not such a message, or are damaged.
     """
     try:
         (length,) = struct.unpack_from("<I", data)
@@ -67,14 +67,14 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
 
 
 def _whole(digits: str) -> int:
-    """Refuse whole numbers of over 64 bits, which floats and arrays cannot hold."""
+    """Refuse integers of more than 64 bits, which floats and arrays cannot represent."""
     if len(digits) > 20 or not -(2**63) <= (value := int(digits)) < 2**64:
         raise ValueError("a whole number of over 64 bits")
     return value
 
 
 def _array(kind: str, dimensions: int) -> AfterValidator:
-    """Accept a non-empty array of numbers of one kind (as ``dtype.kind`` has it, or a dtype's name)."""
+    """Return a check for a non-empty array of one kind of numbers (``dtype.kind`` or a dtype's name)."""
 
     def check(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         if kind not in (values.dtype.kind, values.dtype.name) or values.ndim != dimensions:
@@ -94,7 +94,7 @@ Joints = Annotated[np.ndarray, _array("f", 1), AfterValidator(_joint_count)]
 
 
 class LogMessage(BaseModel):
-    """One message: its plain fields and its arrays, of which ``posed/left`` is ``left`` of the field ``posed``."""
+    """One message: its plain fields and arrays; the array ``posed/left`` is entry ``left`` of the field ``posed``."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
@@ -104,11 +104,11 @@ class About(LogMessage):
 
     Attributes:
         robot: name of the robot.
-        language: instruction that the policy was given.
-        pixels: smallest number of pixels of a picture that the policy looked at; None: all, as version 0.1 did.
-        observation: what the policy was given, as :meth:`ObservationSpec.to_dict` has it.
-        cameras: that the log has pictures of, those on a link with their poses in its frame.
-        task, controller, arm, speed, margin, seed: of the run, for people.
+        language: instruction given to the policy.
+        pixels: smallest number of pixels of an image that the policy used; None: all, as in version 0.1.
+        observation: the policy's observation spec, as of :meth:`ObservationSpec.to_dict`.
+        cameras: cameras with images in the log; those on a link have their pose in the link's frame.
+        task, controller, arm, speed, margin, seed: of the run, for information.
     """
 
     schema_version: Literal[1] = 1
@@ -139,7 +139,7 @@ class About(LogMessage):
         return self
 
     def spec(self) -> ObservationSpec:
-        """Return what the policy was given."""
+        """Return the policy's observation spec."""
         return ObservationSpec.of(self.observation)
 
 
@@ -160,7 +160,7 @@ class ArmMessage(LogMessage):
 
 
 class PictureMessage(LogMessage):
-    """One picture; those of version 0.1 name no device."""
+    """An image; in version 0.1 without a serial number."""
 
     camera: str
     number: int
@@ -170,7 +170,7 @@ class PictureMessage(LogMessage):
     colors: Annotated[np.ndarray, _array("uint8", 3)]
 
     def frame(self) -> CameraFrame:
-        """Return the picture as devices give it."""
+        """Return the image as a device's frame."""
         return CameraFrame(self.camera, self.number, self.captured, self.depth, self.colors, self.serial)
 
 
@@ -184,7 +184,7 @@ class SentMessage(LogMessage):
 
 
 class QuestionMessage(LogMessage):
-    """Question to the policy; pictures by their numbers, and the joints when each was taken."""
+    """Request to the policy, with images by their numbers, and the joints at the time of each image."""
 
     time: float
     number: int
@@ -204,7 +204,7 @@ class QuestionMessage(LogMessage):
 
 
 class AnswerMessage(LogMessage):
-    """Answer of the policy, and all arrays that it was given."""
+    """Answer of the policy, with all its input arrays."""
 
     time: float
     number: int
@@ -217,7 +217,7 @@ class AnswerMessage(LogMessage):
 
 
 class WatchMessage(LogMessage):
-    """State of the watch, and why."""
+    """State of the watchdog, and its reason."""
 
     time: float
     state: str
@@ -225,7 +225,7 @@ class WatchMessage(LogMessage):
 
 
 class ClocksMessage(LogMessage):
-    """How late a period began, and how old the last picture of each camera was, s; the time of day."""
+    """Delay of a period, age of each camera's last image (s), and time of day."""
 
     time: float
     late: float
@@ -258,7 +258,7 @@ def message_of(topic: str, plain: dict[str, Any], arrays: dict[str, npt.NDArray[
         arrays: its arrays by name.
 
     Raises:
-        InputError: there is no such topic, or a field is missing, unknown or wrong.
+        InputError: the topic is unknown, or a field is missing, unknown or invalid.
     """
     schema = PictureMessage if topic.startswith(_CAMERA) else _SCHEMAS.get(topic)
     if schema is None:

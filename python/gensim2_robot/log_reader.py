@@ -1,6 +1,6 @@
-"""Reader of logs, which may come from anyone: sizes before memory, checksums before content, schemas before use.
+"""Read logs, which may be untrusted: sizes are checked before memory is allocated, checksums before content is parsed.
 
-A log whose run was killed has no end. Everything that was written of it is read, as a stream.
+The log of a killed run has no end record; everything that was written is read as a stream.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _REMEDY = "restore the file, or leave it out"
 
 
 def log_files(folder: Path) -> list[Path]:
-    """Return the files of a log, or the one file that was named, in their order.
+    """Return the files of a log in order, or the single given file.
 
     Raises:
         InputError: there is none.
@@ -56,12 +56,12 @@ def log_files(folder: Path) -> list[Path]:
 
 
 def messages(folder: Path) -> Iterator[tuple[str, AnyMessage]]:
-    """Yield topic and content of all messages of a log, or of one of its files, as they were written.
+    """Yield topic and content of all messages of a log or of one of its files, in the order of writing.
 
-    Each file begins with the same :class:`About`; pictures are of its cameras, in their sizes.
+    Each file starts with the same :class:`About`; images must be of its cameras and have their sizes.
 
     Raises:
-        InputError: there is no log, a file is damaged, or a message is not as its schema has it.
+        InputError: the log is missing, a file is damaged, or a message is invalid.
     """
     about: About | None = None
     for path in log_files(folder):
@@ -96,10 +96,10 @@ def about_of(folder: Path) -> About:
 
 
 def unclosed(folder: Path) -> list[str]:
-    """Return the names of the files of a log that have no end, as those of a killed run.
+    """Return the names of files without an end record, as left by a killed run.
 
     Raises:
-        InputError: there is no log, or a file cannot be read.
+        InputError: the log is missing, or a file cannot be read.
     """
     found = []
     for path in log_files(folder):
@@ -121,7 +121,7 @@ def _require_camera(picture: PictureMessage, about: About, path: Path) -> None:
 
 
 def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Topic and bytes of each message of a file."""
+    """Yield topic and bytes of each message of a file."""
     from mcap.data_stream import ReadDataStream
     from mcap.opcode import Opcode
     from mcap.records import Channel, Chunk, DataEnd, Message
@@ -174,7 +174,7 @@ def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
 
 
 def _records(stream: BinaryIO, at: int, end: int, path: Path, *, whole: bool) -> Iterator[tuple[int, bytes]]:
-    """Opcode and content of each record from ``at`` to ``end``; ``whole``: none may be cut off."""
+    """Yield opcode and content of each record from ``at`` to ``end``; with ``whole``, none may be cut off."""
     while at < end:
         head = stream.read(min(9, end - at))
         opcode, length = struct.unpack("<BQ", head) if len(head) == 9 else (0, end)
@@ -189,7 +189,7 @@ def _records(stream: BinaryIO, at: int, end: int, path: Path, *, whole: bool) ->
 
 
 def _expanded(chunk: Chunk, path: Path) -> bytes:
-    """Content of a chunk, of the size that it states; no more memory is taken, whatever the compressed bytes say."""
+    """Return a chunk's content, limited to its stated size whatever the compressed data contain."""
     import lz4.frame
     import zstandard
 
@@ -215,7 +215,7 @@ def _expanded(chunk: Chunk, path: Path) -> bytes:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[tuple[BinaryIO, int]]:
-    """A file and its size; errors of the system name it."""
+    """Open a file and yield it with its size; system errors name the file."""
     try:
         with open_regular(path) as stream:
             yield stream, os.fstat(stream.fileno()).st_size
@@ -224,7 +224,7 @@ def _opened(path: Path) -> Iterator[tuple[BinaryIO, int]]:
 
 
 def _is_closed(stream: BinaryIO, size: int) -> bool:
-    """Whether a file has its end; the stream stands at its beginning before and after."""
+    """Return whether a file has its end record, and leave the stream at its start."""
     if size < 2 * len(_MAGIC):
         return False
     stream.seek(size - len(_MAGIC))
@@ -238,11 +238,11 @@ def _damaged(path: Path, said: str) -> InputError:
 
 
 KEPT = 50
-"""Newest pictures of a camera that are kept: more than a question can be about when its answer comes."""
+"""Number of newest images of a camera to keep, more than a request can refer to when its answer arrives."""
 KEPT_BYTES = 1 << 28
-"""Bytes of all pictures that are kept."""
+"""Largest size of all kept images, bytes."""
 MAX_DIFFERENT = 1000
-"""Arrays that came out otherwise of which the names are kept."""
+"""Largest number of differing arrays whose names are kept."""
 
 
 @dataclass(frozen=True)
@@ -250,12 +250,12 @@ class LogReplay:
     """Result of a comparison.
 
     Attributes:
-        questions: that were answered.
-        compared: arrays.
-        clouds: of them point clouds.
-        different: names of the first 1000 arrays that came out otherwise, with the number of the question.
-        missing: questions whose pictures are in a file that is gone, or are no longer kept.
-        unclosed: names of files that have no end, because the run was killed; what they hold was compared.
+        questions: number of answered requests.
+        compared: number of compared arrays.
+        clouds: number of point clouds among them.
+        different: names of the first 1000 differing arrays, with the number of the request.
+        missing: number of requests whose images are in a removed file, or no longer kept.
+        unclosed: names of files without an end record because the run was killed; their contents were compared.
     """
 
     questions: int
@@ -266,15 +266,14 @@ class LogReplay:
     unclosed: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
         return {**vars(self), "different": list(self.different), "unclosed": list(self.unclosed)}
 
 
 def replay(folder: Path) -> LogReplay:
-    """Make every observation of a log anew and compare it with what was logged.
+    """Recompute every observation of a log and compare it with the logged one.
 
     Raises:
-        InputError: there is no log, it is damaged, or an observation cannot be made.
+        InputError: the log is missing or damaged, or an observation cannot be made.
     """
     found = _Replayed()
     for _, message in messages(folder):
@@ -286,7 +285,7 @@ def replay(folder: Path) -> LogReplay:
 
 
 class _Replayed:
-    """Messages of a log so far, and what came of their comparison."""
+    """State of a replay."""
 
     def __init__(self) -> None:
         self._eyes: list[Eyes] = []  # at nothing but the robot's own state, then through the cameras
@@ -297,7 +296,7 @@ class _Replayed:
         self._different: list[str] = []
 
     def take(self, message: AnyMessage) -> None:
-        """Take the next message of the log.
+        """Process the next message of the log.
 
         Raises:
             GenSim2Error: an observation cannot be made.
@@ -317,7 +316,7 @@ class _Replayed:
                 self._compare(question, message.seen)
 
     def result(self, cut: list[str]) -> LogReplay:
-        """Return the comparison of a log of which the files ``cut`` have no end."""
+        """Return the result for a log whose files ``cut`` have no end record."""
         different = tuple(self._different)
         return LogReplay(self._questions, self._compared, self._clouds, different, self._missing, tuple(cut))
 
@@ -330,7 +329,7 @@ class _Replayed:
             self._eyes.append(Eyes(each, profile, cameras, about.language, pixels))
 
     def _keep(self, frame: CameraFrame) -> None:
-        """Keep the newest pictures: numbers of a device have gaps, and begin anew."""
+        """Keep the newest images; a device's numbers may have gaps and restart."""
         kept = self._frames.setdefault(frame.camera, {})
         most = min(KEPT, max(1, KEPT_BYTES // (len(self._frames) * (frame.depth.nbytes + frame.colors.nbytes))))
         kept.pop(frame.number, None)

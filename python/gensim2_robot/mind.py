@@ -1,4 +1,4 @@
-"""The controller's side of the line: the rollout's own loop, asked by questions, answering with chunks of actions."""
+"""The controller's side of the control loop: the rollout's own loop, which answers requests with chunks of actions."""
 
 from __future__ import annotations
 
@@ -26,36 +26,36 @@ from gensim2.tasks.spec import TaskSpec
 from gensim2_robot.eyes import CameraPoseError, Eyes, SensorSnapshot, inputs
 
 SLOW = 0.6
-"""Seconds that a controller takes for an answer that is told to be slow."""
+"""Delay of an answer under the fault ``policy-slow``, s."""
 
 
 class Truth(Protocol):
-    """Truth of a simulated world, for a privileged controller."""
+    """True state of a simulated world, for privileged controllers."""
 
     def measure(self) -> Measurement:
-        """Measure the objects and the gripper, now."""
+        """Measure objects and gripper."""
         ...
 
     def scene_state(self) -> Scene:
-        """Return the scene as a planner sees it."""
+        """Return the scene for a planner."""
         ...
 
 
 @dataclass(frozen=True)
 class Begin:
-    """An episode begins; ``seed`` is of what the controller draws."""
+    """Start of an episode; ``seed`` is for the controller's random numbers."""
 
     seed: int
 
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """Question to a controller about its next actions.
+    """Request for a controller's next actions.
 
     Attributes:
-        number: counts questions.
-        sight: what there is to be seen.
-        count: actions that are wanted, one a control step.
+        number: number of the request.
+        sight: data of the observation.
+        count: number of actions, one per control step.
     """
 
     number: int
@@ -68,14 +68,15 @@ class ControllerAnswer:
     """Answer of a controller.
 
     Attributes:
-        number: of the question.
-        actions: (k, m + 1) targets of the arm's joints in rad and the gripper from -1 to 1, for the control steps from
-            the question's on; fewer than wanted where the controller is done.
-        done: the controller has nothing more to do.
-        seen: all arrays that it was given, by name.
-        cloud_ms: from the newest picture to the point cloud, ms; None where none was made.
-        encoding_ms: to make the cloud of the pictures at hand, ms; None where none was made.
-        acting_ms: that the controller computed, ms.
+        number: number of the request.
+        actions: (k, m + 1) targets of the arm's joints in rad and the gripper from -1 to 1, starting at the request's
+            control
+            step; fewer than requested if the controller is done.
+        done: whether the controller is done.
+        seen: all its input arrays by name.
+        cloud_ms: time from the newest image to the point cloud, ms; None without a cloud.
+        encoding_ms: time to make the cloud from its images, ms; None without a cloud.
+        acting_ms: computing time of the controller, ms.
         error: why there is no action.
     """
 
@@ -91,13 +92,13 @@ class ControllerAnswer:
 
 @dataclass(frozen=True)
 class MindSpec:
-    """Recipe of a controller and its observations; travels to its process.
+    """Recipe of a controller and its observations, which can be sent to its process.
 
     Attributes:
-        controller: decides.
-        task: what is to be done.
+        controller: specification of the controller.
+        task: the task.
         robot: name of the robot.
-        cameras: that there are.
+        cameras: available cameras.
     """
 
     controller: ControllerSpec
@@ -107,27 +108,27 @@ class MindSpec:
 
 
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
-    """Return the observation spec of the line for a controller: its own, or all cameras where it uses none."""
+    """Return a controller's observation spec, or one with all cameras if it uses none."""
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 
 
 class _OverError(GenSim2Error):
-    """The episode has ended on the line's side."""
+    """The loop has ended the episode."""
 
 
 class LineBody:
-    """The line as the body of the rollout: it is looked at when a question comes, and takes as many actions.
+    """The control loop as the robot of a rollout: an observation waits for a request, and steps collect its actions.
 
     Args:
         spec: see :class:`MindSpec`.
-        receive: waits for a question, or for what ends the episode.
-        send: of answers.
-        now: the line's clock, s.
-        truth: for a privileged controller.
+        receive: function that waits for a request or the end of the episode.
+        send: function that sends answers.
+        now: the loop's clock, s.
+        truth: true state for privileged controllers.
 
     Attributes:
-        faults: that the controller has.
-        remote: the controller, where it is elsewhere.
+        faults: injected faults of the controller.
+        remote: the controller, if it is on a server.
         next: message that ended the episode.
     """
 
@@ -160,24 +161,24 @@ class LineBody:
         self._begun = 0.0
 
     def fail(self, fault: str) -> None:
-        """Fail from now on."""
+        """Inject a fault from now on."""
         self.faults.add(fault)
         if fault == "policy-token" and self.remote is not None:
             self.remote.disown()
 
     def prepare(self, spec: ObservationSpec) -> None:
-        """Build before the first question what it would have to wait for."""
+        """Prepare everything that would delay the first request."""
         self._eyes_of(looked_at(spec, self._spec.cameras) if self._truth is not None else spec)
 
     def reset(self, seed: int, options: Any = None) -> None:
-        """The line resets; here nothing is known yet."""
+        """Forget the previous episode."""
         self._forget()
 
     def observe(self, spec: ObservationSpec) -> Observation:
-        """Wait for the observation of the question, and return it.
+        """Wait for a request and return its observation.
 
         Raises:
-            EmptyCloudError: the cameras see nothing that a point cloud keeps.
+            EmptyCloudError: the point cloud is empty.
         """
         if self._question is None:
             found = self._receive()
@@ -206,7 +207,7 @@ class LineBody:
         observation = self._eyes_of(spec).observe(sight)
         shown = observation
         if self._truth is not None and spec.is_proprioceptive:
-            # A planner looks through no camera: the cloud is made all the same, for the log and for whoever watches.
+            # A planner needs no camera, but the cloud is made for the log and for viewers.
             shown = self._eyes_of(ObservationSpec(cameras=tuple(each.name for each in self._spec.cameras))).observe(
                 sight
             )
@@ -222,7 +223,7 @@ class LineBody:
         return self._eyes[spec]
 
     def step(self, action: npt.ArrayLike) -> None:
-        """Note one action; the chunk is sent when it is whole."""
+        """Add one action, and send the chunk when it is complete."""
         assert self._question is not None, "an action follows from what was seen"
         given = np.asarray(action, dtype=np.float32)
         self._actions.append(np.full_like(given, np.nan) if "policy-nan" in self.faults else given)
@@ -230,7 +231,7 @@ class LineBody:
             self.answer()
 
     def answer(self, done: bool = False, error: str | None = None) -> None:
-        """Answer the question, if one is open."""
+        """Answer the open request, if any."""
         if self._question is None:
             return
         if "policy-slow" in self.faults:
@@ -247,11 +248,11 @@ class LineBody:
         self._question = None
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing."""
 
 
 def _garbage(number: int, size: int) -> npt.NDArray[np.float32]:
-    """Actions of another size, or of no arm."""
+    """Return actions of another size, or with values that no arm can reach."""
     draw = rng(0, "garbage", number)
     return draw.normal(0.0, 100.0, (3, size + int(draw.integers(2)))).astype(np.float32)
 
@@ -263,14 +264,14 @@ def think(
     now: Callable[[], float],
     truth: Truth | None,
 ) -> None:
-    """Answer questions, episode after episode, until None comes.
+    """Answer requests, episode after episode, until None arrives.
 
     Args:
-        spec: how the controller is made.
-        receive: waits for :class:`Begin`, :class:`Question`, or None.
-        send: takes ``"ready"`` once, then answers.
-        now: the line's clock, s.
-        truth: what a privileged controller is told.
+        spec: recipe of the controller.
+        receive: function that waits for :class:`Begin`, :class:`Question`, or None.
+        send: function that gets ``"ready"`` once, then answers.
+        now: the loop's clock, s.
+        truth: true state for privileged controllers.
     """
     profile = robot(spec.robot)
     made = spec.controller.make(spec.task, profile)

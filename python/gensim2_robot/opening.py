@@ -1,4 +1,4 @@
-"""A line with all that it goes between, opened and given up again."""
+"""Open and close a control loop with all its devices."""
 
 from __future__ import annotations
 
@@ -45,40 +45,40 @@ REMOTE = "gensim2.policy.remote.client:RemoteController"
 
 
 class DryArm:
-    """An arm that is told nothing: all is computed and judged, and nothing is sent."""
+    """An arm that is never moved: everything is computed and checked, but nothing is sent."""
 
     def __init__(self, driver: ArmDriver) -> None:
         self._driver, self.profile = driver, driver.profile
 
     def poll(self) -> Sequence[ArmState]:
-        """States that came."""
+        """Return the states received since the last call."""
         return self._driver.poll()
 
     def send(self, q: Array, gripper: float, t: float) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def stand(self) -> None:
-        """Stop all the same."""
+        """Stop the arm, which is done in a dry run as well."""
         self._driver.stand()
 
     def close(self) -> None:
-        """Leave the driver to its owner."""
+        """Do nothing; the driver belongs to the caller."""
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """Inputs of a line that were read and checked, before anything is opened.
+    """Checked inputs of a control loop, before anything is opened.
 
     Attributes:
         given: the task.
-        config: of the line.
-        controller: how it is made.
-        seen: what it looks at.
-        privileged: it is shown the true scene.
-        limits: of the arm.
-        noise: of simulated cameras.
-        cameras: that are looked through; of real ones names, pixels and a first guess of their poses.
-        calibration: where they are; None: where the simulation has them.
+        config: configuration of the loop.
+        controller: specification of the controller.
+        seen: its observation spec.
+        privileged: whether it gets the true scene.
+        limits: limits of the arm.
+        noise: noise of simulated cameras.
+        cameras: used cameras; for real ones names, image sizes and a first guess of their poses.
+        calibration: calibration of their poses; None: the simulation's poses.
     """
 
     given: TaskInput
@@ -98,16 +98,15 @@ class Prepared:
 
 
 def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) -> Prepared:
-    """Read and check everything that a line follows from.
+    """Read and check all inputs of a control loop.
 
     Args:
-        given: the task.
-        config: of the line.
-        faults: that devices are to have.
+        config: configuration of the loop.
+        faults: faults to inject.
 
     Raises:
-        InputError: an argument cannot be used.
-        MissingExtraError: what is needed is not installed.
+        InputError: an argument is invalid.
+        MissingExtraError: a package is not installed.
     """
     from gensim2_robot.simulated import simulated_cameras
 
@@ -159,13 +158,13 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
 
 @dataclass(frozen=True)
 class Opened:
-    """A line whose devices are open.
+    """A control loop with open devices.
 
     Attributes:
         line: the loop.
-        devices: that it goes between.
-        about: what a log says of it.
-        disk: of the log, which may be told to be full; None: there is no log.
+        devices: its devices.
+        about: its description for a log.
+        disk: simulated disk of the log; None without a log.
     """
 
     line: Line
@@ -185,16 +184,16 @@ def opened(
     pace: float | None = None,
     interrupted: Sequence[int] = (),
 ) -> Iterator[Opened]:
-    """Open devices and log, and give them up when the block ends.
+    """Open devices and log, and close them when the block ends.
 
     Args:
-        prepared: what the line follows from.
-        log: folder of the log; None: nothing is written down.
-        watching: whoever else is told of everything.
-        seed: of all noise; None: that of the configuration.
-        mind: whose actions are taken; None: those of the controller, in a process of its own.
-        pace: control steps a second; None: the robot's, stretched by the speed.
-        interrupted: numbers of signals that have asked to stop, as :func:`interruptions` gives them.
+        prepared: checked inputs.
+        log: folder of the log; None for no log.
+        watching: further logs.
+        seed: seed of all noise; None: that of the configuration.
+        mind: connection to another controller; None: the configured one, in its own process.
+        pace: control steps per second; None: the robot's, scaled by the speed.
+        interrupted: received stop signals, as from :func:`interruptions`.
 
     Raises:
         InputError: the log's folder is not empty.
@@ -260,11 +259,11 @@ def _serials(cameras: tuple[Camera, ...], real: ProcessCameras | None) -> Mappin
 
 
 def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
-    """Return what a log and a result say of a line.
+    """Return the description of a control loop for logs and results.
 
     Args:
-        prepared: what the line follows from.
-        believed: its cameras, where they are taken to be.
+        prepared: checked inputs.
+        believed: its cameras with their assumed poses.
     """
     config, given, controller = prepared.config, prepared.given, prepared.controller
     try:
@@ -358,7 +357,7 @@ def _real(prepared: Prepared, spec: MindSpec, cameras: ProcessCameras, mind: Min
 
 @contextlib.contextmanager
 def interruptions() -> Iterator[list[int]]:
-    """Signals that ask to stop, as they come: the arm is stopped first, then they are heard."""
+    """Yield a list that collects stop signals, so that the arm is stopped before they take effect."""
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield came

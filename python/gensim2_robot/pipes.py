@@ -1,4 +1,4 @@
-"""Pipes and pictures in shared memory, between the processes of devices and the line."""
+"""Pipes and shared-memory images between the processes of devices and the control loop."""
 
 from __future__ import annotations
 
@@ -21,28 +21,31 @@ from gensim2.perception import Camera
 from gensim2_robot.devices import CameraFrame
 
 MAX_WAITING = 500
-"""Messages that may wait for a process that reads nothing, beside those that the kernel holds: the loop sends 100 a
-second."""
+"""Largest number of messages that wait for a process that does not read, beyond the kernel's buffer; the loop sends 100
+a
+second.
+"""
 CHUNK = 1 << 16
 MAX_CHUNKS = 256
-"""Bytes, and number of reads, of one look at what came: a flood does not keep whoever looks."""
+"""Largest number of bytes and reads in one poll, so that a flood of messages does not delay the loop."""
 _LENGTH = struct.Struct("!i")
 _LONG = struct.Struct("!Q")
 
 
 class DeviceGoneError(GenSim2Error):
-    """A device's process has ended, or does not answer."""
+    """A device's process has ended or does not answer."""
 
 
 class MessagePipe:
-    """The end that never waits; the other end may be a plain ``Connection``.
+    """A pipe end that never blocks; the other end may be a plain ``Connection``.
 
-    The system call of a blocking ``Connection`` waits for ever once the other process is stopped: ``send`` when the
-    kernel's buffer is full, ``recv`` in the middle of a message.
+    A blocking ``Connection`` waits forever once the other process is stopped: ``send`` when the kernel's buffer is
+    full,
+    ``recv`` in the middle of a message.
 
     Args:
         connection: this end.
-        what: is at the other end, for error messages.
+        what: name of the other end for error messages.
     """
 
     def __init__(self, connection: Connection, what: str) -> None:
@@ -53,7 +56,7 @@ class MessagePipe:
         self._is_over = self._is_stuck = False
 
     def tell(self, message: Any) -> None:
-        """Send a message; what cannot be sent shows at the next :meth:`drain`."""
+        """Send a message; a failure is raised by the next :meth:`drain`."""
         if self._is_over or self._is_stuck:
             return
         if len(self._going) >= MAX_WAITING:
@@ -65,10 +68,10 @@ class MessagePipe:
         self._flush()
 
     def drain(self) -> list[Any]:
-        """Return the messages that came whole.
+        """Return the complete messages that have arrived.
 
         Raises:
-            DeviceGoneError: the other process has ended, or does not read what it is sent.
+            DeviceGoneError: the other process has ended, or does not read its messages.
         """
         self._flush()
         self._read()
@@ -82,7 +85,6 @@ class MessagePipe:
         return found
 
     def close(self) -> None:
-        """Close this end."""
         self._is_over = True
         self._connection.close()
 
@@ -113,7 +115,7 @@ class MessagePipe:
             self._is_over = True
 
     def _next(self) -> bytes | None:
-        """Return the next message, if it is there whole."""
+        """Return the next message if it is complete."""
         if len(self._came) < _LENGTH.size:
             return None
         (length,), begin = _LENGTH.unpack_from(self._came), _LENGTH.size
@@ -129,18 +131,18 @@ class MessagePipe:
 
 
 SLOTS = 6
-"""Pictures of a camera that may wait for their reader; what comes while so many wait is dropped."""
+"""Number of a camera's images that may wait for their reader; further images are dropped."""
 BYTES = 5
-"""Of a pixel: depth and colours."""
+"""Bytes per pixel: depth and colours."""
 
 
 @dataclass(frozen=True)
 class Room:
-    """Memory for pictures; travels to the process that enters it.
+    """Shared memory for images, which can be sent to another process.
 
     Attributes:
-        cameras: whose pictures they are.
-        name: of the memory.
+        cameras: cameras of the images.
+        name: name of the shared memory.
     """
 
     cameras: tuple[Camera, ...]
@@ -149,7 +151,7 @@ class Room:
 
 @dataclass(frozen=True)
 class SharedPicture:
-    """A picture that lies in a slot until the slot is given back; the rest as a :class:`CameraFrame` has it."""
+    """An image in a slot, valid until the slot is returned; other fields as in :class:`CameraFrame`."""
 
     camera: str
     slot: int
@@ -159,11 +161,13 @@ class SharedPicture:
 
 
 class PictureSlots:
-    """One side of the memory.
+    """One side of the shared memory.
 
-    A slot belongs to one process at a time: to the reader from the message that a picture lies in it until the message
-    that gives it back. Whoever makes the memory says its name to the other; that it is called so is forgotten as soon
-    as both have it, and it goes with the last of them, whatever ends that.
+    A slot belongs to one process at a time: the reader owns it from the message about a new image until it returns the
+    slot.
+    The creator of the memory sends its name to the other process. The name is removed as soon as both have it, so the
+    memory
+    is freed with the last of them, however it ends.
     """
 
     def __init__(self, cameras: Sequence[Camera], memory: SharedMemory) -> None:
@@ -182,22 +186,22 @@ class PictureSlots:
 
     @classmethod
     def make(cls, cameras: Sequence[Camera]) -> tuple[PictureSlots, Room]:
-        """Make the memory; returns what the other process needs to enter it."""
+        """Create the memory; return it with the data that the other process needs to open it."""
         memory = SharedMemory(create=True, size=max(1, SLOTS * sum(map(_bytes, cameras))))
         return cls(cameras, memory), Room(tuple(cameras), memory.name)
 
     @classmethod
     def enter(cls, room: Room) -> PictureSlots:
-        """Enter what another process has made."""
+        """Open memory that another process has created."""
         memory = SharedMemory(room.name)
         memory.unlink()
         return cls(room.cameras, memory)
 
     def put(self, frame: CameraFrame) -> SharedPicture | None:
-        """Put a picture into a slot; None where all of them wait.
+        """Copy an image into a free slot; return None if there is none.
 
         Raises:
-            GenSim2Error: it has another size than its camera.
+            GenSim2Error: the image has another size than its camera's.
         """
         free = self._free[frame.camera]
         if not free:
@@ -210,23 +214,23 @@ class PictureSlots:
         return SharedPicture(frame.camera, free.pop(), frame.number, frame.captured, frame.serial)
 
     def take(self, picture: SharedPicture) -> CameraFrame:
-        """Return a copy of a picture; its slot is to be given back."""
+        """Return a copy of an image; its slot must then be returned."""
         depth, colors = self._slots[picture.camera][picture.slot]
         return CameraFrame(
             picture.camera, picture.number, picture.captured, depth.copy(), colors.copy(), picture.serial
         )
 
     def free(self, picture: SharedPicture) -> None:
-        """Its slot was given back."""
+        """Note that a slot was returned."""
         self._free[picture.camera].append(picture.slot)
 
     def close(self) -> None:
-        """Leave the memory."""
+        """Close the memory."""
         self._slots.clear()
         self._memory.close()
 
 
 def _bytes(camera: Camera) -> int:
-    """Bytes of a slot; depth begins at an even one."""
+    """Return the size of a slot in bytes, which is even so that 2-byte depth values stay aligned."""
     pixels = camera.height * camera.width
     return BYTES * pixels + pixels % 2

@@ -1,6 +1,6 @@
-"""Processes of devices; simulated arm and controller in theirs, by the machine's clock. Nothing here waits for them.
+"""Processes of devices; simulated arm and controller with the machine's clock. No call blocks.
 
-A signal that is meant for the whole group ends only the one that watches: it lets the others go when the arm stands.
+Stop signals to the process group only end the supervising process, which ends the others after the arm has stopped.
 """
 
 from __future__ import annotations
@@ -37,24 +37,26 @@ PRELOAD = (
     "gensim2.sim.sapien_scene",
 )
 SLIP = 0.2
-"""Seconds that the simulated time may be behind and still catch up."""
+"""Largest delay (s) of the simulated time that is caught up."""
 
 ENDING = 3.0
-"""Seconds within which a process must end when it is told to."""
+"""Time limit for a process to end on request, s."""
 KILLED = 1.0
-"""Seconds within which a killed process ends, unless the kernel itself waits for a device of its."""
+"""Time limit for a killed process to end, s, unless the kernel itself waits for a device."""
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 _GONE = (EOFError, OSError)
 
 
 class DeviceProcess:
-    """A process and the pipe to it. Nothing here waits for what the process does.
+    """A process and the pipe to it; no call waits for the process.
 
     Args:
-        what: it is, for people.
-        target: runs there, with the other end of the pipe and the arguments; a GenSim2Error of it is told.
-        arguments: of it.
+        what: name for messages.
+        target: function that runs in the process, with the other end of the pipe and the arguments; its GenSim2Error is
+            sent
+            back.
+        arguments: its arguments.
     """
 
     def __init__(self, what: str, target: Callable[..., None], *arguments: Any) -> None:
@@ -69,11 +71,11 @@ class DeviceProcess:
         theirs.close()
 
     def drain(self) -> list[Any]:
-        """Return the messages that came.
+        """Return the messages that have arrived.
 
         Raises:
             DeviceGoneError: the process has ended, or does not answer.
-            GenSim2Error: the process says why it cannot go on.
+            GenSim2Error: error sent by the process.
         """
         found = self.pipe.drain()
         for message in found:
@@ -82,25 +84,23 @@ class DeviceProcess:
         return found
 
     def tell(self, message: Any) -> None:
-        """Send a message; what cannot be sent shows at the next :meth:`drain`."""
+        """Send a message; a failure is raised by the next :meth:`drain`."""
         self.pipe.tell(message)
 
     @property
     def is_alive(self) -> bool:
-        """Whether it runs."""
         return self._process.is_alive()
 
     @property
     def pid(self) -> int | None:
-        """Number of the process."""
         return self._process.pid
 
     def kill(self) -> None:
-        """End it without a word."""
+        """Kill the process."""
         self._process.kill()
 
     def close(self) -> None:
-        """Let it end, or end it, within four seconds."""
+        """End the process, by force if necessary, within four seconds."""
         self.tell(None)
         self._process.join(timeout=ENDING)
         if self._process.is_alive():
@@ -124,18 +124,15 @@ def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> No
         return  # whom it worked for has ended
 
 
-# ------------------------------------------------------------------------- arm
-
-
 class ProcessArm:
-    """The simulated arm in its process.
+    """The simulated arm in its own process.
 
     Args:
-        scene: what the scenes follow from.
+        scene: settings of the scenes.
 
     Attributes:
-        goal, at_rest: whether the task's goal held, and the scene was at rest, at the last look.
-        eyes, truth: ends of pipes by which cameras and a privileged controller ask the world.
+        goal, at_rest: whether the goal held and the scene was at rest at the last check.
+        eyes, truth: pipe ends by which cameras and a privileged controller ask for the world's state.
     """
 
     def __init__(self, scene: SceneConfig) -> None:
@@ -147,7 +144,7 @@ class ProcessArm:
         self._wanted, self._episode = 0, -1
 
     def poll(self) -> Sequence[ArmState]:
-        """States that came."""
+        """Return the states received since the last call."""
         found: list[ArmState] = []
         for kind, value in self._process.drain():
             if kind == "states":
@@ -160,29 +157,25 @@ class ProcessArm:
         return found
 
     def send(self, q: Array, gripper: float, t: float) -> None:
-        """Targets for the time t."""
         self._process.tell(("send", q, gripper, t))
 
     def stand(self) -> None:
-        """Stop where the arm is."""
         self._process.tell(("stand",))
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """A fresh scene; ``is_ready`` says when it is there."""
+        """Start a new scene; ``is_ready`` tells when it is finished."""
         self._wanted += 1
         self._process.tell(("reset", seed, options))
 
     @property
     def is_ready(self) -> bool:
-        """Whether the scene of the last reset is there."""
+        """Whether the scene of the last reset is ready."""
         return self._episode == self._wanted
 
     def fail(self, fault: str) -> None:
-        """Let it fail from now on."""
         self._process.tell(("fault", fault))
 
     def close(self) -> None:
-        """End the process."""
         self._process.close()
 
 
@@ -233,18 +226,18 @@ def _answer_world(pipe: MessagePipe, world: Any, now: float) -> None:
 
 
 class ProcessTruth:
-    """Truth of a simulated world in its own process."""
+    """True state of a simulated world in another process."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe
 
     def measure(self) -> Measurement:
-        """Measure objects and gripper at the present instant, in the world frame."""
+        """Measure objects and gripper in the world frame."""
         found: Measurement = self._ask("measure")
         return found
 
     def scene_state(self) -> Scene:
-        """The scene as a planner sees it."""
+        """Return the scene for a planner."""
         found: Scene = self._ask("scene")
         return found
 
@@ -256,15 +249,12 @@ class ProcessTruth:
             raise GenSim2Error("the simulated world is gone") from error
 
 
-# ------------------------------------------------------------------ controller
-
-
 class ProcessMind:
-    """A controller in a process of its own.
+    """A controller in its own process.
 
     Args:
-        spec: how it is made.
-        world: end of the pipe by which a privileged one asks the simulated world; None: there is none.
+        spec: recipe of the controller.
+        world: pipe end by which a privileged controller asks for the simulated world's state; None for others.
     """
 
     def __init__(self, spec: MindSpec, world: Connection | None) -> None:
@@ -274,7 +264,7 @@ class ProcessMind:
         self._gone = False
 
     def send(self, message: Begin | Question) -> None:
-        """Say or ask something; what finds no room, as earlier questions were not looked at, has no answer."""
+        """Send a message or a request; a request without free image slots gets no answer."""
         if isinstance(message, Begin):
             self._process.tell(message)
             return
@@ -287,7 +277,7 @@ class ProcessMind:
                 self._slots.free(picture)
 
     def poll(self) -> Sequence[ControllerAnswer]:
-        """Answers that came.
+        """Return the answers received since the last call.
 
         Raises:
             GenSim2Error: the controller cannot be made.
@@ -314,14 +304,12 @@ class ProcessMind:
         return not self._gone and self._process.is_alive
 
     def fail(self, fault: str) -> None:
-        """Let it fail from now on."""
         if fault == "policy-killed":
             self._process.kill()
         else:
             self._process.tell(fault)
 
     def close(self) -> None:
-        """End the process."""
         self._process.close()
         if self._slots is not None:
             self._slots.close()

@@ -1,4 +1,4 @@
-"""An arm that goes where a loop elsewhere sends it, behind the same limits and the same watch."""
+"""An arm that follows another program's targets, with the same limits and watchdog."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from gensim2_robot.session import PATIENCE, Layout, Session
 from gensim2_robot.watch import State
 
 READY = PATIENCE + 30.0
-"""Seconds to wait for devices: longer than a session does, which then says what is lacking."""
+"""Time limit for devices to become ready, s, longer than a session's, which then reports what is missing."""
 
 
 class HaltedError(GenSim2Error):
-    """The watch has held or stopped the arm."""
+    """The watchdog has held or stopped the arm."""
 
 
 class GivenActions:
-    """A mind whose actions are given from outside, the last one before each question; without one it is silent."""
+    """Controller connection whose actions are set from outside, the last one before each request."""
 
     is_alive = True
     is_ready = True
@@ -45,17 +45,17 @@ class GivenActions:
         self._lock = threading.Lock()
 
     def give(self, action: npt.NDArray[np.float32]) -> None:
-        """Take the action for the next question."""
+        """Set the action for the next request."""
         with self._lock:
             self._action = action
 
     def send(self, message: Begin | Question) -> None:
-        """Note a question."""
+        """Remember a request."""
         if isinstance(message, Question):
             self._question = message
 
     def poll(self) -> Sequence[ControllerAnswer]:
-        """The answer to the question, once there is an action."""
+        """Return the answer to the request once there is an action."""
         with self._lock:
             if self._question is None or self._action is None:
                 return ()
@@ -65,26 +65,27 @@ class GivenActions:
         return (answer,)
 
     def fail(self, fault: str) -> None:
-        """Nothing here can be made to fail."""
+        """Refuse, because given actions have no faults."""
         raise InputError("actions that are given have no faults", field="fault")
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing."""
 
 
 class Puppet:
-    """A line in a thread of its own; each target is for the next tenth of a second.
+    """A control loop in its own thread; each target is for the next tenth of a second.
 
-    The watch holds where a target does not come within 200 ms while the arm moves, as it does with any controller.
+    The watchdog holds the arm if no target arrives within 200 ms while it moves, as with any controller.
 
     Args:
-        task: whose scene a simulated arm stands before.
-        move: whether anything is sent to the arm.
-        line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`; a
-            ``policy`` has no say.
+        task: task whose scene a simulated arm works in.
+        move: whether to send commands to the arm.
+        line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`;
+            ``policy`` is
+            ignored.
 
     Raises:
-        InputError: an argument cannot be used.
+        InputError: an argument is invalid.
     """
 
     def __init__(self, task: str = "CloseBox", *, move: bool = False, **line: Unpack[LineArguments]) -> None:
@@ -105,21 +106,21 @@ class Puppet:
 
     @property
     def cameras(self) -> Mapping[str, tuple[int, int]]:
-        """Height and width of the pictures, by camera."""
+        """Height and width of the images by camera."""
         there = self._prepared.cameras if self._there is None else self._there.devices.cameras.cameras
         seen = self._prepared.seen.cameras
         return {camera.name: (camera.height, camera.width) for camera in there if camera.name in seen}
 
     @property
     def is_connected(self) -> bool:
-        """Whether the arm takes targets."""
+        """Whether the arm accepts targets."""
         return self._begun.is_set() and self._error is None and not self._over.is_set()
 
     def connect(self) -> None:
-        """Open the devices and take the arm over where it stands; what fails is closed, and may be tried again.
+        """Open the devices and take control of the arm at its position; after a failure everything is closed.
 
         Raises:
-            HaltedError: they are not ready, or the arm stands where it may not be.
+            HaltedError: the devices are not ready, or the arm is outside its limits.
             DriverError: a device cannot be opened.
         """
         self._over.clear()
@@ -135,24 +136,24 @@ class Puppet:
             failed.pop_all()
 
     def state(self) -> ArmState:
-        """The arm's last word.
+        """Return the arm's last state.
 
         Raises:
-            HaltedError: the watch has held or stopped the arm.
+            HaltedError: the watchdog has held or stopped the arm.
         """
         found = self._require().line.arm.state()
         assert found is not None, "the arm has said where it stands"
         return found
 
     def frames(self) -> Mapping[str, CameraFrame]:
-        """The newest picture of each camera."""
+        """Return the newest image of each camera."""
         return dict(self._require().line.frames)
 
     def send(self, q: npt.ArrayLike, gripper: float) -> Array:
-        """Ask for (m,) joints and a gripper from -1 to 1; return the joints that the arm was sent last.
+        """Request joints (m,) and a gripper command from -1 to 1; return the joints of the last command.
 
         Raises:
-            HaltedError: the watch has held or stopped the arm.
+            HaltedError: the watchdog has held or stopped the arm.
         """
         there = self._require()
         self._mind.give(np.append(np.asarray(q, dtype=np.float32), np.float32(gripper)))
@@ -160,7 +161,7 @@ class Puppet:
         return there.line.arm.joints(self.state().q) if sent is None else sent.q.copy()
 
     def close(self) -> None:
-        """Let the arm come to rest, and leave it."""
+        """Bring the arm to rest and disconnect it."""
         self._over.set()
         if self._thread is not None:
             self._thread.join(timeout=10.0)

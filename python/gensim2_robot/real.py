@@ -1,4 +1,4 @@
-"""Real devices from what a command line says, and cameras in a process of their own."""
+"""Open real devices by their command-line names; cameras run in their own process."""
 
 from __future__ import annotations
 
@@ -23,29 +23,30 @@ if TYPE_CHECKING:
     from gensim2_robot.drivers.realsense import RealSenseCameras
 
 OPENING = 60.0
-"""Seconds within which cameras must be open."""
+"""Time limit for cameras to open, s."""
 POLL = 0.002
-"""Seconds between two looks for pictures."""
+"""Time between two polls for images, s."""
 
 
 class ProcessCameras:
-    """Cameras in a process of their own.
+    """Cameras in their own process.
 
     Args:
-        make: makes their driver there: ``cameras``, ``serials``, ``poll()``, ``close()``, and ``fail(fault)`` where it
-            can be told to.
-        arguments: of ``make``; all of it must travel to another process.
-
-        interrupted: numbers of signals that have asked to stop; once there is one, opening ends.
+        make: function that makes their driver in the process, with ``cameras``, ``serials``, ``poll()``, ``close()``,
+            and
+            optionally ``fail(fault)``.
+        arguments: picklable arguments of ``make``.
+        interrupted: received stop signals; once there is one, opening ends.
 
     Attributes:
-        cameras: that there are, as their driver says.
-        serials: numbers of their devices, by name.
+        cameras: cameras as reported by their driver.
+        serials: serial numbers of their devices, by name.
 
     Raises:
-        GenSim2Error: as ``make`` raises it.
-        DeviceGoneError: ``make`` raises anything else, the process has ended, the cameras are not open within 60 s, or
-            a signal asked to stop.
+        GenSim2Error: raised by ``make``.
+        DeviceGoneError: ``make`` raised another exception, the process has ended, the cameras did not open within 60 s,
+            or a
+            signal asked to stop.
     """
 
     def __init__(self, make: Callable[..., Any], *arguments: Any, interrupted: Sequence[int] = ()) -> None:
@@ -73,7 +74,7 @@ class ProcessCameras:
         return found
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Return the pictures that came.
+        """Return the images received since the last call.
 
         Raises:
             DeviceGoneError: the driver has failed, or the process has ended or does not answer.
@@ -86,11 +87,9 @@ class ProcessCameras:
         return found
 
     def fail(self, fault: str) -> None:
-        """Let them fail from now on."""
         self._process.tell(fault)
 
     def close(self) -> None:
-        """End the process."""
         self._process.close()
         self._slots.close()
 
@@ -131,13 +130,12 @@ def open_arm(word: str, profile: RobotProfile) -> StreamedArm:
     """Connect to an arm.
 
     Args:
-        word: ``franka:HOST``, ``panda:HOST``, ``ur:HOST`` or ``xarm:HOST``, as a
-            :class:`~gensim2_robot.config.LineConfig` has it.
-        profile: of the robot.
+        word: ``franka:HOST``, ``panda:HOST``, ``ur:HOST`` or ``xarm:HOST``, as in
+            :class:`~gensim2_robot.config.LineConfig`.
 
     Raises:
         MissingExtraError: the maker's library is not installed.
-        DriverError: the arm cannot be connected to.
+        DriverError: the connection fails.
     """
     kind, _, host = word.partition(":")
     if kind == "franka":
@@ -160,18 +158,18 @@ def open_arm(word: str, profile: RobotProfile) -> StreamedArm:
 def open_cameras(
     source: CameraSource, there: Sequence[Camera], rate: float, interrupted: Sequence[int] = ()
 ) -> ProcessCameras:
-    """Open RealSense cameras, or recordings, in a process of their own.
+    """Open RealSense cameras or recordings in their own process.
 
     Args:
-        source: with their devices or files.
-        there: cameras by their names, with pixels and a first guess of their poses.
-        rate: pictures a second; recordings give what they have.
-        interrupted: numbers of signals that have asked to stop; once there is one, opening ends.
+        source: source with devices or files.
+        there: cameras by name, with image sizes and a first guess of their poses.
+        rate: frame rate, Hz; recordings have their own.
+        interrupted: received stop signals; once there is one, opening ends.
 
     Raises:
-        InputError: a name is none of theirs, a file is no recording, or only some of them are logs of the line.
+        InputError: a camera is unknown, a file is not a recording, or logs of runs are mixed with other files.
         MissingExtraError: the maker's library is not installed.
-        DriverError: a device is not there.
+        DriverError: a device is not connected.
     """
     known = {camera.name: camera for camera in there}
     for name in source.devices:
@@ -191,7 +189,7 @@ def open_cameras(
 
 
 def realsense_cameras(source: CameraSource, cameras: Sequence[Camera], rate: int) -> RealSenseCameras:
-    """Open RealSense cameras, or recordings of them, in this process; see :func:`open_cameras`."""
+    """Open RealSense cameras or their recordings in this process; see :func:`open_cameras`."""
     from gensim2_robot.drivers.realsense import RealSenseCameras, connected, recorded
 
     if source.kind == "recording":
@@ -202,18 +200,18 @@ def realsense_cameras(source: CameraSource, cameras: Sequence[Camera], rate: int
 
 
 def logged_cameras(source: CameraSource, cameras: Sequence[Camera]) -> LoggedCameras:
-    """Open logs of the line in this process; see :func:`open_cameras`."""
+    """Open logs of runs in this process; see :func:`open_cameras`."""
     from gensim2_robot.drivers.logged import LoggedCameras
 
     return LoggedCameras(cameras, {name: Path(file) for name, file in source.devices.items()})
 
 
 class ByHand:
-    """A table that a person sets and judges: nothing is known of the goal, nor whether the scene is at rest."""
+    """A scene that a person lays out and judges: goal and rest are unknown."""
 
     is_ready = True
     goal: bool | None = None
     at_rest: bool | None = None
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """A person has laid everything out."""
+        """Do nothing, because a person lays out the scene."""

@@ -1,4 +1,4 @@
-"""``gensim2 robot run``: episodes on an arm until the time is over or something ends them, and what came of it."""
+"""``gensim2 robot run``: run episodes on an arm until time or an event ends them, and report the results."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from gensim2_robot.session import Layout, Session, result
 from gensim2_robot.watch import Watch
 
 ENDLESS = 100_000
-"""Episodes of a run that is bounded by its time alone."""
+"""Number of episodes of a run that only its time limits."""
 MAX_MINUTES = 1e5
-"""Of a run."""
+"""Longest run, minutes."""
 
 
 def run(
@@ -40,26 +40,25 @@ def run(
     progress: Progress = NULL_PROGRESS,
     **line: Unpack[LineArguments],
 ) -> dict[str, Any]:
-    """Let a policy, or the planner's chain, drive an arm through the deployed line.
+    """Run a policy or the planner on an arm.
 
     Args:
-        task: name of a library task, or a folder that holds one.
-        minutes: after which no episode goes on.
-        episodes: at most; None: as many as there is time for, and one where a person would have to lay out the next.
-            A real arm that is moved makes no more than one.
-        faults: of the devices.
-        log: folder of the log; None: nothing is written down.
-        keys: of a person, who resumes or stops.
-        watching: whoever else is told of everything.
-        progress: is told of episodes.
+        task: name of a library task, or a folder with one.
+        minutes: time limit of the run.
+        episodes: largest number of episodes; None: as many as there is time for, and one if a person must lay out the
+            scene. A moved real arm runs only one.
+        faults: faults to inject.
+        log: folder of the log; None for no log.
+        keys: keyboard of a person who resumes or stops.
+        watching: further logs.
         line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`.
 
     Returns:
         Plain data: docs/guides/robot.md.
 
     Raises:
-        InputError: an argument cannot be used.
-        MissingExtraError: what is needed is not installed.
+        InputError: an argument is invalid.
+        MissingExtraError: a package is not installed.
     """
     if not 0.0 < minutes < MAX_MINUTES:
         raise InputError(f"must be positive and less than {MAX_MINUTES:g}, is {minutes}", field="minutes")

@@ -1,4 +1,4 @@
-"""Episodes on one line until the time is over or something ends them, and the figures of all of it."""
+"""Run episodes on one control loop until time or an event ends them, and collect the results."""
 
 from __future__ import annotations
 
@@ -28,51 +28,51 @@ from gensim2_robot.log_messages import About
 from gensim2_robot.watch import State, Watch
 
 PATIENCE = 120.0
-"""Seconds within which devices and controller must be ready."""
+"""Time limit for devices and controller to become ready, s."""
 MEETING = 2.0
-"""Seconds within which questions come to meet pictures; after that an episode begins all the same."""
+"""Time (s) in which requests are aligned with images; after it an episode starts in any case."""
 COMING_TO_REST = 3.0
-"""Seconds within which a held or stopped arm stands."""
+"""Time limit for a held or stopped arm to come to rest, s."""
 RESUME = "r"
 
 
 def _said(arm: object) -> str:
-    """What a driver says of its trouble, where it says something."""
+    """Return a driver's error as a suffix of a message, if it has one."""
     trouble = getattr(arm, "trouble", None)
     return f": {trouble}" if trouble else ""
 
 
 class SceneStage(Protocol):
-    """Whoever lays a scene out, and may know whether the goal holds."""
+    """Lays out scenes, and may know whether the goal holds."""
 
     @property
     def is_ready(self) -> bool:
-        """Whether the scene of the last reset is there."""
+        """Whether the scene of the last reset is ready."""
         ...
 
     @property
     def goal(self) -> bool | None:
-        """Whether the task's goal holds; None: only a person can tell."""
+        """Whether the goal holds; None if only a person can tell."""
         ...
 
     @property
     def at_rest(self) -> bool | None:
-        """Whether the scene is at rest; None: only a person can tell."""
+        """Whether the scene is at rest; None if only a person can tell."""
         ...
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """Begin to lay out a fresh scene; ``options`` take the place of what the seed would draw."""
+        """Start to lay out a new scene; ``options`` replace random values."""
         ...
 
 
 @dataclass
 class Devices:
-    """All that a line goes between.
+    """All devices of a control loop.
 
     Attributes:
-        arm, cameras, mind, clock: as a line takes them.
-        stage: who lays scenes out.
-        failing: makes a device fail by the first word of a fault; real ones fail by themselves.
+        arm, cameras, mind, clock: as for the loop.
+        stage: lays out scenes.
+        failing: functions that inject a fault, by the first word of its name; real devices have none.
     """
 
     arm: ArmDriver
@@ -83,7 +83,7 @@ class Devices:
     failing: Mapping[str, Callable[[str], None]] = field(default_factory=dict)
 
     def close(self) -> None:
-        """Give up all of it, whatever fails meanwhile."""
+        """Close all devices, even if some fail to close."""
         with contextlib.ExitStack() as last_first:
             for each in (self.arm, self.cameras, self.mind):
                 last_first.callback(each.close)
@@ -91,11 +91,11 @@ class Devices:
 
 @dataclass(frozen=True)
 class Layout:
-    """A scene that is to be laid out.
+    """A scene to lay out.
 
     Attributes:
-        seed: of what is drawn.
-        options: of the reset; they take the place of what the seed would draw.
+        seed: seed of its random values.
+        options: reset options, which replace random values.
     """
 
     seed: int
@@ -107,11 +107,11 @@ class Ended:
     """End of an episode.
 
     Attributes:
-        goal: whether the goal held at the end; None: only a person can tell.
-        over: the controller had nothing more to do; else the goal had held for long enough, or the time was over.
-        seconds: that it took.
-        at_rest: whether the scene was at rest at the end; None: only a person can tell.
-        lost: the goal had held for long enough, and was lost while the scene settled.
+        goal: whether the goal held at the end; None if only a person can tell.
+        over: whether the controller was done; otherwise the goal had held long enough, or the time was over.
+        seconds: duration, s.
+        at_rest: whether the scene was at rest at the end; None if only a person can tell.
+        lost: whether the goal had held long enough but was lost while the scene settled.
     """
 
     goal: bool | None
@@ -122,7 +122,7 @@ class Ended:
 
     @property
     def held(self) -> bool | None:
-        """Whether the goal held in a scene at rest; None: only a person can tell."""
+        """Whether the goal held in a scene at rest; None if only a person can tell."""
         return None if self.goal is None else self.goal and self.at_rest is not False
 
     @property
@@ -136,10 +136,10 @@ class Ended:
 
 
 class Session:
-    """Episodes on one line.
+    """Episodes on one control loop.
 
     Attributes:
-        in_episode: whether an episode has begun and not come to its end.
+        in_episode: whether an episode is running.
     """
 
     def __init__(
@@ -164,8 +164,6 @@ class Session:
         self._scheduling: str | None = None
         self.in_episode = False
 
-    # ------------------------------------------------------------------ course
-
     def run(
         self,
         seconds: float,
@@ -174,13 +172,13 @@ class Session:
         goal_ends: bool,
         ended: Callable[[Ended], None] = lambda end: None,
     ) -> None:
-        """Episodes until there is no more layout, the time is over, a person or a fault ends them.
+        """Run episodes until the layouts or the time end, or a person or a fault ends them.
 
         Args:
-            seconds: after which no episode goes on.
-            layouts: of the episodes; the next is asked for when the one before is over.
-            goal_ends: an episode is over when its goal has held for a while, and still does once the scene has settled.
-            ended: is told of each that came to its end.
+            seconds: time limit, s.
+            layouts: scenes of the episodes; the next one is requested after the previous episode.
+            goal_ends: end an episode when its goal has held for a while and still holds after settling.
+            ended: callback after each finished episode.
         """
         try:
             with self._devices.clock.punctual() as self._scheduling:
@@ -210,7 +208,7 @@ class Session:
                 return
 
     def prepare(self, layout: Layout) -> bool:
-        """A fresh scene, and pictures of it; whether the episode can begin."""
+        """Lay out a scene and wait for images of it; return whether the episode can start."""
         line, devices = self._line, self._devices
         line.forget()
         devices.stage.reset(layout.seed, layout.options)
@@ -237,7 +235,7 @@ class Session:
                 return False
 
     def _lacking(self, names: Sequence[str], now: float) -> str:
-        """What an episode cannot begin without."""
+        """Return what is missing for the start of an episode."""
         line, devices = self._line, self._devices
         if not devices.stage.is_ready:
             return "the scene is not laid out"
@@ -254,10 +252,10 @@ class Session:
         return f"pictures of camera {slowest} are {old:.0f} ms old, the arm's last word is {word:.0f}"
 
     def _episode(self, end: float, goal_ends: bool, ended: Callable[[Ended], None]) -> bool:
-        """Run one episode and count its outcome where it came to an end; return whether the time is over."""
+        """Run one episode and count its result if it ended; return whether the time is over."""
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         begun, held_since, lost = clock.now(), None, False
-        # Control steps are stretched by the speed, and so is the task's time.
+        # Slower control steps take longer, so the task's time limit is scaled as well.
         most = self._given.spec.max_seconds * self._devices.arm.profile.control_hz / line.pace
         most -= MAX_SETTLE_SECONDS if goal_ends else 0.0  # as in a rollout, the limit leaves time to settle
         while True:
@@ -296,7 +294,7 @@ class Session:
         return clock.now() - self._held_s > end
 
     def _settle(self) -> float | None:
-        """Let the arm hold until the episode may be judged; return the seconds of holds. None: one is not resumed."""
+        """Hold the arm until the episode may be evaluated; return the time of holds, s; None if one is not resumed."""
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         line.pause()
         since, sat_out = clock.now(), 0.0
@@ -309,7 +307,7 @@ class Session:
         return sat_out
 
     def _stand(self) -> None:
-        """Bring the arm to rest by the stop that was checked, and let it stand by its own means."""
+        """Bring the arm to rest by the checked stop, and release it."""
         line, until = self._line, self._devices.clock.now() + COMING_TO_REST
         while line.arm.sent is not None and not line.arm.sent.is_at_rest and self._devices.clock.now() < until:
             self._cycle()
@@ -357,7 +355,9 @@ class Session:
         self._progress.message(f"{change.state}: {change.reason}")
 
     def _sat_out(self, since: float) -> float | None:
-        """Seconds of a hold, from ``since`` until a person resumes it: no time of the task. None: it never is."""
+        """Return the duration of a hold from ``since``, which does not count as task time, or None if it is not
+        resumed.
+        """
         self._come_to_rest()
         if not self._resumed():
             return None
@@ -366,7 +366,7 @@ class Session:
         return held
 
     def _resumed(self) -> bool:
-        """Whether a person resumes what is held; without one, it stays held."""
+        """Return whether a person resumes a held arm; without a person it stays held."""
         line = self._line
         if line.watch.state is not State.HOLDING or self._keys is None or not self._keys.is_there:
             return False
@@ -383,8 +383,6 @@ class Session:
         assert self._line.commands is not None
         self._clips_passed += limits_passed(self._line.commands, self._line.arm.limits)
         self._line.commands = []
-
-    # ------------------------------------------------------------------ report
 
     def report(self, about: About, log: Path | None) -> dict[str, Any]:
         """Return the result as plain data."""
@@ -409,14 +407,14 @@ class Session:
 def result(
     about: About, log: Path | None, watch: Watch, figures: LoopFigures, interrupted: Sequence[int]
 ) -> dict[str, Any]:
-    """Return the result of a run that made no episode and sent no command, as plain data.
+    """Return the result of a run without episodes and commands, as plain data.
 
     Args:
-        about: of the line.
-        log: its folder, if there is one.
-        watch: with the reason for which the run ended.
-        figures: of the loop.
-        interrupted: numbers of the signals that asked to stop.
+        about: description of the loop.
+        log: folder of the log, if any.
+        watch: watchdog, with the reason for the end.
+        figures: measurements of the loop.
+        interrupted: received stop signals.
     """
     late = 1e3 * np.array(figures.late)
     return {

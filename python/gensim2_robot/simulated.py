@@ -1,4 +1,4 @@
-"""A simulated arm, a scene and cameras that see it."""
+"""A simulated arm, a scene, and simulated cameras."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from gensim2_robot.drivers.realsense import SoftwareCameras
 
 GOAL_EVERY = 10
-"""Cycles from one look at the goal to the next."""
+"""Cycles between two checks of the goal."""
 FORCE_CYCLES = 5
-"""Over which the force is the mean: contacts of a simulation are impulses."""
+"""Number of cycles over which the contact force is averaged, because simulated contacts are impulses."""
 LAG = 0.4
 """Delay (s) of a simulated arm with the fault `arm-lagging`."""
 _MODES: Mapping[str, ArmMode] = {"arm-reflex": "reflex", "arm-refusing": "refusing", "arm-at-limit": "at-limit"}
@@ -41,13 +41,13 @@ _MODES: Mapping[str, ArmMode] = {"arm-reflex": "reflex", "arm-refusing": "refusi
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """State rows of one instant, for simulated cameras.
+    """State of one instant, for simulated cameras.
 
     Attributes:
-        time: s.
-        episode: counts resets.
-        states: ManiSkill's ``env_states``, one row an array.
-        models: of the objects, by name.
+        time: time, s.
+        episode: number of resets.
+        states: ManiSkill's ``env_states``, one row per array.
+        models: models of the objects, by name.
         q: (n,) all active joints.
     """
 
@@ -59,10 +59,10 @@ class Rows:
 
 
 class SimulatedWorld:
-    """A headless world that goes by the wire's cycle, with an arm that may fail.
+    """A headless world that runs at the control loop's cycle, with an arm that may have faults.
 
     Args:
-        scene: what the scenes follow from.
+        scene: settings of the scenes.
     """
 
     def __init__(self, scene: SceneConfig) -> None:
@@ -80,11 +80,11 @@ class SimulatedWorld:
         self._looked: Measurement | None = None
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """A fresh scene; the arm takes commands again, whatever stopped it, unless its fault lasts.
+        """Make a new scene; the arm accepts commands again, unless a fault persists.
 
         Args:
-            seed: of what is drawn.
-            options: of the reset; they take the place of what the seed would draw.
+            seed: seed of random values.
+            options: reset options, which replace random values.
         """
         self._env.reset(seed, options)
         self.episode += 1
@@ -94,17 +94,17 @@ class SimulatedWorld:
         self._hold_here(OPEN)
 
     def send(self, q: Array, gripper: float, time: float) -> None:
-        """Targets of the arm's joints, (m,), and the gripper."""
+        """Accept targets of the arm's joints (m,) and the gripper."""
         delay = LAG if "arm-lagging" in self.faults else 0.0
         self._waiting.append((time + delay, np.append(q, gripper)))
 
     def stand(self) -> None:
-        """Stop where the arm is; targets are ignored until the next reset."""
+        """Stop the arm at its position; targets are ignored until the next reset."""
         self._stopped = True
         self._hold_here(float(self._action[-1]))
 
     def advance(self, now: float) -> None:
-        """One cycle, until ``now`` (s)."""
+        """Simulate one cycle, until ``now`` (s)."""
         mode: ArmMode = next((said for fault, said in _MODES.items() if fault in self.faults), "ready")
         if mode in ("reflex", "at-limit") and not self._stopped:
             self.stand()
@@ -118,7 +118,7 @@ class SimulatedWorld:
         self._said.append(ArmState(now, self._env.q, self._env.qvel, force, mode))
 
     def said(self, now: float) -> list[ArmState]:
-        """States that have come by now."""
+        """Return the states that have arrived by ``now``."""
         found = []
         delay = LAG if "arm-lagging" in self.faults else 0.0
         while self._said and self._said[0].time <= now - delay:
@@ -128,7 +128,7 @@ class SimulatedWorld:
         return found
 
     def rows(self, now: float) -> Rows:
-        """This instant for cameras."""
+        """Return the present state for cameras."""
         states = {
             kind: {name: row[None].copy() for name, row in group.items()} for kind, group in self._env.state().items()
         }
@@ -136,18 +136,18 @@ class SimulatedWorld:
         return Rows(now, self.episode, states, models, self._env.q)
 
     def measure(self) -> Measurement:
-        """The truth, in plain numbers."""
+        """Return the true measurement as plain numbers."""
         found = self._env.measure()
         return Measurement(**{**vars(found), "gripper": {name: np.array(at) for name, at in found.gripper.items()}})
 
     def scene_state(self) -> Scene:
-        """The whole scene as a planner sees it."""
+        """Return the scene for a planner."""
         return self._env.scene_state()
 
     def look(self) -> tuple[bool, bool]:
-        """Whether the task's goal holds in a stable scene, and whether the scene is at rest.
+        """Return whether the goal holds in a stable scene, and whether the scene is at rest.
 
-        To be called every ``GOAL_EVERY`` cycles: the scene is at rest where nothing moved since the last look.
+        Call it every ``GOAL_EVERY`` cycles; the scene is at rest if nothing has moved since the last call.
         """
         measured = self.measure()
         before, self._looked = self._looked, measured
@@ -164,22 +164,22 @@ class SimulatedWorld:
 
 
 RATE = 10.0
-"""Pictures a second of each camera."""
+"""Frame rate of each camera, Hz."""
 LATE = 0.3
-"""Seconds by which the pictures of a camera come late that is told to."""
+"""Delay of a camera's images under the fault ``camera-late``, s."""
 JUMP = 5.0
-"""Seconds by which a clock jumps."""
+"""Jump of a clock under a fault, s."""
 PASSING = 0.02
-"""Seconds that pictures may take through the maker's library before the next ones are taken."""
+"""Time limit for images to pass through the maker's library, s."""
 
 
 def simulated_serials(cameras: tuple[Camera, ...]) -> dict[str, str]:
-    """Numbers of the simulated devices, by camera."""
+    """Return the serial numbers of the simulated devices by camera."""
     return {camera.name: f"simulated-{camera.name}" for camera in cameras}
 
 
 def sized(cameras: tuple[Camera, ...], width: int, height: int) -> tuple[Camera, ...]:
-    """Cameras with so many pixels; what they see in height stays."""
+    """Return the cameras with another image size and the same vertical field of view."""
     found = []
     for camera in cameras:
         fov = 2.0 * np.arctan(0.5 * camera.height / camera.intrinsic[1, 1])
@@ -189,7 +189,7 @@ def sized(cameras: tuple[Camera, ...], width: int, height: int) -> tuple[Camera,
 
 
 def simulated_cameras(profile: RobotProfile, width: int, height: int) -> tuple[Camera, ...]:
-    """The fixed cameras of observations and the robot's own, with so many pixels; the latter in their links' frames."""
+    """Return the fixed cameras and the robot's own, with the given image size; the latter in their links' frames."""
     own = tuple(
         Camera(
             each.name,
@@ -206,13 +206,12 @@ def simulated_cameras(profile: RobotProfile, width: int, height: int) -> tuple[C
 
 
 class SimulatedCameras:
-    """Cameras that look at a simulated world.
+    """Cameras of a simulated world.
 
     Args:
-        profile: of the robot.
-        cameras: that there are.
-        seed: of their noise.
-        noise: on each picture; its errors of pose, depth and clock are drawn each episode, and nothing is told of them.
+        cameras: the cameras.
+        seed: seed of their noise.
+        noise: noise of each image; its unknown errors of pose, depth and clock are drawn for each episode.
     """
 
     def __init__(self, profile: RobotProfile, cameras: tuple[Camera, ...], seed: int, noise: DepthNoise = D435) -> None:
@@ -230,7 +229,7 @@ class SimulatedCameras:
         self.faults: set[str] = set()
 
     def prepare(self, models: Mapping[str, object], episode: int) -> None:
-        """Build what rays meet in an episode."""
+        """Build the ray casting scene of an episode."""
         draw = rng(self._seed, "errors of simulated cameras", episode)
         self._drawn = self._noise.drawn(draw)
         self._late = self._noise.time * float(draw.standard_normal())
@@ -243,7 +242,7 @@ class SimulatedCameras:
         self._episode = episode
 
     def take(self, rows: Rows) -> list[CameraFrame]:
-        """Pictures of one instant, as they come: a fault concerns the first camera, or the first two."""
+        """Return the images of one instant as they arrive; a fault affects the first camera, or the first two."""
         if rows.episode != self._episode:
             self.prepare(rows.models, rows.episode)
         scene = self._scene
@@ -270,7 +269,7 @@ class SimulatedCameras:
         return [each for frame in found for each in self._faulty(frame)]
 
     def _exchanged(self, one: CameraFrame, other: CameraFrame) -> tuple[CameraFrame, CameraFrame]:
-        """Each under the other's name; the devices' numbers go with them, unless they lie."""
+        """Exchange the images of two cameras, with their serial numbers unless the fault hides the exchange."""
         lie = "camera-mislabelled" in self.faults
         return tuple(
             replace(theirs, camera=own.camera, number=own.number, serial=own.serial if lie else theirs.serial)
@@ -302,23 +301,23 @@ class SimulatedCameras:
 
 
 class RenderedCameras:
-    """Simulated cameras that look at a world in another process, at their rate.
+    """Simulated cameras of a world in another process, at their frame rate.
 
     Args:
-        robot_name: of the robot.
-        cameras: that there are.
-        world: end of the pipe by which they ask for what is there.
-        seed: of their noise.
-        rate: pictures a second.
-        noise: on them.
-        through: pictures go through software devices of ``pyrealsense2``.
+        robot_name: name of the robot.
+        cameras: the cameras.
+        world: pipe end by which they ask for the world's state.
+        seed: seed of their noise.
+        rate: frame rate, Hz.
+        noise: noise of the images.
+        through: pass images through software devices of ``pyrealsense2``.
 
     Attributes:
-        cameras: that there are.
-        serials: numbers of their devices, by name.
+        cameras: the cameras.
+        serials: serial numbers of their devices, by name.
 
     Raises:
-        MissingExtraError: they are to, and it is not installed.
+        MissingExtraError: ``through`` is set and ``pyrealsense2`` is not installed.
     """
 
     def __init__(
@@ -342,7 +341,7 @@ class RenderedCameras:
         self._due = time.monotonic()
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Pictures of the present instant, where it is time for them."""
+        """Return images of the present instant when they are due."""
         if time.monotonic() < self._due:
             return []
         self._world.send("rows")
@@ -353,10 +352,9 @@ class RenderedCameras:
         return frames
 
     def fail(self, fault: str) -> None:
-        """Fail from now on."""
         self._taker.faults.add(fault)
 
     def close(self) -> None:
-        """Leave the software devices."""
+        """Close the software devices."""
         if self._devices is not None:
             self._devices.close()

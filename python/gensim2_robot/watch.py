@@ -1,6 +1,6 @@
-"""Supervision of the arm, as a state machine: idle, armed, running, holding, stopped.
+"""Watchdog of the arm, as a state machine: idle, armed, running, holding, stopped.
 
-A software stop, not safety-rated: docs/guides/robot.md.
+It is a software stop, not safety-rated: docs/guides/robot.md.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.limits import Sent
 
 TOLD_APART = 48
-"""Measurements in a row of a picture from which on noise does not repeat it."""
+"""Number of measurements in an image row from which on noise does not repeat it."""
 
 
 class State(StrEnum):
-    """State of a watch."""
+    """State of a watchdog."""
 
     IDLE = "idle"
     ARMED = "armed"
@@ -31,26 +31,27 @@ class State(StrEnum):
 
 
 class StateError(GenSim2Error):
-    """Transition that the present state does not allow."""
+    """A transition that the present state does not allow."""
 
 
 @dataclass(frozen=True)
 class WatchRules:
-    """Tolerances of the watch; seconds.
+    """Tolerances of the watchdog, in s unless stated otherwise.
 
     Attributes:
-        frame_age: of a picture that is used.
-        apart: between the newest pictures of two cameras.
-        no_action: from a question to the controller to its answer, where the arm moves in between.
-        thinking: the same where it stands all the while.
-        late_answers: in a row, all of whose actions are over when they come.
-        state_age: of the arm's last word.
-        behind: rad (m) by which the arm may lie off every command of the last ``window``, unless it is pressed on:
-            what blocks it is judged by the force.
-        pressed: N from which on it is.
-        window: of commands that the arm is compared with.
-        overrun: by which a period may be late without counting as an overrun.
-        overruns: of them in a row that stop the arm.
+        frame_age: largest age of a used image.
+        apart: largest time between the newest images of two cameras.
+        no_action: time limit of an answer while the arm moves.
+        thinking: time limit of an answer while the arm stands still.
+        late_answers: number of consecutive answers whose actions are all too late.
+        state_age: largest age of the arm's last state.
+        behind: largest distance (rad or m) of the arm from all commands of the last ``window``, unless a force acts on
+            it;
+            then the force limit applies instead.
+        pressed: contact force (N) from which on a force acts on the arm.
+        window: time of the commands that the arm is compared with.
+        overrun: tolerated delay of a period.
+        overruns: number of consecutive overruns that stop the arm.
     """
 
     frame_age: float = 0.150
@@ -71,10 +72,12 @@ class StateChange:
     """A change of state.
 
     Attributes:
-        time: s.
-        state: that follows.
-        reason: why, for people.
-        at_once: the arm stops by its own means; commands of a checked stop would come too late or are not taken.
+        time: time, s.
+        state: new state.
+        reason: reason in words.
+        at_once: whether the arm must stop by its own controller, because commands of a checked stop would be too late
+            or
+            refused.
     """
 
     time: float
@@ -85,13 +88,13 @@ class StateChange:
 
 @dataclass
 class Watch:
-    """The state machine. It is told what happens and says what state follows; it moves nothing itself.
+    """The watchdog's state machine, which gets events and determines the state but moves nothing itself.
 
-    Only a person resumes, and only what is held; what is stopped is begun anew.
+    Only a person can resume, and only from a hold; after a stop everything must be started again.
 
     Attributes:
-        rules: what it bears.
-        serials: number of the device that each camera is, by its name.
+        rules: tolerances.
+        serials: expected serial number by camera.
     """
 
     rules: WatchRules = field(default_factory=WatchRules)
@@ -104,7 +107,7 @@ class Watch:
         self.clear()
 
     def clear(self) -> None:
-        """Forget what was seen: an episode begins."""
+        """Forget the previous episode."""
         self._frames: dict[str, CameraFrame] = {}
         self._forget_motion()
 
@@ -115,10 +118,8 @@ class Watch:
         self._late_answers = 0
         self._overruns = 0
 
-    # ------------------------------------------------------------- transitions
-
     def arm(self, now: float) -> None:
-        """Everything is there; nothing moves yet."""
+        """Enter the state armed: everything is ready, and nothing moves yet."""
         self._require(State.IDLE)
         self._change(now, State.ARMED, "ready")
 
@@ -128,33 +129,33 @@ class Watch:
         self._change(now, State.RUNNING, "begun")
 
     def rest(self, now: float) -> None:
-        """An episode is over."""
+        """End an episode."""
         self._require(State.ARMED, State.RUNNING)
         self._change(now, State.IDLE, "episode over")
 
     def hold(self, now: float, reason: str) -> None:
-        """Come to rest and stand there under control; what is stopped stays so."""
+        """Come to rest and stay there under control, unless stopped already."""
         if self.state in (State.ARMED, State.RUNNING):
             self._change(now, State.HOLDING, reason)
 
     def stop(self, now: float, reason: str, *, at_once: bool = False) -> None:
-        """Stop, whatever there was before; ``at_once`` by the arm's own means."""
+        """Stop from any state; ``at_once`` by the arm's own controller."""
         if self.state is not State.STOPPED:
             self._change(now, State.STOPPED, reason, at_once)
 
     @property
     def stops_at_once(self) -> bool:
-        """Whether the arm is to stop by its own means."""
+        """Whether the arm must stop by its own controller."""
         return self.state is State.STOPPED and self.changes[-1].at_once
 
     def resume(self, now: float, person: str) -> None:
-        """Go on after a hold.
+        """Continue after a hold.
 
         Args:
-            person: who says so.
+            person: name of the person who resumes.
 
         Raises:
-            StateError: nothing is held, or no person resumes it.
+            StateError: nothing is held, or no person is named.
         """
         self._require(State.HOLDING)
         if not person:
@@ -170,12 +171,11 @@ class Watch:
         self.state, self.reason = state, reason
         self.changes.append(StateChange(now, state, reason, at_once))
 
-    # ------------------------------------------------------------ what is seen
-
     def saw_frame(self, frame: CameraFrame, now: float) -> None:
-        """A picture came.
+        """Check a received image.
 
-        No camera is without noise: the same picture twice is frozen, and one with rows of the picture before is torn.
+        Every camera has noise, so an identical image is frozen, and one that repeats rows of the previous image is
+        torn.
         """
         expected = self.serials.get(frame.camera)
         if expected is not None and frame.serial != expected:
@@ -195,7 +195,7 @@ class Watch:
         self._frames[frame.camera] = frame
 
     def saw_arm(self, state: ArmState, now: float) -> None:
-        """The arm said where it stands."""
+        """Check a received state of the arm."""
         why = f": {state.reason}" if state.reason else ""
         if state.mode == "reflex":
             self.stop(now, f"the arm has stopped by itself: reflex{why}", at_once=True)
@@ -207,35 +207,33 @@ class Watch:
             self.stop(now, "the arm says where it stands in no numbers")
 
     def sent(self, sent: Sent, time: float) -> None:
-        """A command was sent."""
+        """Remember a sent command."""
         self._commands = [each for each in self._commands if each[0] >= time - self.rules.window]
         self._commands.append((time, sent))
 
     def asked(self, now: float) -> None:
-        """The controller was asked."""
+        """Note a request to the controller."""
         if self._asked is None:
             self._asked, self._moved_since = now, False
 
     def answered(self) -> None:
-        """It has answered."""
+        """Note an answer of the controller."""
         self._asked = None
 
     def came(self, late: bool, now: float) -> None:
-        """Its actions came; ``late``: all of them are over. Thinking before a motion makes one answer late."""
+        """Note the arrival of actions; with ``late`` all of them are too late, as happens once when a motion starts."""
         self._late_answers = self._late_answers + 1 if late else 0
         if self._late_answers >= self.rules.late_answers:
             self.hold(now, f"no action from the controller in time, {self._late_answers} answers in a row")
 
     def period(self, late: float, now: float) -> None:
-        """A period of the loop began so much too late (s)."""
+        """Note that a period started ``late`` (s)."""
         self._overruns = self._overruns + 1 if late > self.rules.overrun else 0
         if self._overruns >= self.rules.overruns:
             self.stop(now, f"{self._overruns} periods in a row overran, the last by {1e3 * late:.0f} ms")
 
-    # ------------------------------------------------------------------- rules
-
     def check_frames(self, cameras: Sequence[str], now: float) -> None:
-        """Hold where a picture that is about to be used is missing, too old, or of another time than the others."""
+        """Hold if an image that is about to be used is missing, too old, or not from the time of the others."""
         times = []
         for name in cameras:
             frame = self._frames.get(name)
@@ -253,11 +251,11 @@ class Watch:
             )
 
     def check_arm(self, state: ArmState | None, arm: np.ndarray | None, now: float) -> None:
-        """Hold where the arm is silent, or is not where it was sent.
+        """Hold if the arm is silent or is not where it was sent.
 
         Args:
-            state: its last.
-            arm: (m,) of its joints.
+            state: last state.
+            arm: (m,) its joints.
         """
         if self.state is not State.RUNNING:
             return
@@ -270,10 +268,10 @@ class Watch:
                 self.hold(now, f"the arm lags: it is {off:.3f} rad from where it was sent")
 
     def check_answer(self, moves: bool, now: float) -> None:
-        """Hold where the controller has not answered in time."""
+        """Hold if the controller has not answered in time."""
         if self._asked is None or self.state is not State.RUNNING:
             return
-        # A motion that ran out of actions has come to rest by itself: it was cut short all the same.
+        # A motion that ran out of actions has stopped by itself, but it was still interrupted.
         self._moved_since |= moves
         waited = now - self._asked
         if waited > (self.rules.no_action if self._moved_since else self.rules.thinking):
@@ -281,5 +279,5 @@ class Watch:
 
 
 def _told_apart(rows: npt.NDArray[np.uint16]) -> int:
-    """Rows that hold enough measurements to be told apart by their noise."""
+    """Return the number of rows with enough measurements to be distinguished by their noise."""
     return int((np.count_nonzero(rows, axis=1) >= TOLD_APART).sum())

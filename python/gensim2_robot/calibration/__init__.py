@@ -1,1 +1,1 @@
-"""Calibration of cameras against the robot's own meshes or a board, as a dated file."""
+"""Calibrate cameras against the robot's meshes or a board, and store the result as a dated file."""

@@ -1,4 +1,4 @@
-"""Pose of a camera from pictures of a ChArUco board: A X = Z B in closed form, then by the corners."""
+"""Camera pose from images of a ChArUco board: solve A X = Z B in closed form, then minimize corner errors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LEAST_VIEWS = 4
 LEAST_CORNERS = 6
 DICTIONARY = "DICT_4X4_50"
 OUTLIER = 1.0
-"""Pixels from which on a corner counts less."""
+"""Error (pixels) from which on a corner has less weight."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Board:
     """A ChArUco board.
 
     Attributes:
-        columns, rows: of squares.
-        square, marker: sides, m.
+        columns, rows: number of squares.
+        square, marker: side lengths, m.
     """
 
     columns: int
@@ -43,10 +43,10 @@ class Board:
 
     @staticmethod
     def parse(text: str) -> Board:
-        """A board from ``COLUMNSxROWS:SQUARE:MARKER`` (m).
+        """Return a board from ``COLUMNSxROWS:SQUARE:MARKER`` (m).
 
         Raises:
-            InputError: it is none.
+            InputError: the text is invalid.
         """
         try:
             size, square, marker = text.split(":")
@@ -65,12 +65,12 @@ class Board:
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """Corners of a board in one picture.
+    """Corners of a board in one image.
 
     Attributes:
-        T_base_hand: (4, 4) pose of the hand when it was taken.
+        T_base_hand: (4, 4) pose of the hand.
         points: (k, 3) in the board's frame, m.
-        pixels: (k, 2), pixel centres at .5.
+        pixels: (k, 2), with pixel centres at .5.
     """
 
     T_base_hand: Array
@@ -83,9 +83,9 @@ class HandEye:
     """Result of a hand-eye calibration.
 
     Attributes:
-        camera: (4, 4) of the camera, in the hand's frame where the hand carries it, else in the base frame.
-        board: (4, 4) of the board, in the other of the two.
-        residual_px, held_out_px: median distance of corners from where they should be.
+        camera: (4, 4) pose of the camera, in the hand's frame if the hand carries it, else in the base frame.
+        board: (4, 4) pose of the board, in the other frame.
+        residual_px, held_out_px: median error of the corners in fitted and held-out images.
         residual_mm, held_out_mm: the same at the board's distance.
     """
 
@@ -98,7 +98,7 @@ class HandEye:
 
 
 def find_corners(colors: npt.NDArray[np.uint8], board: Board, T_base_hand: Array) -> Corners | None:
-    """Corners of the board in an (H, W, 3) picture; None: too few are seen."""
+    """Return the board's corners in an image (H, W, 3); None if too few are visible."""
     import cv2
 
     charuco = board.charuco()
@@ -107,21 +107,21 @@ def find_corners(colors: npt.NDArray[np.uint8], board: Board, T_base_hand: Array
     if ids is None or len(ids) < LEAST_CORNERS:
         return None
     points, pixels = charuco.matchImagePoints(corners, ids)
-    # OpenCV has its first pixel's centre at 0.
+    # OpenCV has the first pixel's centre at 0.
     return Corners(T_base_hand, points.reshape(-1, 3).astype(float), pixels.reshape(-1, 2).astype(float) + 0.5)
 
 
 def hand_eye(camera: Camera, views: Sequence[Corners], held_out: Sequence[Corners], *, carried: bool) -> HandEye:
-    """Find where a camera stands.
+    """Find the pose of a camera.
 
     Args:
-        camera: its intrinsics; no distortion is left in its pictures.
-        views: 4 or more, the hand turned about two axes at least between them.
-        held_out: 1 or more that judge.
-        carried: the hand carries the camera and the board stands still; else the hand holds the board.
+        camera: camera with its intrinsics; images must be undistorted.
+        views: 4 or more, between which the hand is rotated about at least two axes.
+        held_out: 1 or more, for validation.
+        carried: the hand carries the camera and the board is fixed; otherwise the hand holds the board.
 
     Raises:
-        InputError: there are too few pictures, or the hand was not turned.
+        InputError: there are too few images, or the hand was not rotated.
     """
     if len(views) < LEAST_VIEWS or not held_out:
         raise InputError(f"needs {LEAST_VIEWS} pictures and one held out", field="views")
@@ -141,7 +141,7 @@ def hand_eye(camera: Camera, views: Sequence[Corners], held_out: Sequence[Corner
 
 
 def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
-    """X and Z of ``A_i X B_i = Z`` by Shah (2013): rotations by one singular value decomposition, then translations."""
+    """Return X and Z of ``A_i X B_i = Z`` by Shah (2013): rotations by one SVD, then translations."""
     K = sum((np.kron(b[:3, :3].T, a[:3, :3]) for a, b in zip(A, B, strict=True)), np.zeros((9, 9)))
     # vec(A X B) = (B^T kron A) vec(X) = vec(Z)
     U, values, Vt = np.linalg.svd(K)
@@ -163,7 +163,7 @@ def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
 
 
 def _board_pose(camera: Camera, view: Corners) -> Array:
-    """(4, 4) of the board in the camera's frame."""
+    """Return the board's pose (4, 4) in the camera's frame."""
     import cv2
 
     there, turn, shift = cv2.solvePnP(view.points, view.pixels, camera.intrinsic, None, flags=cv2.SOLVEPNP_ITERATIVE)
@@ -173,7 +173,7 @@ def _board_pose(camera: Camera, view: Corners) -> Array:
 
 
 def _off(camera: Camera, views: Sequence[Corners], x: Array, carried: bool) -> Array:
-    """(k, 2) pixels by which corners lie off where the poses have them."""
+    """Return the reprojection errors (k, 2) of the corners, pixels."""
     X, Z = _matrix(x[:6]), _matrix(x[6:])
     found = []
     for view in views:

@@ -1,4 +1,4 @@
-"""Calibrations as a dated file: what ``gensim2 robot calibrate`` writes and ``gensim2 robot run`` reads."""
+"""Files of calibrations, written by ``gensim2 robot calibrate`` and read by ``gensim2 robot run``."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from gensim2.core.record_files import read_record
 from gensim2.perception import Camera
 
 DAYS = 7.0
-"""Age from which on a calibration is stale, where nothing else is said."""
+"""Default age (days) from which on a calibration is refused."""
 REMEDY = "make it anew with gensim2 robot calibrate"
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class CameraCalibration(BaseModel):
-    """One camera.
+    """Calibration of one camera.
 
     Attributes:
-        serial: number of the device; empty: it says none.
+        serial: serial number of the device; empty if unknown.
         method: against the robot's meshes, or a board.
-        link: that carries it; None: it stands in the base frame.
-        pose: (4, 4) of the camera in that frame, m.
-        width, height, intrinsic: of the pictures it was made with.
-        scale, bias: true depth is ``scale`` times the measured one, plus ``bias`` (m).
-        residual_mm, held_out_mm: median errors in the pictures fitted to and in those held out.
+        link: link that carries it; None for a camera fixed in the base frame.
+        pose: (4, 4) pose of the camera in that frame, m.
+        width, height, intrinsic: of the images used.
+        scale, bias: true depth = ``scale`` * measured depth + ``bias`` (m).
+        residual_mm, held_out_mm: median errors in fitted and held-out images.
         links_mm: median error on each link of the robot.
     """
 
@@ -62,12 +62,12 @@ class CameraCalibration(BaseModel):
 
 
 class Calibration(BaseModel):
-    """All calibrated cameras of a robot.
+    """Calibration of all cameras of a robot.
 
     Attributes:
-        made: when, with its time zone.
+        made: date and time, with time zone.
         robot: name of the robot.
-        cameras: by name.
+        cameras: cameras by name.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -86,7 +86,7 @@ class Calibration(BaseModel):
         return self
 
     def write(self, path: Path) -> None:
-        """Write it, whole or not at all.
+        """Write the calibration atomically.
 
         Raises:
             WriteError: it cannot be written.
@@ -97,17 +97,18 @@ class Calibration(BaseModel):
 def read_calibration(
     path: Path, robot: str, cameras: Sequence[Camera], *, days: float = DAYS, now: datetime | None = None
 ) -> Calibration:
-    """A calibration that may be driven with.
+    """Read a calibration and check that it may be used.
 
     Args:
-        robot: that is driven.
-        cameras: that are looked through.
-        days: of age from which on it is stale.
-        now: the time; None: the machine's.
+        robot: name of the robot in use.
+        cameras: cameras in use.
+        days: largest age.
+        now: present time; None: the machine's.
 
     Raises:
-        InputError: it cannot be read, is of another robot, stale or of the future, or a camera is not in it, has other
-            pixels or hangs elsewhere.
+        InputError: the file cannot be read, is of another robot, too old or from the future, or a camera is missing,
+            has
+            another image size or is mounted elsewhere.
     """
     found = read_record(path, Calibration, REMEDY)
     if found.robot != robot:
@@ -123,15 +124,15 @@ def read_calibration(
 
 
 def require_calibrated(found: Calibration, cameras: Sequence[Camera], path: Path) -> None:
-    """Refuse cameras that a calibration is not of.
+    """Refuse cameras that do not fit a calibration.
 
     Args:
         found: the calibration.
-        cameras: that are looked through.
-        path: its file.
+        cameras: cameras in use.
+        path: file of the calibration.
 
     Raises:
-        InputError: a camera is not in it, has other pixels or hangs elsewhere.
+        InputError: a camera is missing, has another image size or is mounted elsewhere.
     """
     for camera in cameras:
         field = f"cameras.{camera.name}"
@@ -146,7 +147,7 @@ def require_calibrated(found: Calibration, cameras: Sequence[Camera], path: Path
 
 
 def calibrated(cameras: Sequence[Camera], calibration: Calibration) -> tuple[Camera, ...]:
-    """Cameras where the calibration says that they are."""
+    """Return the cameras with their calibrated poses, intrinsics and depth."""
     return tuple(
         replace(
             camera,
@@ -161,5 +162,5 @@ def calibrated(cameras: Sequence[Camera], calibration: Calibration) -> tuple[Cam
 
 
 def serials(calibration: Calibration) -> Mapping[str, str]:
-    """Numbers of the devices that were calibrated, where they say any."""
+    """Return the known serial numbers of the calibrated devices."""
     return {name: one.serial for name, one in calibration.cameras.items() if one.serial}

@@ -1,4 +1,4 @@
-"""Poses of cameras from the robot's own surface: a coarse search, a fine fit, held-out pictures as judge."""
+"""Camera poses from the robot's own surface: a coarse search, a fine fit, and validation by held-out images."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from gensim2_robot.calibration.surfaces import ArmView, RobotSurface, RobotView,
 Array = npt.NDArray[np.float64]
 
 FOCAL_BASELINE, DISPARITY_SIGMA = 21.25, 0.08
-"""px m and px: a stereo pair's expected error of depth, z^2 sigma / (f B)."""
+"""Expected depth error of a stereo pair, z^2 sigma / (f B): sigma (px), and f B (px m)."""
 
 
 @dataclass
 class Pose:
-    """Fitted pose."""
+    """Fitted pose, and depth calibration."""
 
     T: Array
     scale: float = 1.0
     bias: float = 0.0
 
     def moved(self, step: Array, center: Array) -> Pose:
-        """By (8,): a turn about ``center`` (rad), a shift (m), scale and bias."""
+        """Return the pose after a step (8,): rotation about ``center`` (rad), translation (m), scale and bias."""
         turn = Rotation.from_rotvec(step[:3]).as_matrix()
         T = self.T.copy()
         T[:3, :3] = turn @ T[:3, :3]
@@ -50,29 +50,31 @@ def placed_at(camera: Camera, pose: Pose) -> Camera:
 
 
 def tukey(residual: Array, scale: float) -> Array:
-    """Weights of Tukey's biweight, zero from 4.685 scales on."""
+    """Return the weights of Tukey's biweight, zero from 4.685 scales on."""
     share = np.clip(residual / (4.685 * scale), -1.0, 1.0)
     return np.asarray((1.0 - share**2) ** 2)
 
 
 COARSE_PIXELS = 96
-"""Width of the pictures that the coarse registration casts."""
+"""Width of the images in the coarse registration, pixels."""
 COARSE_POINTS = 400
-"""Measured points of each picture in the coarse registration."""
+"""Number of measured points of each image in the coarse registration."""
 FARTHEST = 3.0
-"""Metres within which the robot stands."""
+"""Largest distance of the robot from a camera, m."""
 APART = 0.04
-"""Metres before what is behind it from which on a pixel shows what has moved."""
+"""Distance (m) in front of the background from which on a pixel counts as moved."""
 LEAST_MOVED = 50
-"""Pixels that must have moved in a picture that the coarse registration uses."""
+"""Number of moved pixels that an image needs for the coarse registration."""
 TURN, MAX_STARTS = 0.2, 4
-"""Rad by which starts are turned, and how many of them are followed."""
+"""Rotation (rad) of further starts, and number of starts that are followed."""
 REACHES = (0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.035, 0.025, 0.02)
-"""Metres within which points are matched, round after round."""
+"""Largest distances (m) of matched points, in successive rounds."""
 
 
 def moved_pixels(depths: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.bool_]]:
-    """(H, W) of each picture: what stands before what other pictures show there, by more than noise; no lone pixels."""
+    """Return, for each image, the mask (H, W) of pixels in front of the background of the other images, without single
+    pixels.
+    """
     ordered = np.sort(depths, axis=0)
     behind = ordered[-2] if len(depths) > 3 else ordered[-1]  # one picture may be wrong there
     before = APART + 5.0 * expected_error(behind)
@@ -107,7 +109,7 @@ class Coarse:
         self._expected = 0.6 * depth / self._small.intrinsic[0, 0] + float(expected_error(np.array(depth)))
 
     def best(self) -> Pose:
-        """The registration that lies nearest to the surfaces, of several starts."""
+        """Return the registration of several starts that is closest to the surfaces."""
         found: list[tuple[float, Pose]] = []
         for start in self.start_poses():
             pose = self.register(start)
@@ -117,8 +119,7 @@ class Coarse:
         return min(found, key=lambda each: each[0])[1]
 
     def start_poses(self) -> list[Pose]:
-        """The guess, then the nearest to the surfaces of the guess turned about each axis and brought to the middles of
-        what moved."""
+        """Return the guess, and rotations of it about each axis, shifted to the moved points; the best ones first."""
         turned = []
         for rotvec in np.concatenate([np.zeros((1, 3)), TURN * np.eye(3), -TURN * np.eye(3)]):
             T = self._guess.T.copy()
@@ -127,7 +128,7 @@ class Coarse:
         return [self._guess, *sorted(turned, key=self.cost)[:MAX_STARTS]]
 
     def _to_middles(self, pose: Pose) -> Pose:
-        """Shifted so that what moved has its middles where the meshes' have them."""
+        """Return the pose shifted so that the mean of the moved points agrees with that of the meshes."""
         shifts = [
             surface.mean(axis=0) - (points @ pose.T[:3, :3].T + pose.T[:3, 3]).mean(axis=0)
             for points, (surface, _) in zip(self._points, self._model(pose), strict=True)
@@ -140,7 +141,7 @@ class Coarse:
         return Pose(T)
 
     def register(self, start: Pose) -> Pose:
-        """From a start to where the points lie on the surfaces."""
+        """Return the pose at which the points lie on the surfaces, from a start."""
         pose = start
         for reach in REACHES:
             model = self._model(pose)
@@ -152,7 +153,7 @@ class Coarse:
         return pose
 
     def cost(self, pose: Pose) -> float:
-        """Mean distance of points from the surfaces, 5 cm at most; m."""
+        """Return the mean distance (m) of the points from the surfaces, each limited to 5 cm."""
         found = []
         for points, (model, _) in zip(self._points, self._model(pose), strict=True):
             placed = points @ pose.T[:3, :3].T + pose.T[:3, 3]
@@ -160,7 +161,7 @@ class Coarse:
         return float(np.mean(found))
 
     def _model(self, pose: Pose) -> list[tuple[Array, Array]]:
-        """(k, 3) points and normals of each view that the meshes show to have moved."""
+        """Return points and normals (k, 3) of each view that should have moved according to the meshes."""
         camera = placed_at(self._small, pose)
         seen = [self._surface.see(camera, view.q) for view in self._views]
         behind = np.max([each.depth for each in seen], axis=0)
@@ -195,25 +196,28 @@ class Coarse:
 
 
 FINE_PIXELS = 6000
-"""Of each picture in the fine one."""
+"""Number of pixels of each image in the fine registration."""
 SCALE_SIGMA, BIAS_SIGMA = 0.01, 0.005
-"""Prior standard deviations of a depth camera's scale (share) and bias (m)."""
+"""Prior standard deviations of a depth camera's scale and bias (m)."""
 PIXEL = 0.5
-"""Pixels by which a ray may be off its pixel's centre."""
+"""Standard deviation (pixels) of a ray around its pixel's centre."""
 NEAR = 0.03
-"""Metres that are near."""
+"""Largest distance (m) from the robot that counts as near."""
 
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Pixels of one picture on the robot's surface.
+    """Pixels of one image on the robot's surface.
 
     Attributes:
-        points: (k, 3) measured, in the base frame; rays: (k, 3) from the camera there, a metre deep each.
-        normals: (k, 3); off: (k,) m along them; sigma: (k,) expected of it.
-        measured: (k,) depth as it was measured, m.
-        links: (k,).
-        covered, near: pixels of the robot that were measured at all, and of them near it.
+        points: (k, 3) measured, in the base frame.
+        rays: (k, 3) rays from the camera, scaled to unit depth.
+        normals: (k, 3) surface normals.
+        off: (k,) errors along the normals, m.
+        sigma: (k,) expected errors, m.
+        measured: (k,) measured depth, m.
+        links: (k,) indices of the links.
+        covered, near: number of measured pixels on the robot, and of those near its surface.
     """
 
     points: Array
@@ -228,7 +232,7 @@ class Compared:
 
 
 def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, reach: float) -> Compared:
-    """Each pixel's depth against that of the mesh along its ray, away from edges and not at a grazing angle."""
+    """Compare each pixel's depth with the mesh along its ray, away from edges and grazing angles."""
     placed = placed_at(camera, pose)
     seen = surface.see(placed, view.q)
     depth = np.where(view.depth > 0, pose.scale * view.depth + pose.bias, 0.0)
@@ -256,7 +260,7 @@ def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, re
 
 
 def _inside(seen: RobotView) -> npt.NDArray[np.bool_]:
-    """Pixels of the robot with the same surface on all sides, two pixels around."""
+    """Return the pixels of the robot with a continuous surface two pixels around."""
     there = np.isfinite(seen.depth)
     with np.errstate(invalid="ignore"):
         for axis in (0, 1):
@@ -271,7 +275,7 @@ def _inside(seen: RobotView) -> npt.NDArray[np.bool_]:
 def refine(
     surface: RobotSurface, camera: Camera, views: Sequence[ArmView], pose: Pose, draw: np.random.Generator
 ) -> tuple[Pose, Array]:
-    """Pixel by pixel; the pose, and the (8,) standard deviations of its steps."""
+    """Fit pixel by pixel; return the pose, and the standard deviations (8,) of its parameters."""
     sigma = np.full(8, np.inf)
     for reach in (0.05, 0.04, 0.03, 0.03, 0.02, 0.02, 0.02):
         rows, points, off, spread = [], [], [], []
@@ -299,7 +303,7 @@ def refine(
         scale = max(1.0, 1.4826 * float(np.median(np.abs(r / s))))
         weights = tukey(r / s, scale) / s**2
         square = J.T @ (weights[:, None] * J)
-        # Errors of neighbouring pixels are alike: what is known beforehand counts as in a picture of fewer pixels.
+        # Errors of neighbouring pixels are correlated, so the prior counts like an image with fewer pixels.
         square[6, 6] += 1.0 / SCALE_SIGMA**2
         square[7, 7] += 1.0 / BIAS_SIGMA**2
         pull = J.T @ (weights * r)
@@ -313,28 +317,27 @@ def refine(
 
 
 LEAST_VIEWS, MAX_VIEWS = 3, 9
-"""Pictures that are fitted to."""
+"""Smallest and largest number of images for the fit."""
 OFF_SIGMAS = 2.0
-"""Expected errors that the median of the held-out pictures may be off."""
+"""Largest median error in held-out images, as a multiple of the expected error."""
 SEEN_SHARE = 0.7
-"""Of the pixels on the robot in held-out pictures that must lie near it."""
+"""Smallest share of pixels on the robot in held-out images that must be near its surface."""
 POSE_SIGMA = 0.003, np.deg2rad(0.3)
-"""Standard deviation (m, rad) of the fitted pose from which on the pictures do not tell it."""
+"""Standard deviation (m, rad) of the fitted pose from which on the images do not determine it."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshCalibration:
-    """A camera's pose and depth, and what vouches for them.
+    """Pose and depth of a calibrated camera, with measures of its quality.
 
     Attributes:
-        camera: with its pose in the base frame.
-        scale, bias: true depth is ``scale`` times the measured one, plus ``bias`` (m).
-        residual_mm, held_out_mm: median distance of measured points from the meshes, in the pictures fitted to and in
-            those held out.
-        links_mm: the same by link, of all pictures.
-        seen: share of the held-out pixels on the robot that lie near it.
-        sigma_mm, sigma_deg: standard deviation of the pose that the fit itself states.
-        trouble: why it is not to be used; None: it has converged.
+        camera: camera with its pose in the base frame.
+        scale, bias: true depth = ``scale`` * measured depth + ``bias`` (m).
+        residual_mm, held_out_mm: median distance of measured points from the meshes, in fitted and held-out images.
+        links_mm: the same by link, in all images.
+        seen: share of held-out pixels on the robot that are near its surface.
+        sigma_mm, sigma_deg: standard deviation of the pose by the fit.
+        trouble: why it must not be used; None if it has converged.
     """
 
     camera: Camera
@@ -360,14 +363,14 @@ def calibrate(
     """Find a camera's pose in the base frame, and scale and bias of its depth.
 
     Args:
-        surface: of the robot.
-        camera: whose pose is a first guess, some 15 degrees and 10 cm off at most.
-        views: 3 to 9, of arm poses far apart; what does not move between them must stand still.
-        held_out: 1 or more, of other arm poses, that judge.
-        seed: of what is drawn: which pixels are compared.
+        surface: surface of the robot.
+        camera: camera with a first guess of its pose, at most about 15 degrees and 10 cm off.
+        views: 3 to 9, of different arm poses; everything except the arm must not move between them.
+        held_out: 1 or more, of other arm poses, for validation.
+        seed: seed of the random selection of pixels.
 
     Raises:
-        InputError: there are too few or too many pictures, of other sizes, or the camera hangs on a link.
+        InputError: there are too few or too many images, they have another size, or the camera is mounted on a link.
     """
     if camera.link is not None:
         raise InputError(f"is carried by {camera.link}", field=camera.name, remedy="calibrate it by a board")

@@ -1,4 +1,4 @@
-"""Pictures of the arm standing in one pose after another: moved there through the limits, or read from a log."""
+"""Images of the arm at rest in several poses, which it is moved to, or which are read from a log."""
 
 from __future__ import annotations
 
@@ -23,34 +23,37 @@ from gensim2_robot.log_messages import ArmMessage, PictureMessage
 from gensim2_robot.log_reader import messages
 
 SPREAD = np.array([0.9, 0.5, 0.6, 0.6, 0.8, 0.8, 1.0])
-"""Rad about the reset pose within which poses are drawn; of an arm with other joints the first or the last of these."""
+"""Largest offsets (rad) of random poses from the reset pose, by joint; shortened or repeated for arms with other
+numbers
+of joints.
+"""
 LOWEST = 0.25
-"""Metres above the table that the tool keeps: what stands there is unknown."""
+"""Smallest height (m) of the tool above the table, whose contents are unknown."""
 STILL, UNMOVED_SECONDS = 0.02, 0.3
-"""Rad/s below which an arm stands, and for how long before a picture counts."""
+"""Speed (rad/s) below which an arm is at rest, and time (s) at rest before an image counts."""
 ARRIVED = 0.05
-"""Rad from its pose at which the arm may stand."""
+"""Largest error (rad) of the arm's pose."""
 PATIENCE = 60.0
-"""Seconds within which it must stand there."""
+"""Time limit (s) to reach a pose."""
 PICTURES = 5
-"""Of each camera and pose; their median counts."""
+"""Number of images of each camera and pose, whose median is used."""
 TRIES = 10_000
 
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """Pictures of one pose.
+    """Images of one pose.
 
     Attributes:
         q: (n,) all active joints.
-        frames: by camera.
+        frames: images by camera.
     """
 
     q: Array
     frames: Mapping[str, tuple[CameraFrame, ...]]
 
     def view(self, camera: Camera) -> ArmView:
-        """The median of a camera's depth pictures, where more than half of them measure anything."""
+        """Return the median of a camera's depth images, where more than half of them have a measurement."""
         depths = np.stack([camera.metres(frame.depth) for frame in self.frames[camera.name]]).astype(np.float64)
         there = 2 * (depths > 0).sum(axis=0) > len(depths)
         depths[depths == 0] = np.nan
@@ -60,10 +63,10 @@ class Station:
 
 
 def draw_poses(limits: ArmLimits, count: int, seed: int) -> list[Array]:
-    """(m,) of the arm, so many, each within the limits with the tool high above the table.
+    """Return ``count`` random arm poses (m,) within the limits, with the tool high above the table.
 
     Raises:
-        InputError: there are hardly any.
+        InputError: too few poses are within the limits.
     """
     draw = rng(seed, "calibration poses")
     home = np.array(limits.profile.reset_qpos)[list(limits.profile.arm_columns)]
@@ -84,11 +87,11 @@ def draw_poses(limits: ArmLimits, count: int, seed: int) -> list[Array]:
 def take(
     arm: LimitedArm, cameras: CameraDriver, clock: Clock, poses: Sequence[Array], progress: Progress = NULL_PROGRESS
 ) -> list[Station]:
-    """Move the arm to each pose, through the limits, and take pictures there.
+    """Move the arm to each pose, through the limits, and take images there.
 
     Raises:
-        RefusedError: the arm stands where it may not be, or is pressed on.
-        GenSim2Error: the arm or a camera says nothing, or the arm stands in too few of the poses.
+        RefusedError: the arm is outside its limits, or the contact force is too large.
+        GenSim2Error: the arm or a camera does not answer, or too few poses are reached.
     """
     walk = _Walk(arm, cameras, clock)
     walk.begin()
@@ -103,7 +106,7 @@ def take(
 
 
 class _Walk:
-    """The arm from pose to pose, a command each cycle."""
+    """Moves the arm from pose to pose with a command each cycle."""
 
     def __init__(self, arm: LimitedArm, cameras: CameraDriver, clock: Clock) -> None:
         self._arm, self._cameras, self._clock = arm, cameras, clock
@@ -117,7 +120,7 @@ class _Walk:
         self._arm.begin(self._where())
 
     def to(self, pose: Array) -> bool:
-        """Whether the arm stands at the pose in the end."""
+        """Move to a pose and return whether the arm is at rest there."""
         until, still = self._clock.now() + PATIENCE, 0.0
         while self._clock.now() < until:
             frames = self._tick()
@@ -134,7 +137,7 @@ class _Walk:
         return False
 
     def look(self) -> Station:
-        """Pictures that were taken from now on."""
+        """Return images taken from now on."""
         begun, found = self._clock.now(), {name: list[CameraFrame]() for name in self._names}
         joints = []
         while min(map(len, found.values())) < PICTURES:
@@ -163,12 +166,13 @@ class _Walk:
 
 
 def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
-    """Poses in which the arm of a log stood while every camera took a picture, so many of each at most.
+    """Return the poses at which the arm of a log was at rest, with up to ``pictures`` images of every camera.
 
-    The log is read twice, first for the times and then for the pictures, so that only these are in memory.
+    The log is read twice, first for the times and then for the images, so that only the used images are in memory.
 
     Raises:
-        InputError: there is no log, it is damaged, the arm stood nowhere, or in more poses than fit into memory.
+        InputError: the log is missing or damaged, the arm was never at rest, or there are too many poses for the
+            memory.
     """
     times, joints, speeds, taken = [], [], [], list[_Taken]()
     for _, message in messages(folder):
@@ -211,7 +215,7 @@ def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
 
 @dataclass(frozen=True)
 class _Taken:
-    """A picture of a log that is not in memory: its place among the pictures, and its bytes."""
+    """An image of a log that is not in memory: its index among the images, and its size in bytes."""
 
     index: int
     camera: str
@@ -222,7 +226,7 @@ class _Taken:
 def _stood(
     times: npt.NDArray[np.float64], joints: list[Array], speeds: npt.NDArray[np.float64], taken: list[_Taken]
 ) -> list[tuple[Array, dict[str, list[_Taken]]]]:
-    """Joints and pictures of each stretch of time in which the arm stood."""
+    """Return joints and images of each interval in which the arm was at rest."""
     order = np.argsort(times, kind="stable")
     times = times[order]
     moved = np.concatenate([[0], np.cumsum(~(speeds[order] <= STILL))])  # states, in time, that move or say no number

@@ -1,4 +1,4 @@
-"""``gensim2 robot calibrate``: pictures of poses in, a dated file out."""
+"""``gensim2 robot calibrate``: calibrate cameras from images of several arm poses."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def pose_error(T: npt.NDArray[np.float64], true: npt.NDArray[np.float64]) -> tup
 
 
 HELD_OUT = 4
-"""Every so many-th pose judges and is not fitted to."""
+"""Every n-th pose is held out for validation."""
 
 
 def calibrate_simulated(
@@ -63,25 +63,23 @@ def calibrate_simulated(
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[SceneArguments],
 ) -> dict[str, Any]:
-    """Move a simulated arm through poses and calibrate the simulated cameras that stand still.
+    """Move a simulated arm through poses and calibrate the fixed simulated cameras.
 
     Args:
-        task: whose objects stand about.
-        out: file of the calibration; written where all cameras converge.
-        poses: that the arm is moved to.
-        degrees, metres: that the first guess is off.
-        pixels: width and height of the pictures.
-        speed: share of the arm's.
-        seed: of the scene, the poses, the noise and the guess.
-        progress: is told of poses.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`.
+        task: task whose objects are in the scene.
+        out: file of the calibration, written if all cameras converge.
+        poses: number of poses.
+        degrees, metres: error of the first guess.
+        pixels: width and height of the images.
+        speed: share of the arm's speed.
+        seed: seed of the scene, the poses, the noise and the guess.
 
     Returns:
         Plain data: docs/guides/robot.md.
 
     Raises:
-        InputError: an argument cannot be used.
-        MissingExtraError: what is needed is not installed.
+        InputError: an argument is invalid.
+        MissingExtraError: a package is not installed.
     """
     from gensim2_robot.local import LocalArm, LocalCameras
     from gensim2_robot.simulated import SimulatedCameras, SimulatedWorld, simulated_cameras
@@ -107,19 +105,20 @@ def calibrate_simulated(
 def calibrate_log(
     log: Path, out: Path, *, board: Board | None = None, carried: bool = False, seed: int = 0
 ) -> dict[str, Any]:
-    """Calibrate the cameras of a run's log, by the poses in which its arm stood.
+    """Calibrate the cameras of a run's log, using the poses at which its arm was at rest.
 
     Args:
-        log: folder; the cameras in it are the first guess.
-        out: file of the calibration; written where all cameras converge.
-        board: that is in the pictures; None: the robot's meshes are compared.
-        carried: with a board, the cameras that a link carries are calibrated, and the board stands still; else those
-            that stand still, and the hand holds the board.
-        seed: of what is drawn.
+        log: folder of the log, whose camera poses are the first guess.
+        out: file of the calibration, written if all cameras converge.
+        board: board in the images; None: compare with the robot's meshes.
+        carried: with a board: calibrate cameras on a link, with a fixed board; otherwise fixed cameras, with the board
+            in
+            the hand.
+        seed: seed of random selections.
 
     Raises:
-        InputError: there is no log, or too few poses.
-        MissingExtraError: what is needed is not installed.
+        InputError: the log is missing, or has too few poses.
+        MissingExtraError: a package is not installed.
     """
     about, standing = about_of(log), read_standing(log)
     profile = robot(about.robot)
@@ -134,7 +133,7 @@ def calibrate_log(
 
 
 def _parted(standing: Sequence[Station]) -> tuple[list[Station], list[Station]]:
-    """Poses that are fitted to, and those held out."""
+    """Return the poses for the fit, and the held-out ones."""
     held = list(standing[HELD_OUT - 1 :: HELD_OUT])
     return [each for each in standing if all(each is not other for other in held)], held
 
@@ -234,7 +233,7 @@ def _by_board(
 def _written(
     profile: RobotProfile, cameras: dict[str, CameraCalibration], report: dict[str, Any], poses: int, out: Path
 ) -> dict[str, Any]:
-    """The report; the file is written where every camera converged."""
+    """Return the report, and write the file if every camera converged."""
     whole = len(cameras) == len(report)
     made = datetime.now(UTC)
     if whole:

@@ -1,4 +1,4 @@
-"""The robot's surface as a camera sees it: points, normals and links, by the ray caster."""
+"""The robot's surface as seen by a camera: points, normals and links, by ray casting."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Depth = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class ArmView:
-    """One picture of a robot that stands still.
+    """An image of a robot at rest.
 
     Attributes:
         q: (n,) all active joints.
-        depth: (H, W) m; 0 where nothing was measured.
+        depth: (H, W) m; 0 for no measurement.
     """
 
     q: Array
@@ -34,12 +34,12 @@ class ArmView:
 
 @dataclass(frozen=True, eq=False)
 class RobotView:
-    """Parts of the robot that a camera sees, by the meshes.
+    """The robot's meshes as seen by a camera.
 
     Attributes:
-        depth: (H, W) m; infinity where there is nothing of it.
-        normals: (H, W, 3) in the base frame, towards the camera; zero where there is nothing.
-        links: (H, W) index of the link; -1 where there is none.
+        depth: (H, W) m; infinity off the robot.
+        normals: (H, W, 3) in the base frame, towards the camera; zero off the robot.
+        links: (H, W) index of the link; -1 off the robot.
     """
 
     depth: Depth
@@ -48,13 +48,10 @@ class RobotView:
 
 
 class RobotSurface:
-    """The meshes of a robot.
-
-    Args:
-        profile: of the robot.
+    """Meshes of a robot.
 
     Attributes:
-        names: of its links.
+        names: names of its links.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -74,7 +71,7 @@ class RobotSurface:
         self._link_of = np.repeat(self._shown, [len(each) for each in normals]).astype(np.int16)
 
     def see(self, camera: Camera, q: Array) -> RobotView:
-        """The robot with its (n,) joints at ``q`` through a camera in the base frame."""
+        """Return the robot with joints ``q`` (n,) as seen by a camera in the base frame."""
         poses = self._tree.poses(np.eye(4)[None], q[None])[0]
         hits = Caster(self._solids, [camera]).cast(poses[self._shown])
         face = hits.face[0]
@@ -89,16 +86,16 @@ class RobotSurface:
 
 
 def shrunk(camera: Camera, by: int) -> Camera:
-    """The same camera with so many times fewer pixels a side; their centres lie between those of the full picture."""
+    """Return the camera with ``by`` times fewer pixels per side; pixel centres lie between those of the full image."""
     scale = np.diag([1.0 / by, 1.0 / by, 1.0])
     return replace(camera, width=camera.width // by, height=camera.height // by, intrinsic=scale @ camera.intrinsic)
 
 
 def check_views(camera: Camera, views: Sequence[ArmView]) -> None:
-    """Refuse pictures that are not the camera's.
+    """Refuse images of another size than the camera's.
 
     Raises:
-        InputError: one has another size.
+        InputError: an image has another size.
     """
     for view in views:
         if view.depth.shape != (camera.height, camera.width):

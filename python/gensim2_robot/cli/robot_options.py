@@ -14,7 +14,7 @@ from gensim2.core.errors import InputError
 Pixels = Annotated[str, Option(metavar="WIDTHxHEIGHT")]
 Share = Annotated[float, click.FloatRange(0.01, 1.0)]
 
-#: Shared options of a line, beside :class:`LineOptions`: the scenes follow from them.
+#: Scene options among the shared options, in addition to :class:`LineOptions`.
 SCENES = ("library", "seed", *(each for each in SCENE if each != "redraw"))
 
 
@@ -112,10 +112,10 @@ class LogOptions:
 
 
 def pixels_of(text: str) -> tuple[int, int]:
-    """Return width and height of a picture, from ``WIDTHxHEIGHT``.
+    """Return width and height of an image, from ``WIDTHxHEIGHT``.
 
     Raises:
-        InputError: it is no size, or none that a camera has.
+        InputError: the text is not a size, or not one that cameras have.
     """
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal() and 16 <= int(width) <= 1920 and 16 <= int(height) <= 1200):
@@ -124,13 +124,14 @@ def pixels_of(text: str) -> tuple[int, int]:
 
 
 def line_of(given: dict[str, Any]) -> dict[str, Any]:
-    """Return the keywords of a line from a command's values.
+    """Return the control loop's arguments from a command's values.
 
-    A simulated arm with simulated cameras goes by the simulated clock, unless ``--real-time`` is given: by the clock of
-    the machine one other busy process is enough for the watch to hold the arm.
+    A simulated arm with simulated cameras uses the simulated clock unless ``--real-time`` is given, because with the
+    machine's
+    clock a single other busy process could make the watchdog stop the arm.
 
     Raises:
-        UsageError: both are given, or neither.
+        UsageError: both or neither of ``--plan`` and ``--policy`` are given.
     """
     if given.pop("plan") == (given["policy"] is not None):
         raise click.UsageError("Give either --plan or --policy DIR.")
@@ -140,14 +141,14 @@ def line_of(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def moves(given: dict[str, Any], move: bool) -> bool:
-    """Whether a line may move its arm: a simulated one always, a real one when a person has said so.
+    """Return whether the arm may move: always if simulated, otherwise after a person has confirmed it.
 
     Raises:
-        InputError: there is no such arm, or no terminal at which a person could.
+        InputError: the arm is unknown, or there is no terminal for the confirmation.
     """
     from gensim2_robot.config import LineConfig
 
-    # What cannot be used is said before a person is asked.
+    # Check the arguments before a person is asked.
     if LineConfig(arm=given["arm"], cameras=given["cameras"], policy=given["policy"]).is_simulated:
         return True
     if not move:

@@ -1,4 +1,4 @@
-"""Franka arms, by franky-control or by panda-python."""
+"""Drivers of Franka arms by franky-control and by panda-python."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from gensim2_robot.devices import ArmMode
 from gensim2_robot.drivers.streamed import DriverError, StreamedArm, finite
 
 RATE = 200.0
-"""References a second; between them the 1 kHz loop keeps the last."""
+"""References per second; between them the 1 kHz loop keeps the last one."""
 STIFFNESS = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])
-"""N m/rad."""
+"""Joint stiffness, N m/rad."""
 CUTOFF = 100.0
-"""Hz, libfranka's own low-pass of the torques."""
+"""Cut-off frequency of libfranka's low-pass filter of the torques, Hz."""
 DELTA = 2.4
-"""N m by which the torque that is asked for may differ from the last one that went out, before the low-pass, which lets
-0.386 of it through in a cycle: 0.93 N m go out, and the arm's reflex stops it at 1. The library's own 1 N m would leave
-0.39, at which the arm trails its references and then overshoots them."""
+"""Largest change of the requested torque in a cycle, N m, before the low-pass filter, which passes 0.386 of it. So the
+torque changes by at most 0.93 N m, and the arm's reflex stops it at 1 N m. With the library's default of 1 N m only
+0.39 N m would remain, and the arm would lag behind its references and then overshoot.
+"""
 TORQUES, FORCES = 20.0, 30.0
-"""N m and N from which on the arm's own reflex stops it."""
+"""Torques (N m) and forces (N) at which the arm's own reflex stops it."""
 GRIP_SPEED, GRIP_FORCE = 0.05, 30.0
-"""m/s and N of the hand."""
+"""Speed (m/s) and force (N) of the hand."""
 
 
 class _FrankaHand(StreamedArm):
@@ -62,20 +63,20 @@ class _FrankaHand(StreamedArm):
 
 
 class FrankaArm(_FrankaHand):
-    """A Panda or an FR3 with its hand: joint impedance about the streamed positions.
+    """A Panda or an FR3 with its hand, with joint impedance control around streamed positions.
 
-    A wheel of ``franky-control`` speaks one version of the arm's server: the one on PyPI that of an FR3 with system 5.9
-    and newer; a Panda takes the wheel for server version 5, from the project's releases.
+    Each wheel of ``franky-control`` supports one version of the arm's server. The one on PyPI is for an FR3 with system
+    5.9 or
+    newer; a Panda needs the wheel for server version 5 from the project's releases.
 
     Args:
-        host: its address.
-        profile: of the robot.
+        host: address of the arm.
         gripper: whether it has the hand.
-        enforce_realtime: whether to refuse a kernel without real time.
+        enforce_realtime: refuse a kernel without real-time scheduling.
 
     Raises:
         MissingExtraError: ``franky-control`` is not installed.
-        DriverError: the arm cannot be connected to, or its server speaks another version.
+        DriverError: the connection fails, or the server has another version.
     """
 
     def __init__(self, host: str, profile: RobotProfile, gripper: bool = True, enforce_realtime: bool = True) -> None:
@@ -123,7 +124,7 @@ class FrankaArm(_FrankaHand):
     def _halt(self) -> None:
         if self._motion is not None:
             self._motion = None
-            # Takes the place of what runs, where stop() would end it with an exception.
+            # This replaces the running motion; stop() would end it with an exception.
             self._robot.move(self._franky.TorqueStopMotion(), asynchronous=True)
 
     def _disconnect(self) -> None:
@@ -131,20 +132,20 @@ class FrankaArm(_FrankaHand):
 
 
 class PandaPyArm(_FrankaHand):
-    """A Panda or an FR3 with its hand: the library's joint impedance about the streamed positions.
+    """A Panda or an FR3 with its hand, with the library's joint impedance control around streamed positions.
 
-    A wheel of ``panda-python`` speaks one version of the arm's server: the one on PyPI the newest; those of others come
-    from the project's releases, and the error of a wrong one names the right one.
+    Each wheel of ``panda-python`` supports one version of the arm's server. The one on PyPI is for the newest; the
+    error of a
+    wrong version names the right wheel in the project's releases.
 
     Args:
-        host: its address.
-        profile: of the robot.
+        host: address of the arm.
         gripper: whether it has the hand.
-        enforce_realtime: whether to refuse a kernel without real time.
+        enforce_realtime: refuse a kernel without real-time scheduling.
 
     Raises:
         MissingExtraError: ``panda-python`` is not installed.
-        DriverError: the arm cannot be connected to, or its server speaks another version.
+        DriverError: the connection fails, or the server has another version.
     """
 
     def __init__(self, host: str, profile: RobotProfile, gripper: bool = True, enforce_realtime: bool = True) -> None:
@@ -186,7 +187,7 @@ class PandaPyArm(_FrankaHand):
     def _write(self, q: Array, v: Array) -> None:
         if self._controller is None:
             if self._panda.get_state().robot_mode in self._stopped:
-                # The library would recover by itself, which is for a person to do.
+                # The library would recover by itself, but a person must do that.
                 raise DriverError("it has stopped by itself: recover it by hand")
             controller = self._controllers.JointPosition(stiffness=STIFFNESS, damping=2.0 * np.sqrt(STIFFNESS))
             self._panda.start_controller(controller)  # which begins where the arm stands

@@ -1,4 +1,4 @@
-"""Cameras that are a log: its pictures, again and again, at the times at which they were taken."""
+"""Cameras that replay the images of a log in a loop, with the recorded timing."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from gensim2_robot.log_reader import about_of, messages
 from gensim2_robot.pipes import SLOTS
 
 PAUSE = 0.1
-"""Seconds from the last picture of a log to its first one again."""
+"""Pause (s) between a log's last image and the first one of the next repetition."""
 
 
 def is_log(path: Path) -> bool:
-    """Whether it is a log of the line, or a file of one, by its name."""
+    """Return whether a path is a log folder or an MCAP file, by its name."""
     return path.is_dir() or path.suffix == ".mcap"
 
 
 class LoggedCameras:
-    """Cameras of which a log has the pictures.
+    """Cameras that replay images of a log.
 
-    Cameras of one log keep the times between their pictures. When one of them is over, all begin again.
+    Cameras of one log keep their relative timing. When one of them reaches the end, all start again.
 
     Args:
-        cameras: that are wanted, of whom the names count.
-        logs: folder of a run, or an MCAP file of one, by camera.
+        cameras: requested cameras, of which only the names are used.
+        logs: folder of a run, or an MCAP file, by camera.
 
     Attributes:
-        cameras: as the log has them: pixels, intrinsics, poses.
-        serials: numbers of the devices that took the pictures.
+        cameras: cameras of the log, with its image sizes, intrinsics and poses.
+        serials: serial numbers of the recorded devices.
 
     Raises:
-        InputError: there is no such log, it is damaged, or has no pictures of a camera.
+        InputError: the log is missing or damaged, or has no images of a camera.
         MissingExtraError: mcap is not installed.
     """
 
@@ -67,7 +67,7 @@ class LoggedCameras:
         self._later = {name: at - first[path] for name, path in self._logs.items()}
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Pictures whose time has come, oldest first; of each camera the newest that there is room for.
+        """Return the images that are due, oldest first; of each camera only the newest ones that fit the buffer.
 
         Raises:
             InputError: the log is damaged.
@@ -91,12 +91,12 @@ class LoggedCameras:
         return sorted(found, key=lambda each: each.captured)
 
     def close(self) -> None:
-        """Leave the files."""
+        """Close the files."""
         self._films.clear()
 
 
 def _pictures(path: Path, name: str) -> Iterator[CameraFrame]:
-    """Pictures of a camera, one at least.
+    """Yield the images of a camera, at least one.
 
     Raises:
         InputError: there is none, or the log is damaged.

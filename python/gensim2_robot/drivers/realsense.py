@@ -1,7 +1,7 @@
-"""RealSense cameras, and recordings of them, by ``pyrealsense2`` (extra ``realsense``). Never tried on a camera.
+"""RealSense cameras, and recordings of them, by ``pyrealsense2`` (extra ``realsense``); not tested on a camera.
 
-Devices are opened sensor by sensor into the library's syncer, so that one way serves cameras, recordings, and the
-library's software devices (:mod:`gensim2_robot.drivers.realsense`), by which it is tried.
+Devices are opened sensor by sensor with the library's syncer. The same code thus serves cameras, recordings, and the
+library's software devices, with which it is tested.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from gensim2_robot.drivers.streamed import DriverError
 
 MILLIMETRE = 1e-3
 QUEUE = 4
-"""Pairs of pictures that wait in the library at most; the oldest are dropped."""
+"""Largest number of image pairs that wait in the library; the oldest are dropped."""
 OF_A_BAG = "pyrealsense2.context().convert_bag_to_db3(BAG, DB3) makes a .db3 of a .bag that is whole"
-"""Remedy where the library, which plays the old format but calls it deprecated, does not play a file of it."""
+"""Remedy for a recording in the old, deprecated format that the library cannot play."""
 
 
 def library() -> Any:
@@ -41,13 +41,13 @@ def library() -> Any:
 
 
 def connected(serials: Mapping[str, str]) -> dict[str, Any]:
-    """Devices that are plugged in, by camera.
+    """Return the connected devices by camera.
 
     Args:
-        serials: number of the device of each camera, by name.
+        serials: serial number by camera.
 
     Raises:
-        DriverError: one is not there.
+        DriverError: a device is not connected.
         MissingExtraError: ``pyrealsense2`` is not installed.
     """
     rs = library()
@@ -60,13 +60,13 @@ def connected(serials: Mapping[str, str]) -> dict[str, Any]:
 
 
 def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
-    """Recordings (``.db3``, or ``.bag`` of an older library) as devices, by camera.
+    """Return recordings (``.db3``, or ``.bag`` of older libraries) as devices, by camera.
 
     Args:
-        files: of each camera, one camera a file.
+        files: file of each camera.
 
     Raises:
-        InputError: a file is none, or none that the library can read.
+        InputError: a file does not exist, or the library cannot read it.
         MissingExtraError: ``pyrealsense2`` is not installed.
     """
     context = library().context()
@@ -84,24 +84,23 @@ def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
 
 
 class RealSenseCameras:
-    """Devices that are asked for pictures; colours are brought onto the depth picture.
+    """Cameras that read devices; colours are aligned with the depth image.
 
-    Recordings are played at the rate at which they were made, begin again when they are over, and their pictures count
-    as taken when they come.
+    Recordings are played at their recorded rate in a loop, and their images count as taken when they arrive.
 
     Args:
-        cameras: that there are: names, pixels and poses; intrinsics are asked of the devices.
-        devices: of each, by name (:func:`connected`, :func:`recorded`).
-        rate: pictures a second; None: the most that a device gives of depth and colours alike.
+        cameras: names, image sizes and poses of the cameras; the intrinsics are read from the devices.
+        devices: device by camera (:func:`connected`, :func:`recorded`).
+        rate: frame rate, Hz; None: the highest rate that a device offers for both depth and colour.
 
     Attributes:
-        cameras: with the intrinsics of the devices; our pixel centres lie at .5, the library's at 0.
-        serials: numbers of the devices, as they say themselves, by camera.
+        cameras: cameras with the intrinsics of the devices; our pixel centres are at .5, the library's at 0.
+        serials: serial numbers reported by the devices, by camera.
 
     Raises:
         MissingExtraError: ``pyrealsense2`` is not installed.
         InputError: a camera has no device.
-        DriverError: a device does not give such pictures, or its depth is distorted.
+        DriverError: a device does not offer such images, or its depth is distorted.
     """
 
     def __init__(self, cameras: Sequence[Camera], devices: Mapping[str, Any], rate: int | None = None) -> None:
@@ -122,7 +121,7 @@ class RealSenseCameras:
         self.cameras = tuple(found)
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Pictures that came since the last call, oldest first.
+        """Return the images received since the last call, oldest first.
 
         Raises:
             DriverError: a device's clock is not the machine's.
@@ -130,13 +129,13 @@ class RealSenseCameras:
         return sorted((frame for film in self._films for frame in film.poll()), key=lambda frame: frame.captured)
 
     def close(self) -> None:
-        """Leave the devices."""
+        """Close the devices."""
         for film in self._films:
             film.close()
 
 
 class _Film:
-    """Depth and colours of one device that belong together."""
+    """Matching depth and colour images of one device."""
 
     def __init__(self, rs: Any, camera: Camera, device: Any, rate: int | None) -> None:
         self._rs, self._device = rs, device
@@ -157,7 +156,7 @@ class _Film:
         self._start()
 
     def poll(self) -> list[CameraFrame]:
-        """Pictures that came; colours on the depth picture."""
+        """Return the received images, with colours aligned to the depth image."""
         found = []
         pair = self._syncer.poll_for_frames()
         while pair:
@@ -171,11 +170,10 @@ class _Film:
         return found
 
     def close(self) -> None:
-        """Leave the device."""
         self._stop()
 
     def _choose(self, name: str) -> dict[Any, Any]:
-        """Depth and colours in the asked size and rate; a recording gives what it has."""
+        """Select depth and colour streams of the requested size and rate; a recording has only its own."""
         rs = self._rs
         kinds = {rs.stream.depth: rs.format.z16, rs.stream.color: rs.format.rgb8}
         self._sensors: list[tuple[Any, list[Any]]] = []
@@ -205,7 +203,9 @@ class _Film:
         return found
 
     def _highest_rate(self, kinds: Mapping[Any, Any]) -> int | None:
-        """The highest rate (Hz) at which the device gives every kind in the asked size; None: there is none."""
+        """Return the highest rate (Hz) at which the device offers every kind of stream in the requested size; None for
+        none.
+        """
         rates: dict[Any, set[int]] = {kind: set() for kind in kinds}
         for sensor in self._device.query_sensors():
             for profile, kind, video in _streams(sensor, kinds):
@@ -215,8 +215,9 @@ class _Film:
 
     def _start(self) -> None:
         self._syncer = self._rs.syncer(QUEUE)
-        # The library's clock is the system's, where its devices' global time is on; ours is the monotonic one. Of a
-        # recording the offset is that of the picture that came soonest: a busy machine gives the first ones late.
+        # If a device's global time is on, the library uses the system clock, while our clock is monotonic. For a
+        # recording the offset is that of the image with the smallest delay, because a busy machine delays the first
+        # ones.
         self._offset: float | None = None if self._playback else time.monotonic() - time.time()
         with contextlib.ExitStack() as failed:
             for sensor, profiles in self._sensors:
@@ -263,20 +264,20 @@ def _streams(sensor: Any, kinds: Mapping[Any, Any]) -> Iterator[tuple[Any, Any, 
 
 
 LOOK = 5e-4
-"""Seconds between two looks for a picture that is on its way through the library."""
+"""Time between two polls for an image that is on its way through the library, s."""
 
 
 class SoftwareDevice:
-    """A device that is given its pictures.
+    """A software device, which gets its images from this program.
 
     Args:
-        camera: pixels and intrinsics; our pixel centres lie at .5, the library's at 0.
-        serial: its number.
-        rate: pictures a second.
+        camera: image size and intrinsics; our pixel centres are at .5, the library's at 0.
+        serial: serial number.
+        rate: frame rate, Hz.
 
     Attributes:
-        device: the library's, to be opened.
-        domain: whose clock its times are of.
+        device: the library's device.
+        domain: clock domain of its times.
 
     Raises:
         MissingExtraError: ``pyrealsense2`` is not installed.
@@ -309,11 +310,11 @@ class SoftwareDevice:
         self.device.create_matcher(rs.matchers.dlr_c)  # a pair has the same number
 
     def recorder(self, file: Path) -> Any:
-        """The device as one whose pictures are written into a file (``.db3``) while it is open."""
+        """Return the device as one that records its images into a file (``.db3``) while it is open."""
         return self._rs.recorder(str(file), self.device, True)
 
     def give(self, frame: CameraFrame) -> None:
-        """Give the library a picture; what is opened on the device gets it."""
+        """Pass an image to the library."""
         rs = self._rs
         for (sensor, profile, size), pixels in zip(self._profiles, (frame.depth, frame.colors), strict=True):
             picture = rs.software_video_frame()
@@ -336,12 +337,12 @@ class SoftwareDevice:
 
 
 class SoftwareCameras:
-    """Cameras whose pictures are given, and taken again from the maker's library.
+    """Cameras whose images are passed through the maker's library.
 
     Args:
-        cameras: that there are.
-        serials: of their devices, by name.
-        rate: pictures a second.
+        cameras: the cameras.
+        serials: serial numbers of their devices, by name.
+        rate: frame rate, Hz.
 
     Raises:
         MissingExtraError: ``pyrealsense2`` is not installed.
@@ -353,11 +354,11 @@ class SoftwareCameras:
         self.cameras, self.serials = self._driver.cameras, self._driver.serials
 
     def passed(self, frames: Sequence[CameraFrame], within: float) -> list[CameraFrame]:
-        """Give pictures to the devices and take what comes of them.
+        """Pass images to the devices and return the images that come out.
 
         Args:
-            frames: to give.
-            within: s to wait for as many; what comes later comes with the next.
+            frames: images to pass.
+            within: time to wait for as many images, s; later ones are returned by the next call.
         """
         for frame in frames:
             self._devices[frame.camera].give(frame)
@@ -368,5 +369,5 @@ class SoftwareCameras:
         return found
 
     def close(self) -> None:
-        """Leave the devices."""
+        """Close the devices."""
         self._driver.close()

@@ -1,4 +1,4 @@
-"""Streamed joint positions, common to all arms that take them: two threads, so that nothing waits for a wire."""
+"""Streamed joint positions for all arms that accept them, in two threads, so that no call waits for the arm."""
 
 from __future__ import annotations
 
@@ -21,35 +21,40 @@ from gensim2_robot.clocks import LOOP_PRIORITY, schedule_first
 from gensim2_robot.devices import ArmMode, ArmState
 
 KEPT = 1000
-"""States that wait to be polled at most."""
+"""Largest number of states that wait to be polled."""
 SILENT = 0.15
-"""Seconds without a target after which an arm is stopped, and refuses what comes then: the loop sends one each 10 ms,
-and makes up for a tenth of a second."""
+"""Time (s) without a target after which the arm is stopped. The loop sends a target every 10 ms and catches up a tenth
+of
+a second.
+"""
 LEAST, MOST = 1.0, 3.0
-"""Cycles that the arm is behind the stream: with less left to go it slows down, with more it goes ``FASTER``."""
+"""Delay of the arm behind the stream, in cycles: with fewer targets left it slows down, with more it moves ``FASTER``.
+"""
 FASTER = 1.1
-"""Of the stream's pace, where the arm is too far behind: after targets that were late and came all at once."""
+"""Speed factor when the arm is too far behind, after late targets that arrived all at once."""
 HALTING = 2.0
-"""Seconds for which the loop waits for an arm's library to stop the arm, or to leave it."""
+"""Time limit for an arm's library to stop or disconnect the arm, s."""
 TOO_MANY = 30
-"""Targets that wait at most: more than the loop makes up for."""
+"""Largest number of waiting targets, more than the loop catches up."""
 
 
 class DriverError(GenSim2Error):
-    """An arm cannot be connected to, or refuses."""
+    """An arm cannot be connected to, or refuses commands."""
 
 
 class StreamedArm(ABC):
-    """An arm that takes joint positions at a rate of its own.
+    """An arm that accepts joint positions at its own rate.
 
-    Targets come 100 a second and are gone through in straight lines, a cycle each, one to three cycles behind: what
-    comes a little late, or all at once after a pause, makes the arm neither halt nor hurry. Where no successor comes,
-    it slows down towards the last target and is never sent beyond; soon after it is stopped. The gripper has a thread
-    of its own, for it may take its time, and is told of the first command and of changes.
+    Targets arrive 100 times a second and are followed along straight lines, one to three cycles late. So targets that
+    are
+    slightly late, or that arrive all at once after a pause, cause neither a halt nor a jerk. Without a next target the
+    arm
+    slows down towards the last one and never overshoots it; soon after it is stopped. The gripper has its own thread,
+    because
+    it may block, and gets only the first command and changes.
 
     Args:
-        profile: of the robot.
-        rate: commands a second that the arm takes.
+        rate: commands per second that the arm accepts.
     """
 
     def __init__(self, profile: RobotProfile, rate: float) -> None:
@@ -69,22 +74,20 @@ class StreamedArm(ABC):
         self._threads: list[threading.Thread] = []
 
     def start(self) -> None:
-        """Begin to read states and to take targets."""
+        """Start to read states and accept targets."""
         for target in (self._run, self._run_gripper):
             self._threads.append(threading.Thread(target=target, name=type(self).__name__, daemon=True))
             self._threads[-1].start()
 
-    # --------------------------------------------------------------- the protocol
-
     def poll(self) -> Sequence[ArmState]:
-        """States that came since the last call, oldest first."""
+        """Return the states received since the last call, oldest first."""
         found = []
         while self._states:
             found.append(self._states.popleft())
         return found
 
     def send(self, q: Array, gripper: float, t: float) -> None:
-        """Targets for the time t (s): (m,) of the arm's joints, and the gripper from -1 to 1."""
+        """Accept targets for the time t (s): joints (m,), and the gripper from -1 to 1."""
         if self._trouble is not None:
             return  # its states say so
         with self._lock:
@@ -99,7 +102,7 @@ class StreamedArm(ABC):
             self._grips.put(self._gripper)
 
     def stand(self) -> None:
-        """Stop at once by the arm's own means."""
+        """Stop at once by the arm's own controller."""
         with self._lock:
             self._standing, self._passed = True, None
             self._goals.clear()
@@ -110,7 +113,7 @@ class StreamedArm(ABC):
             self._halt()
 
     def _within(self, seconds: float, what: Callable[[], None]) -> None:
-        """Call the maker's library in a thread of its own: the loop waits for a library that hangs no longer."""
+        """Call the maker's library in a thread, so that it delays the loop no longer than ``seconds``."""
         thread = threading.Thread(target=self._attempt, args=(what,), daemon=True)
         thread.start()
         thread.join(timeout=seconds)
@@ -118,7 +121,7 @@ class StreamedArm(ABC):
             self._trouble = f"the arm's library did not answer within {seconds:g} s"
 
     def close(self) -> None:
-        """Stop, and leave the arm."""
+        """Stop and disconnect the arm."""
         self.stand()
         self._over = True
         self._grips.put(None)
@@ -126,33 +129,29 @@ class StreamedArm(ABC):
             thread.join(timeout=2.0)
         self._within(HALTING, self._disconnect)
 
-    # --------------------------------------------------------------- of each arm
-
     @abstractmethod
     def _read(self) -> tuple[Array, Array, float, ArmMode]:
-        """(m,) joints and velocities of the arm, N that press on it from outside, and what it says of itself."""
+        """Return joints and velocities (m,) of the arm, the contact force (N), and its mode."""
 
     @abstractmethod
     def _write(self, q: Array, v: Array) -> None:
-        """Send (m,) joints, and their velocities.
+        """Send joints (m,) and their velocities.
 
         Raises:
-            DriverError: the arm does not take them.
+            DriverError: the arm refuses them.
         """
 
     @abstractmethod
     def _halt(self) -> None:
-        """Stop by the arm's own means."""
+        """Stop by the arm's own controller."""
 
     @abstractmethod
     def _grip(self, command: float) -> None:
-        """Move the gripper, -1 to 1; may wait for it."""
+        """Move the gripper, -1 to 1; may block."""
 
     @abstractmethod
     def _disconnect(self) -> None:
-        """Leave the arm."""
-
-    # ------------------------------------------------------------------- threads
+        """Disconnect the arm."""
 
     def _run(self) -> None:
         schedule_first(LOOP_PRIORITY)
@@ -195,7 +194,7 @@ class StreamedArm(ABC):
             self._trouble = trouble
 
     def _play(self, now: float) -> tuple[Array, Array]:
-        """Go on along the targets; returns (m,) rad and rad/s."""
+        """Advance along the targets and return position (m,), rad, and velocity (m,), rad/s."""
         assert self._passed is not None
         if now < self._played:
             return self._passed, np.zeros_like(self._passed)
@@ -221,7 +220,7 @@ class StreamedArm(ABC):
             self._attempt(lambda wanted=wanted: self._grip(wanted))
 
     def _attempt(self, what: Any) -> Any:
-        """The result of a call to the maker's library; None where it failed: the arm says so with its next state."""
+        """Call the maker's library and return its result; None if it failed, which the next state reports."""
         try:
             return what()
         except Exception as error:  # noqa: BLE001 - libraries raise what they like; the watch stops by the state
@@ -230,17 +229,17 @@ class StreamedArm(ABC):
 
     @property
     def trouble(self) -> str | None:
-        """The last error of the arm's library; None: nothing went wrong."""
+        """The last error of the arm's library; None if there was none."""
         return self._trouble
 
 
 def _pace(left: float) -> float:
-    """Cycles of the stream that are gone through in a cycle, with so many left to go."""
+    """Return the playback speed of the stream, in cycles per cycle, with ``left`` cycles left."""
     return FASTER if left > MOST else min(1.0, left / LEAST)
 
 
 def _gone(left: float, cycles: float) -> float:
-    """Cycles of the stream that are gone through in so many cycles, with so many left to go: fewer than are left."""
+    """Return how many cycles of the stream are played in ``cycles`` cycles, fewer than ``left``."""
     pace = max(1.0, _pace(left))
     straight = min(pace * cycles, max(0.0, left - LEAST))
     rest = cycles - straight / pace
@@ -248,10 +247,10 @@ def _gone(left: float, cycles: float) -> float:
 
 
 def finite(values: Any, size: int, what: str) -> npt.NDArray[np.float64]:
-    """(size,) numbers of a library.
+    """Return numbers (size,) from a library.
 
     Raises:
-        DriverError: they are none, or not as many.
+        DriverError: they are not finite, or too few.
     """
     found = np.asarray(values, dtype=np.float64).reshape(-1)[:size]
     if found.shape != (size,) or not np.isfinite(found).all():

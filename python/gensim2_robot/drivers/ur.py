@@ -1,4 +1,4 @@
-"""Arms of Universal Robots, by ``ur_rtde`` (extra ``ur``). Never tried on an arm."""
+"""Arms of Universal Robots by ``ur_rtde`` (extra ``ur``); not tested on an arm."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from gensim2_robot.devices import ArmMode
 from gensim2_robot.drivers.streamed import DriverError, StreamedArm, finite
 
 RATE = 500.0
-"""Of an e-Series; a CB3 takes 125."""
+"""Command rate of an e-Series, Hz; a CB3 has 125."""
 LOOKAHEAD, GAIN = 0.05, 500.0
-"""Seconds and N m/rad-like units of ``servoJ``: smoothing, and how hard a target is gone to."""
+"""Parameters of ``servoJ``: lookahead time (s), and gain."""
 DECELERATION = 4.0
-"""m/s^2 of ``servoStop``."""
+"""Deceleration of ``servoStop``, m/s^2."""
 
 
 class URArm(StreamedArm):
     """A UR arm in remote control.
 
     Args:
-        host: its address.
-        profile: of the robot.
-        grip: moves its gripper, -1 to 1; None: there is none. RTDE knows none, they are a maker's own.
-        rate: 500 of an e-Series, 125 of a CB3.
+        host: address of the arm.
+        grip: function that moves its gripper, -1 to 1; None for no gripper. RTDE supports none, because grippers have
+            interfaces of their own.
+        rate: 500 for an e-Series, 125 for a CB3.
 
     Raises:
         MissingExtraError: ``ur_rtde`` is not installed.
-        DriverError: the arm cannot be connected to.
+        DriverError: the connection fails.
     """
 
     def __init__(

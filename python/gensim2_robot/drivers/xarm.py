@@ -1,4 +1,4 @@
-"""Arms of UFACTORY, by ``xarm-python-sdk`` (extra ``xarm``). Never tried on an arm."""
+"""Arms of UFACTORY by ``xarm-python-sdk`` (extra ``xarm``); not tested on an arm."""
 
 from __future__ import annotations
 
@@ -13,26 +13,25 @@ from gensim2_robot.devices import ArmMode
 from gensim2_robot.drivers.streamed import DriverError, StreamedArm, finite
 
 RATE = 100.0
-"""The SDK's servo mode takes up to 250."""
+"""Command rate, Hz; the SDK's servo mode accepts up to 250."""
 SERVO, READY, STOP = 1, 0, 4
-"""The SDK's mode of streamed joints, and its states."""
+"""The SDK's mode for streamed joints, and its states."""
 WIDEST = 850
-"""The gripper's unit: open."""
+"""Gripper position that is fully open, in the SDK's unit."""
 
 
 class XArm(StreamedArm):
     """An xArm.
 
     Args:
-        host: its address.
-        profile: of the robot.
-        gripper: whether it has the maker's.
-        sensor: whether it has a force sensor; without, the force is told as 0, and only the arm's own collision
+        host: address of the arm.
+        gripper: whether it has the maker's gripper.
+        sensor: whether it has a force sensor; without one the force is reported as 0, and only the arm's own collision
             detection stops it.
 
     Raises:
         MissingExtraError: ``xarm-python-sdk`` is not installed.
-        DriverError: the arm cannot be connected to, or is in error.
+        DriverError: the connection fails, or the arm reports an error.
     """
 
     def __init__(self, host: str, profile: RobotProfile, gripper: bool = True, sensor: bool = False) -> None:

@@ -1,1 +1,1 @@
-"""Trials on a real or simulated arm by protocols: seeded placements, verdicts, causes, a table."""
+"""Trials on a real or simulated arm by protocols: seeded placements, results, causes of failure, a table."""

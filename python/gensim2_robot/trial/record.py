@@ -1,4 +1,4 @@
-"""Protocols of trials, and the record of their results."""
+"""Protocols of trials, and records of their results."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from gensim2.tasks.presets import preset
 from gensim2.tasks.spec import Name, Offset, Randomization, TaskSpec
 
 FOLDER = Path(__file__).parents[1] / "protocols"
-"""Of those that come with the package."""
+"""Folder of the package's protocols."""
 Text = Annotated[str, Field(min_length=1, max_length=400)]
 Metres = Annotated[float, Field(ge=-3, le=3)]
-"""Distance from the robot's base that an arm may reach, m."""
+"""Largest distance from the robot's base that an arm may reach, m."""
 Shares = tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]]
 
 
 class PlacementRange(BaseModel):
-    """Ranges in which one object stands.
+    """Ranges of one object's placement.
 
     Attributes:
-        at: m ahead of the robot's base and to its left, of the middle of the ranges.
-        x, y: m by which it is shifted ahead and to the left; one number stands for the range from minus it to it.
-        yaw: degrees by which it is turned at most, towards the robot from the side to which it was shifted.
-        openness: share of its joint's range by which it is opened; None: it has no joint.
+        at: centre of the ranges, m in front of the robot's base and to its left.
+        x, y: offset (m) to the front and to the left; one number stands for the range from minus to plus this number.
+        yaw: largest rotation in degrees, towards the robot from the side of the offset.
+        openness: range of its joint's openness; None without a joint.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -61,12 +61,12 @@ class PlacementRange(BaseModel):
 
 @dataclass(frozen=True)
 class Placed:
-    """One object of one trial.
+    """Placement of one object in one trial.
 
     Attributes:
-        x, y: m ahead of the robot's base and to its left.
-        offset: m and rad by which it is off the middle of its ranges: ahead, to the left, turned about the vertical.
-        openness: share of its joint's range; None: it has no joint.
+        x, y: m in front of the robot's base and to its left.
+        offset: offset from the centre of its ranges: front (m), left (m), rotation about the vertical (rad).
+        openness: openness of its joint; None without a joint.
     """
 
     x: float
@@ -75,7 +75,7 @@ class Placed:
     openness: float | None
 
     def told(self, name: str) -> str:
-        """One line for whoever lays it out."""
+        """Return the placement as a line for the person who lays it out."""
         side = "left" if self.y >= 0 else "right"
         degrees = math.degrees(self.offset[2])
         turn = "anticlockwise" if degrees >= 0 else "clockwise"
@@ -87,15 +87,15 @@ class Placed:
 
 
 class TrialProtocol(BaseModel):
-    """``protocols/TASK.yaml``.
+    """Content of ``protocols/TASK.yaml``.
 
     Attributes:
         task: name of the task.
-        objects: what to take for each, for people.
-        placements: where each stands.
-        sentence: that the policy is told.
-        verdict: question whose answer yes is a success.
-        causes: of failures, to choose from.
+        objects: description of each object for the person.
+        placements: placement ranges of each object.
+        sentence: instruction for the policy.
+        verdict: question whose answer yes means success.
+        causes: causes of failure to choose from.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -115,7 +115,7 @@ class TrialProtocol(BaseModel):
         return self
 
     def require(self, task: TaskSpec) -> None:
-        """Refuse another task's objects.
+        """Check that a task has the protocol's objects.
 
         Raises:
             InputError: the task has other objects.
@@ -125,7 +125,7 @@ class TrialProtocol(BaseModel):
             raise InputError(said, file=f"protocol of {self.task}", field="objects")
 
     def place(self, seed: int, number: int) -> dict[str, Placed]:
-        """Draw where everything stands in one trial."""
+        """Draw the placements of one trial."""
         generator, found = rng(seed, f"{self.task}/trial placements", number), {}
         for name, given in self.placements.items():
             low, high = given.openness or (0.0, 0.0)
@@ -144,7 +144,7 @@ class TrialProtocol(BaseModel):
 
 
 def reset_options(placed: Mapping[str, Placed]) -> dict[str, Any]:
-    """Options of a simulator's reset that lay out the same: offsets from each object's own default placement."""
+    """Return reset options that make a simulator lay out the same placements."""
     return {
         "offset": {name: list(each.offset) for name, each in placed.items()},
         "openness": {name: each.openness for name, each in placed.items() if each.openness is not None},
@@ -152,15 +152,15 @@ def reset_options(placed: Mapping[str, Placed]) -> dict[str, Any]:
 
 
 def protocol_names() -> list[str]:
-    """Names of the protocols that come with the package."""
+    """Return the names of the package's protocols."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
 def read_protocol(word: str) -> TrialProtocol:
-    """A protocol by its task's name, or from a file of your own.
+    """Read a protocol by its task's name, or from a file.
 
     Raises:
-        InputError: there is none, or it is not written so; names the file and the field.
+        InputError: the protocol does not exist or is invalid; names the file and the field.
     """
     own = word.endswith((".yaml", ".yml", ".json"))
     if not own and word not in protocol_names():
@@ -178,15 +178,15 @@ REMEDY = "choose another --out"
 
 
 class TrialSettings(RunSettings):
-    """``asked.json``: what the trials of one folder have in common.
+    """Content of ``asked.json``: settings that all trials of a folder share.
 
     Attributes:
-        task: its name.
-        policy: what decides, in words.
-        seed: of the placements.
-        protocol: all of it.
-        line: what the line follows from.
-        scene: what the scenes follow from.
+        task: name of the task.
+        policy: description of the policy.
+        seed: seed of the placements.
+        protocol: the whole protocol.
+        line: settings of the control loop.
+        scene: settings of the scenes.
     """
 
     schema_version: Literal[1] = 1
@@ -199,7 +199,7 @@ class TrialSettings(RunSettings):
 
     @property
     def arm(self) -> str:
-        """The arm of the line."""
+        """Name of the arm."""
         return str(self.line.get("arm", ""))
 
 
@@ -207,15 +207,15 @@ class Trial(BaseModel):
     """One trial.
 
     Attributes:
-        number: counts from 0; placements follow from it and from the seed.
-        placements: by object, m, rad and a share.
-        success: the verdict.
-        cause: of a failure.
-        by: whose verdict it is.
-        goal: whether the simulator says that the goal held; None: there is none.
-        state, reason: of the watch at the end.
-        seconds: that the episode took.
-        at: when it ended, with its time zone.
+        number: number from 0, which determines the placements together with the seed.
+        placements: placements by object, in m, rad and openness.
+        success: result.
+        cause: cause of a failure.
+        by: origin of the result.
+        goal: whether the goal held in the simulator; None without one.
+        state, reason: state of the watchdog at the end.
+        seconds: duration of the episode, s.
+        at: end time, with time zone.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -239,15 +239,15 @@ class TrialFolder(ResumableFolder[TrialSettings]):
     """Trials of one task with one policy.
 
     Args:
-        folder: of them.
-        asked: what they have in common.
-        resume: go on with what the folder holds.
+        folder: folder of the trials.
+        asked: settings of the trials.
+        resume: continue the trials in the folder.
 
     Attributes:
-        trials: that are over, by number.
+        trials: finished trials by number.
 
     Raises:
-        InputError: the folder holds other trials, or ``resume`` is missing.
+        InputError: the folder has other trials, or ``resume`` is missing.
     """
 
     def __init__(self, folder: Path, asked: TrialSettings, resume: bool) -> None:
@@ -259,7 +259,7 @@ class TrialFolder(ResumableFolder[TrialSettings]):
             raise
 
     def add(self, trial: Trial) -> None:
-        """Keep a trial, whatever comes after; a last line that was cut off is overwritten.
+        """Append a trial and flush it to disk; an incomplete last line is overwritten.
 
         Raises:
             WriteError: it cannot be written.
@@ -277,10 +277,10 @@ class TrialFolder(ResumableFolder[TrialSettings]):
 
 
 def read_trials(folder: Path) -> list[Trial]:
-    """Trials of a folder; a last line that was cut off is left out.
+    """Return the trials of a folder, without an incomplete last line.
 
     Raises:
-        InputError: the file cannot be read, or a line before the last is damaged or repeats a trial.
+        InputError: the file cannot be read, or an earlier line is damaged or repeats a trial.
     """
     path = folder / LINES
     try:
@@ -299,12 +299,12 @@ def read_trials(folder: Path) -> list[Trial]:
 
 
 def _whole_lines(data: bytes) -> bytes:
-    """Return all but a last line that was cut off while it was written."""
+    """Return the data without an incomplete last line."""
     return data[: data.rfind(b"\n") + 1]
 
 
 def row_of(asked: TrialSettings, trials: Sequence[Trial]) -> dict[str, Any]:
-    """Figures of one task, with Wilson's interval."""
+    """Return the figures of one task, with Wilson's interval."""
     successes = sum(each.success for each in trials)
     return {
         "task": asked.task,
@@ -320,11 +320,11 @@ def row_of(asked: TrialSettings, trials: Sequence[Trial]) -> dict[str, Any]:
 
 
 def write_table(out: Path) -> dict[str, Any]:
-    """Write the table of all trials in the folders of ``out``, and the same as JSON; return it as plain data.
+    """Write the table of all trials in the folders of ``out``, also as JSON, and return it as plain data.
 
     Raises:
         InputError: a folder is damaged.
-        WriteError: they cannot be written.
+        WriteError: the files cannot be written.
     """
     rows = []
     for path in sorted(out.glob(f"*/{ASKED}")):
@@ -339,7 +339,7 @@ def write_table(out: Path) -> dict[str, Any]:
 
 
 def table_of(result: dict[str, Any]) -> str:
-    """The table as Markdown."""
+    """Return the table as Markdown."""
     lines = [
         "| task | policy | arm | trials | succeeded | 95 % (Wilson) | causes of failures |",
         "| --- | --- | --- | --- | --- | --- | --- |",

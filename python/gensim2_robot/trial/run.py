@@ -1,4 +1,4 @@
-"""``gensim2 robot trial``: a person is led through seeded placements; verdicts and causes are kept as they come."""
+"""``gensim2 robot trial``: lead a person through seeded placements, and store each result at once."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ from gensim2_robot.trial.record import (
 
 
 class Person(Protocol):
-    """Whoever lays out, and judges."""
+    """The person who lays out objects and judges results."""
 
     def lay_out(self, lines: Sequence[str]) -> None:
-        """Return when everything stands where the lines say."""
+        """Return when everything is placed as described."""
         ...
 
     def judge(self, question: str, offered: bool | None) -> bool:
-        """The answer to a question; ``offered``: what the simulator says."""
+        """Return the answer to a question; ``offered`` is the simulator's answer."""
         ...
 
     def cause(self, causes: Sequence[str]) -> str:
-        """Why it failed: one of the causes, or other words."""
+        """Return the cause of a failure: one of the causes, or other words."""
         ...
 
 
@@ -56,22 +56,22 @@ class Terminal:
     """A person at the terminal, asked on standard error.
 
     Args:
-        keys: that are let go of while a question is open.
-        progress: that leaves the terminal alone meanwhile.
+        keys: keyboard that is released during a question.
+        progress: progress display that is hidden during a question.
     """
 
     def __init__(self, keys: Keys, progress: ConsoleProgress) -> None:
         self._keys, self._progress = keys, progress
 
     def lay_out(self, lines: Sequence[str]) -> None:
-        """Say what is to be laid out, and wait for Enter."""
+        """Show what to lay out, and wait for Enter."""
         with self._asking():
             for line in lines:
                 click.echo(line, err=True)
             click.prompt("Enter begins", default="", show_default=False, prompt_suffix=" ", err=True)
 
     def judge(self, question: str, offered: bool | None) -> bool:
-        """Ask for yes or no; what the simulator says is the answer where none is typed."""
+        """Ask for yes or no; the simulator's answer is the default."""
         says = "" if offered is None else f" (the simulator says {'yes' if offered else 'no'})"
         with self._asking():
             return click.confirm(f"{question}{says}", default=offered, err=True)
@@ -90,7 +90,7 @@ class Terminal:
 
     @contextlib.contextmanager
     def _asking(self) -> Iterator[None]:
-        """The terminal as it was before, and Ctrl-C at once: the arm stands by its own means meanwhile."""
+        """Restore the terminal and let Ctrl-C act at once; the arm is released meanwhile."""
         with self._progress.paused(), self._keys.let_go(), _interruptible():
             yield
 
@@ -109,11 +109,11 @@ def _interruptible() -> Iterator[None]:
 
 Verdict = Literal["person", "simulator"]
 TRIALS = 10
-"""Of the paper's protocol."""
+"""Number of trials in the paper's protocol."""
 
 
 class TrialsEndedError(GenSim2Error):
-    """The trials cannot go on as they are; those that are over are kept."""
+    """The trials cannot continue; finished ones are kept."""
 
 
 def trial(
@@ -131,33 +131,33 @@ def trial(
     progress: Progress = NULL_PROGRESS,
     **line: Unpack[LineArguments],
 ) -> dict[str, Any]:
-    """Carry out trials of one protocol and write the table of all that ``out`` holds.
+    """Run trials of one protocol and write the table of all trials in ``out``.
 
-    What is finished is kept when anything ends the trials. A simulated arm whose watch has held or stopped it is a
-    failed trial, and the next one begins with fresh devices; a real one ends there, to be seen to.
+    Finished trials are kept whatever ends the run. If the watchdog holds or stops a simulated arm, the trial has
+    failed, and
+    the next one starts with new devices. With a real arm the run ends, so that a person can look after the arm.
 
     Args:
-        protocol: what is laid out, and what counts.
-        out: folder; the trials of a task are in one of its folders.
-        trials: how many.
-        verdict: whose counts.
-        person: who lays out and judges; None where a simulator does both.
-        resume: go on with what the folder holds.
-        logged: write everything down, a log for each opening of the devices.
-        name: of the folder in ``out``; None: the task's.
-        keys: of the person, who resumes or stops.
-        watching: whoever else is told of everything.
-        progress: is told of trials.
+        protocol: the protocol.
+        out: output folder, with a folder for each task.
+        trials: number of trials.
+        verdict: whose judgement counts.
+        person: person who lays out and judges; None if a simulator does both.
+        resume: continue the trials in the folder.
+        logged: log everything, with a log for each opening of the devices.
+        name: name of the folder in ``out``; None: the task's.
+        keys: keyboard of the person, who resumes or stops.
+        watching: further logs.
         line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`.
 
     Returns:
         Plain data: the table with all records.
 
     Raises:
-        InputError: an argument cannot be used, or the folder holds other trials.
-        WriteError: a trial cannot be kept; the arm has come to rest.
-        TrialsEndedError: the line stopped before an episode began, or a real arm is to be seen to.
-        KeyboardInterrupt: a signal asked to stop; the arm has come to rest.
+        InputError: an argument is invalid, or the folder has other trials.
+        WriteError: a trial cannot be written; the arm is at rest.
+        TrialsEndedError: the loop stopped before an episode started, or a person must look after a real arm.
+        KeyboardInterrupt: a signal asked to stop; the arm is at rest.
     """
     config, scene = LineConfig.split(line)
     if verdict == "simulator" and not config.is_simulated:
@@ -223,7 +223,7 @@ class _Current:
 
 
 class _Course:
-    """The trials that are left, one after the other."""
+    """The remaining trials."""
 
     def __init__(
         self,
@@ -243,11 +243,11 @@ class _Course:
         self.unwritten: WriteError | None = None
 
     def pending(self) -> list[int]:
-        """Numbers of the trials that are left."""
+        """Return the numbers of the remaining trials."""
         return [number for number in range(self._trials) if number not in self._kept.trials]
 
     def layouts(self) -> Iterator[Layout]:
-        """Scenes of the trials that are left; a person lays out what no simulator does."""
+        """Yield the scenes of the remaining trials; without a simulator a person lays them out."""
         for number in self.pending():
             placed = self._protocol.place(self._seed, number)
             self.current = _Current(number, placed)
@@ -259,7 +259,7 @@ class _Course:
             yield Layout(self.seeds[number], reset_options(placed))
 
     def ended(self, end: Ended) -> None:
-        """Take the verdict of an episode that came to its end."""
+        """Store the result of a finished episode."""
         cause = None
         if self._verdict == "simulator":
             success = end.held is True
@@ -271,7 +271,7 @@ class _Course:
         self._keep(success, cause, self._verdict, end.goal, "idle", "episode over", end.seconds)
 
     def halted(self, state: str, reason: str) -> None:
-        """Count the trial in which the watch has held or stopped the arm as a failure."""
+        """Count a trial in which the watchdog held or stopped the arm as a failure."""
         self._keep(False, f"{state}: {reason}", "watch", None, state, reason, 0.0)
 
     def _keep(
@@ -316,7 +316,7 @@ def _named(config: LineConfig) -> str:
 
 
 def _plain(config: LineConfig) -> dict[str, Any]:
-    """Everything that trials which are gone on with must keep to, as JSON gives it back."""
+    """Return all settings that resumed trials must share, as plain JSON data."""
     left_out = ("policy", "seed", "calibration_days")
     found: dict[str, Any] = {}
     for name, value in vars(config).items():
