@@ -82,8 +82,7 @@ def view(
         host: address to listen on.
         port: port of the page; if it is in use, the next free one.
         scene: options of a task, see :class:`~gensim2.rollout.config.RolloutArguments`; ``assets`` is also the present
-            folder
-            of a data set's objects.
+            folder of a data set's objects.
 
     Returns:
         The ``viser.ViserServer``; its ``stop()`` ends the page.

@@ -130,8 +130,7 @@ _SAME = 1e-6
 
 _PASSED = 2 * CYCLE
 """Time (s) before a target at which the motion no longer has to pass through it, so that a slightly late motion need
-not
-turn back.
+not turn back.
 """
 
 _KEPT = 1.0
@@ -145,8 +144,7 @@ class Streamer:
     """The smooth motion from which commands are sampled.
 
     The motion passes through all future targets, each no earlier than its time, and comes to rest shortly after the
-    last one.
-    So the arm stops by itself if no more targets arrive. New targets extend the present motion.
+    last one. So the arm stops by itself if no more targets arrive. New targets extend the present motion.
 
     Args:
         limits: joint limits of the motion; limits of the tool and the workspace are checked for each command instead.

@@ -53,8 +53,7 @@ class Braking:
 
     def range(self) -> tuple[Array, Array]:
         """Return lower and upper positions (m,), rad, at which a tenth of the offset is still allowed as velocity
-        towards
-        the end.
+        towards the end.
         """
         room = (1.1 * self.offset) ** 2 / self.gain
         return self.lower + room, self.upper - room
@@ -112,8 +111,7 @@ class ArmLimits:
     """Limits that no command exceeds.
 
     The speed is a share of the arm's. Accelerations and jerks are the arm's own at any speed, so that it stops as fast
-    as it
-    can.
+    as it can.
 
     Attributes:
         profile: the robot.
@@ -128,8 +126,7 @@ class ArmLimits:
         leash: distance (rad or m) of a target ahead of the measured arm, so that a blocked arm does not press harder. A
             contact force shortens it.
         jump: distance (rad or m) of an episode's first target from the arm's position, and of any target beyond a
-            joint's
-            range.
+            joint's range.
     """
 
     profile: RobotProfile

@@ -51,8 +51,7 @@ class MachineClock:
         """Give this thread priority over others within the block.
 
         It gets real-time priority if the user may request it (``ulimit -r``). Other threads yield the interpreter soon,
-        and the
-        garbage collector skips existing objects, because scanning all imported modules takes 0.1 s.
+        and the garbage collector skips existing objects, because scanning all imported modules takes 0.1 s.
 
         Yields:
             The kernel's scheduling policy: ``fifo``, or ``other`` without real-time priority.

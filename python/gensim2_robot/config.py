@@ -117,8 +117,7 @@ class LineConfig:
         cameras: see :meth:`CameraSource.parse`. Recordings do not follow an arm, so they need a dry run of a simulated
             one.
         policy: a checkpoint, the URL of a server (``ws://host:port``), or a controller; None: the planner, which gets
-            the
-            true scene.
+            the true scene.
         deadline: time limit for an action from a server, s.
         speed: share of the arm's speed; control steps take longer in proportion.
         margin: distance (rad) of joints from the ends of their range.

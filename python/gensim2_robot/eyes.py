@@ -76,8 +76,7 @@ class OwnPoints:
         self, camera: Camera, depth: npt.NDArray[np.uint16], colors: npt.NDArray[np.uint8] | None, q: Array
     ) -> Picture:
         """Return an image with corrected depth in m, in which the robot's pixels are marked; its camera has no
-        calibration
-        left.
+        calibration left.
 
         Args:
             camera: camera of the image.
@@ -121,8 +120,7 @@ def _marked(
     depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16], near: float
 ) -> npt.NDArray[np.int16]:
     """Return the ids of pixels whose depth agrees with the meshes, there or in a neighbouring pixel, because stereo
-    widens
-    edges.
+    widens edges.
     """
     found = np.where((ids > 0) & (np.abs(depth - meshes) < near), ids, np.int16(0))
     for here, there in (

@@ -1,12 +1,9 @@
 """The function through which every command to an arm passes.
 
 Every command is sent together with a complete checked stop. The check covers positions, velocities, accelerations,
-jerks,
-speed and workspace of the tool, and distances of the robot from itself and the table. A command without a known stop is
-not
-sent; instead the next piece of the last checked stop is sent, possibly mixed with the command. So by induction no limit
-is
-ever exceeded, for any input.
+jerks, speed and workspace of the tool, and distances of the robot from itself and the table. A command without a known
+stop is not sent; instead the next piece of the last checked stop is sent, possibly mixed with the command. So by
+induction no limit is ever exceeded, for any input.
 """
 
 from __future__ import annotations

@@ -132,8 +132,7 @@ class Line:
         commands: if set, a list that gets every command.
         in_phase: whether requests follow soon after the arrival of images.
         stopped_ms, standing_ms: time from the event that ended the motion to the last moving command, and to the
-            measured
-            standstill; None if nothing ended it yet.
+            measured standstill; None if nothing ended it yet.
     """
 
     def __init__(

@@ -1,9 +1,8 @@
 """Log everything observed, requested, answered, sent and decided in MCAP files that stay readable after any failure.
 
 A file is closed at a given size and a new one is started; the oldest ones are removed when the folder's limit is
-reached.
-Space to close a file is reserved in an unnamed file, so that a full disk ends the log without damaging it, and a killed
-run leaves only its log.
+reached. Space to close a file is reserved in an unnamed file, so that a full disk ends the log without damaging it, and
+a killed run leaves only its log.
 """
 
 from __future__ import annotations

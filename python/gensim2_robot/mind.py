@@ -70,8 +70,7 @@ class ControllerAnswer:
     Attributes:
         number: number of the request.
         actions: (k, m + 1) targets of the arm's joints in rad and the gripper from -1 to 1, starting at the request's
-            control
-            step; fewer than requested if the controller is done.
+            control step; fewer than requested if the controller is done.
         done: whether the controller is done.
         seen: all its input arrays by name.
         cloud_ms: time from the newest image to the point cloud, ms; None without a cloud.

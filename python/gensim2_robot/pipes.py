@@ -22,8 +22,7 @@ from gensim2_robot.devices import CameraFrame
 
 MAX_WAITING = 500
 """Largest number of messages that wait for a process that does not read, beyond the kernel's buffer; the loop sends 100
-a
-second.
+a second.
 """
 CHUNK = 1 << 16
 MAX_CHUNKS = 256
@@ -40,8 +39,7 @@ class MessagePipe:
     """A pipe end that never blocks; the other end may be a plain ``Connection``.
 
     A blocking ``Connection`` waits forever once the other process is stopped: ``send`` when the kernel's buffer is
-    full,
-    ``recv`` in the middle of a message.
+    full, ``recv`` in the middle of a message.
 
     Args:
         connection: this end.
@@ -164,10 +162,8 @@ class PictureSlots:
     """One side of the shared memory.
 
     A slot belongs to one process at a time: the reader owns it from the message about a new image until it returns the
-    slot.
-    The creator of the memory sends its name to the other process. The name is removed as soon as both have it, so the
-    memory
-    is freed with the last of them, however it ends.
+    slot. The creator of the memory sends its name to the other process. The name is removed as soon as both have it, so
+    the memory is freed with the last of them, however it ends.
     """
 
     def __init__(self, cameras: Sequence[Camera], memory: SharedMemory) -> None:

@@ -54,8 +54,7 @@ class DeviceProcess:
     Args:
         what: name for messages.
         target: function that runs in the process, with the other end of the pipe and the arguments; its GenSim2Error is
-            sent
-            back.
+            sent back.
         arguments: its arguments.
     """
 

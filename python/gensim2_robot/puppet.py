@@ -81,8 +81,7 @@ class Puppet:
         task: task whose scene a simulated arm works in.
         move: whether to send commands to the arm.
         line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`;
-            ``policy`` is
-            ignored.
+            ``policy`` is ignored.
 
     Raises:
         InputError: an argument is invalid.

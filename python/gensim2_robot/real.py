@@ -33,8 +33,7 @@ class ProcessCameras:
 
     Args:
         make: function that makes their driver in the process, with ``cameras``, ``serials``, ``poll()``, ``close()``,
-            and
-            optionally ``fail(fault)``.
+            and optionally ``fail(fault)``.
         arguments: picklable arguments of ``make``.
         interrupted: received stop signals; once there is one, opening ends.
 
@@ -45,8 +44,7 @@ class ProcessCameras:
     Raises:
         GenSim2Error: raised by ``make``.
         DeviceGoneError: ``make`` raised another exception, the process has ended, the cameras did not open within 60 s,
-            or a
-            signal asked to stop.
+            or a signal asked to stop.
     """
 
     def __init__(self, make: Callable[..., Any], *arguments: Any, interrupted: Sequence[int] = ()) -> None:

@@ -46,8 +46,7 @@ class WatchRules:
         late_answers: number of consecutive answers whose actions are all too late.
         state_age: largest age of the arm's last state.
         behind: largest distance (rad or m) of the arm from all commands of the last ``window``, unless a force acts on
-            it;
-            then the force limit applies instead.
+            it; then the force limit applies instead.
         pressed: contact force (N) from which on a force acts on the arm.
         window: time of the commands that the arm is compared with.
         overrun: tolerated delay of a period.
@@ -76,8 +75,7 @@ class StateChange:
         state: new state.
         reason: reason in words.
         at_once: whether the arm must stop by its own controller, because commands of a checked stop would be too late
-            or
-            refused.
+            or refused.
     """
 
     time: float

@@ -124,9 +124,8 @@ def solve_motions(
     """Plan every problem and return one record for each.
 
     A record has ``id``, ``status``, ``reason``, ``cpu_ms``, ``duration`` (s), ``length`` (of the path in joint space,
-    rad),
-    ``nearer`` and ``samples`` (joints every 5 ms). ``cpu_ms`` covers everything from the problem to the timed motion,
-    including building the scene.
+    rad), ``nearer`` and ``samples`` (joints every 5 ms). ``cpu_ms`` covers everything from the problem to the timed
+    motion, including building the scene.
 
     Raises:
         InputError: the robot is unknown, or a problem does not fit it.

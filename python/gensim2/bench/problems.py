@@ -1,8 +1,7 @@
 """Planning problems as JSON Lines, one validated problem per line.
 
 Lengths are in m, angles in rad, poses are 4x4 row-major, quaternions (w, x, y, z), times in s on the problem's own
-clock.
-Fields that are not named here (such as ``reference``) are ignored.
+clock. Fields that are not named here (such as ``reference``) are ignored.
 """
 
 from __future__ import annotations

@@ -54,10 +54,8 @@ def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside ``path``; the file written there replaces ``path`` when the block ends.
 
     The data is on disk before the file is renamed, and the new name is on disk before this returns. So a reader, a
-    crash or
-    a power cut sees either the old file or the new one. If the block fails, ``path`` is unchanged. The temporary path
-    has
-    the suffix of ``path``, because some libraries choose a format by it.
+    crash or a power cut sees either the old file or the new one. If the block fails, ``path`` is unchanged. The
+    temporary path has the suffix of ``path``, because some libraries choose a format by it.
 
     A symbolic link at ``path`` is replaced and never followed, because its target may lie outside an untrusted folder.
 
@@ -87,8 +85,7 @@ def new_folder(path: Path) -> Iterator[Path]:
     """Yield a temporary folder beside ``path``, which is renamed to ``path`` when the block ends.
 
     ``path`` must be missing or empty. If the block fails, nothing is left; folders left by killed processes are removed
-    by
-    the next call. After a power cut files may be missing, so use this for data that can be made again.
+    by the next call. After a power cut files may be missing, so use this for data that can be made again.
 
     Raises:
         InputError: ``path`` is not empty.

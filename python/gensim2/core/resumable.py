@@ -22,8 +22,7 @@ class FolderLock:
     """Lock of a folder; a context manager that releases the lock. The lock ends with its process.
 
     Symbolic links must not lead out of the folder, because they would be followed. The lock file stays, because
-    removing it
-    would let two processes lock two files of the same name. It contains the process id.
+    removing it would let two processes lock two files of the same name. It contains the process id.
 
     Args:
         folder: the folder; it is created if missing.
@@ -148,8 +147,7 @@ class ResumableFolder(Generic[Settings]):
 
     Raises:
         InputError: the folder has the marker and ``resume`` is false, or other settings, or other content; another
-            process
-            uses it; or it cannot be written.
+            process uses it; or it cannot be written.
     """
 
     def __init__(

@@ -61,10 +61,8 @@ class ClearanceMeter:
 
     The robot's links are measured against the table, each other, and every object that no step acts on. An object that
     both fingers touch counts as grasped. It is then part of the hand, except against the table and the object on which
-    it
-    stood at the start. Objects that steps act on are meant to be touched and are left out, and so are pairs of links
-    that
-    can never touch and links that no joint moves.
+    it stood at the start. Objects that steps act on are meant to be touched and are left out, and so are pairs of links
+    that can never touch and links that no joint moves.
 
     Args:
         task: task of the episodes.

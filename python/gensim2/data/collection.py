@@ -75,8 +75,7 @@ def collect(
 
     Args:
         tasks: names of library tasks, or folders with task.yaml and strategies/; empty for the whole suite. A task
-            whose
-            object classes are not available is skipped and listed in the result.
+            whose object classes are not available is skipped and listed in the result.
         episodes: number of episodes to run for each task.
         out: folder of the data set.
         seed: seed of the scenes; no other command uses the same scenes.

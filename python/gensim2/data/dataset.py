@@ -54,8 +54,7 @@ class DataSet:
         Args:
             path: folder of the data set.
             assets: present folder of its objects; None: the recorded folder. Not used for built-in objects. The
-                objects'
-                content is checked when they are first used (:mod:`gensim2.data.used_objects`).
+                objects' content is checked when they are first used (:mod:`gensim2.data.used_objects`).
 
         Raises:
             InputError: ``dataset.json`` is missing, damaged, or of another version of gensim2; or ``assets`` has no

@@ -63,10 +63,8 @@ def collect(
     """Record demonstrations until ``episodes`` have succeeded, and merge them into one trajectory.
 
     Each episode is written when it is finished; of failed episodes only the record is kept. A second call makes missing
-    and
-    damaged episodes. The result depends on the seed only: the collection ends at the first index at which enough
-    episodes
-    have succeeded.
+    and damaged episodes. The result depends on the seed only: the collection ends at the first index at which enough
+    episodes have succeeded.
 
     Args:
         instances: name of the set of objects.

@@ -65,9 +65,8 @@ class FrameAccess:
 
     ``frames[i]`` is a mapping with observations, named as in :class:`~gensim2.perception.Observation`; ``action``,
     ``reward``, ``success``, ``done``; ``language``; ``task_index``, ``episode_index``, ``frame_index``. Each file is
-    checked
-    as a whole when it is first used; after that a frame is read as a single chunk. The object can be pickled. For a
-    PyTorch ``DataLoader`` use :meth:`torch`.
+    checked as a whole when it is first used; after that a frame is read as a single chunk. The object can be pickled.
+    For a PyTorch ``DataLoader`` use :meth:`torch`.
 
     Args:
         stores: the episodes of each task, at least one.

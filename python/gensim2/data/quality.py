@@ -33,8 +33,7 @@ class TaskQuality:
     Attributes:
         name, sentence: name and instruction of the task.
         tried, held, strict, whole: number of episodes: all, successful ones, ones that meet the strict criterion, and
-            ones
-            in which no step executed only part of a motion.
+            ones in which no step executed only part of a motion.
         causes: number of failed episodes by cause.
         places: x, y (m) and yaw (rad) of the object that the first step acts on, and whether the episode succeeded.
         openness: initial openness of that object in successful episodes; empty if it has no joint.
@@ -80,8 +79,7 @@ def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[
 
     Raises:
         InputError: the collection is incomplete, a file of an episode or an object is damaged, or an object is missing
-            or
-            has changed.
+            or has changed.
     """
     scene = dataset.scene
     profile, objects = robot(scene.robot), ObjectCheck(dataset, progress)

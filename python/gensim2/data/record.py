@@ -49,8 +49,7 @@ class TaskRecord(_Record):
         instances: name of the set of objects.
         objects: number of generated objects of each articulated class used in place of ``instances``; None: not used.
         tried, held, strict: number of episodes: all, successful ones, and ones that meet the strict criterion; None
-            until
-            all are finished.
+            until all are finished.
         causes: number of failed episodes by cause.
     """
 

@@ -176,8 +176,7 @@ class TaskQueue:
         """Yield the remaining jobs, numbered from ``first``; yield None while running episodes may fill the quota.
 
         An episode is started only if the quota would stay unfilled even if all running episodes succeed. Therefore the
-        same
-        indices are run with any number of workers and in any order of completion.
+        same indices are run with any number of workers and in any order of completion.
         """
         config = evaluator.config(self.task, self.instances)
         last = self._done.rfind(1)

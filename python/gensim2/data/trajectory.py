@@ -1,8 +1,8 @@
 """Demonstrations in ManiSkill's trajectory format: ``trajectory.h5`` and ``trajectory.json``.
 
 Each finished episode is first written atomically to its own file under ``episodes/``; the two files are then merged
-from the given episodes in the given order. So an interruption loses no finished episode, and the bytes do not depend
-on the number of workers.
+from the given episodes in the given order. So an interruption loses no finished episode, and the bytes do not depend on
+the number of workers.
 
 ManiSkill's own command replays the result, because the environment's id names the module that registers it:
 

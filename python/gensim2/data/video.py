@@ -85,8 +85,7 @@ class Replay:
         reset_kwargs: seed and options of the reset.
         actions: (T, m + 1), one for each control step.
         states: ManiSkill's ``env_states``, (T + 1, ...), which are shown without simulation; None for episodes of
-            SAPIEN,
-            which are simulated again.
+            SAPIEN, which are simulated again.
     """
 
     env_id: str

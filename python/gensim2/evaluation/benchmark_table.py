@@ -119,8 +119,7 @@ def _rates(rows: Sequence[TaskRow]) -> dict[str, Any]:
     """Return mean, standard deviation between runs and 95 % interval of each criterion.
 
     The interval of several tasks is that of as many episodes of one task with their mean rate, which is rather too wide
-    than
-    too narrow.
+    than too narrow.
     """
     found: dict[str, Any] = {}
     for name, verdict in VERDICTS.items():

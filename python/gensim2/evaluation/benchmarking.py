@@ -59,8 +59,7 @@ def benchmark(
 
     Args:
         tasks: names of library tasks, or folders with task.yaml and strategies/; empty for all tasks of ``origin``. A
-            task
-            whose object classes are not available is skipped and listed in the result.
+            task whose object classes are not available is skipped and listed in the result.
         origin: origin of the tasks if none is named; None: the paper's suite.
         runs: number of runs, for the deviation between them.
         episodes: number of episodes of each task in each run.
@@ -68,8 +67,7 @@ def benchmark(
         attempts: largest number of attempts from an episode's start until one succeeds.
         one_plan: plan each step once, when its turn comes, by its first strategy: the paper's method with our solver.
         disturbance: ``"push"`` or ``"drop"``, once in an episode at a seeded moment; tasks that grasp no rigid object
-            are
-            skipped.
+            are skipped.
         out: run folder; default ``runs/<date>-<time>``.
         resume: continue the run in ``out``.
         scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
@@ -129,8 +127,7 @@ def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskI
     """Return the tasks that grasp a rigid object, and the names of all others.
 
     If no task does and the run exists already, all tasks are returned, because the run was started without disturbance
-    and
-    its record reports the difference.
+    and its record reports the difference.
 
     Raises:
         InputError: no task of a new run does.

@@ -185,8 +185,7 @@ def finish_table(folder: RunFolder, told: dict[str, Any]) -> None:
     """Write the result of a table into its run folder, and finish the run.
 
     ``provenance`` is left out, so that the folder does not depend on date and commands. The ``records`` of episodes are
-    in
-    the tasks' folders.
+    in the tasks' folders.
 
     Args:
         folder: run folder.

@@ -38,8 +38,7 @@ def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Fin
     """Return the openness values at which the fingertips cannot reach the head keypoint without hitting the table.
 
     The head is ``articulated_object_head``, or else the first keypoint. A finding states the remaining distance in mm,
-    or
-    that the table is in the way.
+    or that the table is in the way.
 
     Raises:
         MissingExtraError: the robot's files are in a package that is not installed.

@@ -56,8 +56,7 @@ def inlier_mask(points: Points, neighbors: int, deviations: float) -> npt.NDArra
     """Return which points (N,) are inliers.
 
     A point is an inlier if its mean distance to its nearest ``neighbors`` is at most the mean of all these distances
-    plus
-    ``deviations`` standard deviations.
+    plus ``deviations`` standard deviations.
     """
     from scipy.spatial import cKDTree
 
@@ -105,8 +104,7 @@ class CloudSettings:
     Attributes:
         points: number of points.
         low, high: corners of the workspace to which the cloud is cropped. The default contains the objects on the table
-            in
-            front of a Panda, but not the table's surface.
+            in front of a Panda, but not the table's surface.
         robot: part of the robot to keep, if segmentation identifies it: ``"gripper"``, ``"all"`` or ``"none"``.
         candidates: number of points taken evenly from the images before farthest point sampling; 0: all.
         outliers: number of standard deviations above which a candidate is dropped as an outlier; None: keep all.

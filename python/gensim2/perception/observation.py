@@ -53,8 +53,7 @@ class Proprioception(Mapping[str, Row]):
     """Proprioception of one instant: ``state``, ``velocity``, ``tool_pose`` and ``gripper``.
 
     The last two are computed on first access, because few controllers need them in every step and the tool pose takes a
-    tenth
-    of a control step. Pickled as a dict.
+    tenth of a control step. Pickled as a dict.
 
     Args:
         positions, velocities: (n,) of all active joints, in rad and m, and per second.
@@ -124,8 +123,7 @@ class ObservationSpec:
 
     Attributes:
         modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer; empty for
-            the
-            robot's own state only.
+            the robot's own state only.
         cameras: names of the cameras: the fixed ones in their order, then the robot's own in the given order.
         cloud: settings of point clouds; its noise also applies to depth images.
     """

@@ -17,8 +17,7 @@ ATTEMPTS = 4
 """Default number of attempts in an episode."""
 STILL, STILL_SECONDS = 0.02, 1.5
 """The hand counts as stuck after ``STILL_SECONDS`` seconds in which no joint target (rad) and no gripper command
-changed
-by more than ``STILL``. The time is more than twice what the fingers need to close.
+changed by more than ``STILL``. The time is more than twice what the fingers need to close.
 """
 RESTS = 6
 """Control steps that the arm waits at the start of its path before the next attempt."""
@@ -55,8 +54,7 @@ class Attempts:
 
     def again(self) -> list[Action]:
         """Start another attempt and return the actions (m + 1,) that retrace the path; the gripper command changes only
-        at
-        the start.
+        at the start.
         """
         assert self._last is not None
         begin = self._way[0]

@@ -76,13 +76,11 @@ def off_its_way(
     batch: Mapping[str, torch.Tensor], profile: RobotProfile, training: TrainConfig, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
     """Perturb the arm's joints in half of the samples; the targets then lead back to the path (noise injection, Ke et
-    al.
-    2021).
+    al. 2021).
 
     Joints get normal noise with a standard deviation of up to ``arm_noise``, the same in all frames of a sample. The
-    tool
-    pose follows by forward kinematics, and the absolute targets stay the same. Samples in which the hand may hold an
-    object are not perturbed, because the object would have moved as well.
+    tool pose follows by forward kinematics, and the absolute targets stay the same. Samples in which the hand may hold
+    an object are not perturbed, because the object would have moved as well.
 
     Args:
         batch: columns (B, T, ...) in the base frame; clouds without the robot's points; targets relative to the joints.

@@ -1,7 +1,7 @@
 """Checkpoints: a folder with ``config.json`` and weights as safetensors, and no executable content.
 
-``config.json`` names the file of weights and its digest and is written last, so a reader sees either the old or the
-new checkpoint.
+``config.json`` names the file of weights and its digest and is written last, so a reader sees either the old or the new
+checkpoint.
 """
 
 from __future__ import annotations

@@ -108,8 +108,7 @@ class PolicyController:
         """Observations needed at the next step.
 
         While a chunk is executed only the robot's own state is needed, so no cloud is rendered. A policy with a history
-        needs
-        every observation in full.
+        needs every observation in full.
         """
         executes = bool(self._plan) and self._policy.config.history == 1
         return PROPRIOCEPTIVE if executes else self._policy.observation

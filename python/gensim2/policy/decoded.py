@@ -88,8 +88,7 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
 
     Args:
         folders: rendered data sets; episodes that are not rendered are left out and reported to ``progress``. An
-            episode
-            that occurs in several data sets counts once.
+            episode that occurs in several data sets counts once.
         tasks: names of the tasks; empty for all.
 
     Raises:

@@ -87,8 +87,7 @@ class Demonstrations:
         Returns:
             Columns (B, T, ...), ``sentence``, ``action``, and the next keyframes if the policy uses them. Before an
             episode's first frame the history repeats that frame. After the last trained frame the arm's target stays
-            and the
-            end is marked.
+            and the end is marked.
         """
         back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
         seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])

@@ -22,8 +22,7 @@ from gensim2.rollout.worker import chain
 
 Control = Literal["blind", "shuffled", "no-op", "expert"]
 """Control experiments beside a policy: the policy with all points at the origin, the policy with clouds of other
-scenes,
-an arm that stands still, and the planner with full knowledge of the scene.
+scenes, an arm that stands still, and the planner with full knowledge of the scene.
 """
 CONTROLS: tuple[Control, ...] = get_args(Control)
 

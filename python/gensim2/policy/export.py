@@ -72,8 +72,8 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
     ``<name>.json`` is written beside the file, with names and shapes of the inputs, instructions, observation spec and
     action format. Inputs are those of :class:`~gensim2.policy.frames.Inputs`; the user transforms clouds and poses into
     the policy's frame. For a keypose policy the JSON file also has ``points_order``, the order in which the network
-    takes
-    the rows of the observed cloud, and ``classes``, the meaning of its output classes (the last, ``null``, is "done").
+    takes the rows of the observed cloud, and ``classes``, the meaning of its output classes (the last, ``null``, is
+    "done").
 
     Args:
         folder: folder of the checkpoint.

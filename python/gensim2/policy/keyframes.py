@@ -45,8 +45,7 @@ def taught_frames(
     """Return which frames (T,) are used for training.
 
     Before the arm starts, and after it has stopped, all frames look alike and would teach the policy to wait, so they
-    are
-    left out. Frames at the start in which the fingers move are kept.
+    are left out. Frames at the start in which the fingers move are kept.
 
     Args:
         actions: (T, m) targets of the arm's joints, rad.

@@ -154,16 +154,15 @@ def learn(
         verify: for plans: leave out scenes whose plans fail in simulation; plans are not simulated otherwise.
         start: folder of a keypose policy of several tasks from ``learn``, or ``"builtin"``. The new policy starts from
             its weights and plans, learns ``tasks`` in addition, and is evaluated on all tasks. The builtin policy has
-            no
-            plans, so some scenes of its tasks are planned again, which counts towards ``minutes``.
+            no plans, so some scenes of its tasks are planned again, which counts towards ``minutes``.
         demonstrations: folder of another run of ``learn`` with the same tasks, objects and seed, whose demonstrations
             are copied; more are made if their share of ``minutes`` is not used up.
         noise: camera noise in all data and in the evaluation, with errors of pose, depth and clock drawn for each
             episode. None: exact depth.
         text: text encoder of a policy of several tasks; None: that of ``start``, else ``"small"``.
         text_model: folder or hub name of the weights of a pretrained text encoder; None: CLIP's on the hub.
-        settings: network and training settings that differ from the defaults, by name
-            (:mod:`gensim2.policy.config`), or a YAML file; not together with ``start``.
+        settings: network and training settings that differ from the defaults, by name (:mod:`gensim2.policy.config`),
+            or a YAML file; not together with ``start``.
         test_instances: objects for the evaluation. None: ``new`` if the policy learns from ``objects``; otherwise
             ``test`` if all classes have such a split, else ``new``.
         out: output folder. A single policy's checkpoint is written into it; several get a folder each, named by task.

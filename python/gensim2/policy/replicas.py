@@ -31,8 +31,7 @@ class Replicas:
 
     Replicas have no state of their own. In each step they get the network's weights, and the mean of all gradients is
     written to the network for its optimizer. Weights and gradients pass through shared memory of the host on any
-    device,
-    which takes milliseconds for networks of a few million weights. Each replica has its own copy of the data.
+    device, which takes milliseconds for networks of a few million weights. Each replica has its own copy of the data.
 
     Args:
         source, config, training: as for :class:`~gensim2.policy.gradient_step.GradientStep`.

@@ -46,8 +46,7 @@ def sentence_row(
     """Return an encoded instruction (1, ...), from the checkpoint's table or by its text encoder.
 
     Chunk policies without a text encoder accept any instruction. Keypose policies do not, because their classes belong
-    to
-    tasks.
+    to tasks.
 
     Args:
         policy: the checkpoint.

@@ -33,8 +33,7 @@ def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: Dept
 
     Raises:
         InputError: the policy is not a keypose policy of several tasks, already knows one of the tasks, has another
-            robot
-            or other observations, or cannot be read.
+            robot or other observations, or cannot be read.
     """
     found = PolicyCheckpoint.load(start)
     if policy != "keypose" or found.action.kind != "keypose":

@@ -129,8 +129,7 @@ def train_policy(
     """Train a policy and write its checkpoint with the averaged weights of the last step.
 
     On the same CPU model, with the same number of threads and devices, an interrupted and resumed training gives the
-    same
-    bytes as an uninterrupted one.
+    same bytes as an uninterrupted one.
 
     Args:
         config: settings of the network; with ``start``, those of the starting policy.

@@ -51,23 +51,18 @@ class ChainController:
     """Plans and executes the steps of a task in order.
 
     A step is planned on the scene at its start. It is planned again, from the robot's present state and velocity, if
-    its
-    object moves before it is touched or if the fingers close on nothing. If a grasped object is lost, the step that
-    grasped
-    it is repeated. If a motion ends and the step is not done, the same strategy is tried once more and then the next
-    one. If
-    no strategy has a plan, a strategy that makes room moves obstacles. A step has at most ``MAX_ROUNDS`` rounds of
-    planning.
-    After the last step a hand near the objects returns to the rest pose (:mod:`gensim2.rollout.retreat`).
+    its object moves before it is touched or if the fingers close on nothing. If a grasped object is lost, the step that
+    grasped it is repeated. If a motion ends and the step is not done, the same strategy is tried once more and then the
+    next one. If no strategy has a plan, a strategy that makes room moves obstacles. A step has at most ``MAX_ROUNDS``
+    rounds of planning. After the last step a hand near the objects returns to the rest pose
+    (:mod:`gensim2.rollout.retreat`).
 
     Args:
         strategies: strategies by name, as plain data or parsed.
         open_loop: plan all steps at the start, on predicted scenes, each by the first strategy with a complete plan,
-            and do
-            not react to deviations.
+            and do not react to deviations.
         one_plan: plan every step once, when its turn comes, by its first strategy, and continue with the next step in
-            any
-            case.
+            any case.
         options: solver options for every plan.
 
     Raises:
@@ -248,8 +243,7 @@ class ChainController:
         """Return the action with a gripper command that presses with the planned force at the present finger distance.
 
         A finger's drive acts as a spring. If the object is narrower than planned, or if the pads sink into it, as in
-        some
-        simulators, the planned target would press less.
+        some simulators, the planned target would press less.
         """
         held = self._held
         if held is None or held.force is None:
@@ -405,8 +399,7 @@ class ChainController:
 
     def _foreseen(self, name: str) -> kpam.Plan | None:
         """Return the plan for the current step and strategy that was made together with the grasp of the present
-        object,
-        if any.
+        object, if any.
         """
         grasp = self._held_by
         if grasp is None or self._held is None or grasp.step != self._step.name:

@@ -2,8 +2,7 @@
 
 The container's measured point (its last keypoint) lies in this space, or above it for boxes into which things are
 dropped. It belongs to the link that contains things: the moving link of a drawer, the body of a box or refrigerator. On
-a
-grid over that link's hulls, a cell is free space if it overlaps no hull, has something below it, and has walls on at
+a grid over that link's hulls, a cell is free space if it overlaps no hull, has something below it, and has walls on at
 least three of four sides, because a refrigerator is open in front and a drawer may lack a back. Of the connected spaces
 the one at or below the measured point is used, as a box along the link's axes that reaches to the walls.
 """

@@ -61,8 +61,7 @@ class Reference:
     Attributes:
         joint_positions, joint_velocities: (m,) of the arm, in rad or m, and per second.
         gripper: (2,) commanded distance of the pads, m, and force (N) of each finger on the grasped object; NaN if no
-            force
-            is specified.
+            force is specified.
         action: (m + 1,) action before noise was added; None if it was executed as it is.
     """
 

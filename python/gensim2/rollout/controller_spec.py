@@ -98,8 +98,8 @@ class ControllerSpec:
         """Digest of name, arguments, source and dependencies, which must agree when a run is resumed.
 
         The dependencies are the files returned by the class's static method ``depends_on``, which gets the arguments.
-        The
-        location of the source and the folder of a checkpoint with such files do not count, because they may be moved.
+        The location of the source and the folder of a checkpoint with such files do not count, because they may be
+        moved.
         """
         where, name = _parts(self.target)
         source = getattr(_module(where, self.target), "__file__", None)

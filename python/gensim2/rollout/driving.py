@@ -22,10 +22,8 @@ class Asked:
     """Asks a controller for actions within the time that the robot can wait.
 
     A simulated robot waits for the controller. A real robot needs an action in every control step. While the controller
-    is
-    still computing, the arm holds its last command, or its position if there is none. The delayed action still refers
-    to
-    the state at the request, at which the arm was held.
+    is still computing, the arm holds its last command, or its position if there is none. The delayed action still
+    refers to the state at the request, at which the arm was held.
 
     Args:
         controller: the controller.

@@ -77,9 +77,8 @@ def no_op_baseline(
     """Run the scene of ``seed`` without a moving arm for ``steps`` control steps and the time to settle.
 
     The scene is built without the arm, because a still arm touches nothing and the simulation is ten times faster
-    without
-    it. The run ends early if all objects are still for the first ``UNMOVED_SECONDS``, because nothing would move them
-    later.
+    without it. The run ends early if all objects are still for the first ``UNMOVED_SECONDS``, because nothing would
+    move them later.
 
     Args:
         world: simulated world, which is reset.

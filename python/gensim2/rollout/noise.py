@@ -20,8 +20,7 @@ class Noisy(WrappedController):
     """Add noise to another controller's joint targets now and then, without telling it.
 
     In a period with noise each joint's target has an offset that rises to a random angle and falls back to zero as a
-    half
-    sine wave. The noise-free action is recorded as ``reference/action``.
+    half sine wave. The noise-free action is recorded as ``reference/action``.
 
     Args:
         controller: the controller.

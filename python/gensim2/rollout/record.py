@@ -76,8 +76,7 @@ class ObjectRecord:
         openness_start, openness_end: openness of its joint; None for a rigid object or if not finite.
         pose_end: (7,) pose of a rigid object at the end; None for an articulated object or if not finite.
         default_pose: physics preset of the default pose that was randomized (``"ours"`` in earlier files); None if the
-            pose
-            was given.
+            pose was given.
         mass_factor, contact_friction_factor, joint_friction_factor: random factors on its physical properties.
     """
 

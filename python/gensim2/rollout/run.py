@@ -48,8 +48,7 @@ if TYPE_CHECKING:
 
 Stop = Literal["controller", "goal"]
 """End of an episode: when the controller returns None; or with ``"goal"`` also when the goal has held for
-``GOAL_SECONDS``
-and still holds after settling, or at the step limit.
+``GOAL_SECONDS`` and still holds after settling, or at the step limit.
 """
 STOPS: tuple[Stop, ...] = get_args(Stop)
 
@@ -68,15 +67,11 @@ def run(
     """Run one episode and evaluate it.
 
     The controller acts until it is done or the task's step limit is reached. Its last command is then held until the
-    scene
-    has settled, and the episode is evaluated. The settling steps are part of the episode, so a replay ends in the same
-    state.
-    If the goal is lost during settling, the controller continues while there is time. If the goal holds, the simulation
-    runs
-    on for the strict criterion, and the no-op baseline is run; neither is part of the episode. The episode also ends if
-    the
-    controller is done before its first action, or if the point cloud becomes empty because all objects left the
-    workspace.
+    scene has settled, and the episode is evaluated. The settling steps are part of the episode, so a replay ends in the
+    same state. If the goal is lost during settling, the controller continues while there is time. If the goal holds,
+    the simulation runs on for the strict criterion, and the no-op baseline is run; neither is part of the episode. The
+    episode also ends if the controller is done before its first action, or if the point cloud becomes empty because all
+    objects left the workspace.
 
     Args:
         world: simulated world, which is reset, and reset again for the no-op baseline.
@@ -290,8 +285,7 @@ def _numbers(values: npt.NDArray[np.float64] | None) -> list[float] | None:
 
 NUM_SEEDS = 12
 """Number of start values for an actuation pose in all attempts after the first. With the default of 48 nearly all
-solver
-seeds find the same cheapest pose, so another attempt would repeat the motion.
+solver seeds find the same cheapest pose, so another attempt would repeat the motion.
 """
 
 
@@ -337,8 +331,7 @@ def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], max_attem
     """Make attempts until one succeeds, and return the deciding attempt.
 
     That is the successful attempt; or else the first that meets the ``paper`` criterion; or else the first. So all
-    results of
-    an episode are of the same attempt. If the goal holds in the no-op baseline, no further attempt is made.
+    results of an episode are of the same attempt. If the goal holds in the no-op baseline, no further attempt is made.
 
     Args:
         run: function that makes an attempt, always from the same start.

@@ -35,8 +35,7 @@ class SolvedStep:
         """Return the step as plain data.
 
         ``plan`` is null if no motion was searched. If a shorter motion, after which the hand lets go, is executed in
-        place of an
-        incomplete plan, it is ``part``.
+        place of an incomplete plan, it is ``part``.
         """
         plan, part = self.found.plan, None
         if self.found.whole is not None:
@@ -98,10 +97,8 @@ def solve(
     """Plan the steps of a task in the scene of one seed as in an episode, without executing them.
 
     Each later step is planned in the scene that the earlier plans predict. If there is no complete plan, the plan has
-    the
-    longest partial motion (status ``partial``), as in an episode. Strategies are tried in order until one has a
-    complete plan
-    without early contact; otherwise the best plan is used. The result ends at a step without a motion.
+    the longest partial motion (status ``partial``), as in an episode. Strategies are tried in order until one has a
+    complete plan without early contact; otherwise the best plan is used. The result ends at a step without a motion.
 
     Example:
         ```python

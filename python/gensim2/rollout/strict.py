@@ -35,8 +35,7 @@ INSIDE = "inside"
 
 DEEPEST = 0.001
 """Largest penetration (m) of a rigid object into another body; a deeper object is held by the contact solver, not by
-its
-shape.
+its shape.
 """
 
 OTHERS_DISTANCE, OTHERS_TILT = 0.03, math.radians(20.0)
@@ -52,8 +51,7 @@ def strict_misses(
         world: the world one second after the last command.
         start: measurement before the first control step.
         at_actuation: measurement at the first actuation pose; None if the controller does not report it, which skips
-            the
-            check of early motion.
+            the check of early motion.
         before: measurement one control step earlier.
         later: present measurement.
     """
@@ -127,8 +125,7 @@ def _moving(world: World, before: Measurement, later: Measurement) -> dict[str, 
     """Return the speeds of objects that are not at rest, in m/s, or in rad/s for rotations.
 
     The speed is computed from the displacement in a control step. The velocity reported by PhysX is not used: for
-    bodies in
-    contact it includes the solver's corrections, up to 0.1 rad/s or 25 cm/s for bodies that do not move.
+    bodies in contact it includes the solver's corrections, up to 0.1 rad/s or 25 cm/s for bodies that do not move.
     """
     moving, rate = {}, world.profile.control_hz
     for name, moved in changes(before, later).items():

@@ -1,8 +1,7 @@
 """Configuration of scenes: everything except the seed that determines an initial state.
 
 Users give the keyword arguments of :class:`SceneArguments`. A run stores :class:`SceneOptions`, which all its tasks
-share.
-The scenes of one task follow from a :class:`SceneConfig`. Command-line options and files use the same names.
+share. The scenes of one task follow from a :class:`SceneConfig`. Command-line options and files use the same names.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Default poses of objects: the project's own, and those of the original GenSim2.
 
 The original's are in ``default_poses.csv`` beside this file, which is read as a package resource, so that wheels
-include
-it.
+include it.
 """
 
 from __future__ import annotations

@@ -27,8 +27,7 @@ def hulls_in_root(model: ArticulatedObject | RigidObject, value: float) -> list[
 
 def swept_points(model: ArticulatedObject | RigidObject) -> Array:
     """Return the convex hull's vertices (N, 3), m in the root frame, of the volume that the object sweeps over its
-    joint
-    range.
+    joint range.
     """
     if isinstance(model, RigidObject):
         values = [0.0]

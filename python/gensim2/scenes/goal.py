@@ -55,8 +55,7 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
 
     Args:
         task: task whose goal (``goal`` or the last step's ``done``) is checked, and whose ``done`` criteria must fit
-            the
-            kinds of their objects.
+            the kinds of their objects.
         state: an initial state of the task.
         robot: the robot, which limits how far objects can be moved.
         placed: objects placed by the caller; their distance to the goal is not checked.

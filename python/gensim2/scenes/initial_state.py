@@ -136,16 +136,12 @@ def sample_initial_state(
     """Draw the scene of ``seed``; ``options`` replace random values.
 
     A single object on the table keeps its first placement. Several objects are placed again, at most ``MAX_DRAWS``
-    times and
-    only if ``physics`` allows it, until they are ``GAP`` apart (including the volume that a joint sweeps), within the
-    robot's
-    reach, and rigid objects clear of the robot's start. If the preset also randomizes that start, it is drawn again
-    until the
-    robot overlaps no object. Placements from options are not changed.
+    times and only if ``physics`` allows it, until they are ``GAP`` apart (including the volume that a joint sweeps),
+    within the robot's reach, and rigid objects clear of the robot's start. If the preset also randomizes that start, it
+    is drawn again until the robot overlaps no object. Placements from options are not changed.
 
     The task's ranges and a preset's further values come from separate random generators, so that presets do not affect
-    each
-    other's draws.
+    each other's draws.
 
     Args:
         task: task with the ranges.

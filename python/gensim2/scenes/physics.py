@@ -1,9 +1,8 @@
 """Physics as named settings, each either the project's own or the original GenSim2's, and the engines that simulate it.
 
 A mixture has a name: ``original`` and ``default`` are presets, and ``original+gripper=default`` changes one setting of
-a
-preset. The name defines the physics completely, so it is used in records and worker processes. Users may give a file of
-settings.
+a preset. The name defines the physics completely, so it is used in records and worker processes. Users may give a file
+of settings.
 """
 
 from __future__ import annotations
@@ -43,11 +42,9 @@ class PhysicsSwitches:
         solver: settings and contact offsets of the engine, or the original's PhysX settings.
         poses: default poses computed from the geometry, or the original's for released models.
         gripper: drives of the fingers: the profile's; ``"soft"`` ones, with which the original's solver holds objects;
-            or the
-            original's.
+            or the original's.
         hulls: collision hulls of real objects that keep cavities open, or the convex hull of each connected part of a
-            file;
-            the planner uses the same hulls.
+            file; the planner uses the same hulls.
         redraw: ``"placement"``: placements of several objects are drawn again until all fit; ``"none"``: scenes are not
             redrawn when objects overlap.
         criteria_rate: evaluate the steps' criteria for ``paper`` every control step, or every 0.85 s.
@@ -77,8 +74,7 @@ PRESETS: Mapping[str, PhysicsSwitches] = {
     "original": PhysicsSwitches("original", "original", "original", "original", "original", "soft", "none"),
 }
 """Presets. ``original`` is the one for comparisons with the paper: all settings are the original's except for the
-fingers
-(docs/reference/simulation.md).
+fingers (docs/reference/simulation.md).
 """
 
 PHYSICS_NAMES: tuple[str, ...] = tuple(PRESETS)

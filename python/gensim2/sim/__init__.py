@@ -1,11 +1,9 @@
 """ManiSkill environments, one for each task.
 
-``HeadlessEnv`` runs the physics only and gives the same states, bit for bit.
-Importing this module registers the environments with gymnasium, without importing ManiSkill:
+``HeadlessEnv`` runs the physics only and gives the same states, bit for bit. Importing this module registers the
+environments with gymnasium, without importing ManiSkill:
 
-    import gymnasium as gym
-    import gensim2.sim
-    env = gym.make("GenSim2-OpenDrawer-v1")
+    import gymnasium as gym import gensim2.sim env = gym.make("GenSim2-OpenDrawer-v1")
 
 A program that does not import gensim2 itself uses the id ``gensim2.sim:GenSim2-OpenDrawer-v1``, which names the module.
 Recorded trajectories have such ids, so that ManiSkill's own tools can replay them.

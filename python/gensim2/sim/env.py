@@ -75,35 +75,29 @@ class GenSim2Env(RaycastObservations):
 
     Physics and control run on the CPU at the robot's rates. The PhysX settings are fixed to ManiSkill's: TGS solver,
     persistent contact manifold, 15 position iterations and 1 velocity iteration. Every reset rebuilds the scene, which
-    makes
-    it bitwise repeatable: ``reset(seed=s)`` gives the same scene, and the same actions the same states, in any process,
-    with
-    or without images.
+    makes it bitwise repeatable: ``reset(seed=s)`` gives the same scene, and the same actions the same states, in any
+    process, with or without images.
 
     An action of the default control mode ``pd_joint_pos`` is (m + 1,): targets of the m arm joints in rad (7 for the
-    Panda),
-    and the gripper from -1 (closed) to 1 (open).
+    Panda), and the gripper from -1 (closed) to 1 (open).
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict; or a complete
             :class:`~gensim2.scenes.config.SceneConfig`.
         obs_mode: a mode of ManiSkill, or ``"raycast"``: an :class:`~gensim2.perception.Observation` without a renderer,
-            as
-            arrays by name (docs/guides/observations.md).
+            as arrays by name (docs/guides/observations.md).
         observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
         reward_mode: ``"sparse"`` (default; 1 if the goal holds, else 0), ``"normalized_dense"`` (0 to 1, rising as
             steps are completed; it remembers completed steps, so evaluate it once per step) or ``"none"``.
         render_backend: ``"auto"`` renders only if observations or ``render_mode`` need it and a driver works.
         kwargs: arguments of :class:`~gensim2.scenes.config.SceneArguments` and of ManiSkill's ``BaseEnv``;
             ``robot_uids`` follows from ``robot``. A reset chooses one of ``instances``. An id may also be an unlisted
-            generated object, any number up to 10^6. It applies to the first object whose class has several instances;
-            a mapping from object names applies to any object.
+            generated object, any number up to 10^6. It applies to the first object whose class has several instances; a
+            mapping from object names applies to any object.
 
     Reset options replace random draws: ``instance`` (id), ``openness`` (0..1), ``offset`` (x, y, yaw relative to the
-    default
-    pose) or ``pose`` (root in the world frame: x, y, z, qw, qx, qy, qz). For a task with several objects each is a
-    mapping
-    from an object's name to its value.
+    default pose) or ``pose`` (root in the world frame: x, y, z, qw, qx, qy, qz). For a task with several objects each
+    is a mapping from an object's name to its value.
 
     Raises:
         InputError: an argument or a reset option is invalid.

@@ -13,8 +13,7 @@ class Transmission:
     """Drives of a gripper's joints without motors: followers are driven to the position of their motor.
 
     PhysX's own coupling by fixed tendons would add positions in rad and m along one chain. Here each follower has a
-    drive,
-    whose target is set before every physics step. Passive joints are springs with target 0.
+    drive, whose target is set before every physics step. Passive joints are springs with target 0.
 
     Args:
         robot: built robot.

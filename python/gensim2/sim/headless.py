@@ -1,10 +1,9 @@
 """Physics-only environment in one of the engines; only the selected engine is imported.
 
 With SAPIEN it builds the same scene as :class:`~gensim2.sim.env.GenSim2Env`, with the same bodies in the same order,
-but
-without ManiSkill's work in each step. For the same actions its states equal those of the registered environment, bit
-for
-bit. It leaves out what searches and collections do not need: batched tensors, rewards, and unrequested observations.
+but without ManiSkill's work in each step. For the same actions its states equal those of the registered environment,
+bit for bit. It leaves out what searches and collections do not need: batched tensors, rewards, and unrequested
+observations.
 """
 
 from __future__ import annotations
@@ -77,8 +76,7 @@ class HeadlessEnv(SceneAccessMixin):
         task: name of a library task, a :class:`TaskSpec`, or its fields; or a complete
             :class:`~gensim2.scenes.config.SceneConfig`.
         scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset chooses one of ``instances``; an id applies
-            to
-            the first object whose class has several instances, a mapping from object names to any object.
+            to the first object whose class has several instances, a mapping from object names to any object.
 
     Raises:
         InputError: an argument is invalid.
@@ -307,8 +305,7 @@ class HeadlessEnv(SceneAccessMixin):
         """Return the state observation (D,).
 
         It has the robot's qpos, qvel and tool pose, and then for each object in the task's order its openness, qpos,
-        root pose
-        and moving link's pose, or for a rigid object its pose only.
+        root pose and moving link's pose, or for a rigid object its pose only.
 
         Args:
             tool: False leaves NaN for the tool pose.

@@ -209,8 +209,7 @@ class RigidPart(ABC):
     @abstractmethod
     def nudge(self, dx: float, dy: float, dyaw: float) -> None:
         """Move the object by dx, dy (m, world frame) and rotate it by dyaw (rad) about the vertical; its velocity
-        becomes
-        zero.
+        becomes zero.
         """
 
     @abstractmethod

@@ -1,8 +1,7 @@
 """Physics settings, each either the default or that of the original GenSim2.
 
 All differences of the simulator are here: PhysX settings, joint resistance, masses, contact materials and finger
-drives.
-Both environments use the same :class:`Physics`, so they stay identical.
+drives. Both environments use the same :class:`Physics`, so they stay identical.
 """
 
 from __future__ import annotations
@@ -201,16 +200,12 @@ class CoulombFriction:
     """Coulomb friction of ``joint.friction`` N m (or N), plus viscous damping.
 
     PhysX's articulation friction is a coefficient on the joint's load. It has no threshold in N m and it creeps: a 0.3
-    kg lid
-    with a gravity torque of 0.26 N m moves 0.23 rad in 5 s at coefficient 1. SAPIEN's default of 0.05 doubles the
-    resistance
-    of a moving lid; here it is 0.
+    kg lid with a gravity torque of 0.26 N m moves 0.23 rad in 5 s at coefficient 1. SAPIEN's default of 0.05 doubles
+    the resistance of a moving lid; here it is 0.
 
     A velocity drive with target zero and a force limit acts as Coulomb friction that is regularized below
-    ``CREEP_SPEED``.
-    With a limit of 0.5 N m the same lid creeps less than 0.0002 rad in 5 s. It holds at 0.98 of the limit; at 1.1 of
-    the
-    limit its speed after 0.1 s agrees with the excess torque to 1 %.
+    ``CREEP_SPEED``. With a limit of 0.5 N m the same lid creeps less than 0.0002 rad in 5 s. It holds at 0.98 of the
+    limit; at 1.1 of the limit its speed after 0.1 s agrees with the excess torque to 1 %.
 
     Damping at the joint's present speed is added to the limit, so that it never reverses the motion of a light link.
     """

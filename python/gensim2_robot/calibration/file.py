@@ -107,8 +107,7 @@ def read_calibration(
 
     Raises:
         InputError: the file cannot be read, is of another robot, too old or from the future, or a camera is missing,
-            has
-            another image size or is mounted elsewhere.
+            has another image size or is mounted elsewhere.
     """
     found = read_record(path, Calibration, REMEDY)
     if found.robot != robot:

@@ -24,8 +24,7 @@ from gensim2_robot.log_reader import messages
 
 SPREAD = np.array([0.9, 0.5, 0.6, 0.6, 0.8, 0.8, 1.0])
 """Largest offsets (rad) of random poses from the reset pose, by joint; shortened or repeated for arms with other
-numbers
-of joints.
+numbers of joints.
 """
 LOWEST = 0.25
 """Smallest height (m) of the tool above the table, whose contents are unknown."""

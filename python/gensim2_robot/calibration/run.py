@@ -112,8 +112,7 @@ def calibrate_log(
         out: file of the calibration, written if all cameras converge.
         board: board in the images; None: compare with the robot's meshes.
         carried: with a board: calibrate cameras on a link, with a fixed board; otherwise fixed cameras, with the board
-            in
-            the hand.
+            in the hand.
         seed: seed of random selections.
 
     Raises:

@@ -127,8 +127,7 @@ def line_of(given: dict[str, Any]) -> dict[str, Any]:
     """Return the control loop's arguments from a command's values.
 
     A simulated arm with simulated cameras uses the simulated clock unless ``--real-time`` is given, because with the
-    machine's
-    clock a single other busy process could make the watchdog stop the arm.
+    machine's clock a single other busy process could make the watchdog stop the arm.
 
     Raises:
         UsageError: both or neither of ``--plan`` and ``--policy`` are given.

@@ -66,8 +66,7 @@ class FrankaArm(_FrankaHand):
     """A Panda or an FR3 with its hand, with joint impedance control around streamed positions.
 
     Each wheel of ``franky-control`` supports one version of the arm's server. The one on PyPI is for an FR3 with system
-    5.9 or
-    newer; a Panda needs the wheel for server version 5 from the project's releases.
+    5.9 or newer; a Panda needs the wheel for server version 5 from the project's releases.
 
     Args:
         host: address of the arm.
@@ -135,8 +134,7 @@ class PandaPyArm(_FrankaHand):
     """A Panda or an FR3 with its hand, with the library's joint impedance control around streamed positions.
 
     Each wheel of ``panda-python`` supports one version of the arm's server. The one on PyPI is for the newest; the
-    error of a
-    wrong version names the right wheel in the project's releases.
+    error of a wrong version names the right wheel in the project's releases.
 
     Args:
         host: address of the arm.

@@ -24,8 +24,7 @@ KEPT = 1000
 """Largest number of states that wait to be polled."""
 SILENT = 0.15
 """Time (s) without a target after which the arm is stopped. The loop sends a target every 10 ms and catches up a tenth
-of
-a second.
+of a second.
 """
 LEAST, MOST = 1.0, 3.0
 """Delay of the arm behind the stream, in cycles: with fewer targets left it slows down, with more it moves ``FASTER``.
@@ -46,12 +45,9 @@ class StreamedArm(ABC):
     """An arm that accepts joint positions at its own rate.
 
     Targets arrive 100 times a second and are followed along straight lines, one to three cycles late. So targets that
-    are
-    slightly late, or that arrive all at once after a pause, cause neither a halt nor a jerk. Without a next target the
-    arm
-    slows down towards the last one and never overshoots it; soon after it is stopped. The gripper has its own thread,
-    because
-    it may block, and gets only the first command and changes.
+    are slightly late, or that arrive all at once after a pause, cause neither a halt nor a jerk. Without a next target
+    the arm slows down towards the last one and never overshoots it; soon after it is stopped. The gripper has its own
+    thread, because it may block, and gets only the first command and changes.
 
     Args:
         rate: commands per second that the arm accepts.

@@ -134,8 +134,8 @@ def trial(
     """Run trials of one protocol and write the table of all trials in ``out``.
 
     Finished trials are kept whatever ends the run. If the watchdog holds or stops a simulated arm, the trial has
-    failed, and
-    the next one starts with new devices. With a real arm the run ends, so that a person can look after the arm.
+    failed, and the next one starts with new devices. With a real arm the run ends, so that a person can look after the
+    arm.
 
     Args:
         protocol: the protocol.

@@ -54,8 +54,7 @@ def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
     """Open a zip file with a limited number of members, all stored or deflated.
 
     ``zipfile`` creates an object for every directory entry, so entries are counted first. It limits the output of
-    deflate
-    only; for bzip2 and LZMA it would unpack a whole block of input.
+    deflate only; for bzip2 and LZMA it would unpack a whole block of input.
 
     Raises:
         BadZipFile: a limit is exceeded; names it.

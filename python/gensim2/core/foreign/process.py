@@ -81,8 +81,7 @@ def isolated(
 
     Args:
         function: function that can be pickled, as its arguments and its result; a ``GenSim2Error`` or ``OSError`` that
-            it
-            raises is raised here.
+            it raises is raised here.
         source: file or folder that it reads, for errors.
         bounds: resource limits.
         progress: progress listener, which gets the function's progress.

@@ -182,14 +182,13 @@ class Executor(ABC):
         """Yield the outcome of ``function(*job.arguments)`` for every job, as soon as it is finished.
 
         A failed job is attempted ``TRIES`` times, each time in a new process, while others continue. A caller that
-        stops early
-        loses the running jobs.
+        stops early loses the running jobs.
 
         Args:
             function: function of a module, so that it is pickled by name.
             jobs: jobs, taken when workers become free. None means "none at the moment": the iterator is asked again
-                after the
-                next outcome, so that new jobs may depend on earlier outcomes. If no job is running, None means the end.
+                after the next outcome, so that new jobs may depend on earlier outcomes. If no job is running, None
+                means the end.
 
         Raises:
             WorkerStartError: worker processes cannot start.

@@ -1,8 +1,7 @@
 """Run jobs on a Ray cluster whose nodes may come and go.
 
 One actor is one process for one environment. A job is given to an actor only when the actor is ready, so jobs never
-wait
-for lost nodes. New nodes get actors of their own.
+wait for lost nodes. New nodes get actors of their own.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Import exported data sets.
 
 A ManiSkill export has all data in its trajectories. A LeRobot or zarr export has frames, and the original episodes
-beside
-them; an import takes the episodes and checks that the frames agree with them.
+beside them; an import takes the episodes and checks that the frames agree with them.
 
 An export may be untrusted. Its files are listed and compared with its manifest before any of them is parsed, in a
 process with limited memory. The number of imported episodes is counted by reading the new data set.

@@ -19,8 +19,7 @@ class SeenTable:
     """Collects ``observations.json`` from the episodes of an export in order.
 
     ``observations.json`` has ``spec``; ``cameras`` with ``intrinsic`` (3, 3) in pixels and ``T_base_camera`` (4, 4), or
-    for
-    cameras on the robot ``T_link_camera`` and ``link``; ``tables`` with object and link by segmentation id; and
+    for cameras on the robot ``T_link_camera`` and ``link``; ``tables`` with object and link by segmentation id; and
     ``episodes`` with ``task``, ``index`` and the index of the ``table`` (None if rendered by an old version).
     """
 

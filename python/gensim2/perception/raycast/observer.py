@@ -35,10 +35,8 @@ class KnownPoints:
     """Cloud of known points of a scene's objects, which represents its whole state.
 
     For each object in the task's order the points are: the eight corners of the bounding box of its moving part, in the
-    frame
-    of the joint's link; the eight corners for its fixed part, in the root frame; and its keypoints by name. A rigid
-    object has
-    one box and its keypoints. The list is repeated until the cloud is full.
+    frame of the joint's link; the eight corners for its fixed part, in the root frame; and its keypoints by name. A
+    rigid object has one box and its keypoints. The list is repeated until the cloud is full.
 
     Args:
         scene: scene with these objects.

@@ -28,14 +28,12 @@ class RaycastScene:
     """Robot, table and objects of an episode, without a simulator.
 
     Segmentation ids are SAPIEN's: links and bodies are counted from 1 in the order in which the environment builds
-    them,
-    whether they are visible or not.
+    them, whether they are visible or not.
 
     Args:
         objects: objects by name, in the task's order.
         cameras: cameras; those on the robot have their pose in the link's frame. Without cameras no mesh is read, and
-            there
-            are no solids.
+            there are no solids.
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.

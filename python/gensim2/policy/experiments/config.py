@@ -25,8 +25,8 @@ class Arm(BaseModel):
     Attributes:
         name: name of the arm and of its folder.
         objects: ``"generated"``, or ``"real"`` for the objects in the asset folder of the run.
-        count: number of generated training objects of each class; None: the training split. With real objects these
-            are added to the real ones.
+        count: number of generated training objects of each class; None: the training split. With real objects these are
+            added to the real ones.
         tasks: names of library tasks; one policy learns all of them.
         minutes_a_task: CPU minutes for data and training of each task; None: as in the experiment.
         start: name of an earlier arm with the same objects. This arm starts from its weights and demonstrations, and

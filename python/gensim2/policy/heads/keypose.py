@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 WAY, POSITIONS, ROTATIONS = "keypose_way", "keypose_positions", "keypose_rotations"
 GRIPPER, SECONDS, FORCE = "keypose_gripper", "keypose_seconds", "keypose_force"
 """Names of targets: class (B,), positions (B, K, 3) in m, rotations (B, K, 3, 3), gripper commands (B, K + 1), times
-(B,
-K) in s, force (B,) in N. For "done", the last class, only the class is used.
+(B, K) in s, force (B,) in N. For "done", the last class, only the class is used.
 """
 
 ANSWERS = 8

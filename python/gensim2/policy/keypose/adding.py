@@ -36,8 +36,7 @@ BESIDE = ".generated"
 """Suffix of a task's second folder, for plans on generated objects in addition to a library's objects."""
 REHEARSED = 50
 """Number of scenes of a known task that are planned again, so that the policy forgets little; they take about 4 s of
-CPU
-time.
+CPU time.
 """
 REMEDY = "give a folder that gensim2 learn has made"
 

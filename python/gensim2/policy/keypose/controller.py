@@ -37,13 +37,11 @@ missing one.
 """
 SURER = 10.0
 """Smallest ratio of the odds of "done" to its odds at the first prediction that ends the episode. Nothing has been done
-at
-the first prediction, so its odds measure the network's bias in this scene.
+at the first prediction, so its odds measure the network's bias in this scene.
 """
 UNEXPECTED = 0.15
 """Factor on the probability of a strategy whose step is neither the last executed nor the next one. The order of steps
-is
-more reliable than their classification.
+is more reliable than their classification.
 """
 OVERTRAVEL = 0.03
 """Distance (m) by which a push continues beyond its program if the step moves a joint to an end of its range, which the
@@ -62,12 +60,9 @@ class KeyposeController:
     height.
 
     Each prediction gives strategies with programs. The controller plans the most probable strategy that was not tried
-    too
-    often and runs it without feedback: a collision-free motion to the object, then the hand poses of the program. The
-    arm
-    then returns to its rest pose, unless the hand holds an object, and the network predicts again, until it predicts
-    that
-    the task is done.
+    too often and runs it without feedback: a collision-free motion to the object, then the hand poses of the program.
+    The arm then returns to its rest pose, unless the hand holds an object, and the network predicts again, until it
+    predicts that the task is done.
 
     The first prediction selects the task of the episode: the one whose strategies have the largest total probability.
 

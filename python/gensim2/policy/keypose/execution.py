@@ -22,8 +22,7 @@ Row = npt.NDArray[np.float32]
 
 Free = Literal["planned", "but for touched", "table only", "straight"]
 """How a free motion was found: clear of the cloud, clear of the cloud except for points that the arm touches at start
-or
-goal, clear of only the table and the robot itself, or not at all.
+or goal, clear of only the table and the robot itself, or not at all.
 """
 
 SHARE = 0.5

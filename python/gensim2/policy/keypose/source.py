@@ -27,8 +27,7 @@ from gensim2.robots import OPEN, robot
 
 YAW = 0.2
 """Largest yaw (rad) by which an example is rotated about the base. It is limited because the arm starts at the same
-pose
-in every scene, so plans of a rotated scene differ slightly.
+pose in every scene, so plans of a rotated scene differ slightly.
 """
 NEW = 5.0
 """How many times as often a new task is drawn as one that the policy already knows."""

@@ -12,15 +12,13 @@ from gensim2.tasks.strategies import with_strategies
 
 CENTERED = 0.25
 """Share of a strategy's tolerance within which a grasped object is placed first. The solver's poses need the least
-motion
-and are mostly at an edge of the tolerance. An edge leaves no margin for a policy's errors, and the solver's choice of
-the edge jumps between similar scenes.
+motion and are mostly at an edge of the tolerance. An edge leaves no margin for a policy's errors, and the solver's
+choice of the edge jumps between similar scenes.
 """
 
 PATIENCE = 8
 """Number of failed grasps after which a scene is left out. A working grasp is nearly always the first one. To rule out
-all
-grasps of a scene takes as long as sixty scenes with plans.
+all grasps of a scene takes as long as sixty scenes with plans.
 """
 
 

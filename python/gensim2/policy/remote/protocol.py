@@ -2,8 +2,8 @@
 
 The client sends ``hello`` with the token and its version, and the server answers ``welcome`` or ``refused``. Each
 request then has one answer with the same number: ``ready`` answers ``reset``, ``action`` answers ``act``, ``error``
-either. Every message is read through :func:`decode`, which limits its bytes and values, and :func:`read_message`,
-which checks it against the schema of the messages that are allowed at that point.
+either. Every message is read through :func:`decode`, which limits its bytes and values, and :func:`read_message`, which
+checks it against the schema of the messages that are allowed at that point.
 """
 
 from __future__ import annotations

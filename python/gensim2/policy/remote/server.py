@@ -1,7 +1,7 @@
 """``gensim2 policy serve``: offer a controller over a websocket.
 
-A client counts as a stranger until its first message has shown the token. Few strangers may connect at a time, each
-has a thread of its own, and they get a few seconds and a few kB. Only one authenticated client at a time uses the
+A client counts as a stranger until its first message has shown the token. Few strangers may connect at a time, each has
+a thread of its own, and they get a few seconds and a few kB. Only one authenticated client at a time uses the
 controller.
 """
 

@@ -42,8 +42,7 @@ TABLE_FRICTION = 0.2
 
 ROLLING = 0.002
 """Radius (m) that, multiplied by the friction coefficient, gives the rolling and torsional friction of rigid objects.
-With
-this value balls roll as far as in PhysX, which puts them to sleep.
+With this value balls roll as far as in PhysX, which puts them to sleep.
 """
 
 

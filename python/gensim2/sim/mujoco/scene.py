@@ -109,8 +109,7 @@ class MujocoScene:
         """Return the robot's contacts that have a force.
 
         Each entry has the contact's index, 1 if the robot is the second shape and -1 if it is the first, and the owner
-        of the
-        other shape.
+        of the other shape.
         """
         self._require_robot()
         data = self.simulation.raw
