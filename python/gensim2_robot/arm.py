@@ -209,7 +209,7 @@ class Streamer:
                 found = self._motion.splice(found, now).since(now - _KEPT)
             self._motion = found
         except kpam.KpamError:
-            return False  # what there is comes to rest by itself, and the next targets are joined from there
+            return False  # the current motion comes to rest, and the next targets start there
         return True
 
     def _rest(self, q: Array, speed: Array) -> Array:

@@ -180,7 +180,7 @@ class ArmLimits:
         range_lower, range_upper = model.lower[columns], model.upper[columns]
         lower, upper = range_lower + margin, range_upper - margin
         braking = FR3.scaled(speed) if profile.solver.get("limits") == "fr3" else None
-        if braking is not None:  # which no joint reaches the ends of
+        if braking is not None:  # the FR3 limits speed near the ends of the range
             lowest, highest = braking.range()
             lower, upper = np.maximum(lower, lowest), np.minimum(upper, highest)
         if (lower >= upper).any():

@@ -57,7 +57,7 @@ class OwnPoints:
         self._casters = {camera.name: Caster(solids, [camera]) for camera in self._cameras}
         rest = self._tree.poses(np.eye(4)[None], np.array(profile.reset_qpos)[None])[0][self._shown]
         for caster in self._casters.values():
-            caster.cast(rest)  # the first rays take long: a picture would wait for them
+            caster.cast(rest)  # the first call is slow
         hanging = {profile.hand_link}
         for name, parent in zip(self._tree.names, self._tree.parents, strict=True):
             if parent >= 0 and self._tree.names[parent] in hanging:
@@ -145,7 +145,7 @@ def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
         return camera, 1
     intrinsic = camera.intrinsic.copy()
     intrinsic[:2] /= step
-    intrinsic[:2, 2] += 0.5 - 0.5 / step  # pixel centres lie at .5
+    intrinsic[:2, 2] += 0.5 - 0.5 / step  # pixel centres are at .5
     width, height = -(-camera.width // step), -(-camera.height // step)
     return replace(camera, width=width, height=height, intrinsic=intrinsic), step
 

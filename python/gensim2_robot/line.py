@@ -109,7 +109,7 @@ def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> i
         latency: delay of an image, s.
         max_age: largest age of an image at a request, s.
     """
-    if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:  # soon enough, or no set a period: nothing to follow
+    if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:  # in time, or too few images to follow
         return 0
     too_old = latency + PERIOD + 2 * CYCLE > max_age
     return -1 if too_old or waited <= PERIOD_CYCLES // 2 else 1
@@ -173,11 +173,11 @@ class Line:
     def forget(self) -> None:
         """Forget an episode and release the arm until the next one."""
         self.arm.release()
-        self._next = self._clock.now() + CYCLE  # between episodes a person may have taken his time
+        self._next = self._clock.now() + CYCLE  # the pause between episodes may be long
         self.watch.clear()
         self._streamer.clear()
         self.frames: dict[str, CameraFrame] = {}
-        self._fresh.clear()  # pictures of a set that was not complete belong to what is forgotten
+        self._fresh.clear()  # also incomplete sets of images
         self._steps = 0
         self._due = 0.0
         self._open: Question | None = None
@@ -214,7 +214,7 @@ class Line:
             self._mind.send(Begin(self._seed))
         self._streamer.clear()
         self._due, self._open, self._grips = now + LEAD, None, []
-        self._grip = self.arm.gripper  # changes of actions that were dropped are dropped with them
+        self._grip = self.arm.gripper  # drop the gripper commands of dropped actions
         self.stopped_ms = self.standing_ms = None
 
     def pause(self) -> None:
@@ -255,7 +255,7 @@ class Line:
         self._drive(due, now)
         self._write_changes()
         if begins:
-            self._write_frames()  # last: what writes them down is busy with them, and computes in this process
+            self._write_frames()  # last, because writing images takes time in this process
 
     def _measure_period(self, now: float, late: float) -> None:
         if self._period_began is not None and self.watch.state is State.RUNNING:
@@ -310,7 +310,7 @@ class Line:
         if self._open is not None:
             return
         step = 1.0 / self.pace
-        if self._due < due + LEAD - step:  # the controller was late: what is over is not made up for
+        if self._due < due + LEAD - step:  # the controller was late: skip the missed steps
             self._due = due + LEAD
         count = int(np.ceil((due + LEAD + PERIOD - self._due) / step - 1e-9))
         state = self.arm.state()
@@ -333,14 +333,14 @@ class Line:
             self.watch.answered()
             self._journal.answer(now, answer)
             self._note(answer)
-        if answer.error is not None and answer.number >= self._first_number:  # it has ended, also where that comes late
+        if answer.error is not None and answer.number >= self._first_number:  # an error counts even if it is late
             self._failed = True
             self.watch.hold(now, answer.error)
             return
         if not is_open:
             return
         self.done = answer.done
-        if self._paused_at is not None:  # asked before the pause: the arm holds, the answer moves it no more
+        if self._paused_at is not None:  # requested before the pause: ignore the answer
             return
         step, targets = 1.0 / self.pace, []
         for action in answer.actions:
@@ -391,7 +391,7 @@ class Line:
                     self._stop(now)
             else:
                 sent = self.arm.hold(due)
-        except RefusedError as error:  # a force: the arm gives way by its own means
+        except RefusedError as error:  # the force limit: stop at once
             self.watch.stop(now, str(error), at_once=True)
             self._write_changes()
             self._stop(now)

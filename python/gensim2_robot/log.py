@@ -141,7 +141,7 @@ class _Whole:
             self._file.seek(self._length)
             self._put(block)
         self._length += len(block)
-        if os.fstat(self._file.fileno()).st_nlink == 0:  # its blocks are lost when it is closed
+        if os.fstat(self._file.fileno()).st_nlink == 0:  # an unlinked file is lost when closed
             raise FileNotFoundError(errno.ENOENT, "the file was removed")
         return len(block)
 
@@ -208,7 +208,7 @@ class Log:
             self._reserve = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 - closed at the end
             os.posix_fallocate(self._reserve.fileno(), 0, RESERVE)
             self._open_next()
-        except FileExistsError as error:  # a file in the folder's place, or another run was quicker
+        except FileExistsError as error:  # a file of this name, or another run was faster
             raise taken if folder.is_dir() else WriteError("is not a folder", file=folder) from error
         except OSError as error:
             remedy = "make room, or choose another folder with --out"
@@ -290,7 +290,7 @@ class Log:
             try:
                 self._queue.put(None, timeout=0.1)
                 break
-            except queue.Full:  # what writes is behind, or has ended: then nothing takes what waits
+            except queue.Full:  # the writer is late or has ended
                 continue
         self._thread.join()
         self._reserve.close()
@@ -300,7 +300,7 @@ class Log:
             while (item := self._queue.get()) is not None:
                 if self.trouble is None or not self._file.trouble:
                     self._write(*item)
-        except OSError as error:  # also in the room that was kept aside
+        except OSError as error:  # even the reserved space is full
             self.trouble = self._file.trouble or error.strerror or str(error)
         try:
             self._close_file()
@@ -310,7 +310,7 @@ class Log:
     def _write(self, topic: str, time: float, data: bytes) -> None:
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(topic, ENCODING, 0)
-        stamp = int(1e9 * time) if 0.0 <= time < MAX_SECONDS else 0  # a clock that jumps may say anything
+        stamp = int(1e9 * time) if 0.0 <= time < MAX_SECONDS else 0  # a jumping clock may give any value
         self._writer.add_message(self._channels[topic], stamp, data, stamp)
         if self._file.trouble is not None:
             self.trouble = self._file.trouble

@@ -53,7 +53,7 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         for name, (kind, shape) in head.arrays.items():
             count = 1
             for size in shape:
-                count = min(count * size, len(data) + 1)  # no more than there can be: zeros may follow
+                count = min(count * size, len(data) + 1)  # capped, because a later size may be 0
             found = np.frombuffer(data, dtype=kind, count=count, offset=at)
             arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message
             at += arrays[name].nbytes

@@ -167,7 +167,7 @@ def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
                     raise _damaged(path, "its checksum is another")
                 ended = True
             checksum = zlib.crc32(content, zlib.crc32(struct.pack("<BQ", opcode, len(content)), checksum))
-            if not ended:  # what follows repeats channels, and is for those who seek
+            if not ended:  # the summary repeats channels and is only for seeking
                 yield from read(opcode, content)
         if closed and not ended:
             raise _damaged(path, "it has no end of data")
@@ -288,7 +288,7 @@ class _Replayed:
     """State of a replay."""
 
     def __init__(self) -> None:
-        self._eyes: list[Eyes] = []  # at nothing but the robot's own state, then through the cameras
+        self._eyes: list[Eyes] = []  # first without cameras, then with them
         self._joints = 0
         self._frames: dict[str, dict[int, CameraFrame]] = {}
         self._asked: dict[int, QuestionMessage] = {}
@@ -347,7 +347,7 @@ class _Replayed:
         shown = tuple(self._frames[name][number] for name, number in names)
         sight = SensorSnapshot(question.step, question.q, question.v, question.gripper, shown, question.posed)
         found: dict[str, npt.NDArray[Any]] = {}
-        for eyes in self._eyes:  # pictures that nobody looked at then may show what no cloud is made of
+        for eyes in self._eyes:  # use the cameras only if a cloud was recorded
             if not found.keys() >= seen.keys():
                 found = inputs(eyes.observe(sight))
         self._questions += 1

@@ -131,7 +131,7 @@ class LineBody:
         next: message that ended the episode.
     """
 
-    waits = True  # the line judges by its own clock how long an answer takes
+    waits = True  # the control loop measures the delay itself
 
     def __init__(
         self,
@@ -213,7 +213,7 @@ class LineBody:
         if shown.cloud is not None:
             self._encoding_ms = 1e3 * (time.perf_counter() - begun)
             self._cloud_ms = 1e3 * (self._now() - max(frame.captured for frame in sight.frames))
-        self._shown |= inputs(shown)  # a controller may look in several ways at one instant
+        self._shown |= inputs(shown)  # a controller may request several observations of an instant
         return observation
 
     def _eyes_of(self, spec: ObservationSpec) -> Eyes:
@@ -294,7 +294,7 @@ def think(
             except GenSim2Error as error:
                 whose = "" if isinstance(error, CameraPoseError) else "the controller failed: "
                 body.answer(error=f"{whose}{error}")
-        elif isinstance(message, Question):  # of an episode that this controller is done with
+        elif isinstance(message, Question):  # for an episode that has ended
             send(ControllerAnswer(message.number, np.empty((0, profile.action_size), dtype=np.float32), done=True))
         elif isinstance(message, str):
             body.fail(message)

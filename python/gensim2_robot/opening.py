@@ -118,7 +118,7 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
     made = controller.make(given.spec, profile)
     seen, privileged = spec_of(made), is_privileged(made)
     if isinstance(made, RemoteController):
-        made.close()  # the controller's process connects anew
+        made.close()  # the controller's process connects again
     if privileged and not config.is_simulated:
         raise InputError("is shown the true scene, which there is in a simulation only", field=controller.target)
     if seen.is_privileged:
@@ -145,7 +145,7 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
                 )
     calibration = None
     if config.calibration is not None:
-        asked = cameras if source.is_rendered else ()  # real ones say their pixels when they are open
+        asked = cameras if source.is_rendered else ()  # real cameras report their size when opened
         calibration = read_calibration(config.calibration, given.scene.robot, asked, days=config.calibration_days)
     elif not source.is_rendered and not config.dry:
         raise InputError(

@@ -77,7 +77,7 @@ class MessagePipe:
             raise DeviceGoneError(f"the process of the {self._what} does not answer")
         found = []
         while (message := self._next()) is not None:
-            found.append(pickle.loads(message))  # of a process that this one has started
+            found.append(pickle.loads(message))  # trusted: sent by a child process
         if not found and self._is_over:
             raise DeviceGoneError(f"the process of the {self._what} is gone")
         return found
@@ -96,7 +96,7 @@ class MessagePipe:
                     self._going.popleft()
         except BlockingIOError:
             return
-        except OSError:  # it has ended: what it said before is still read
+        except OSError:  # it has ended; its last messages can still be read
             self._going.clear()
 
     def _read(self) -> None:

@@ -59,7 +59,7 @@ class DeviceProcess:
     """
 
     def __init__(self, what: str, target: Callable[..., None], *arguments: Any) -> None:
-        _CONTEXT.set_forkserver_preload(list(PRELOAD))  # imported once, as long as no process was begun
+        _CONTEXT.set_forkserver_preload(list(PRELOAD))  # only has an effect before the first process
         ours, theirs = Pipe()
         self.pipe = MessagePipe(ours, what)
         self._process: BaseProcess = _CONTEXT.Process(
@@ -113,14 +113,14 @@ def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> No
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
         os.environ[name] = "1"
-    gc.freeze()  # the collector would look at all that was imported, and stop the process for 0.1 s
+    gc.freeze()  # a collection of all imported objects takes 0.1 s
     try:
         target(pipe, *arguments)
     except GenSim2Error as error:
         with contextlib.suppress(*_GONE):
             pipe.send(error)
     except _GONE:
-        return  # whom it worked for has ended
+        return  # the parent has ended
 
 
 class ProcessArm:
@@ -330,8 +330,8 @@ def _serve_mind(pipe: Connection, spec: MindSpec, world: Connection | None) -> N
 
     def send(message: Any) -> None:
         if message == "ready":
-            gc.freeze()  # the controller is made
-            if usable_cores() > 1:  # on one core what it waits for would wait for it
+            gc.freeze()  # after the controller was created
+            if usable_cores() > 1:  # on one core it would block the others
                 schedule_first(CONTROLLER_PRIORITY)
         pipe.send(message)
 

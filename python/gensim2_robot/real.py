@@ -97,7 +97,7 @@ def _serve(pipe: Connection, make: Callable[..., Any], *arguments: Any) -> None:
         driver = make(*arguments)
     except GenSim2Error:
         raise
-    except Exception as error:  # libraries raise what they like
+    except Exception as error:  # libraries raise any exception
         raise DeviceGoneError(f"the cameras cannot be opened: {type(error).__name__}: {error}") from error
     try:
         slots, room = PictureSlots.make(driver.cameras)
@@ -118,7 +118,7 @@ def _serve(pipe: Connection, make: Callable[..., Any], *arguments: Any) -> None:
             time.sleep(POLL)
     except (EOFError, ConnectionError, DeviceGoneError):
         raise
-    except Exception as error:  # libraries raise what they like
+    except Exception as error:  # libraries raise any exception
         raise DeviceGoneError(f"the cameras are gone: {error}") from error
     finally:
         driver.close()

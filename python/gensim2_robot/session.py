@@ -185,7 +185,7 @@ class Session:
                 self._go_through(seconds, layouts, goal_ends, ended)
         except GenSim2Error as error:
             self._line.watch.stop(self._devices.clock.now(), str(error), at_once=True)
-            self._line.arm.release()  # no cycle follows that would send a stop
+            self._line.arm.release()  # no later cycle would send a stop
 
     def _go_through(
         self, seconds: float, layouts: Iterable[Layout], goal_ends: bool, ended: Callable[[Ended], None]
@@ -257,7 +257,7 @@ class Session:
         begun, held_since, lost = clock.now(), None, False
         # Slower control steps take longer, so the task's time limit is scaled as well.
         most = self._given.spec.max_seconds * self._devices.arm.profile.control_hz / line.pace
-        most -= MAX_SETTLE_SECONDS if goal_ends else 0.0  # as in a rollout, the limit leaves time to settle
+        most -= MAX_SETTLE_SECONDS if goal_ends else 0.0  # as in a rollout, the limit includes the time to settle
         while True:
             self._cycle()
             now = clock.now()
@@ -289,7 +289,7 @@ class Session:
         said = {True: "held", False: "not held", None: "over"}[result.held]
         self._progress.message(f"episode {len(self._outcomes)}: {said}")
         line.watch.rest(clock.now())
-        self._stand()  # whoever is asked about the episode may take his time
+        self._stand()  # the callback may wait for a person
         ended(result)
         return clock.now() - self._held_s > end
 
@@ -372,7 +372,7 @@ class Session:
             return False
         self._progress.message("r resumes, any other key stops")
         while line.watch.state is State.HOLDING:
-            time.sleep(CYCLE if isinstance(self._devices.clock, SimulatedClock) else 0.0)  # that of a person goes on
+            time.sleep(CYCLE if isinstance(self._devices.clock, SimulatedClock) else 0.0)  # a real clock needs no sleep
             self._cycle()
             if self._pressed == RESUME:
                 line.resume("the keyboard")

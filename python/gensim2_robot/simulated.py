@@ -287,7 +287,7 @@ class SimulatedCameras:
         if "camera-torn" in self.faults:
             torn, self._last[frame.camera] = frame.depth.copy(), frame
             half = len(torn) // 2
-            torn[half:] = last.depth[half:]  # what had come of it when the buffer was read
+            torn[half:] = last.depth[half:]  # the half that was not yet overwritten
             return [replace(frame, depth=torn)]
         if "camera-clock" in self.faults:
             return [replace(frame, captured=frame.captured - JUMP)]

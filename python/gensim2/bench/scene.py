@@ -45,7 +45,7 @@ def load_parts(folder: Path, name: str) -> Parts:
         MissingFileError: the file does not exist (callers count these).
         InputError: the file is not a mesh, is outside the folder, or has numbers that are not finite.
     """
-    from gensim2.objects.library.meshes import read_obj  # here: refusing a file of problems needs no mesh work
+    from gensim2.objects.library.meshes import read_obj  # imported here: checking a file of problems does not need it
     from gensim2.objects.meshwork.decompose import components, weld
 
     try:
@@ -131,7 +131,7 @@ class ProblemScene:
 
 def pose_from(position: Array | list[float], quaternion: list[float]) -> Array:
     """Return the (4, 4) pose of a position and a quaternion (w, x, y, z)."""
-    from scipy.spatial.transform import Rotation  # here and below: refusing a file of problems needs no SciPy
+    from scipy.spatial.transform import Rotation  # imported here: checking a file of problems does not need it
 
     return _pose(Rotation.from_quat(quaternion, scalar_first=True), position)
 

@@ -99,9 +99,9 @@ def new_folder(path: Path) -> Iterator[Path]:
     handle = -1
     try:
         try:
-            with contextlib.suppress(FileExistsError):  # a file, which is no folder: the next line says so
+            with contextlib.suppress(FileExistsError):  # a file of this name: the next line raises
                 path.parent.mkdir(parents=True, exist_ok=True)
-            with _locked(path.parent) as alone:  # a folder that is not locked yet looks like one that was left
+            with _locked(path.parent) as alone:  # a new folder looks abandoned until it is locked
                 if alone:
                     _remove_left(path)
                 filled.mkdir()
@@ -113,7 +113,7 @@ def new_folder(path: Path) -> Iterator[Path]:
             try:
                 filled.replace(path)
             except OSError as error:
-                if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):  # another was quicker
+                if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):  # another process was faster
                     raise taken from error
                 raise
         finally:
@@ -176,7 +176,7 @@ def check_writable(path: Path) -> None:
     """
     try:
         if is_special(path):
-            return  # to open a pipe or a device is to write to it
+            return  # opening a pipe or device may have effects
         target = Path(os.path.realpath(path))
         with tempfile.TemporaryFile(dir=next(folder for folder in target.parents if folder.exists())):
             pass

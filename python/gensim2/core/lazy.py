@@ -27,7 +27,7 @@ def lazy_names(package: str) -> Callable[[str], Any]:
 @cache
 def _imported(package: str) -> dict[str, str]:
     """Return the module of each name that a package imports for type checkers."""
-    import ast  # here: a program that asks a package for nothing needs no parser
+    import ast  # imported here: most programs do not need the parser
 
     loader: Any = sys.modules[package].__loader__
     tree = ast.parse(loader.get_source(package))

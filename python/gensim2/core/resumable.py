@@ -165,7 +165,7 @@ class ResumableFolder(Generic[Settings]):
         self._check(holds, resume)
         self._lock = None if lock is None else FolderLock(path, lock)
         try:
-            self._check(holds, resume)  # another process may have begun until the lock was held
+            self._check(holds, resume)  # another process may have written before the lock was held
             self._remove_temporaries()
             self.record = self._opened(settings)
         except BaseException:
@@ -177,7 +177,7 @@ class ResumableFolder(Generic[Settings]):
 
     def __exit__(self, *_: object) -> None:
         try:
-            self._remove_temporaries()  # a worker that was killed while it wrote leaves one
+            self._remove_temporaries()  # left by workers that were killed while writing
         finally:
             self.release()
 

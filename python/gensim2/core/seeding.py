@@ -39,7 +39,7 @@ def rng(seed: int, task: str, episode: int = 0) -> np.random.Generator:
         task: name of the task or of another purpose (for example ``"OpenDrawer/verify"``).
         episode: index of the episode.
     """
-    import numpy as np  # here, so that a command line that only reads LARGEST_SEED is quick
+    import numpy as np  # imported here to keep the command line fast
 
     digest = hashlib.blake2b(task.encode(), digest_size=8).digest()
     return np.random.default_rng([seed, int.from_bytes(digest, "little"), episode])

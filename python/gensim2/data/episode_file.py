@@ -166,7 +166,7 @@ def _write_recording(group: h5py.Group, recording: Recording) -> None:
 
 
 def _write_tree(group: h5py.Group, tree: Tree) -> None:
-    for name, value in sorted(tree.items()):  # as HDF5 gives them back: what was read is written as it was
+    for name, value in sorted(tree.items()):  # in HDF5's order, so that rewriting a read file changes nothing
         if isinstance(value, dict):
             _write_tree(group.create_group(name), value)
         else:

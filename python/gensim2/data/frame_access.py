@@ -188,7 +188,7 @@ class FrameAccess:
         }
 
     def _recording(self, number: int) -> Recording:
-        if os.getpid() != self._process:  # a loader's worker: HDF5's files do not go through a fork
+        if os.getpid() != self._process:  # in a forked worker: HDF5 files must be opened again
             self._forget()
         if number not in self._recordings:
             episode = self._episodes[number]
@@ -213,7 +213,7 @@ class FrameAccess:
             self._spec.require(spec, str(path), of="the rest of the data set")
             found = frame_arrays(path, episode.row.control_steps)
             self._arrays[number] = next((known for known in self._arrays.values() if known == found), found)
-        file = h5py.File(path, "r", rdcc_nbytes=0)  # a chunk is a frame: none is asked for again soon
+        file = h5py.File(path, "r", rdcc_nbytes=0)  # no chunk cache: a chunk is a frame, seldom read twice
         self._files[number] = _Open(file, {name: file[name] for name in self._arrays[number]})
         if len(self._files) > OPEN_FILES:
             self._files.popitem(last=False)[1].file.close()

@@ -145,7 +145,7 @@ class Queue:
             if any(task.status.held for task in self._tasks):
                 card(self._folder.path)
         except BaseException:
-            with contextlib.suppress(InputError):  # a full disk has no room for a report either, and is what is told
+            with contextlib.suppress(InputError):  # with a full disk, raise the original error
                 self._report()
             raise
         self._report()
@@ -206,7 +206,7 @@ class Queue:
         for row in task.store.rows():
             for thing in row.objects.values():
                 key = f"{thing.asset_class}/{thing.id}"
-                if key not in self._objects:  # as they are now, whatever the record of earlier calls says
+                if key not in self._objects:  # the objects' current content, not the recorded one
                     self._objects[key] = _used(self._library, thing.asset_class, thing.id)
                 used = objects[key] = self._objects[key]
                 if used.content_hash != thing.content_hash:

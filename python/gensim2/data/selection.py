@@ -74,7 +74,7 @@ class Selection:
         dataset: DataSet, store: TaskStore, rows: list[Episode], least: float, progress: Progress
     ) -> list[Episode]:
         """Return the episodes whose clearance is at least ``least``; it is computed from their files."""
-        from gensim2.data.clearance import ClearanceMeter  # here: it brings SciPy
+        from gensim2.data.clearance import ClearanceMeter  # imported here, because it imports SciPy
 
         scene = dataset.scene
         objects = ObjectCheck(dataset, progress)
@@ -84,7 +84,7 @@ class Selection:
         for row in rows:
             objects.episode(row, store.path(row.index))
             recording = store.read(row).recording
-            assert recording is not None  # of what held it always is
+            assert recording is not None  # successful episodes have a recording
             if meter.of(recording).distance >= least:
                 kept.append(row)
             progress.advance()

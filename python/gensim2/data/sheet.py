@@ -109,7 +109,7 @@ def picture(observation: ObservedEpisode, step: int) -> Frame | None:
     if XYZ not in arrays:
         return None
     intrinsic, T_base_camera = (arrays[f"cameras/{names[0]}/{what}"] for what in ("intrinsic", "T_base_camera"))
-    if T_base_camera.ndim == 3:  # the robot carries it
+    if T_base_camera.ndim == 3:  # a camera on the robot
         T_base_camera = T_base_camera[step]
     return _splatted(arrays[XYZ][step], arrays[RGB][step], intrinsic, T_base_camera)
 

@@ -123,7 +123,7 @@ def _entry(episode: Episode, recorded: RecordingHeader) -> dict[str, Any]:
 
 
 def _env_id(task: TaskSpec) -> str:
-    from gensim2.sim.registration import env_id  # here: it brings gymnasium, which refusing arguments needs not
+    from gensim2.sim.registration import env_id  # imported here: argument checks do not need gymnasium
 
     return env_id(task)
 
@@ -147,7 +147,7 @@ def env_kwargs(
         "instances": {name: list(ids) for name, ids in instances.items()},
         **environment,
     }
-    if not _env_id(task).endswith(task.env_id):  # not in the library: the spec travels with the data
+    if not _env_id(task).endswith(task.env_id):  # not a library task: store its spec with the data
         kwargs["task"] = task.model_dump(mode="json")
     return kwargs
 

@@ -119,7 +119,7 @@ class Replay:
         if found is None:
             raise InputError(f"there is no episode {episode}", file=path, field="episodes")
         reset = found.reset_kwargs
-        if unknown := reset.options.keys() - RESET_OPTIONS:  # ManiSkill's own would set states of any form
+        if unknown := reset.options.keys() - RESET_OPTIONS:  # ManiSkill's options can set arbitrary states
             raise InputError(f"has the option {min(unknown)!r:.80}", file=path, field="reset_kwargs")
         told, task = document.env_info.env_kwargs, parse_task(document.gensim2.task, str(path))
         environment = SceneOptions.from_record(told.model_dump()).environment
@@ -271,7 +271,7 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
     rest = iter(frames)
     first = next(rest)
     shape: dict[str, Any] = {"macro_block_size": 1, "output_params": ["-g", "2"]}
-    if not exact:  # "faststart": a browser shows the first frame before it has the whole file
+    if not exact:  # "faststart": browsers can play it while it loads
         shape = {"codec": "libx264", "quality": 7, "output_params": ["-movflags", "+faststart"]}
     shape["pixelformat"] = pixel_format(*first.shape[:2]) if exact else "yuv420p"
     # ImageIO's plugin types lack the writer's append method.
@@ -284,7 +284,7 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
             except OSError as error:
                 raise OSError(errno.EIO, _ENDED_EARLY) from error
             count += 1
-    try:  # the writer does not look at the encoder's exit status
+    try:  # the writer does not check the encoder's exit status
         found = imageio_ffmpeg.count_frames_and_secs(str(path))[0]
     except RuntimeError as error:
         raise OSError(errno.EIO, _ENDED_EARLY) from error

@@ -194,7 +194,7 @@ def _keep_missing(
     missing = {
         index: _arguments(config, spec, stop, files, videos, index, episodes[index].seed)
         for index in range(videos)
-        if index not in kept and episodes[index].control_steps  # of one without a step there is nothing to film
+        if index not in kept and episodes[index].control_steps  # an episode without steps has no video
     }
     if not missing:
         return
@@ -202,7 +202,7 @@ def _keep_missing(
     try:
         for _ in runner.each(_episode, missing, f"{given.spec.name}: episodes to film"):
             pass
-    except GenSim2Error as error:  # the table is whole without films
+    except GenSim2Error as error:  # the results are complete without videos
         progress.message(f"{given.spec.name}: not all episodes can be filmed: {error}")
 
 

@@ -14,9 +14,9 @@ from gensim2.objects.types import ArticulatedObject
 
 Array = npt.NDArray[np.float64]
 
-OVERLAP = 1.0  # mm of the moving link inside the body, outside the hinge
+OVERLAP = 1.0  # mm of overlap of the moving link and the body, except at the hinge
 BASE_GAP = 1.0  # mm between the lowest point and the table
-FREE_GAP = 10.0  # mm between a keypoint in free space and either link, the object open
+FREE_GAP = 10.0  # mm between a free-space keypoint and each link, object open
 SURFACE_GAP = 10.0  # mm between a surface keypoint and its link
 MASS = (0.02, 80.0)  # kg
 PUSH = 40.0  # N at the keypoint to overcome friction

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 VIEWS = 8
 SIZE = 176  # pixels, edge of one view
 WROTE = "give a file that `gensim2 assets validate --json` wrote"
-FORMAT_VERSION = "1"  # of the sheets: another one makes all pictures anew
+FORMAT_VERSION = "1"  # of the gallery; a change renders all images again
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class _Maker:
         self._studio = self._studio or pictures.Studio(self._size)
         stream = io.BytesIO()
         draw(self._studio).save(stream, "WEBP", quality=82, method=4)
-        own = re.compile(re.escape(Path(place).name) + r"-[0-9a-f]{8}\.webp")  # "1-2" and "*" are names of others
+        own = re.compile(re.escape(Path(place).name) + r"-[0-9a-f]{8}\.webp")  # exact, because "1" must not match "1-2"
         for outdated in file.parent.glob("*.webp"):
             if own.fullmatch(outdated.name):
                 outdated.unlink()

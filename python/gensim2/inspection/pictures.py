@@ -240,7 +240,7 @@ def annotated(shot: Shot, instance: ArticulatedObject | RigidObject, names: bool
     from PIL import Image, ImageDraw, ImageFont
 
     picture = Image.fromarray(shot.pixels)
-    factor = 4  # discs are drawn large and made small: PIL does not smooth edges
+    factor = 4  # supersampling, because PIL does not smooth edges
     layer = Image.new("RGBA", (factor * picture.width, factor * picture.height), (0, 0, 0, 0))
     draw = ImageDraw.Draw(layer)
     for name, mark in shot.marks.items():

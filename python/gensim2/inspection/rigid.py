@@ -16,7 +16,7 @@ REST_DRIFT, REST_TURN = 0.005, np.radians(5)  # m, rad
 BASE_HEIGHT = 0.001  # m
 KEYPOINT_DISTANCE = 0.02  # m outside the bounds
 TIME_STEP = 0.01
-SPARE = 0.004  # m that open fingers need to get about an object
+SPARE = 0.004  # clearance (m) of open fingers around an object
 
 
 def geometric_findings(rigid: RigidObject) -> list[Finding]:

@@ -31,7 +31,7 @@ BUDGET: kpam.Options = {
     "candidates": 4,
     "samples": 50,
     "extra_seeds": 0,
-}  # none is used up: every motion is short or hopeless
+}  # small: every motion is short or impossible
 
 
 def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Finding]:
@@ -103,7 +103,7 @@ def _problem(head: Array, robot: RobotProfile) -> kpam.KeypointProblem:
 
 REST_SECONDS = 5.0
 REST_DRIFT = 0.02  # openness
-LOAD_FACTOR = 1.5  # times gravity and friction moves the joint through its range
+LOAD_FACTOR = 1.5  # multiple of gravity and friction that moves the joint
 SWEEP_SECONDS = 6.0
 PUSH_ON_SECONDS = 0.5  # against the end of the range
 BODY_DRIFT = 1e-4  # m
@@ -328,7 +328,7 @@ class _Stage:
                 force = (
                     sign * LOAD_FACTOR * (against + joint.friction + joint.damping * abs(float(self._object.qvel[0])))
                 )
-            self._object.set_qf(np.array([force], np.float32))  # PhysX forgets it after every step
+            self._object.set_qf(np.array([force], np.float32))  # PhysX resets it after every step
             self._scene.step()
         return float(sign * max(farthest, sign * self._openness()))
 

@@ -249,7 +249,7 @@ def shadows(depth: Depth, baseline: float, focal: float) -> npt.NDArray[np.bool_
     """
     seen = depth > 0
     disparity = focal * baseline / np.where(seen, depth, np.inf)
-    column = np.arange(depth.shape[1])[None, :] - disparity  # in the right picture
+    column = np.arange(depth.shape[1])[None, :] - disparity  # column in the right image
     beyond = np.full(depth.shape, np.inf)
     beyond[:, :-1] = np.minimum.accumulate(np.where(seen, column, np.inf)[:, :0:-1], axis=1)[:, ::-1]
     return np.asarray(seen & (beyond <= column - 0.5))

@@ -99,7 +99,7 @@ def tool_pose(profile: RobotProfile, positions: npt.NDArray[np.float32]) -> Row:
     Args:
         positions: (n,) all active joints, rad and m; or (N, n), which gives (N, 7) and is much faster than N calls.
     """
-    from scipy.spatial.transform import Rotation  # here: who refuses an argument needs it not
+    from scipy.spatial.transform import Rotation  # imported here: argument checks do not need SciPy
 
     T_base_tool = profile.model.forward_kinematics(positions.astype(np.float64), profile.tool_link)
     rotation = Rotation.from_matrix(T_base_tool[..., :3, :3], assume_valid=True)
@@ -170,7 +170,7 @@ class ObservationSpec:
         """
         try:
             return ObservationSpec._of(values)
-        except (TypeError, ValueError, OverflowError) as error:  # a value of another type than its setting's
+        except (TypeError, ValueError, OverflowError) as error:  # a value of a wrong type
             raise InputError(f"cannot be so: {error}", field="observation") from error
 
     @staticmethod
@@ -263,7 +263,7 @@ class Observation(Mapping[str, Array]):
         """Return the tool pose (4, 4) in the robot's base frame."""
         pose = self.arrays[TOOL_POSE].astype(np.float64)
         found = np.eye(4)
-        from scipy.spatial.transform import Rotation  # here: who refuses an argument needs it not
+        from scipy.spatial.transform import Rotation  # imported here: argument checks do not need SciPy
 
         found[:3, :3] = Rotation.from_quat(pose[3:], scalar_first=True).as_matrix()
         found[:3, 3] = pose[:3]

@@ -32,7 +32,7 @@ class Attempts:
 
     def __init__(self, profile: RobotProfile, max_attempts: int) -> None:
         self._arm, self._patience, self._max = profile.arm_size, profile.steps(STILL_SECONDS), max_attempts
-        self._way: list[Action] = []  # path of the arm since the attempt started
+        self._way: list[Action] = []  # the arm's path in this attempt
         self._last: Action | None = None
         self._begun, self._still, self._backs_off = 1, 0, False
 

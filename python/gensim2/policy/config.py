@@ -151,7 +151,7 @@ def read_config(path: Path, **flags: Any) -> tuple[PolicyConfig, TrainConfig]:
     Raises:
         InputError: the file cannot be read, or a field is unknown or invalid; names file and field.
     """
-    from gensim2.core.yaml_files import read_yaml  # here: `gensim2 --help` needs the flags and no YAML
+    from gensim2.core.yaml_files import read_yaml  # imported here to keep `gensim2 --help` fast
 
     return configs({**read_yaml(path), **flags}, file=str(path))
 

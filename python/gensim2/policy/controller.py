@@ -133,7 +133,7 @@ class PolicyController:
 
     def act(self, observation: Observation) -> Action | None:
         """Return the next action (m + 1,), or None at the end of the episode."""
-        if observation.step > self._step + 1:  # it was not asked while the scene settled
+        if observation.step > self._step + 1:  # steps were skipped while the scene settled
             self._past.clear()
             self._plan = []
         self._step = observation.step

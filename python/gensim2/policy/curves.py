@@ -73,7 +73,7 @@ def read_curves(folder: Path) -> list[dict[str, Any]]:
     found = []
     for number, line in enumerate(content.splitlines(), 1):
         if not line.endswith(b"}"):
-            break  # a line that was cut short: what follows it is of steps that are taken again
+            break  # an incomplete line: later steps are repeated
         point = parse_record(line, TypeAdapter(_Point), path, remedy, f"line {number}")
         found.append(point.model_dump())
     return found

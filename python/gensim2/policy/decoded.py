@@ -126,7 +126,7 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         try:
             _fill(place, rows, episodes, spec, progress)
         except InputError:
-            if not _whole(place, episodes):  # else another training decoded the same meanwhile
+            if not _whole(place, episodes):  # unless another training has decoded the same data meanwhile
                 raise
     arrays = {name: np.load(place / f"{file}.npy", mmap_mode="r") for name, file in FILES.items()}
     last = episodes[-1]
@@ -223,7 +223,7 @@ def _read(each: _Row, spec: ObservationSpec) -> dict[str, Array]:
     seen = read_observation(path, each.row.episode_digest)
     spec.require(spec_of_file(seen.description, path), str(path), of="the rest of the data")
     recording = each.store.read(each.row).recording
-    assert recording is not None  # of one that held
+    assert recording is not None  # successful episodes have a recording
     found = {name: _finite(seen, stored, path) for name, stored in STORED.items()}
     found[XYZ] = to_steps(_finite(seen, XYZ, path))
     found[RGB] = seen.arrays[RGB]

@@ -173,7 +173,7 @@ def evaluate_policy(
     policy.require_robot(scene_options(**scene).robot, checkpoint)
     given = read_all_task_inputs(names, seed=seed, **scene)
     if "shuffled" in controls:
-        Shuffled.of(checkpoint)  # what would be missed only after the policy was measured
+        Shuffled.of(checkpoint)  # fails now instead of after the measurement
     told = dict(arguments or {})
     for name in ("checkpoint", "sees"):
         if name in told:

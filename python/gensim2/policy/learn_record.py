@@ -129,7 +129,7 @@ def check_demonstrations(other: Path, record: LearnRecord) -> None:
         was, now = getattr(there, name), getattr(record, name)
         if was != now:
             raise InputError(f"it has {was!r}, not {now!r}", file=other / LEARN_JSON, field=name)
-    if record.is_of_plans:  # which hold the clouds
+    if record.is_of_plans:  # plan files contain the clouds
         record.observation.require(there.observation, str(other / LEARN_JSON), of="what is asked for")
 
 
@@ -157,7 +157,7 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
     record.data_cpu_s[key] = there.data_cpu_s.get(key, 0.0)
     if key in there.episodes:
         record.episodes[key] = there.episodes[key]
-    write_json(out / LEARN_JSON, record.model_dump(mode="json"))  # before the copy: without it nothing is lost
+    write_json(out / LEARN_JSON, record.model_dump(mode="json"))  # before the copy, which can be repeated
     seen_alike = there.observation == record.observation
     leave_out = None if seen_alike else OBSERVATIONS
     with new_folder(folder / DATA) as made:

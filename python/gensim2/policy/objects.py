@@ -62,7 +62,7 @@ def shared_objects(given: Sequence[TaskInput], word: str) -> list[str]:
     for one in given:
         mine, others = (taken(one.spec, one.library, each) for each in (one.instances, word))
         for name, thing in one.spec.objects.items():
-            if one.library.kind(thing.asset_class) == "articulated":  # a rigid one is the only one of its class
+            if one.library.kind(thing.asset_class) == "articulated":  # a class of rigid objects has one instance
                 found += [f"{thing.asset_class}/{each}" for each in others[name] if each in mine[name]]
     return list(dict.fromkeys(found))
 

@@ -74,7 +74,7 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
         text, told = load.from_pretrained(
             model, use_safetensors=True, trust_remote_code=False, output_loading_info=True
         )
-        missing = [name for name in told["missing_keys"] if "pooler" not in name]  # what is not there would be random
+        missing = [name for name in told["missing_keys"] if "pooler" not in name]  # missing weights would stay random
         if missing:
             raise ValueError(f"it is of another kind: {len(missing)} weights are missing, {min(missing)} among them")
         text.eval()

@@ -78,7 +78,7 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
     """
     env, profile, step = simulator(scene), robot(scene.robot), scene.task.steps[0]
     controller = PolicyController(checkpoint)
-    spec = controller.observation_spec  # before an episode: all that it was trained on
+    spec = controller.observation_spec  # before an episode: everything that it was trained on
     config, ways = controller.config, parsed(strategies)
     env.reset(seed)
     planner = StepPlanner(profile)
@@ -251,7 +251,7 @@ class RelabelledSource:
         for name in (*SEEN, ACTION):
             drawn = np.stack([self._relabels[task].arrays[name][row] for task, row in pairs])
             found[name] = torch.cat([found[name], torch.from_numpy(drawn)])
-        for name in (KEY_POSITIONS, KEY_ROTATIONS):  # where a new plan stands still is not kept
+        for name in (KEY_POSITIONS, KEY_ROTATIONS):  # new plans have no key poses
             if name in found:
                 found[name] = torch.cat([found[name], torch.full((few, *found[name].shape[1:]), torch.nan)])
         sentences = [self.sentences.index(self._relabels[task].language) for task in which]

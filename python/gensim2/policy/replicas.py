@@ -12,7 +12,7 @@ from multiprocessing.process import BaseProcess
 from types import TracebackType
 
 import torch
-import torch.multiprocessing  # processes then share the memory of tensors that they are given
+import torch.multiprocessing  # lets processes share the memory of tensors
 
 from gensim2.core.errors import InputError
 from gensim2.core.processes.fork_server import ignore_interrupts
@@ -81,7 +81,7 @@ class Replicas:
         if self._replicas:
             _fill(self._weights, _values(self._network))
         for _, pipe, _ in self._replicas:
-            with contextlib.suppress(BrokenPipeError):  # why it is gone is read by who waits for it
+            with contextlib.suppress(BrokenPipeError):  # the waiting caller reads the reason
                 pipe.send(step)
 
     def mean_with(self, loss: float) -> float:
@@ -156,16 +156,16 @@ def _replica(
 ) -> None:
     """Compute gradients for the step numbers received from the pipe, until it closes or sends None."""
     ignore_interrupts()
-    for each in (signal.SIGTERM, signal.SIGHUP):  # they reach the whole group; who trains ends its replicas
+    for each in (signal.SIGTERM, signal.SIGHUP):  # sent to the whole group; the trainer ends its replicas
         signal.signal(each, signal.SIG_IGN)
     if training.threads:
         torch.set_num_threads(training.threads)
     try:
-        network = copy.deepcopy(model).to(device).train()  # the processes share the memory of what they are given
+        network = copy.deepcopy(model).to(device).train()  # a copy, because processes share the memory of arguments
         take = GradientStep(network, source, config, training, table.to(device), share, number)
         taught = _taught(network)
         pipe.send((0.0, 0.0))
-        with contextlib.suppress(EOFError):  # who trains was killed
+        with contextlib.suppress(EOFError):  # the trainer was killed
             while (step := pipe.recv()) is not None:
                 begin, values = time.process_time(), _values(network)
                 for value, part in zip(values, _parts(weights, values), strict=True):

@@ -125,7 +125,7 @@ def teach_by_plans(
                 verify=record.verify,
                 progress=progress,
             )
-            if made.demonstrations == 0:  # examples of "done" alone teach nothing
+            if made.demonstrations == 0:  # examples of "done" alone are useless
                 message = f"none of its {made.scenes} scenes could be planned; physics refuted {made.refuted}"
                 remedy = "leave --generated out" if name.endswith(BESIDE) else "leave it out"
                 raise InputError(message, field=f"tasks.{name}", remedy=remedy)

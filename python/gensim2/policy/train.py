@@ -184,7 +184,7 @@ def _train(
     network = fresh_network(config, arm, table.shape[1:], training.seed)
     if start is None:
         drawn, moved = rng(training.seed, "policy/fit"), None
-        if training.arm_noise > 0:  # what leads back is longer than what demonstrations do
+        if training.arm_noise > 0:  # moves back to the path are longer than those of demonstrations
             moved = torch.Generator(table.device).manual_seed(training.seed)
         network.fit(training_batch(source, config, table, drawn, FITTED, training, moved))
     else:
@@ -269,14 +269,14 @@ def _run(
                 curves.add(
                     step=state.step, loss=state.loss, gradient=float(norm), learning_rate=rate, cpu_s=state.cpu_s
                 )
-            stopping = stop()  # once: a signal that comes while the state is saved ends the next step
+            stopping = stop()  # read once: a signal during saving ends the next step
             if stopping or state.step % training.save_every == 0 or state.step == training.steps:
                 state.save(folder, identity)
             if stopping:
                 break
     if state.loss is not None:
         return state.loss
-    points = read_curves(folder)  # of a state that was written before losses were a part of it
+    points = read_curves(folder)  # for older states, which do not contain the losses
     if not points:
         raise InputError("has no loss", file=folder / CURVES, remedy="delete the folder and train again")
     return float(points[-1]["loss"])

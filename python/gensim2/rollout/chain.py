@@ -163,7 +163,7 @@ class ChainController:
                 turn = self._turns[-1]
                 deviation = self._deviation(observation, run)
                 if self._one_plan:
-                    deviation = None  # noted, and nothing follows from it
+                    deviation = None  # recorded without a reaction
                 if deviation is None and not run.is_over:
                     return self._follow(run, observation)
                 done = deviation is None and not run.makes_room and turn.is_done(observation.measurement)

@@ -202,7 +202,7 @@ def taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, .
             )
             for name, thing in spec.objects.items()
         }
-    except InputError as error:  # a library knows of splits and instances, not of what was asked for by both
+    except InputError as error:  # name the field that the caller gave
         raise InputError(error.message, file=error.file, field="instances", remedy=error.remedy) from error
 
 

@@ -153,7 +153,7 @@ def _reference(given: list[Reference | None], profile: RobotProfile) -> Tree:
         if meant.action is not None:
             found.setdefault("action", np.full((len(given), size + 1), np.nan, np.float32))[step] = meant.action
     found["joint_positions"][steps] = joints[:, :size]
-    known = np.isfinite(joints).all(axis=1)  # a controller that says no more than its action has no joints to tell
+    known = np.isfinite(joints).all(axis=1)  # NaN where the controller gives only an action
     if known.any():
         found["tool_pose"][np.array(steps)[known]] = tool_pose(profile, joints[known])
     return found

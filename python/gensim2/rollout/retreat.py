@@ -79,7 +79,7 @@ def planned_retreat(
     if not near and not _touches(solver, q, names):
         return None
     rows: list[Array] = []
-    if solver.in_collision(q):  # no motion is planned from within something: out of it first
+    if solver.in_collision(q):  # leave the collision first: plans cannot start in one
         rows = _straight_out(solver, q, profile)
         if not rows:
             return None
@@ -90,7 +90,7 @@ def planned_retreat(
     home = solver.plan_to(last, goal, velocity_scale=SPEED, acceleration_scale=SPEED).trajectory
     if home is not None:
         rows += list(home.sample_every(1.0 / profile.control_hz)[1:])
-    elif not rows:  # a door may stand open where the arm rests
+    elif not rows:  # an open door may be in the rest pose
         rows = _straight_out(solver, q, profile)
     if not rows:
         return None
@@ -122,7 +122,7 @@ def _followed(solver: kpam.Scene, q: Array, T_base_hand: Array, way: Array, coun
     before, distance = q, float(solver.distance(q, CLEAR))
     for share in np.linspace(0.0, 1.0, count + 1)[1:]:
         pose = T_base_hand.copy()
-        pose[:3, 3] += share**2 * (3.0 - 2.0 * share) * way  # from rest to rest
+        pose[:3, 3] += share**2 * (3.0 - 2.0 * share) * way  # starts and ends at rest
         found = solver.ik(pose, before, max_solutions=1)
         if not len(found) or np.abs(found[0] - before).max() > MAX_STRIDE:
             return []

@@ -116,8 +116,8 @@ def run(
                     done, held_for, rested = all_hold(world.task.success, motion.trace[-1]), 0, motion.steps
     except EmptyCloudError:
         if not motion.steps:
-            raise  # cameras that see nothing from the start are a fault of what was asked for
-        cut = False  # what stood before the cameras has left the workspace: there is nothing to go on from
+            raise  # cameras that see nothing at the start are an input error
+        cut = False  # the objects have left the cameras' view
     finally:
         asked.close()
     if motion.steps > rested:

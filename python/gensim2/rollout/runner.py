@@ -60,7 +60,7 @@ class EpisodeRunner:
 
     def __exit__(self, *_: object) -> None:
         self._executor.close()
-        worker.forget()  # of episodes that ran in this process
+        worker.forget()  # results of episodes of this process
 
     @property
     def executor(self) -> Executor:

@@ -90,7 +90,7 @@ def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]
 
     The planner's collision library measures them for all simulation engines; the robot does not count.
     """
-    import gensim2_kpam as kpam  # here: readers of records need no solver
+    import gensim2_kpam as kpam  # imported here: reading records does not need the solver
 
     q = np.clip(scene.q, robot.model.lower, robot.model.upper)
     T_hand_base = np.linalg.inv(robot.model.forward_kinematics(q))

@@ -74,7 +74,7 @@ def interval(successes: int, trials: int) -> tuple[float, float]:
     """Return the 95 % confidence interval of a rate (Wilson 1927); (0, 1) without trials."""
     if trials == 0:
         return 0.0, 1.0
-    from scipy.stats import binomtest  # here: refusing arguments needs no statistics
+    from scipy.stats import binomtest  # imported here: argument checks do not need SciPy
 
     found = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
     return float(found.low), float(found.high)

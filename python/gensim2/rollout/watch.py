@@ -59,7 +59,7 @@ def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan
     planned = T_hand_base @ plan.after.objects[plan.picks].T_base_object
     T_hand_object = in_hand(profile, q, measured, plan.picks)
     if np.linalg.norm(T_hand_object[:3, 3] - planned[:3, 3]) > MAX_SLIP:
-        return None  # fingers that press gently do not close when there is nothing
+        return None  # with a small force the fingers do not close, even if empty
     return Held(plan.picks, T_hand_object, plan.width, plan.force)
 
 

@@ -163,14 +163,14 @@ def sample_initial_state(
     for name, spec in task.objects.items():
         draws[name] = draw_object(generator, spec.randomization, randomization, instances[name])
         chosen = options[name].get("instance")
-        if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):  # a word is no id
+        if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):  # a split is no instance
             raise InputError(f"{spec.asset_class} has no instance {chosen!r}", field="instance")
         models[name] = library.load(spec.asset_class, chosen or draws[name].instance, physics.hulls)
     factors, start = _vary(task, models, seed, robot, randomization)
     again = physics.redraw == "placement"
     room = _Room(task, models, options, robot, start) if again and len(models) > 1 else None
     starts = rng(seed, f"{task.name}/{randomization.name}/start") if again and randomization.varies else None
-    for count in range(1, MAX_DRAWS + 1):  # the first that can stand counts where there is no room to keep
+    for count in range(1, MAX_DRAWS + 1):  # without a room to keep, the first placement is used
         objects = _stand_all(task, models, draws, options, physics.poses, factors)
         if objects is not None and (room is None or room.holds(objects)):
             hulls = [thing.hulls_in_world() for thing in objects.values()]
@@ -313,7 +313,7 @@ class _Room:
 
     def _is_clear(self, name: str, objects: Mapping[str, PlacedObject], outlines: Mapping[str, Array]) -> bool:
         thing = objects[name]
-        if isinstance(thing.model, ArticulatedObject):  # its own placement sees to that
+        if isinstance(thing.model, ArticulatedObject):  # checked by its placement
             return True
         if not keep_apart(outlines[name], square(self._base, self._base_half), GAP):
             return False
@@ -339,7 +339,7 @@ def clear_start(
     Returns:
         (n,) joints; None if ``MAX_STARTS`` of them overlap an object.
     """
-    import gensim2_kpam as kpam  # here: specs of scenes are read without the solver
+    import gensim2_kpam as kpam  # imported here: reading scenes does not need the solver
 
     T_base_world = np.linalg.inv(robot.T_world_base)
     bodies = [

@@ -81,7 +81,7 @@ class SceneSampler:
         for seed in GOAL_SEEDS:
             try:
                 state = self._draw(seed, nothing)
-            except PlacementError:  # says nothing about the goal, and is raised when that seed is asked for
+            except PlacementError:  # irrelevant for the goal; raised when this seed is used
                 continue
             yield state
 

@@ -36,7 +36,7 @@ class Arm:
             _builder(profile, physics.name), scene, base_pose(profile), tendons=profile.simulation.tendons
         )
         for link in self.articulation.links:
-            link.disable_gravity = True  # ManiSkill's stand-in for a controller that balances the arm's weight
+            link.disable_gravity = True  # as in ManiSkill, instead of gravity compensation
         joints = robot_joints(self.articulation, profile)
         self._arm = [joints[name] for name in profile.arm_joints]
         self._motors = [joints[name] for name in profile.gripper.driven]

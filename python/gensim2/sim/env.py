@@ -162,12 +162,12 @@ class GenSim2Env(RaycastObservations):
                 sim_backend="physx_cpu",
                 render_backend=rendering.backend(render_backend, "none" if self._seen else obs_mode, render_mode),
                 reconfiguration_freq=1,
-                obs_mode=obs_mode if self._seen is None else "none",  # as far as ManiSkill is concerned
+                obs_mode=obs_mode if self._seen is None else "none",  # GenSim2 renders, so ManiSkill does not
                 render_mode=render_mode,
                 reward_mode=reward_mode,
                 **rest,
             )
-        except (AssertionError, NotImplementedError) as error:  # ManiSkill's word for an argument that it does not know
+        except (AssertionError, NotImplementedError) as error:  # raised by ManiSkill for an unknown argument
             check_obs_mode(obs_mode, error)
             raise InputError(f"ManiSkill refuses an argument: {error}", remedy="see its BaseEnv") from error
         except RuntimeError as error:
@@ -223,7 +223,7 @@ class GenSim2Env(RaycastObservations):
         self._require_open()
         read_options(options, tuple(self.task.objects))
         seed = checked_seed(seed)
-        if seed is not None:  # gymnasium's own generator, which nothing here draws from
+        if seed is not None:  # gymnasium's generator, which is not used here
             self._np_random, self._np_random_seed = np_random(seed)
         self.reset_options = {key: value for key, value in (options or {}).items() if key in RESET_OPTIONS}
         result: tuple[Any, dict[str, Any]] = super().reset(seed=seed, options=options)

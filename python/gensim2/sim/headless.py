@@ -90,7 +90,7 @@ class HeadlessEnv(SceneAccessMixin):
         self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
         self.engine, self.physics = sampler.engine, physics_switches(sampler.physics)
         self.instance_ids = sampler.instances
-        self._drawn: tuple[int, InitialState] | None = None  # what the last seed drew by itself
+        self._drawn: tuple[int, InitialState] | None = None  # state drawn from the last seed, without options
         self.seed = 0
         self.elapsed_steps = 0
         self.reset_options: dict[str, Any] = {}
@@ -271,13 +271,13 @@ class HeadlessEnv(SceneAccessMixin):
         observer = self._observers.get(spec)
         if observer is None:
             observer = self._observers[spec] = self._observer(spec)
-        if spec.is_proprioceptive:  # no more of the state is looked at
+        if spec.is_proprioceptive:  # no other state is needed
             return observer.joints(self.q, self.qvel, self.elapsed_steps, self._command)
         rows = {kind: {name: row[None] for name, row in group.items()} for kind, group in self.state().items()}
         return observer.observe(rows, self.elapsed_steps, self._command)
 
     def _observer(self, spec: ObservationSpec) -> Observer:
-        from gensim2.perception.raycast.observer import Observer  # here: most episodes look through no camera
+        from gensim2.perception.raycast.observer import Observer  # imported here: most episodes use no camera
 
         photograph = None
         models = {name: thing.model for name, thing in self.initial_state.objects.items()}

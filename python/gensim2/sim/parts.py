@@ -49,7 +49,7 @@ class LazyMapping(Mapping[str, Array]):
         return repr(dict(self._values))
 
     def __reduce__(self) -> tuple[type[dict[str, Array]], tuple[Mapping[str, Array]]]:
-        return dict, (dict(self._values),)  # pickled as what they are
+        return dict, (dict(self._values),)  # pickled as a dict
 
 
 class Frame(Protocol):

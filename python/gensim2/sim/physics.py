@@ -163,7 +163,7 @@ class Physics:
         build_link = loader._build_link
 
         def without_inertial(link: Any, builder: Any) -> None:
-            link.inertial = None  # PhysX then makes mass and inertia of the hulls
+            link.inertial = None  # PhysX then computes mass and inertia from the hulls
             build_link(link, builder)
 
         loader._build_link = without_inertial

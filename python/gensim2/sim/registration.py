@@ -102,7 +102,7 @@ def make_vec_env(
     )
     spec = envs.unwrapped.spec
     assert spec is not None, "gymnasium describes what it makes"
-    for name in ("max_episode_steps", "disable_env_checker"):  # gymnasium's own describes each environment so, not all
+    for name in ("max_episode_steps", "disable_env_checker"):  # gymnasium sets them for the single environments only
         if kwargs.get(name) is not None:
             setattr(spec, name, kwargs[name])
     return envs
@@ -133,7 +133,7 @@ def _register(id: str, max_episode_steps: int | None, kwargs: dict[str, object])
         id,
         entry_point=_ENTRY_POINT,
         max_episode_steps=max_episode_steps,
-        disable_env_checker=True,  # ManiSkill batches every value, which the checker takes for errors
+        disable_env_checker=True,  # the checker rejects ManiSkill's batched values
         additional_wrappers=(time_limit,),
         kwargs=dict(kwargs),
     )
@@ -147,7 +147,7 @@ def recordable(kwargs: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(plain.get("task"), TaskSpec):
         plain["task"] = plain["task"].model_dump(mode="json")
     assets = plain.get("assets")
-    if assets is not None and not isinstance(assets, str):  # a path, or an opened library
+    if assets is not None and not isinstance(assets, str):  # a pathlib.Path or an opened library
         plain["assets"] = str(getattr(assets, "location", assets))
     if isinstance(plain.get("observation"), ObservationSpec):
         plain["observation"] = plain["observation"].to_dict()

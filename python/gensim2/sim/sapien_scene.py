@@ -39,7 +39,7 @@ class SapienScene:
     def __init__(self, profile: RobotProfile, physics: str, setup: InitialState, robot: bool) -> None:
         self._profile, how = profile, named_physics(physics)
         self.system = how.new_system(profile)
-        self.scene = sapien.Scene([self.system])  # kept: what stands in it goes with it
+        self.scene = sapien.Scene([self.system])  # keep a reference, or its contents are freed
         # The order is the environment's, because PhysX solves contacts in the order in which bodies were added.
         self.arm = Arm(self.scene, profile, how) if robot else None
         build_table(self.scene, visible=False)

@@ -100,7 +100,7 @@ def measure(robot: RobotReader | StandingRobot, parts: Parts) -> Measurement:
 
 def read_scene(robot: RobotReader, parts: Parts) -> Scene:
     """Return all poses in the robot's base frame; the caller adds the grasped object."""
-    T_world_base = robot.profile.T_world_base  # exact: the simulator's own value is rounded to float32
+    T_world_base = robot.profile.T_world_base  # the simulator's value is rounded to float32
     T_base_world = np.asarray(np.linalg.inv(T_world_base), dtype=np.float64)
     return Scene(
         q=robot.q,

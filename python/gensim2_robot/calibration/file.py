@@ -81,7 +81,7 @@ class Calibration(BaseModel):
     def _is_dated(self) -> Calibration:
         if self.made.tzinfo is None:
             raise ValueError("made says no time zone")
-        if not 2000 <= self.made.year < 9999:  # others cannot be compared in every time zone
+        if not 2000 <= self.made.year < 9999:  # other years cannot be converted to every time zone
             raise ValueError("made is no date of a calibration")
         return self
 

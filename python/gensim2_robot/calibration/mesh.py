@@ -76,7 +76,7 @@ def moved_pixels(depths: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[
     pixels.
     """
     ordered = np.sort(depths, axis=0)
-    behind = ordered[-2] if len(depths) > 3 else ordered[-1]  # one picture may be wrong there
+    behind = ordered[-2] if len(depths) > 3 else ordered[-1]  # ignore the farthest, which may be an outlier
     before = APART + 5.0 * expected_error(behind)
     return [
         binary_opening((depth > 0) & (depth < behind - before) & (depth < FARTHEST), np.ones((3, 3)))
@@ -238,7 +238,7 @@ def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, re
     depth = np.where(view.depth > 0, pose.scale * view.depth + pose.bias, 0.0)
     facing = -(seen.normals * placed.rays).sum(axis=2) / np.linalg.norm(placed.rays, axis=2)
     usable = _inside(seen) & (view.depth > 0) & (facing > 0.3)
-    with np.errstate(invalid="ignore"):  # infinity less infinity, where there is nothing
+    with np.errstate(invalid="ignore"):  # inf - inf at pixels without a surface
         difference = depth - seen.depth
     close = usable & (np.abs(difference) < reach)
     rays, normals = placed.rays[close].astype(np.float64), seen.normals[close].astype(np.float64)

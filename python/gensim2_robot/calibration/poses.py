@@ -123,7 +123,7 @@ class _Walk:
         until, still = self._clock.now() + PATIENCE, 0.0
         while self._clock.now() < until:
             frames = self._tick()
-            del frames  # of an arm that moves
+            del frames  # images of a moving arm are not used
             self._arm.command(pose, 1.0, self._clock.now())
             sent = self._arm.sent
             state = self._arm.state()
@@ -228,7 +228,7 @@ def _stood(
     """Return joints and images of each interval in which the arm was at rest."""
     order = np.argsort(times, kind="stable")
     times = times[order]
-    moved = np.concatenate([[0], np.cumsum(~(speeds[order] <= STILL))])  # states, in time, that move or say no number
+    moved = np.concatenate([[0], np.cumsum(~(speeds[order] <= STILL))])  # count of moving (or NaN) states so far
     found: list[tuple[Array, dict[str, list[_Taken]]]] = []
     open_until = -np.inf
     for picture in sorted(taken, key=lambda each: each.captured):

@@ -151,7 +151,7 @@ def _calibrate(
     cameras: dict[str, CameraCalibration] = {}
     report: dict[str, Any] = {}
     for guess in guesses:
-        bare = replace(guess, depth_scale=1.0, depth_bias=0.0)  # what is fitted is of the measured depth
+        bare = replace(guess, depth_scale=1.0, depth_bias=0.0)  # the fit needs the uncorrected depth
         parts = [[each.view(bare) for each in part] for part in (fitted[:MAX_VIEWS], held)]
         found = calibrate(surface, bare, *parts, seed=seed)
         report[guess.name] = {

@@ -318,7 +318,7 @@ def view(task: str, *, no_clouds: bool = False, **given: Any) -> None:
     if policy is None and not plan:
         names = tuple(CameraSource.parse(given["cameras"]).devices) or None
         decides = looking(given["robot"], names, not no_clouds)
-    real = given["real_time"] is not False  # a person looks on
+    real = given["real_time"] is not False  # a person is watching
     given = {**given, "task": task, "policy": decides, "view": True, "minutes": 1e4, "real_time": real}
     with ConsoleProgress() as progress:
         found = _run(progress, given, dry=True, episodes=ENDLESS, rules=PATIENT)

@@ -102,10 +102,10 @@ class FrankaArm(_FrankaHand):
         ended: Exception | None = None
         if self._motion is not None:
             try:
-                self._robot.poll_motion()  # raises what ended the motion, once
+                self._robot.poll_motion()  # raises the motion's error, once
             except self._franky.ControlException as error:
                 ended = error
-        state = self._robot.state  # afterwards, so that it knows of the reflex that ended the motion
+        state = self._robot.state  # read afterwards, so that it contains the reflex
         stopped = state.robot_mode in (self._franky.RobotMode.Reflex, self._franky.RobotMode.UserStopped)
         return self._measured(state, ended, stopped)
 
@@ -163,7 +163,7 @@ class PandaPyArm(_FrankaHand):
             if gripper:
                 self.hand = libfranka.Gripper(host)
                 self.width = self.hand.read_once().max_width
-        except RuntimeError as error:  # whatever libfranka has to say
+        except RuntimeError as error:  # any libfranka error
             raise DriverError(f"{host}: {error}") from error
         self._controller: Any = None
         # Between motions the library reads the state itself; the lock keeps it from reading during a stop.
@@ -174,11 +174,11 @@ class PandaPyArm(_FrankaHand):
         ended: Exception | None = None
         with self._reading:
             try:
-                self._panda.raise_error()  # what ended the motion, once
+                self._panda.raise_error()  # raises the motion's error, once
             except RuntimeError as error:
                 ended = error
-                self._panda.stop_controller()  # which it takes for running yet: it would give the last state for ever
-            state = self._panda.get_state()  # afterwards, so that it knows of the reflex that ended the motion
+                self._panda.stop_controller()  # otherwise get_state repeats the last state
+            state = self._panda.get_state()  # read afterwards, so that it contains the reflex
         stopped = state.robot_mode in self._stopped
         return self._measured(state, ended, stopped)
 
@@ -188,7 +188,7 @@ class PandaPyArm(_FrankaHand):
                 # The library would recover by itself, but a person must do that.
                 raise DriverError("it has stopped by itself: recover it by hand")
             controller = self._controllers.JointPosition(stiffness=STIFFNESS, damping=2.0 * np.sqrt(STIFFNESS))
-            self._panda.start_controller(controller)  # which begins where the arm stands
+            self._panda.start_controller(controller)  # starts at the current position
             self._controller = controller
         self._controller.set_control(q, v)
 

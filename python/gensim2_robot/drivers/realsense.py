@@ -141,7 +141,7 @@ class _Film:
         self._rs, self._device = rs, device
         self._playback: Any = device.as_playback() if device.is_playback() else None
         self.serial: str = device.get_info(rs.camera_info.serial_number)
-        unit = rs.option.depth_units  # a recorder's sensors have it, and are no depth sensors to the library
+        unit = rs.option.depth_units  # also supported by sensors of recordings
         units = [sensor.get_option(unit) for sensor in device.query_sensors() if sensor.supports(unit)]
         if not units or abs(units[0] - MILLIMETRE) > 1e-6:
             raise DriverError(f"camera {camera.name}: depth comes in units of {units} m, must be {MILLIMETRE}")
@@ -307,7 +307,7 @@ class SoftwareDevice:
         depth, colors = (profile for _, profile, _ in self._profiles)
         depth.register_extrinsics_to(colors, same)
         colors.register_extrinsics_to(depth, same)
-        self.device.create_matcher(rs.matchers.dlr_c)  # a pair has the same number
+        self.device.create_matcher(rs.matchers.dlr_c)  # matches images of the same frame number
 
     def recorder(self, file: Path) -> Any:
         """Return the device as one that records its images into a file (``.db3``) while it is open."""

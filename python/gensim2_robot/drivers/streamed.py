@@ -62,7 +62,7 @@ class StreamedArm(ABC):
         self._share = self._told = self._played = 0.0
         self._stood: Array | None = None
         self._gripper = OPEN
-        self._told_grip: float | None = None  # of what it holds at the start nobody knows
+        self._told_grip: float | None = None  # unknown at the start
         self._grips: queue.SimpleQueue[float | None] = queue.SimpleQueue()
         self._standing, self._over = True, False
         self._trouble: str | None = None
@@ -85,12 +85,12 @@ class StreamedArm(ABC):
     def send(self, q: Array, gripper: float, t: float) -> None:
         """Accept targets for the time t (s): joints (m,), and the gripper from -1 to 1."""
         if self._trouble is not None:
-            return  # its states say so
+            return  # reported in the states
         with self._lock:
             self._told, target = time.monotonic(), np.array(q, dtype=np.float64)
             if self._passed is None:
                 self._passed = target if self._stood is None else self._stood
-                self._share, self._played = 0.0, self._told + CYCLE  # there is always one more to go to
+                self._share, self._played = 0.0, self._told + CYCLE  # playback is one cycle behind
             self._goals.append(target)
             self._standing = False
         if gripper != self._told_grip:
@@ -105,7 +105,7 @@ class StreamedArm(ABC):
         self._within(HALTING, self._halt_wire)
 
     def _halt_wire(self) -> None:
-        with self._wire:  # behind a target that is being written; what comes after is not
+        with self._wire:  # wait until the current target is written
             self._halt()
 
     def _within(self, seconds: float, what: Callable[[], None]) -> None:
@@ -170,7 +170,7 @@ class StreamedArm(ABC):
             refuses = self._trouble is not None
             self._last = ArmState(now, q, v, force, "refusing" if refuses else mode, self._trouble or "")
             self._states.append(self._last)
-        elif self._last is not None:  # the connection is lost: the last place, at its time, and why there is no other
+        elif self._last is not None:  # connection lost: the last state, with the reason
             self._states.append(replace(self._last, mode="refusing", reason=self._trouble or ""))
         with self._lock:
             if self._standing or self._passed is None:
@@ -208,7 +208,7 @@ class StreamedArm(ABC):
     def _run_gripper(self) -> None:
         while True:
             command = self._grips.get()
-            while not self._grips.empty():  # what has changed again need not be done
+            while not self._grips.empty():  # only the newest command matters
                 command = self._grips.get()
             if command is None or self._over:
                 return

@@ -63,7 +63,7 @@ class XArm(StreamedArm):
         return finite(values[0], size, "where it stands"), finite(values[1], size, "how it moves"), force, mode
 
     def _write(self, q: Array, v: Array) -> None:
-        if self._halted:  # the SDK takes no targets in the state that stops
+        if self._halted:  # the SDK accepts no targets while halted
             self._require(self._arm.set_mode(SERVO), "set_mode")
             self._require(self._arm.set_state(READY), "set_state")
             self._halted = False

@@ -16,7 +16,7 @@ from gensim2.core.foreign.tree import NotRegularError, open_regular
 
 MAX_ARCHIVE = 256 * 2**20  # bytes of the file
 MAX_ENTRIES = 100_000
-_ENTRY = b"PK\x01\x02"  # each entry of the directory begins so
+_ENTRY = b"PK\x01\x02"  # signature of a directory entry
 
 #: Exceptions of ``zipfile`` for damaged archives; unknown methods raise NotImplementedError, passwords RuntimeError.
 DAMAGED = (
@@ -44,7 +44,7 @@ def open_archive(path: Path) -> zipfile.Path:
         if os.fstat(stream.fileno()).st_size > MAX_ARCHIVE:
             raise NotRegularError(f"it is larger than {MAX_ARCHIVE // 2**20} MiB")
         archive = open_zip(stream, MAX_ENTRIES)
-        archive.filename = str(path)  # the stream's name is a number
+        archive.filename = str(path)  # the stream has only a file descriptor
         return zipfile.Path(archive)
     except DAMAGED as error:
         raise InputError(f"cannot be read as an archive of tasks: {error}", file=path) from error

@@ -54,7 +54,7 @@ class _Beside:
 
     def get(self, name: str) -> bytes:
         wanted = name.strip()
-        candidates = (wanted, wanted.lstrip("/"), Path(wanted).name)  # as trimesh's own resolver looks for them
+        candidates = (wanted, wanted.lstrip("/"), Path(wanted).name)  # the same order as in trimesh's resolver
         found = next((each for each in candidates if self._folder.has(each)), wanted)
         return read_regular(self._folder.inside(found), MAX_MESH)
 

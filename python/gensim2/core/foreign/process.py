@@ -100,7 +100,7 @@ def isolated(
             except (EOFError, OSError):
                 raise _death(process, source, bounds) from None
             if kind in _LAST:
-                process.join(timeout=EXIT_LIMIT)  # killed, it would leave semaphores, of which Python complains
+                process.join(timeout=EXIT_LIMIT)  # killing it would leave semaphores, and Python would warn
             if kind == "result":
                 result: Result = told[0]
                 return result
@@ -141,7 +141,7 @@ def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
     faulthandler.disable()
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # what a library says in dying is not the user's line
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # hide a crashing library's output
     os.environ |= FRUGAL
     function, arguments = pickle.loads(payload)
     try:
@@ -153,7 +153,7 @@ def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
         said = ("memory",)
     except BaseException:  # noqa: BLE001 - a bug of ours is raised where it was called
         said = ("bug", traceback.format_exc())
-    with contextlib.suppress(OSError):  # the parent left
+    with contextlib.suppress(OSError):  # the parent has ended
         connection.send_bytes(pickle.dumps(said))
 
 
@@ -179,7 +179,7 @@ def _death(process: BaseProcess, source: Path, bounds: Bounds) -> GenSim2Error:
         return InputError(f"takes longer than {bounds.cpu_s} s of CPU to read, or was ended", file=source)
     if code == -signal.SIGABRT:
         return _too_large(source, bounds)
-    if code is None or code >= 0:  # no damage ends so: it did not begin
+    if code is None or code >= 0:  # damaged input ends with a signal, so the process did not start
         guard = 'a script must import below `if __name__ == "__main__":`'
         return WorkerStartError(f"the process that reads {source} could not be started (exit code {code}; {guard})")
     fate = signal.Signals(-code).name

@@ -15,7 +15,7 @@ def template(package: str, name: str) -> Template:
 
     Every page is one file that loads nothing except files beside it.
     """
-    import jinja2  # here: refusing arguments needs no page
+    import jinja2  # imported here: argument checks do not need it
 
     templates = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package), jinja2.PackageLoader("gensim2.core.pages")]),

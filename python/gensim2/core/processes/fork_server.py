@@ -26,7 +26,7 @@ def start_fork_server() -> None:
     if _registered_in != os.getpid():
         _registered_in = os.getpid()
         atexit.register(_end_server, _registered_in)
-    resource_tracker.ensure_running()  # on its own: as it starts, it unblocks what is blocked here
+    resource_tracker.ensure_running()  # first, because its start unblocks signals
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
     try:
         forkserver.ensure_running()

@@ -68,7 +68,7 @@ class Worker:
 
     def send(self, job: Job, function: Callable[..., Any], *, fresh: bool) -> None:
         """Start a job; with ``fresh`` in a new process."""
-        payload = pickle.dumps((function, job.arguments))  # fails here, in the caller's face, not in a worker
+        payload = pickle.dumps((function, job.arguments))  # fails in the caller instead of in a worker
         if fresh or self._served >= self._jobs or self._process is None or not self._process.is_alive():
             self.stop()
             self._start()
@@ -158,7 +158,7 @@ def start_process(
             start_fork_server()
             process.start()
             return process, ours
-        except (OSError, EOFError) as error:  # the server that forks was killed; the next start makes a new one
+        except (OSError, EOFError) as error:  # the fork server was killed; the next call starts a new one
             ours.close()
             if number == TRIES - 1:
                 raise WorkerStartError(f"worker processes cannot be started: {error}") from error
@@ -209,13 +209,13 @@ def _serve(connection: Connection, environment: Mapping[str, str], prepare: Call
     """Body of a worker process: run jobs until the parent closes the connection."""
     ignore_interrupts()  # Ctrl-C reaches the whole group; the parent decides
     os.environ.clear()
-    os.environ.update(environment)  # the server may have been started before something was set
+    os.environ.update(environment)  # the fork server may have older values
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
     if prepare is not None:
-        with contextlib.suppress(Exception):  # what is wrong will be wrong for the job, which says so
+        with contextlib.suppress(Exception):  # the job will raise the same error
             prepare()
-    gc.freeze()  # what is imported stays: looking through its objects for garbage costs a fourteenth of all episodes
-    with contextlib.suppress(OSError):  # a parent that is gone already shows below
+    gc.freeze()  # exempt imported objects from garbage collection (7 % of the time)
+    with contextlib.suppress(OSError):  # the loop below notices that the parent has ended
         connection.send_bytes(b"ready")
     while True:
         try:
@@ -251,7 +251,7 @@ def answer(payload: bytes) -> bytes:
             return pickle.dumps(("result", result, None, time.process_time() - begin))
         except GenSim2Error as error:
             said = pickle.dumps(("error", error, None, time.process_time() - begin))
-            pickle.loads(said)  # what does not survive the way is a bug like any other
+            pickle.loads(said)  # an error that cannot be unpickled is a bug
             return said
     except BaseException as error:  # noqa: BLE001 - a panic of the solver and an exit are failures too
         words = " ".join(f"{type(error).__name__}: {error}".split())
@@ -307,7 +307,7 @@ class WorkerPool(Executor):
             yield from super().map_unordered(function, jobs)
             return
         for job in jobs:
-            if job is None:  # none now, and none under way that could change that
+            if job is None:  # no more jobs, and no running job can add any
                 return
             yield _run_here(function, job)
 

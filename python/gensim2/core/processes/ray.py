@@ -67,9 +67,9 @@ class _Environment:
     def __init__(self, path: Sequence[str], modules: Sequence[str], prepare: bytes) -> None:
         sys.path.extend(folder for folder in path if folder not in sys.path)  # jobs are functions by name
         for name in modules:
-            with contextlib.suppress(ImportError):  # the jobs will complain about it
+            with contextlib.suppress(ImportError):  # the jobs will raise the error
                 importlib.import_module(name)
-        with contextlib.suppress(Exception):  # what is wrong will be wrong for the job, which says so
+        with contextlib.suppress(Exception):  # the job will raise the same error
             function = pickle.loads(prepare)
             if function is not None:
                 function()
@@ -189,7 +189,7 @@ class RayPool(Executor):
         global left_waiting
         for place in list(self._places):
             self._end(place)
-        if self._head.is_gone:  # there is none to leave, and Ray would wait for it until it ends this process
+        if self._head.is_gone:  # without a head, Ray would wait and then end this process
             atexit.unregister(self._ray.shutdown)
             left_waiting = True
         else:
@@ -235,7 +235,7 @@ class RayPool(Executor):
             raise NotRunError("jobs on Ray", {job.index: reason for job in jobs})
         awaited = {place.awaited: place for place in self._places if place.job is not None or not place.is_ready}
         if not awaited:
-            time.sleep(RETRY_SECONDS)  # the head is not there, and may come back
+            time.sleep(RETRY_SECONDS)  # the head may come back
             return []
         done, _ = self._ray.wait(list(awaited), num_returns=1, timeout=RETRY_SECONDS, fetch_local=True)
         outcomes: list[Outcome[Any]] = []
@@ -279,7 +279,7 @@ class RayPool(Executor):
             self._places.remove(place)
         place.job = None
         if self._head.is_there:
-            with contextlib.suppress(Exception):  # it may be gone, and its node with it
+            with contextlib.suppress(Exception):  # the actor or its node may have ended
                 self._ray.kill(place.actor)
 
 
@@ -290,9 +290,9 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
         InputError: the cluster cannot be joined.
     """
     where: dict[str, Any] = {"address": address}
-    if address == "local":  # said so, for without an address Ray looks for a cluster that another user has begun
+    if address == "local":  # otherwise Ray looks for a running cluster
         where |= {"num_cpus": workers or usable_cores(), "include_dashboard": False}
-        where["_system_config"] = {"worker_niceness": 0}  # Ray's 15 leaves them nothing of a busy machine
+        where["_system_config"] = {"worker_niceness": 0}  # with Ray's 15, workers starve on a busy machine
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         for number in range(TRIES):
@@ -308,7 +308,7 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
                     words = " ".join(str(error).split())
                     raise InputError(f"no Ray cluster can be used there: {words}", field="--ray") from error
     finally:
-        with contextlib.suppress(ValueError):  # not in the main thread, where no handler can have been set either
+        with contextlib.suppress(ValueError):  # outside the main thread there is no handler
             for number, handler in handlers.items():
                 signal.signal(number, handler)
 

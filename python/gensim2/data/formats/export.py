@@ -126,7 +126,7 @@ def _frames(
         sentence = store.spec().description
         for row in rows:
             recording = store.read(row).recording
-            assert recording is not None  # of what held it always is
+            assert recording is not None  # successful episodes have a recording
             observation = _observed(store, row) if observations else None
             seen.add(observation is not None)
             if len(seen) > 1:

@@ -103,7 +103,7 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
     profile = robot(dataset.record.scene.robot)
     count = 0
     for store, row, stored in read_back(dataset, progress):
-        assert stored.recording is not None  # of what was read back it always is
+        assert stored.recording is not None  # episodes that were read have a recording
         theirs = next(found, None)
         try:
             ours = frames_of(stored.recording, profile, store.spec().description)

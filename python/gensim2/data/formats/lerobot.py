@@ -293,7 +293,7 @@ class LeRobotWriter:
             names = list(feature.names) if feature.names is not None else None
             described[name] = {"dtype": feature.dtype, "shape": list(feature.shape), "names": names}
             if feature.is_video:
-                from gensim2.data.video import pixel_format  # a part of the extra for pictures
+                from gensim2.data.video import pixel_format  # needs the extra for images
 
                 height, width, channels = feature.shape
                 described[name]["info"] = {

@@ -21,8 +21,8 @@ from gensim2.data.formats.lerobot import INDEX_NAME, INDICES, VERSION
 Array = npt.NDArray[Any]
 
 MAX_INFO = 16 * 2**20  # bytes of meta/info.json
-MAX_ROWS = 10_000_000  # frames of a row group, which is read at once
-MAX_GROUP = 2**30  # bytes of one, unpacked
+MAX_ROWS = 10_000_000  # frames of a row group, which is read as a whole
+MAX_GROUP = 2**30  # uncompressed bytes
 MAX_TASKS = 1_000_000
 
 REMEDY = "give a LeRobot data set of version 3.0"
@@ -72,7 +72,7 @@ def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
         for group in range(file.metadata.num_row_groups):
             with read_by_library(path, REMEDY):
                 columns = _row_group(file, group, shapes, path)
-            for number in np.unique(columns["episode_index"]):  # others may put several into a row group
+            for number in np.unique(columns["episode_index"]):  # there may be several episodes
                 rows = columns["episode_index"] == number
                 task = int(columns["task_index"][rows][0])
                 if task not in sentences:

@@ -47,7 +47,7 @@ class SeenTable:
         for name in arrays:
             camera, _, what = name.removeprefix("cameras/").rpartition("/")
             is_own = name.startswith("cameras/") and what in ("intrinsic", "T_base_camera", "T_link_camera")
-            if is_own and arrays[name].ndim == 2:  # where one is at each instant follows from the joints
+            if is_own and arrays[name].ndim == 2:  # the pose at each instant follows from the joints
                 self._cameras.setdefault(camera, {})[what] = arrays[name].tolist()
         for camera, link in description.get("camera_links", {}).items():
             self._cameras.setdefault(camera, {})["link"] = link

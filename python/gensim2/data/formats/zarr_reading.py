@@ -24,8 +24,8 @@ from gensim2.data.formats.frames import Frames
 from gensim2.data.formats.replay_zarr import zarr_module
 
 MAX_EPISODES = 10_000_000
-MAX_DESCRIPTION = 64 * 2**20  # bytes of a JSON file; the sentences of all tasks stand in one
-MAX_CHUNK = 256 * 2**20  # bytes of one, unpacked
+MAX_DESCRIPTION = 64 * 2**20  # bytes of a JSON file; one contains the instructions of all tasks
+MAX_CHUNK = 256 * 2**20  # uncompressed bytes
 MAX_EPISODE = 2**30  # bytes of one array of an episode
 
 REMEDY = "export again"

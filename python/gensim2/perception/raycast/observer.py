@@ -55,7 +55,7 @@ class KnownPoints:
             for link, points in _boxes(scene, name, model):
                 self._points += [(name, link, point) for point in points]
             for _, keypoint in sorted(model.keypoints.items()):
-                link = name if model.joint is None else keypoint.link  # a rigid object is one link of its own name
+                link = name if model.joint is None else keypoint.link  # a rigid object's only link
                 self._points.append((name, link, np.asarray(keypoint.position, dtype=np.float64)))
         if len(self._points) > count:
             message = f"is {count}, and the objects' keypoints and corners are {len(self._points)}"
@@ -72,7 +72,7 @@ class KnownPoints:
         Raises:
             InputError: the states are not of this scene.
         """
-        places = dict.fromkeys((name, link) for name, link, _ in self._points)  # many points go along with each
+        places = dict.fromkeys((name, link) for name, link, _ in self._points)  # without duplicates
         frames = {(name, link): self._scene.link_poses(states, name, link) for name, link in places}
         placed = [
             frames[name, link][:, :3, :3] @ point + frames[name, link][:, :3, 3] for name, link, point in self._points

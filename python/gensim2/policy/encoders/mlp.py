@@ -83,7 +83,7 @@ class MlpEncoder(nn.Module):  # type: ignore[misc]
         """Return the index (B, F) of the point with the maximum of each feature."""
         batch, count, _ = points.shape
         clouds = max(ROWS // count, 1) if points.device.type == "cpu" else batch
-        parts = [self.layers(part).max(1).indices for part in points.split(clouds)]  # argmax takes thrice as long
+        parts = [self.layers(part).max(1).indices for part in points.split(clouds)]  # argmax takes three times as long
         return torch.cat(parts)
 
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

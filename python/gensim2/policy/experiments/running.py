@@ -218,7 +218,7 @@ def run_experiment(
             trained[arm.name].append(_train(arm, start, record, number, out, workers, device, progress))
             found = tuple(_arm_result(each, trained, record) for each in arms if trained[each.name])
             result = ExperimentResult(str(out), record, found, skipped, total - done - 1)
-            if result.remaining <= there:  # a resumed run writes no fewer figures than there were before
+            if result.remaining <= there:  # do not overwrite a more complete earlier result
                 told, there = result.to_dict(), result.remaining
                 write_json(out / RESULT_JSON, told)
                 write_page(told)
@@ -238,7 +238,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
     for arm in record.config.arms:
         if arm.start is not None:
             start = next((each for each in found if each.name == arm.start), None)
-            if start is None or len(start.tasks) < 2:  # learning goes on from policies of several tasks alone
+            if start is None or len(start.tasks) < 2:  # only policies of several tasks can be continued
                 reasons = (reason for name, reason in skipped.items() if name.partition("/")[0] == arm.start)
                 skipped[arm.name] = f"starts from {arm.start}, which cannot be run: {next(reasons, 'no task is left')}"
                 continue
@@ -266,7 +266,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
     for arm in found:
         _, lacking = _transferred(arm, record)
         skipped |= {f"{arm.name}/{name} on real objects": reason for name, reason in lacking.items()}
-        for one in _measurements(arm, record, 0):  # a class that has one tenth has all
+        for one in _measurements(arm, record, 0):  # one tenth stands for all
             _, lacking = read_task_inputs(tuple(one.tasks), seed=0, assets=one.assets, instances=one.instances)
             for name, reason in lacking.items():
                 raise InputError(f"{one.title}: {reason}", field=f"arms.{arm.name}.{name}")
@@ -334,7 +334,7 @@ def _train(
 ) -> _Training:
     config, assets = record.config, _assets(arm, record)
     taught = arm.added_to(config.start_of(arm))
-    hears = len(arm.tasks) > 1  # of one task the sentence tells nothing
+    hears = len(arm.tasks) > 1  # with a single task the instruction does not matter
     taught_on: SceneArguments = {"assets": assets}
     train, unseen = config.words(arm, number)
     if arm.is_split:
@@ -426,13 +426,13 @@ class _Measurement:
 def _measurements(arm: Arm, record: ExperimentRecord, number: int) -> Iterator[_Measurement]:
     config, assets = record.config, _assets(arm, record)
     train, unseen = config.words(arm, number)
-    if arm.is_split:  # an evaluation draws from a split, and counted objects are none
+    if arm.is_split:  # an evaluation needs a split
         yield _Measurement("seen", "seen", "seen objects", arm.tasks, config.episodes, assets, train)
     there, _ = _transferred(arm, record)
     if there:
         yield _Measurement("real", "real", "real objects", there, config.episodes, record.assets, "all")
     embedded = {"unknown_sentences": "embed"}
-    if config.text_model is not None:  # a checkpoint alone does not load weights of the user's own
+    if config.text_model is not None:  # a checkpoint does not load the user's weights by itself
         embedded["text_model"] = config.text_model
     if config.untaught:
         tasks, few = config.untaught, config.control_episodes

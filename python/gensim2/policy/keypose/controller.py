@@ -169,7 +169,7 @@ class KeyposeController:
         """Predict, and plan the next motion; return whether there is one."""
         self.told["looks"] += 1
         seen = self._sight.altered(observation, self._seed)
-        if not self._holds:  # what the fingers of an empty hand have done last means nothing
+        if not self._holds:  # an empty hand's fingers may be anywhere
             seen = replace(seen, arrays={**seen.arrays, GRIPPER: self._empty})
         points = seen[CLOUD][:, :3].astype(np.float64) if self._sight.sees != "nothing" else np.zeros((0, 3))
         q = observation.joint_positions.astype(np.float64)
@@ -231,7 +231,7 @@ class KeyposeController:
             self.told["cut short"] += 1
         self._rows = deque(found.actions)
         step, takes = self._step(answer), program.force > HOLDS
-        self._expected = {step, step + 1}  # once more, or what follows: the next step, or nothing
+        self._expected = {step, step + 1}  # the step again, or the next one (None after the last)
         if takes:
             self._taking = step
             self._force, self._until_gripped = program.force, found.gripped

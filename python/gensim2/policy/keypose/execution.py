@@ -139,7 +139,7 @@ class Executor:
     def _free(self, rows: _Rows, q: Array, goal: Array, seen: Seen) -> Free:
         q, goal = q.copy(), goal.copy()
         fingers = list(self._profile.gripper_columns)
-        if not seen.holds:  # else they are as far apart as what is between them
+        if not seen.holds:  # the fingers of a full hand are as far apart as the object is wide
             q[fingers] = self._profile.gripper.at_command(rows.command)
         goal[fingers] = q[fingers]
         for how, scene in self._scenes(q, goal, seen):

@@ -86,7 +86,7 @@ def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[Joi
     """Yield the joint path of each arm posture at the actuation pose, without its depth."""
     poses = program.poses
     turned = poses.copy()
-    turned[:, :3, :2] *= -1.0  # the fingers the other way round
+    turned[:, :3, :2] *= -1.0  # half a turn about the approach axis
     starts = [
         (float(np.abs(found - q).max()), number, each, found)
         for number, each in enumerate((poses, turned))

@@ -91,16 +91,16 @@ class PolicyServer:
             from websockets.sync.server import ServerConnection, serve
         except ImportError as error:
             raise MissingExtraError("websockets", "remote") from error
-        encode({})  # msgpack is there
+        encode({})  # fails if msgpack is not installed
         self._spec, self._token, self._said = controller, token, said
         self._profile = robot(robot_name)
         self._controller: Controller = controller.make()
-        self._observation = spec_of(self._controller).to_dict()  # now: one that acts may look at less for a while
+        self._observation = spec_of(self._controller).to_dict()  # now, because it may need fewer inputs while it acts
         self._is_warm = False
         self._busy = threading.Lock()
         self._connections: set[Any] = set()
         self._strangers = threading.BoundedSemaphore(MAX_STRANGERS)
-        self._peer = threading.local()  # each connection has a thread of its own
+        self._peer = threading.local()  # each connection has its own thread
         try:
             self._server = serve(
                 self._handle,
@@ -126,7 +126,7 @@ class PolicyServer:
     def serve(self) -> None:
         """Serve until :meth:`close` is called."""
         before = sys.getswitchinterval()
-        sys.setswitchinterval(SWITCH_INTERVAL)  # strangers' threads give up the interpreter soon
+        sys.setswitchinterval(SWITCH_INTERVAL)  # threads of untrusted clients release the interpreter quickly
         try:
             self._server.serve_forever()
         finally:
@@ -167,7 +167,7 @@ class PolicyServer:
     def _handle(self, connection: Any) -> None:
         from websockets.exceptions import ConnectionClosed
 
-        who = str(self._peer.address[0])  # the socket knows it only as long as it is open
+        who = str(self._peer.address[0])  # a closed socket no longer knows it
         try:
             hello = decode(connection.recv(timeout=GREETING), MAX_HELLO, who)
             refused = self._greet(hello, who)
@@ -246,7 +246,7 @@ class PolicyServer:
                 else:
                     found = {"kind": "action", "action": self._action(self._controller.act(observation))}
                 return {**found, "number": number, "observation": spec_of(self._controller).to_dict()}
-        except (GenSim2Error, MemoryError) as error:  # its loop is told, and goes on
+        except (GenSim2Error, MemoryError) as error:  # the client gets the error, and the server continues
             return {"kind": "error", "number": number, "why": one_line(str(error) or type(error).__name__)}
 
     def _action(self, given: Any) -> npt.NDArray[np.float32] | None:

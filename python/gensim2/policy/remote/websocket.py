@@ -54,7 +54,7 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
-        if isinstance(error, EOFError):  # the library reads on for a moment after it has closed a connection itself
+        if isinstance(error, EOFError):  # the library may still read a connection that it closed
             return
         self._said(one_line(record.getMessage() if error is None else f"{record.getMessage()}: {error}"))
 

@@ -106,7 +106,7 @@ class _Builder:
         option.impratio = IMPRATIO
         option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         spec.compiler.degree = False
-        spec.compiler.balanceinertia = True  # the fingers of the Fetch have moments that no body can have
+        spec.compiler.balanceinertia = True  # the Fetch's fingers have impossible inertias
         self._shapes: list[Shape] = []
         self._meshes = 0
         if robot:
@@ -138,7 +138,7 @@ class _Builder:
                 self._resist(joint, model, thing)
             elif link.parent is None or link.parent in still:
                 still.add(link.name)
-                body.mocap = link.parent is None  # it can be nudged, and its pose is part of the stored state
+                body.mocap = link.parent is None  # can be moved, and its pose is part of the stored state
             is_static = link.name in still
             slides = not is_static and model.joint.type == "prismatic"
             shape = Shape(mixed_name(name, link.name), name, link.name, is_static, friction, slides=slides)
@@ -150,7 +150,7 @@ class _Builder:
         drives, still = self._drives(), set[str]()
         for link in links_of(profile.urdf):
             body = self._add_link(agent, link, profile.base_position, profile.base_quaternion)
-            body.gravcomp = 1.0  # ManiSkill's stand-in for a controller that balances the arm's weight
+            body.gravcomp = 1.0  # as in ManiSkill, instead of gravity compensation
             if link.axis is not None:
                 assert link.joint is not None
                 joint = self._add_joint(body, agent, link, link.joint.limits)
@@ -235,7 +235,7 @@ class _Builder:
             type=kind.get(solid.kind, kinds.mjGEOM_MESH),
             pos=solid.T[:3, 3],
             quat=_quaternion(solid.T),
-            contype=0,  # pairs alone say what touches
+            contype=0,  # collisions are enabled by explicit pairs only
             conaffinity=0,
         )
         if solid.vertices is None:
