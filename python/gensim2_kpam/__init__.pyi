@@ -120,7 +120,7 @@ class Robot:
     def mass(self) -> float:
         """Mass of all links, kg."""
     def inverse_dynamics(
-        self, q: Numbers, velocity: Numbers, acceleration: Numbers, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)
+        self, q: Numbers, velocity: Numbers, acceleration: Numbers, *, gravity: Numbers = (0.0, 0.0, -9.81)
     ) -> Array:
         """Compute the joint torques of a motion from the URDF's masses, without friction and motor inertia.
 
@@ -423,10 +423,10 @@ class Scene:
         velocity_scale: float = 1.0,
         acceleration_scale: float = 1.0,
         limits: Literal["panda", "fr3", "plain"] | None = None,
-        velocity_limits: Sequence[float] | None = None,
-        acceleration_limits: Sequence[float] | None = None,
-        jerk_limits: Sequence[float] | None = None,
-        torque_limits: Sequence[float] | None = None,
+        velocity_limits: Numbers | None = None,
+        acceleration_limits: Numbers | None = None,
+        jerk_limits: Numbers | None = None,
+        torque_limits: Numbers | None = None,
         path: SolverConfig | None = None,
         tool_keypoints: Mapping[str, Numbers] | None = None,
         start_velocity: Numbers | None = None,

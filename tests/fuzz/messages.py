@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import os
 import pickle
-import signal
 import sys
 import threading
 import time
-import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -23,12 +21,11 @@ from typing import Any
 import msgpack
 import numpy as np
 from mutate import LONGEST_MESSAGE, damaged, damaged_value
-from runner import Ended, Say, Tally, main, tried
+from runner import CANARY, Ended, Say, Tally, in_process, main, tried
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 from websockets.sync.server import serve
 
-from gensim2.core.foreign.process import Bounds
 from gensim2.perception import Camera, DepthNoise, Observation, ObservationSpec, PointCloud
 from gensim2.perception.observation import STATE, VELOCITY
 from gensim2.policy.remote import client, server
@@ -47,13 +44,8 @@ from gensim2.policy.remote.websocket import logger
 from gensim2.rollout.controller_spec import ControllerSpec
 
 SECRET = "a token of no worth"
-CPU_S = 5
-MEMORY = 2**30
-HANGS = 60.0
-"""Seconds by the clock: other work may hold the machine up; what waits for ever waits longer."""
 DEADLINE = 5.0
 
-CANARY = "from pathlib import Path\nPath(__file__).with_name('ran').touch()\nclass Policy: pass\nrobot = Policy\n"
 #: What a message may name in the place of a word; none of it may be loaded.
 NAMES = ("canary", "canary:robot", "canary.py", "canary.py:Policy", "./canary.py", "__import__('canary')")
 
@@ -388,60 +380,6 @@ def check_line(text: str) -> None:
 
 
 # ---------------------------------------------------------------------------------------------------- processes
-
-
-def in_process(attempt: Callable[[], str], folder: Path) -> tuple[str, float, int]:
-    """Return how an attempt ended in a forked process of bounded means, its CPU seconds and its highest memory.
-
-    Raises:
-        AssertionError: it failed, hung, printed, wrote a file or ran what lies in the folder.
-    """
-    read, write = os.pipe()
-    printed = folder.with_suffix(".err")
-    pid = os.fork()
-    if pid == 0:
-        code = 1
-        try:
-            os.close(read)
-            os.chdir(folder)
-            sys.path.insert(0, str(folder))
-            descriptor = os.open(printed, os.O_CREAT | os.O_WRONLY | os.O_TRUNC)
-            os.dup2(descriptor, 1)
-            os.dup2(descriptor, 2)
-            sys.stdout = sys.stderr = os.fdopen(2, "w", buffering=1, closefd=False)
-            sys.excepthook = sys.__excepthook__
-            threading.excepthook = threading.__excepthook__
-            Bounds(MEMORY, CPU_S, (2**20, 2**20)).apply()
-            Path("/proc/self/clear_refs").write_text("5")
-            outcome = attempt()
-            status = Path("/proc/self/status").read_text()
-            peak = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM"))
-            os.write(write, f"{outcome} {time.process_time()} {1024 * peak}".encode())
-            code = 0
-        except BaseException:  # noqa: BLE001 - told, and the process ends
-            os.write(write, traceback.format_exc()[-3000:].encode("utf-8", "replace"))
-        finally:
-            os._exit(code)
-    os.close(write)
-    end, ended = time.monotonic() + HANGS, 0
-    try:
-        while not ended and time.monotonic() < end:
-            ended, status = os.waitpid(pid, os.WNOHANG)
-            time.sleep(0.0 if ended else 0.002)
-        assert ended, f"hung for {HANGS:.0f} s"
-    finally:
-        if not ended:
-            os.kill(pid, signal.SIGKILL)
-            os.waitpid(pid, 0)
-        told = os.read(read, 4096).decode()
-        os.close(read)
-    assert status == 0, f"status {status}: {told}"
-    text = printed.read_text(errors="replace")
-    assert not text, f"printed: {text[-1500:]}"
-    left = sorted(path.name for path in folder.iterdir())
-    assert left == ["canary.py"], f"wrote {left}"
-    outcome, seconds, peak = told.split()
-    return outcome, float(seconds), int(peak)
 
 
 GOOD: Mapping[str, Sequence[Mapping[str, Any]]] = {

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import sys
 import tempfile
+import threading
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gensim2.core.foreign.process import Bounds
+
 SAID = 1000
 """Inputs after which the count of faults is said."""
+CPU_S = 5
+MEMORY = 2**30
+HANGS = 60.0
+"""Seconds by the clock: other work may hold the machine up; what waits for ever waits longer."""
+CANARY = "from pathlib import Path\nPath(__file__).with_name('ran').touch()\nclass Policy: pass\nrobot = Policy\n"
 
 Say = Callable[[str], object]
 
@@ -55,6 +66,60 @@ def tried(numbers: Iterable[int], attempt: Callable[[int], Ended], say: Say) -> 
         if count % SAID == 0:
             say(f"{count} tried, {tally.faults} faults")
     return tally
+
+
+def in_process(attempt: Callable[[], str], folder: Path) -> tuple[str, float, int]:
+    """Return how an attempt ended in a forked process of bounded means, its CPU seconds and its highest memory.
+
+    Raises:
+        AssertionError: it failed, hung, printed, wrote a file or ran what lies in the folder.
+    """
+    read, write = os.pipe()
+    printed = folder.with_suffix(".err")
+    pid = os.fork()
+    if pid == 0:
+        code = 1
+        try:
+            os.close(read)
+            os.chdir(folder)
+            sys.path.insert(0, str(folder))
+            descriptor = os.open(printed, os.O_CREAT | os.O_WRONLY | os.O_TRUNC)
+            os.dup2(descriptor, 1)
+            os.dup2(descriptor, 2)
+            sys.stdout = sys.stderr = os.fdopen(2, "w", buffering=1, closefd=False)
+            sys.excepthook = sys.__excepthook__
+            threading.excepthook = threading.__excepthook__
+            Bounds(MEMORY, CPU_S, (2**20, 2**20)).apply()
+            Path("/proc/self/clear_refs").write_text("5")
+            outcome = attempt()
+            status = Path("/proc/self/status").read_text()
+            peak = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM"))
+            os.write(write, f"{outcome} {time.process_time()} {1024 * peak}".encode())
+            code = 0
+        except BaseException:  # noqa: BLE001 - told, and the process ends
+            os.write(write, traceback.format_exc()[-3000:].encode("utf-8", "replace"))
+        finally:
+            os._exit(code)
+    os.close(write)
+    end, ended = time.monotonic() + HANGS, 0
+    try:
+        while not ended and time.monotonic() < end:
+            ended, status = os.waitpid(pid, os.WNOHANG)
+            time.sleep(0.0 if ended else 0.002)
+        assert ended, f"hung for {HANGS:.0f} s"
+    finally:
+        if not ended:
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+        told = os.read(read, 4096).decode()
+        os.close(read)
+    assert status == 0, f"status {status}: {told}"
+    text = printed.read_text(errors="replace")
+    assert not text, f"printed: {text[-1500:]}"
+    left = sorted(path.name for path in folder.iterdir())
+    assert left == ["canary.py"], f"wrote {left}"
+    outcome, seconds, peak = told.split()
+    return outcome, float(seconds), int(peak)
 
 
 def main(

@@ -42,6 +42,78 @@ def test_a_robot_without_moving_joints(tmp_path: Path) -> None:
         problem(robot, q_start=[])
 
 
+def test_goals_of_a_robot_without_moving_joints_are_refused(tmp_path: Path) -> None:
+    scene = kpam.Scene(still_robot(tmp_path))
+    for goal in ([], np.zeros((3, 0)), np.eye(4)):
+        with pytest.raises(kpam.ProblemError, match="robot: has 0 independent joints"):
+            scene.plan_to([], goal)
+
+
+ODD_NUMBERS: dict[str, Callable[[Any], Any]] = {
+    "complex": lambda q: q + 1j,
+    "text": lambda q: [str(value) for value in q],
+    "text among objects": lambda q: np.array([*q[:-1], "0.04"], dtype=object),
+    "times": lambda q: q.astype("m8[s]"),
+    "dates": lambda q: q.astype("i8").astype("M8[s]"),
+    "records": lambda q: np.zeros(len(q), [("a", "f8")]),
+    "nothing": lambda q: [None] * len(q),
+    "masked": lambda q: np.ma.masked_array(q, mask=[True, *[False] * 8]),
+}
+
+
+@pytest.mark.parametrize("kind", ODD_NUMBERS)
+def test_only_real_numbers_are_read_as_numbers(panda: kpam.Robot, kind: str) -> None:
+    with pytest.raises(kpam.ProblemError, match="q: must be an array of numbers"):
+        panda.forward_kinematics(ODD_NUMBERS[kind](Q_START))
+
+
+def test_layouts_of_numbers_make_no_difference(panda: kpam.Robot) -> None:
+    expected = panda.forward_kinematics(Q_START)
+    odd = np.frombuffer(b"\0" + Q_START.tobytes(), dtype=np.uint8)[1:].view(np.float64)
+    for layout in (odd, Q_START[::-1].copy()[::-1], np.repeat(Q_START, 2)[::2], Q_START.astype(">f8"), list(Q_START)):
+        np.testing.assert_array_equal(panda.forward_kinematics(layout), expected)
+    trajectory = kpam.Scene(panda).plan_to(Q_START, Q_START + np.eye(9)[0] * 0.1).trajectory
+    assert trajectory is not None
+    unaligned = np.zeros(8 * 9 + 1, dtype=np.uint8)[1:].view(np.float64)
+    with pytest.raises(kpam.ProblemError, match="position: must be contiguous and aligned"):
+        trajectory.sample_into(0.0, unaligned, np.zeros(9), np.zeros(9))
+
+
+def test_an_array_larger_than_the_memory_is_refused(panda: kpam.Robot) -> None:
+    with pytest.raises(kpam.ProblemError, match="q: has 9895604649984 numbers, for which there is no memory"):
+        panda.forward_kinematics(np.broadcast_to(Q_START, (2**40, 9)))
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, np.nan), (0.0, np.inf, 0.0)])
+def test_torques_are_finite(panda: kpam.Robot, gravity: tuple[float, float, float]) -> None:
+    with pytest.raises(kpam.ProblemError, match="gravity"):
+        panda.inverse_dynamics(Q_START, Q_START, Q_START, gravity=gravity)
+    with pytest.raises(kpam.ProblemError, match="velocity, acceleration: are too large"):
+        panda.inverse_dynamics(Q_START, np.full(9, 1e308), Q_START)
+
+
+@pytest.mark.parametrize("name", ["x" * 1_000_000, "x\n" * 500_000, "\u202e\x1b[31m", "a\0b"])
+def test_errors_that_quote_a_name_are_one_short_line(panda: kpam.Robot, name: str) -> None:
+    for call in (
+        lambda: panda.forward_kinematics(Q_START, name),
+        lambda: kpam.SolverConfig({name: 1}),
+        lambda: kpam.Scene(panda).with_pose(name, np.eye(4)),
+        lambda: problem(panda, options={name: 1}),
+    ):
+        with pytest.raises(kpam.KpamError) as caught:
+            call()
+        for text in (str(caught.value), caught.value.message):
+            assert text is not None
+            assert text.isprintable()
+            assert len(text) < 2000
+
+
+@pytest.mark.parametrize("value", ["\ud800", 10**400])
+def test_values_of_a_config_that_are_no_values_are_named(value: object) -> None:
+    with pytest.raises(kpam.ConfigError, match="let_go"):
+        kpam.SolverConfig({"constraint_list": [], "let_go": value})
+
+
 def test_a_thin_workspace(panda: kpam.Robot) -> None:
     tip = np.array([0.5, 0.1, 0.2 + 0.105])
     for half in (0.9e-3, 1e-4, 1e-17, 0.0):

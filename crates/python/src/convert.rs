@@ -2,10 +2,11 @@
 
 use gensim2_geometry::{Pose, pose_from_matrix, pose_to_matrix};
 use nalgebra::{Matrix4, Point3, Vector3};
-use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArrayLikeDyn, ndarray};
+use numpy::{PyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods, ndarray};
 use pyo3::IntoPyObjectExt;
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyMapping, PySequence, PyString};
+use pyo3::types::{PyBool, PyBytes, PyDict, PyFloat, PyInt, PyList, PyMapping, PySequence, PyString};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Number, Value};
@@ -21,13 +22,55 @@ pub(crate) fn member<'py>(py: Python<'py>, class: &str, value: &str) -> PyResult
     py.import("gensim2_kpam.results")?.getattr(class)?.call1((value,))
 }
 
-/// Numbers of any array-like, flattened, with their shape.
+/// Numbers of any array-like, flattened, with their shape. Complex numbers, dates, text, records and masked entries are
+/// no numbers, although NumPy would make some of them.
 pub(crate) fn numbers(value: &Bound<'_, PyAny>, field: &str) -> PyResult<(Vec<f64>, Vec<usize>)> {
-    let array: PyArrayLikeDyn<'_, f64, AllowTypeChange> = value
-        .extract()
-        .map_err(|_| problem_error(field, "must be an array of numbers (numpy array, list or tuple)"))?;
-    let view = array.as_array();
-    Ok((view.iter().copied().collect(), view.shape().to_vec()))
+    let array = match value.cast_exact::<PyArrayDyn<f64>>() {
+        Ok(array) if is_aligned(array) => array.clone(),
+        _ => converted(value)
+            .map_err(|_| problem_error(field, "must be an array of numbers (numpy array, list or tuple)"))?,
+    };
+    let array = array.try_readonly().map_err(|e| problem_error(field, format!("cannot be read: {e}")))?;
+    let (view, mut data) = (array.as_array(), Vec::new());
+    if data.try_reserve_exact(view.len()).is_err() {
+        return Err(problem_error(field, format!("has {} numbers, for which there is no memory", view.len())));
+    }
+    data.extend(view.iter());
+    Ok((data, view.shape().to_vec()))
+}
+
+/// Whether every number lies where the processor reads it.
+pub(crate) fn is_aligned<D: ndarray::Dimension>(array: &Bound<'_, PyArray<f64, D>>) -> bool {
+    array.data().is_aligned() && array.strides().iter().all(|step| step % 8 == 0)
+}
+
+/// A new array of numbers from an array of another type or layout, or from a sequence.
+fn converted<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let no_number = || PyTypeError::new_err("no numbers");
+    let numpy = value.py().import("numpy")?;
+    if numpy.getattr("ma")?.call_method1("is_masked", (value,))?.extract()? {
+        return Err(no_number());
+    }
+    let array = numpy.call_method1("asarray", (value,))?;
+    match array.getattr("dtype")?.getattr("kind")?.extract::<String>()?.as_str() {
+        "b" | "i" | "u" | "f" => {}
+        "O" => {
+            for entry in array.call_method0("ravel")?.try_iter()? {
+                let entry = entry?;
+                if entry.is_none() || entry.is_instance_of::<PyString>() || entry.is_instance_of::<PyBytes>() {
+                    return Err(no_number());
+                }
+            }
+        }
+        _ => return Err(no_number()),
+    }
+    Ok(array.call_method1("astype", ("float64",))?.cast_into()?)
+}
+
+/// Numbers (n,) of any size, which need not be finite: limits.
+pub(crate) fn list(value: &Bound<'_, PyAny>, field: &str) -> PyResult<Vec<f64>> {
+    let (data, shape) = numbers(value, field)?;
+    if shape.len() == 1 { Ok(data) } else { Err(problem_error(field, format!("must have shape (n,), not {shape:?}"))) }
 }
 
 pub(crate) fn vector(value: &Bound<'_, PyAny>, field: &str, length: Option<usize>) -> PyResult<Vec<f64>> {
@@ -103,7 +146,7 @@ pub(crate) fn json(
         return Ok(Value::Bool(value.extract()?));
     }
     if value.is_instance_of::<PyString>() {
-        return Ok(Value::String(value.extract()?));
+        return value.extract().map(Value::String).or_else(|_| fail("is no valid Unicode text".to_owned()));
     }
     if value.is_instance_of::<PyInt>()
         && let Ok(i) = value.extract::<i64>()
@@ -125,7 +168,7 @@ pub(crate) fn json(
         return Ok(Value::Object(out));
     }
     if value.is_instance_of::<PyFloat>() || value.hasattr("__float__")? && !value.hasattr("__len__")? {
-        let v: f64 = value.extract()?;
+        let Ok(v) = value.extract::<f64>() else { return fail("is no number that fits 64 bits".to_owned()) };
         return match Number::from_f64(v) {
             Some(n) => Ok(Value::Number(n)),
             None => fail(format!("{v} is not finite")),

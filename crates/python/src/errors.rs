@@ -29,16 +29,33 @@ pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("ProblemError", py.get_type::<ProblemError>())
 }
 
+/// Longest line of an error; the middle of longer ones is left out.
+const LONGEST_LINE: usize = 1500;
+
+/// A text that may quote names of callers, as one line: characters that do not print are escaped.
+fn one_line(text: &str) -> String {
+    let printed = |c: char| c.escape_debug().len() == 1 || matches!(c, '"' | '\'' | '\\');
+    let shown: String =
+        text.chars().map(|c| if printed(c) { c.to_string() } else { c.escape_debug().to_string() }).collect();
+    let length = shown.chars().count();
+    if length <= LONGEST_LINE {
+        return shown;
+    }
+    let (begin, end): (String, String) =
+        (shown.chars().take(LONGEST_LINE / 2).collect(), shown.chars().skip(length - LONGEST_LINE / 4).collect());
+    format!("{begin} ... {end} ({length} characters)")
+}
+
 fn located<T: PyTypeInfo>(file: Option<&str>, field: &str, message: &str) -> PyErr {
     Python::attach(|py| {
-        let text = match file {
+        let text = one_line(&match file {
             Some(file) => format!("{file}: {field}: {message}"),
             None => format!("{field}: {message}"),
-        };
+        });
         let error = PyErr::new::<T, _>(text);
         let value = error.value(py);
         let named = value.setattr("file", file).and_then(|()| value.setattr("field", field));
-        match named.and_then(|()| value.setattr("message", message)) {
+        match named.and_then(|()| value.setattr("message", one_line(message))) {
             Ok(()) => error,
             Err(other) => other,
         }

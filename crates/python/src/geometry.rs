@@ -115,14 +115,14 @@ impl PyRobot {
 
     /// Torques (N m; N for sliding joints) that move the links so against gravity: three (n,) -> (n,), three (N, n) ->
     /// (N, n).
-    #[pyo3(signature = (q, velocity, acceleration, *, gravity = [0.0, 0.0, -9.81]))]
+    #[pyo3(signature = (q, velocity, acceleration, *, gravity = None), text_signature = "($self, q, velocity, acceleration, *, gravity=(0.0, 0.0, -9.81))")]
     fn inverse_dynamics<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         velocity: &Bound<'py, PyAny>,
         acceleration: &Bound<'py, PyAny>,
-        gravity: [f64; 3],
+        gravity: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let n = self.0.joints().len();
         let q = JointRows::of(q, n)?;
@@ -130,11 +130,15 @@ impl PyRobot {
         if velocity.count != q.count || acceleration.count != q.count {
             return Err(problem_error("velocity, acceleration", "must have the shape of q"));
         }
-        let down = Vector3::from(gravity);
+        let standard = || Ok(Vector3::new(0.0, 0.0, -9.81));
+        let down = gravity.map_or_else(standard, |g| convert::vector3(g, "gravity"))?;
         let (mut scratch, mut one) = (DynamicsScratch::default(), Vec::new());
         let mut rows = Vec::with_capacity(q.rows().len());
         for ((q, v), a) in q.rows().zip(velocity.rows()).zip(acceleration.rows()) {
             self.0.inverse_dynamics([q, v, a], &down, &mut scratch, &mut one).map_err(|e| problem_error("q", e))?;
+            if !one.iter().all(|torque| torque.is_finite()) {
+                return Err(problem_error("velocity, acceleration", "are too large: a torque is not finite"));
+            }
             rows.push(one.clone());
         }
         match q.count {

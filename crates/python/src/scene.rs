@@ -235,10 +235,10 @@ impl PyScene {
         velocity_scale: f64,
         acceleration_scale: f64,
         limits: Option<&str>,
-        velocity_limits: Option<Vec<f64>>,
-        acceleration_limits: Option<Vec<f64>>,
-        jerk_limits: Option<Vec<f64>>,
-        torque_limits: Option<Vec<f64>>,
+        velocity_limits: Option<&Bound<'_, PyAny>>,
+        acceleration_limits: Option<&Bound<'_, PyAny>>,
+        jerk_limits: Option<&Bound<'_, PyAny>>,
+        torque_limits: Option<&Bound<'_, PyAny>>,
         path: Option<&Bound<'_, PySolverConfig>>,
         tool_keypoints: Option<&Bound<'_, PyAny>>,
         start_velocity: Option<&Bound<'_, PyAny>>,
@@ -254,8 +254,12 @@ impl PyScene {
         (options.velocity_scale, options.acceleration_scale) = (velocity_scale, acceleration_scale);
         options.max_checks = max_checks;
         options.limits = limits.map(limit_set).transpose()?;
-        (options.velocity_limits, options.acceleration_limits) = (velocity_limits, acceleration_limits);
-        (options.jerk_limits, options.torque_limits) = (jerk_limits, torque_limits);
+        let listed =
+            |list: Option<&Bound<'_, PyAny>>, field: &str| list.map(|list| convert::list(list, field)).transpose();
+        options.velocity_limits = listed(velocity_limits, "velocity_limits")?;
+        options.acceleration_limits = listed(acceleration_limits, "acceleration_limits")?;
+        options.jerk_limits = listed(jerk_limits, "jerk_limits")?;
+        options.torque_limits = listed(torque_limits, "torque_limits")?;
         options.path = path.map(|config| config.get().0.clone());
         options.tool_keypoints =
             tool_keypoints.map(|map| keypoints(map, "tool_keypoints")).transpose()?.unwrap_or_default();

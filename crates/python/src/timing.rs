@@ -140,6 +140,9 @@ impl PyTrajectory {
 }
 
 fn writable<'py>(array: &Bound<'py, PyArray1<f64>>, field: &str) -> PyResult<PyReadwriteArray1<'py, f64>> {
+    if !convert::is_aligned(array) {
+        return Err(problem_error(field, "must be contiguous and aligned"));
+    }
     array.try_readwrite().map_err(|e| problem_error(field, format!("cannot be written: {e}")))
 }
 
@@ -167,18 +170,10 @@ pub(crate) fn retime<'py>(
     braking: Option<Vec<Option<[f64; 4]>>>,
     method: &str,
 ) -> PyResult<(PyTrajectory, Bound<'py, PyAny>)> {
-    let limit = |value: &Bound<'_, PyAny>, field: &str| {
-        let (data, shape) = convert::numbers(value, field)?;
-        if shape.len() == 1 {
-            Ok(data)
-        } else {
-            Err(problem_error(field, format!("must have shape (n,), not {shape:?}")))
-        }
-    };
     let limits = Limits::new(
-        &limit(velocity_limits, "velocity_limits")?,
-        &limit(acceleration_limits, "acceleration_limits")?,
-        &limit(jerk_limits, "jerk_limits")?,
+        &convert::list(velocity_limits, "velocity_limits")?,
+        &convert::list(acceleration_limits, "acceleration_limits")?,
+        &convert::list(jerk_limits, "jerk_limits")?,
     );
     let bounds = braking.map(|list| {
         let one = |[upper, lower, gain, offset]: [f64; 4]| Braking { upper, lower, gain, offset };
@@ -206,7 +201,7 @@ pub(crate) fn retime<'py>(
     options.start_time = start_time;
     options.position_limits = position_limits
         .map(|(lower, upper)| {
-            PyResult::Ok((limit(&lower, "position_limits[0]")?, limit(&upper, "position_limits[1]")?))
+            PyResult::Ok((convert::list(&lower, "position_limits[0]")?, convert::list(&upper, "position_limits[1]")?))
         })
         .transpose()?;
     options.method = match method {

@@ -126,7 +126,7 @@ fn goal_of(goal: &Bound<'_, PyAny>, joints: usize, link: Option<String>) -> PyRe
         }
         ([n], None) if *n == joints => Ok(Goal::Joints(vec![values])),
         ([k, n], None) if *n == joints && *k > 0 => {
-            Ok(Goal::Joints(values.chunks_exact(*n).map(<[f64]>::to_vec).collect()))
+            Ok(Goal::Joints(values.chunks_exact((*n).max(1)).map(<[f64]>::to_vec).collect()))
         }
         _ => Err(problem_error(
             "goal",
