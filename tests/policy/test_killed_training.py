@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,7 +19,8 @@ import made_up
 import pytest
 import torch
 
-from gensim2.core.errors import InputError
+from gensim2.core.errors import InputError, WriteError
+from gensim2.core.progress import NullProgress
 from gensim2.core.resumable import FolderLock
 from gensim2.policy.experiments.config import config_of
 from gensim2.policy.experiments.running import run_experiment
@@ -70,6 +73,46 @@ def test_a_training_that_is_killed_twice_ends_as_an_undisturbed_one(tmp_path: Pa
     assert json.loads(state.read_text())["step"] < STEPS
     train_policy(made_up.MadeUpSource(config), config, training, parts, resume=True)
     assert contents(parts) == contents(whole)
+
+
+class Broken(NullProgress):
+    """Breaks what the training writes to after 20 steps."""
+
+    def __init__(self, act: Callable[[], object]) -> None:
+        self._act, self._steps = act, 0
+
+    def advance(self, steps: int = 1) -> None:
+        self._steps += steps
+        if self._steps == 20:
+            self._act()
+
+
+def test_a_full_disk_ends_a_training_and_a_resumed_one_ends_as_an_undisturbed_one(tmp_path: Path) -> None:
+    config, training = made_up.policy(), made_up.training(steps=STEPS, save_every=3, log_every=2)
+    whole, parts, before = tmp_path / "whole", tmp_path / "parts", resource.getrlimit(resource.RLIMIT_FSIZE)
+    train_policy(made_up.MadeUpSource(config), config, training, whole)
+    full = Broken(lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (0, before[1])))
+    try:
+        with pytest.raises(WriteError, match=r"cannot write: File too large \(make room, and go on with --resume\)"):
+            train_policy(made_up.MadeUpSource(config), config, training, parts, progress=full)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert json.loads((parts / "training/state.json").read_text())["step"] == 18
+    assert not list(parts.rglob(".*.tmp*"))
+    train_policy(made_up.MadeUpSource(config), config, training, parts, resume=True)
+    assert contents(parts) == contents(whole)
+
+
+def test_a_training_whose_folder_is_removed_ends_in_one_line(tmp_path: Path) -> None:
+    config, training, out = (
+        made_up.policy(),
+        made_up.training(steps=STEPS, save_every=30, log_every=2),
+        tmp_path / "out",
+    )
+    removed = Broken(lambda: shutil.rmtree(out))
+    with pytest.raises(WriteError, match=r"curves.jsonl: cannot write: No such file .* \(choose another folder"):
+        train_policy(made_up.MadeUpSource(config), config, training, out, progress=removed)
+    assert not out.exists()
 
 
 def _edit(path: Path, **fields: Any) -> None:

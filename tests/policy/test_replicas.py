@@ -13,6 +13,7 @@ from pathlib import Path
 import made_up
 import pytest
 import torch
+from disks import can_mount, on_disk
 from test_train import Interrupting, files
 
 from gensim2.core.errors import InputError
@@ -67,6 +68,34 @@ def test_a_training_on_two_goes_on_bit_for_bit_and_is_another_than_on_one(tmp_pa
     assert files(tmp_path / "whole") == files(tmp_path / "parts")
     assert files(tmp_path / "whole") != files(tmp_path / "one")
     assert PolicyCheckpoint.load(tmp_path / "whole").training.steps == 2
+
+
+NO_MEMORY = f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+import made_up
+from pathlib import Path
+from gensim2.core.errors import InputError
+from gensim2.policy.train import train_policy
+
+if __name__ == "__main__":
+    config = made_up.policy()
+    try:
+        train_policy(made_up.MadeUpSource(config), config, made_up.training(), Path(sys.argv[1]), device="cpu,cpu")
+    except InputError as error:
+        print(error)
+"""
+
+
+@pytest.mark.skipif(not can_mount(), reason="mounts a file system of its own")
+@pytest.mark.parametrize("mounted", ["ro", "size=4k"])
+def test_two_devices_without_shared_memory_are_refused_in_one_line(mounted: str, tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(NO_MEMORY)
+    command = [*on_disk(mounted, Path("/dev/shm")), sys.executable, str(tmp_path / "script.py"), str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    remedy = "make room in /dev/shm, or train on one device"
+    assert done.stdout == f"device: there is too little shared memory ({remedy})\n"
+    assert "Traceback" not in done.stderr
 
 
 def test_a_replica_that_fails_says_of_what(tmp_path: Path) -> None:

@@ -75,9 +75,13 @@ def replacing(path: Path) -> Iterator[Path]:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        remedy = "make room, and go on with --resume" if full else "choose another folder with --out"
-        raise WriteError(f"cannot write: {error.strerror or error}", file=path, remedy=remedy) from error
+        raise _not_written(error, path) from error
+
+
+def _not_written(error: OSError, path: Path) -> WriteError:
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+    remedy = "make room, and go on with --resume" if full else "choose another folder with --out"
+    return WriteError(f"cannot write: {error.strerror or error}", file=path, remedy=remedy)
 
 
 @contextlib.contextmanager
@@ -224,7 +228,7 @@ def append(path: Path, text: str) -> None:
         with path.open("ab") as stream:
             stream.write(_encoded(text))
     except OSError as error:
-        raise WriteError(f"cannot write: {error.strerror}", file=path, remedy="make room, and go on") from error
+        raise _not_written(error, path) from error
 
 
 def write_json(path: Path, value: Any) -> None:

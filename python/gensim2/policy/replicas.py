@@ -62,9 +62,9 @@ class Replicas:
         self._replicas: list[tuple[BaseProcess, Connection, torch.Tensor]] = []
         if not devices:
             return
-        self._weights = torch.empty(_size(_values(network))).share_memory_()
-        model = copy.deepcopy(network).cpu()
         try:
+            self._weights = torch.empty(_size(_values(network))).share_memory_()
+            model = copy.deepcopy(network).cpu()
             for number, device in enumerate(devices, 1):
                 gradients = torch.empty(_size(_taught(network))).share_memory_()
                 arguments = model, source, config, training, table, share, number, device, self._weights, gradients
@@ -72,8 +72,11 @@ class Replicas:
                 self._replicas.append((process, pipe, gradients))
             for number in range(len(devices)):
                 self._receive(number)
-        except BaseException:
+        except BaseException as error:
             self._end()
+            if isinstance(error, RuntimeError) and "shared memory" in str(error):  # torch has no type of its own for it
+                remedy = "make room in /dev/shm, or train on one device"
+                raise InputError("there is too little shared memory", field="device", remedy=remedy) from error
             raise
 
     def begin(self, step: int) -> None:
