@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from io import StringIO
 from typing import Annotated, Any, Literal
 
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from gensim2.core.errors import LONGEST_WORD, InputError, brief, one_line
+from gensim2.core.progress import ConsoleProgress
 from gensim2.core.validation import input_error
 
 
@@ -80,3 +82,13 @@ def test_an_unknown_field_is_set_beside_the_known_ones() -> None:
     with pytest.raises(ValidationError) as caught:
         Box.model_validate([])
     assert str(input_error(caught.value)).startswith("input should be a valid dictionary")
+
+
+def test_progress_sends_no_control_characters_to_a_terminal() -> None:
+    stream = StringIO()
+    with ConsoleProgress(stream) as progress:
+        progress.start("pictures of \u202eevil\x1b[31m", 1)
+        progress.message("a\tb\n\x1b]0;title\x07 [bold]c[/bold]")
+    said = stream.getvalue()
+    assert "b\n\\x1b]0;title\\x07 [bold]c[/bold]\n" in said
+    assert "pictures of \\u202eevil\\x1b[31m: 0/1" in said

@@ -24,11 +24,17 @@ _LONG_WORD = re.compile(rf"""[^\s:,;()'"]{{{LONGEST_WORD + 1},}}""")
 def one_line(text: str) -> str:
     """Return ``text`` as one printable line with long words shortened."""
     words = " ".join(text.split())
-    shown = words if words.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in words)
-    line = _LONG_WORD.sub(_shortened, shown)
+    line = _LONG_WORD.sub(_shortened, printable(words))
     if len(line) <= LONGEST_LINE:
         return line
     return f"{line[: LONGEST_LINE - 300]} ... {line[-200:]} ({len(line)} characters)"
+
+
+def printable(text: str) -> str:
+    """Return ``text`` for a terminal: control characters are shown as escapes, but for line breaks and tabs."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in text)
 
 
 def brief(number: int) -> str:

@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self, TextIO
 
+from gensim2.core.errors import printable
+
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
@@ -128,12 +130,12 @@ class ConsoleProgress:
     def start(self, description: str, total: int | None = None) -> None:
         """Start a stage; the bar of the previous stage stays as it ended."""
         self._finish()
-        self._description, self._done, self._total = description, 0, total
+        self._description, self._done, self._total = printable(description), 0, total
         self._started = time.monotonic()
         if self._bars is not None:
             from rich.markup import escape
 
-            self._stage = self._bars.add_task(escape(description), total=total)
+            self._stage = self._bars.add_task(escape(self._description), total=total)
 
     def advance(self, steps: int = 1) -> None:
         self._done += steps
@@ -142,7 +144,7 @@ class ConsoleProgress:
 
     def message(self, text: str) -> None:
         """Print a line above the bars."""
-        self._console.print(text, markup=False)
+        self._console.print(printable(text), markup=False)
 
     def _finish(self) -> None:
         if self._description is None:
