@@ -92,8 +92,8 @@ def in_process(attempt: Callable[[], str], folder: Path) -> tuple[str, float, in
             Bounds(MEMORY, CPU_S, (2**20, 2**20)).apply()
             Path("/proc/self/clear_refs").write_text("5")
             outcome = attempt()
-            status = Path("/proc/self/status").read_text()
-            peak = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM"))
+            report = Path("/proc/self/status").read_text()
+            peak = next(int(line.split()[1]) for line in report.splitlines() if line.startswith("VmHWM"))
             os.write(write, f"{outcome} {time.process_time()} {1024 * peak}".encode())
             code = 0
         except BaseException:  # noqa: BLE001 - told, and the process ends
