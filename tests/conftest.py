@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""Settings and fixtures of all tests."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from collections.abc import Generator, Iterator
 from multiprocessing import forkserver
 from pathlib import Path
 
-# Tests share the cores already: what is imported below looks for these when it starts threads of its own.
+# Tests run in parallel, so libraries may start only one thread each; this must be set before they are imported.
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
-# Half of an import is compiling, and hundreds of processes import the same: where Python is told to leave nothing
-# beside the sources (containers often say so), what it compiles is kept here.
+# Hundreds of processes import the same modules, and half of the time is compilation. Where Python must not write byte
+# code beside the sources (common in containers), it goes to a folder of its own.
 if sys.dont_write_bytecode:
     sys.dont_write_bytecode, sys.pycache_prefix = False, str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -26,28 +26,28 @@ from hypothesis import settings
 
 from gensim2.objects import Library, open_library
 
-# A first example imports libraries, and machines are shared: clocks are no test.
+# The first example of a property test imports libraries, so its time limit is off.
 settings.register_profile("gensim2", deadline=None)
 settings.load_profile("gensim2")
 
-# Tasks that whoever runs the tests keeps are none of theirs; set here, as names are collected before any fixture runs.
+# Hide the user's own tasks; set here because names are read during collection, before fixtures.
 os.environ["GENSIM2_LIBRARY"] = "none"
 
-# A background job of a shell ignores Ctrl-C, and so would the commands that tests interrupt.
+# Background jobs of a shell ignore Ctrl-C, and so would the commands that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave files without quick tests unimported if only quick tests are selected."""
+    """Do not import files without fast tests if only fast tests are selected."""
     if config.option.markexpr != "fast" or not collection_path.name.startswith("test_"):
         return None
     return suite.place(collection_path) not in (*suite.FAST, *suite.PARTLY_FAST) or None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is quick, put first what takes longest, and leave out tests on real objects where there are none.
+    """Mark fast tests, put the slowest first, and leave out tests on real objects if these are missing.
 
-    A clone has none, they may not be passed on.
+    A clone does not contain the real objects, because they may not be redistributed.
     """
     ranks = {name: rank for rank, name in enumerate(suite.LONGEST)}
     items.sort(key=lambda item: ranks.get(suite.place(item.path), len(ranks)))  # stable: a file stays in its order
@@ -64,13 +64,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Fail a test that is skipped in continuous integration and not listed."""
+    """Fail a test that is skipped in continuous integration without being listed."""
     return suite.fail_unlisted_skip((yield))
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
-    """Fail a module that skips itself in continuous integration and is not listed."""
+    """Fail a module that is skipped in continuous integration without being listed."""
     return suite.fail_unlisted_skip((yield))
 
 
@@ -82,10 +82,7 @@ def real_assets() -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """A cache of this run's own, so that nothing prepared before hides what is tested; ``GENSIM2_CACHE`` where set.
-
-    All processes of a run share it: what one has prepared none prepares again.
-    """
+    """A new cache for this run, shared by its processes, or ``GENSIM2_CACHE`` if set."""
     with pytest.MonkeyPatch.context() as patch:
         if not os.environ.get("GENSIM2_CACHE"):
             place = tmp_path_factory.getbasetemp()
@@ -97,7 +94,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def warm_server() -> Iterator[None]:
-    """One server of processes with everything imported: what the first pool asks for holds for all after it."""
+    """Start the fork server with everything imported, because the first pool decides for all later ones."""
     with pytest.MonkeyPatch.context() as patch:
         forkserver.set_forkserver_preload(list(warm.MODULES))
         patch.setattr(forkserver, "set_forkserver_preload", lambda names: None)

@@ -1,4 +1,4 @@
-"""A problem file and a folder of one object, made here: a cabinet with a door, drawn as boxes."""
+"""Problem files and a folder with one object for the benchmark tests: a cabinet with a door, made of boxes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ URDF = """<robot name="cabinet">
 
 
 def box_obj(size: tuple[float, float, float], offset: int = 0) -> str:
-    """A box as OBJ text, indices starting after ``offset``."""
+    """Return a box as OBJ text whose vertex indices start after ``offset``."""
     corners = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
     quads = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
     vertices = [f"v {x * size[0]} {y * size[1]} {z * size[2]}" for x, y, z in corners]
@@ -35,7 +35,6 @@ def box_obj(size: tuple[float, float, float], offset: int = 0) -> str:
 
 @pytest.fixture(scope="session")
 def assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder in the layout of the released objects."""
     folder = tmp_path_factory.mktemp("assets")
     instance = folder / "articulated_objs" / "cabinet" / "1"
     (instance / "textured_objs").mkdir(parents=True)
@@ -46,7 +45,9 @@ def assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def make_problem() -> dict[str, Any]:
-    """Push the half-open door shut: the fingertips meet it, move on along the base's x axis, and back."""
+    """Return a problem in which closed fingertips push the half-open door shut along the base's x axis and then
+    retreat.
+    """
     scale, root = 0.3, np.array([0.05, 0.0, 0.0])
     base = np.array([-0.615, 0.0, 0.0])
     hinge = root + scale * np.array([-0.55, -0.5, 0.5]) - base
@@ -116,13 +117,13 @@ def make_problem() -> dict[str, Any]:
 
 @pytest.fixture
 def problem() -> dict[str, Any]:
-    """One problem as a dictionary, free to be spoilt."""
+    """Return a problem as a dictionary that a test may change."""
     return make_problem()
 
 
 @pytest.fixture(scope="session")
 def problem_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two problems: one that can be solved, one whose door is out of reach."""
+    """A file with two problems, of which the second has its door out of reach."""
     far = make_problem()
     far["id"] = "CloseCabinet/far"
     far["object_keypoints_base"]["articulated_object_head"] = [1.6, 0.0, 0.3]
@@ -133,6 +134,6 @@ def problem_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def peers() -> None:
-    """Skips where the independent libraries are missing."""
+    """Skip the test if the independent libraries are not installed."""
     pytest.importorskip("coal")
     pytest.importorskip("pinocchio")

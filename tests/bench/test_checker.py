@@ -1,4 +1,4 @@
-"""The checker catches errors that are planted in a good plan."""
+"""The checker finds errors that were added to a good plan."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def errors_of(problem: dict[str, Any], record: dict[str, Any], assets: Path) -> 
 
 
 def at(record: dict[str, Any], time: float) -> int:
-    """Number of the waypoint at a time."""
+    """Return the number of the waypoint at a time."""
     (found,) = np.flatnonzero(np.isclose(record["waypoint_times"], time, rtol=0.0, atol=1e-9))
     return int(found)
 
@@ -97,7 +97,7 @@ def cut_the_corner(problem: dict[str, Any], record: dict[str, Any]) -> None:
 
 
 def sink_into_the_object(problem: dict[str, Any], record: dict[str, Any]) -> None:
-    # The cabinet stands in the arm's way instead of beside the point that the hand goes to.
+    # The cabinet is in the arm's way instead of beside the goal point.
     problem["objects"]["articulated"]["root_p"][0] -= 0.2
 
 

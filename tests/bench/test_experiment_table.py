@@ -1,4 +1,4 @@
-"""Tables of experiments follow from the JSON of the command, as it gives it."""
+"""Tables of experiments, made from the JSON output of the command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The one file of figures, and how it comes from the episodes of a benchmark."""
+"""The file of benchmark figures, and how it is computed from the episodes."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ ARCHIVE = Path(__file__).parents[2] / "benchmarks" / "episodes"
 
 
 def document(**arguments: Any) -> dict[str, Any]:
-    """What a benchmark of OpenDrawer prints: 2 runs of 4 episodes, 4 and 2 of them held."""
+    """Return the JSON output of a benchmark of OpenDrawer: 2 runs of 4 episodes, of which 4 and 2 succeeded."""
     task = load_task("OpenDrawer")
     held = [True] * 4 + [True, False, True, False]
     records = [fake_world.episode_of(task, seed, held=each).to_dict() for seed, each in enumerate(held)]
     given = {"seed": 9, "runs": 2, "episodes": 4, "assets": "builtin", **PLAIN}
-    # The rates are wrong on purpose: what counts are the episodes.
+    # The rates are wrong on purpose: only the episodes count.
     row = {"name": "OpenDrawer", "held_mean": 0.123, "records": records}
     return {"schema_version": 1, "arguments": {**given, **arguments}, "tasks": [row]}
 
@@ -161,7 +161,7 @@ def test_a_row_says_where_it_comes_from_and_how_each_instance_did(tmp_path: Path
 
 
 def test_the_command_of_a_row_is_the_one_that_made_it(tmp_path: Path) -> None:
-    """What it parses to is the row's condition again, whatever it was."""
+    """Parsing the command gives the condition of the row again."""
     told = {"physics": "original", "randomization": "wide", "attempts": 8, "open_loop": True, "assets": "/objects"}
     (row,) = rows_of(written(tmp_path / "a.json", document(**told)))
     words = command_of([row], "/objects")

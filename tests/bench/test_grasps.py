@@ -1,4 +1,4 @@
-"""The grasp benchmark: objects are lifted in physics, and what is not lifted does not count."""
+"""The grasp benchmark: objects are lifted in physics, and an object that stays on the table is a failure."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_objects_are_lifted_and_held(benchmark: Any, capsys: pytest.CaptureFixtu
 
 
 def test_an_object_that_is_not_held_is_counted(benchmark: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    # Fingers that stay open lift nothing.
+    # Open fingers lift nothing.
     monkeypatch.setattr(benchmark, "press", lambda profile: profile.gripper.open)
     result = benchmark.lift("panda", "rubiks_cube", 5, 0)
     assert result["cause"] == "missed"

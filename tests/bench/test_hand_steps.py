@@ -1,4 +1,4 @@
-"""The original's stepping: hand poses on the plan's clock, a screw motion a step, criteria read at its end."""
+"""The original's execution: hand poses by the plan's clock, a screw motion per step, criteria checked at its end."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_what_has_no_pose_ends_at_once(env: HeadlessEnv) -> None:
 
 
 def test_criteria_are_read_every_so_often(env: HeadlessEnv) -> None:
-    """The drawer is closed at one instant only, between two looks."""
+    """The drawer is closed at a single instant between two checks."""
     env.reset(5)
     measured = env.measure()
     name = TASK.steps[0].object

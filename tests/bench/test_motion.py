@@ -1,4 +1,4 @@
-"""``gensim2 bench motion``: what it reads, refuses and writes."""
+"""``gensim2 bench motion``: its input, errors and output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The original's configs as a benchmark: which records are run, in which scenes, beside which figures."""
+"""The original's configs as a benchmark: the selected records, their scenes and the published figures."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gensim2.tasks.published import MEASURED
 
 
 def a_record(**changes: Any) -> dict[str, Any]:
-    """A made-up record of a generated drawer, half open before the robot."""
+    """Return a record of a generated drawer that is half open in front of the robot."""
     env = HeadlessEnv("PushDrawerClose", assets="builtin", robot=ROBOT)
     env.reset(5)
     thing = env.initial_state.objects["drawer"]

@@ -1,4 +1,4 @@
-"""The other benchmark scripts run, and what they compare agrees."""
+"""The other benchmark scripts run, and their results agree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of policies: they say what `gensim2 learn --json` said."""
+"""Tables of policies agree with the JSON output of ``gensim2 learn``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def made() -> Iterator[Any]:
 
 
 def _learned(*names: str, held: float, together: bool = False, blind: float | None = 0.0) -> dict[str, Any]:
-    """JSON of `gensim2 learn` for these tasks."""
+    """Return the JSON output of ``gensim2 learn`` for these tasks."""
     row = {
         "policy": "keypose",
         "checkpoint": "/somewhere/else",

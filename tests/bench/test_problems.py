@@ -1,4 +1,4 @@
-"""The reader of problem files: what is refused names its line and field."""
+"""The reader of problem files: errors name the line and the field."""
 
 from __future__ import annotations
 

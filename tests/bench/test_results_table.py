@@ -1,4 +1,4 @@
-"""Tables of the documents: what stands in them is what the figures say."""
+"""Tables in the documentation agree with the figures."""
 
 from __future__ import annotations
 
@@ -151,7 +151,9 @@ def test_a_section_is_written_by_its_title(made: Any) -> None:
 
 
 def test_switches_are_compared_on_the_same_scenes(made: Any) -> None:
-    """One gains 10 of 250 and the other loses 60; another seed and a row without its default say nothing."""
+    """One setting gains 10 of 250 episodes and the other loses 60; rows of another seed or without a default are
+    ignored.
+    """
     word = "default+hulls=original"
     rows = [
         _row("TurnOnFaucet", 200),

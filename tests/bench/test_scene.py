@@ -1,4 +1,4 @@
-"""Scene geometry of a problem: parts, roles, missing meshes; and agreement with an independent reading."""
+"""Scene geometry of a problem: parts, roles and missing meshes, compared with an independent reader."""
 
 from __future__ import annotations
 

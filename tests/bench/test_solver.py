@@ -1,4 +1,4 @@
-"""``gensim2 bench solver``: the fields of its output, and that its plans hold before the independent checker."""
+"""``gensim2 bench solver``: the fields of its output, and plans that pass the independent checker."""
 
 from __future__ import annotations
 

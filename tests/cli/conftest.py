@@ -1,4 +1,4 @@
-"""A run folder for the report."""
+"""A run folder for tests of the report."""
 
 from __future__ import annotations
 
@@ -10,5 +10,4 @@ import run_folders
 
 @pytest.fixture
 def run_dir(tmp_path: Path) -> Path:
-    """A finished run with two kept tasks and two rejected ones, of which one never became a folder."""
     return run_folders.run_folder(tmp_path / "run")

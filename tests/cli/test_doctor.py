@@ -1,4 +1,4 @@
-"""The doctor really tries."""
+"""``gensim2 doctor`` runs its checks."""
 
 from __future__ import annotations
 

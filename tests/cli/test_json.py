@@ -1,4 +1,4 @@
-"""``--json [FILE]``: which word is the file, and what happens to what stands under its name."""
+"""``--json [FILE]``: which argument is the file, and how an existing file of that name is treated."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LIST = ["tasks", "list", "--json"]
 
 
 def _json_commands() -> list[tuple[str, click.Command]]:
-    """Every command with ``--json``, by its full name."""
+    """Return every command with ``--json``, by its full name."""
     context = click.Context(cli.cli)
     found: list[tuple[str, click.Command]] = []
 
@@ -40,7 +40,7 @@ def _json_commands() -> list[tuple[str, click.Command]]:
 
 
 def _needed(command: click.Command) -> list[str]:
-    """Words without which the command cannot be made."""
+    """Return the arguments that a command requires."""
     words = []
     for param in command.params:
         if param.required and isinstance(param, click.Argument):
@@ -51,7 +51,7 @@ def _needed(command: click.Command) -> list[str]:
 
 
 def _word(param: click.Parameter) -> str:
-    """A value that the parameter takes."""
+    """Return a value that the parameter accepts."""
     kind = param.type
     if isinstance(kind, click.Choice):
         return str(kind.choices[0])
@@ -108,7 +108,7 @@ def test_a_device_stays_a_device(capfd: pytest.CaptureFixture[str]) -> None:
 
 
 def test_no_writer_replaces_a_device() -> None:
-    """Pictures and plans go through the same function as documents."""
+    """Images and plans are written by the same function as JSON documents."""
     write_output(Path("/dev/null"), b"a picture")
     assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
 
@@ -181,7 +181,7 @@ def test_a_result_is_shown_although_its_file_cannot_be_written(capfd: pytest.Cap
 
 
 def test_problems_go_through_the_same_writer(tmp_path: Path) -> None:
-    """``bench solver`` writes a line a problem, by the same rule."""
+    """``bench solver`` writes one line per problem with the same function."""
     problems = tmp_path / "problems.jsonl"
     problems.write_text("")
     for target in ("/proc/nowhere/x", str(tmp_path)):

@@ -1,4 +1,4 @@
-"""Every way to end has its exit code, and says one line."""
+"""Every way in which the command line ends has its exit code and a message of one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options come from typed functions: each has one text, and the default of the function behind its command."""
+"""Options come from typed functions: each has one help text, and the default of the function behind its command."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_a_value_outside_its_type_is_refused(words: list[str]) -> None:
 
 def test_an_option_without_a_text_is_an_error() -> None:
     class Silent:
-        """Options of a test."""
+        """Options for a test."""
 
         loud: bool = False
 
@@ -131,7 +131,7 @@ def test_defaults_are_those_of_the_functions_behind() -> None:
         "run-pipeline": gensim2.run_pipeline,
         "solve": gensim2.solve,
     }
-    #: One core each is the command line's alone; a file of settings, or a word that stands for None.
+    #: The command line has its own defaults for these: one core each, a settings file, or a word for None.
     other = {"arguments", "workers", "controls", "designer"}
     compared = 0
     for name, function in functions.items():

@@ -1,4 +1,4 @@
-"""Bad input is refused in one line, with exit code 2, before anything heavy is imported; so is a broken file system."""
+"""Bad input is refused in one line with exit code 2 before anything slow is imported; so are file system errors."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from gensim2.cli import main as cli
 
 TASK_FOLDER = Path(__file__).parents[1] / "common" / "open_drawer"
 
-#: What takes seconds to import.
+#: Modules that take seconds to import.
 HEAVY = ("torch", "mani_skill", "sapien", "trimesh", "scipy")
 
-#: Commands, one after the other in one process: exit code, CPU seconds and what was said, and which modules came.
+#: Run commands in one process; print exit code, CPU seconds, output and imported modules of each.
 _SCRIPT = """
 import contextlib, io, json, sys, time
 from gensim2.cli.main import run
@@ -36,7 +36,7 @@ PULL = "strategies/pull.yaml"
 
 
 def _broken_tasks(folder: Path) -> dict[str, tuple[str, str]]:
-    """Folders with one thing wrong each: name to (file, words of the refusal)."""
+    """Return folders that have one error each: name to (file, part of the error message)."""
     task, config = (TASK_FOLDER / "task.yaml").read_text(), (TASK_FOLDER / PULL).read_text()
     nobody, outside = (task.replace("class: drawer", f"class: {name}") for name in ("nope", "../../x"))
     cases = {
@@ -219,7 +219,7 @@ def test_nobody_to_tell_leaves_the_exit_code() -> None:
 def test_a_folder_that_may_not_be_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Root may read everything, so the refusal is the test's own."""
+    """Root may read every file, so the test raises the error itself."""
 
     def refused(path: Path) -> object:
         raise PermissionError(13, "Permission denied", str(path))

@@ -1,4 +1,4 @@
-"""The report says what the run folder holds, and needs nothing outside it."""
+"""The report agrees with the run folder and needs no file outside it."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_page_shows_tasks_rejections_and_candidates(run_dir: Path) -> None:
 def test_page_tells_the_three_verdicts_with_intervals_and_the_number_of_objects(run_dir: Path) -> None:
     text = write_report(run_dir).read_text()
     row = r"<td>{}</td><td>\s*<span.*?</span></span><span class=\"num\">{}/20</span>\s*</td><td class=\"num\">{}</td>"
-    # 18 of 20 held; of these the ones with an even seed, nine, are strict.
+    # 18 of 20 succeeded; nine of them have an even seed and meet the strict criterion.
     assert re.search(row.format("held", 18, "0.70 to 0.97"), text, re.S)
     assert re.search(row.format("strict", 9, "0.26 to 0.66"), text, re.S)
     assert "4 box_rotate" in text
@@ -153,7 +153,7 @@ def test_broken_yaml_is_named(run_dir: Path) -> None:
 
 
 def test_interval_of_a_known_case() -> None:
-    # Wilson score interval for 18 of 20, as R's binom.confint gives it.
+    # Wilson score interval for 18 of 20, from R's binom.confint.
     low, high = interval(18, 20)
     assert low == pytest.approx(0.6990, abs=5e-4)
     assert high == pytest.approx(0.9721, abs=5e-4)

@@ -1,4 +1,4 @@
-"""Ctrl-C is heard wherever it comes."""
+"""Ctrl-C ends a command at any moment."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from gensim2.cli.signals import stopping_signals
 from gensim2.core.errors import Stopped
 
-#: A function of a package that catches whatever is raised in it, as trimesh does around its imports.
+#: A function that catches all exceptions, as trimesh does around its imports.
 SWALLOWS = """
 def work(number):
     try:

@@ -1,4 +1,4 @@
-"""What ``gensim2 tasks show`` tells."""
+"""The output of ``gensim2 tasks show``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LONG = "PlaceGolfBallIntoDrawer"
 
 
 def figure(physics: str = "ours") -> Figure:
-    """A row as a benchmark leaves it."""
+    """Return a row as a benchmark writes it."""
     condition = Condition.model_validate({"objects": "real", **PLAIN, "physics": physics})
     return Figure(
         task=LONG,
@@ -40,7 +40,7 @@ def figure(physics: str = "ours") -> Figure:
 
 @pytest.fixture
 def measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures of one task under two conditions."""
+    """Return figures of one task under two conditions."""
     rows = (figure(), figure("original"))
     monkeypatch.setattr(description, "figures_of", lambda name: rows if name == LONG else ())
 

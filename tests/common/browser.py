@@ -1,4 +1,4 @@
-"""Opens pages in a real browser and says what is wrong with them."""
+"""Open pages in a real browser and report errors in them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from urllib.parse import unquote, urlparse
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
-#: Whichever is installed; ``GENSIM2_BROWSER`` names another.
+#: Names of browsers to try; ``GENSIM2_BROWSER`` names another.
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge")
 
 WIDTHS = (400, 1400)
 
 SMALLEST_TEXT = 12
-"""Pixels of CSS under which text counts as illegible."""
+"""Text smaller than this many CSS pixels counts as illegible."""
 
 _TEXTS = """smallest => {
   const wrong = [];
@@ -78,14 +78,14 @@ _MEDIA = """async () => {
 
 
 def installed() -> str | None:
-    """Path of a browser of the Chromium family; None where there is none."""
+    """Return the path of an installed browser of the Chromium family, or None."""
     named = os.environ.get("GENSIM2_BROWSER")
     return named or next((path for name in NAMES if (path := shutil.which(name))), None)
 
 
 @contextmanager
 def started(executable: str) -> Iterator[Browser]:
-    """A headless browser."""
+    """Yield a headless browser."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=executable)
         try:
@@ -95,7 +95,7 @@ def started(executable: str) -> Iterator[Browser]:
 
 
 def faults(browser: Browser, page: Path, width: int, *, picture: Path | None = None) -> list[str]:
-    """What is wrong with a page in a window of this width (pixels); a picture of it where one is wanted."""
+    """Return the errors of a page in a window of the given width (pixels), and take a screenshot if asked for."""
     opened = browser.new_page(viewport={"width": width, "height": 900})
     said: list[str] = []
     opened.on("console", lambda message: said.append(f"console: {message.text}"))
@@ -119,7 +119,7 @@ def _elsewhere(url: str) -> list[str]:
 
 
 def _scroll_through(page: Page) -> None:
-    """Show every part once, so that what is loaded when it comes into sight is loaded."""
+    """Scroll through the page, so that lazily loaded parts are loaded."""
     page.evaluate("""async () => {
       for (let y = 0; y < document.body.scrollHeight; y += innerHeight) {
         scrollTo(0, y);
@@ -130,7 +130,7 @@ def _scroll_through(page: Page) -> None:
 
 
 def _dead_links(page: Page, file: Path) -> list[str]:
-    """Links to files that are not there or to places that the page does not have."""
+    """Return links to missing files or missing anchors."""
     wrong = []
     for link in page.evaluate("[...document.querySelectorAll('a')].map(each => each.getAttribute('href'))"):
         target = urlparse(link or "")

@@ -1,4 +1,4 @@
-"""The plain condition of a benchmark, as files hold it."""
+"""The plain condition of a benchmark, as it is written in files."""
 
 PLAIN = {
     "physics": "ours",

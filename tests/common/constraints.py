@@ -1,4 +1,4 @@
-"""Constraints of keypoint configs that many tests need."""
+"""Constraints of keypoint configs that several tests use."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import Any
 def parallel(
     start: str, end: str, axis: Sequence[float], tolerance: float, *, inner_product: float = 1.0
 ) -> dict[str, Any]:
-    """The way from one keypoint of the tool to another is along an axis of the world, within a tolerance (rad)."""
+    """Return the constraint that the line between two tool keypoints is parallel to a world axis, within a tolerance
+    (rad).
+    """
     return {
         "type": "frame_axis_parallel",
         "axis_from_keypoint_name": start,
@@ -22,12 +24,12 @@ def parallel(
 
 
 def pointing_down(tolerance: float) -> dict[str, Any]:
-    """The fingers point down within a tolerance (rad)."""
+    """Return the constraint that the fingers point down, within a tolerance (rad)."""
     return parallel("tool_tail", "tool_head", [0.0, 0.0, -1.0], tolerance)
 
 
 def point_to_point(tool: str, target: str, tolerance: float, **fields: Any) -> dict[str, Any]:
-    """A keypoint of the tool is at one of the object, within a tolerance (m)."""
+    """Return the constraint that a tool keypoint is at an object keypoint, within a tolerance (m)."""
     return {
         "type": "point2point_constraint",
         "keypoint_name": tool,

@@ -1,4 +1,4 @@
-"""Ways to damage a folder of objects, ``conftest.write_chest``'s above all."""
+"""Ways to damage an object folder, such as the one of ``conftest.write_chest``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Change = Callable[[Path], object]
 
 
 class Kind(NamedTuple):
-    """One kind of damage: refused with ``error``, or else accepted with ``warning``."""
+    """A kind of damage, which is either refused with ``error`` or accepted with ``warning``."""
 
     name: str
     change: Change
@@ -26,13 +26,13 @@ CUBE_FACES = "f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n
 
 
 def put(name: str, content: str | bytes) -> Change:
-    """Other content for one file."""
+    """Return a function that replaces the content of a file."""
     data = content if isinstance(content, bytes) else content.encode()
     return lambda folder: (folder / name).write_bytes(data)
 
 
 def swap(name: str, old: str, new: str, count: int = -1) -> Change:
-    """Replace text in one file."""
+    """Return a function that replaces text in a file."""
 
     def change(folder: Path) -> None:
         text = (folder / name).read_text()
@@ -43,12 +43,12 @@ def swap(name: str, old: str, new: str, count: int = -1) -> Change:
 
 
 def urdf(old: str, new: str, count: int = 1) -> Change:
-    """Replace text in ``mobility.urdf``."""
+    """Return a function that replaces text in ``mobility.urdf``."""
     return swap("mobility.urdf", old, new, count)
 
 
 def told(**fields: Any) -> Change:
-    """Other fields in ``info.json``; None removes one."""
+    """Return a function that changes fields in ``info.json``; None removes a field."""
 
     def change(folder: Path) -> None:
         file = folder / "info.json"
@@ -59,14 +59,14 @@ def told(**fields: Any) -> Change:
 
 
 def cut(name: str, share: float) -> Change:
-    """Only the first share of a file."""
+    """Return a function that truncates a file to the given share."""
     return lambda folder: (folder / name).write_bytes(
         (folder / name).read_bytes()[: int(share * (folder / name).stat().st_size)]
     )
 
 
 def instead(name: str, make: Callable[[Path], object]) -> Change:
-    """Something else in place of a file."""
+    """Return a function that replaces a file by something else."""
 
     def change(folder: Path) -> None:
         (folder / name).unlink()
@@ -76,12 +76,12 @@ def instead(name: str, make: Callable[[Path], object]) -> Change:
 
 
 def link_to(target: str) -> Callable[[Path], object]:
-    """Maker of a symlink."""
+    """Return a function that makes a symlink."""
     return lambda path: path.symlink_to(target)
 
 
 def listen(path: Path) -> None:
-    """Maker of a socket; its address has a length limit, so from inside the folder."""
+    """Make a socket; paths of sockets have a length limit, so the name is relative to the folder."""
     here = Path.cwd()
     os.chdir(path.parent)
     try:
@@ -92,7 +92,7 @@ def listen(path: Path) -> None:
 
 
 def sparse(size: int) -> Callable[[Path], object]:
-    """Maker of a file of zeros that takes no room."""
+    """Return a function that makes a sparse file of zeros."""
 
     def make(path: Path) -> None:
         with path.open("wb") as stream:
@@ -102,27 +102,27 @@ def sparse(size: int) -> Callable[[Path], object]:
 
 
 def outside(folder: Path) -> None:
-    """A good mesh beside the folder, to which a link leads."""
+    """Replace a mesh by a link to a valid mesh outside the folder."""
     mesh = folder / LEFT
     mesh.rename(folder.parent.parent / "left.obj")
     mesh.symlink_to(folder.parent.parent / "left.obj")
 
 
 def inside(folder: Path) -> None:
-    """A good mesh elsewhere in the folder, to which a link leads."""
+    """Replace a mesh by a link to a valid mesh in another place of the folder."""
     mesh = folder / LEFT
     mesh.rename(folder / "left.obj")
     mesh.symlink_to("../left.obj")
 
 
 def twice_in_json(folder: Path) -> None:
-    """The field ``scale`` once more."""
+    """Repeat the field ``scale`` in the JSON text."""
     file = folder / "info.json"
     file.write_text('{"scale": 0.5, ' + file.read_text().lstrip()[1:])
 
 
 def chain_of_links(count: int) -> Change:
-    """Links joined by fixed joints, one after the other."""
+    """Return URDF text of links in a chain of fixed joints."""
     return urdf(
         "</robot>",
         "".join(
@@ -135,7 +135,7 @@ def chain_of_links(count: int) -> Change:
 
 
 def joint(name: str, parent: str, child: str, more: str = "") -> str:
-    """A fixed joint."""
+    """Return URDF text of a fixed joint."""
     return f'<joint name="{name}" type="fixed"><parent link="{parent}"/><child link="{child}"/>{more}</joint>'
 
 

@@ -1,4 +1,4 @@
-"""The kinds of damage that folders of objects stand, one row each."""
+"""The kinds of damage for the tests of object folders, one row each."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from damage import (
 )
 
 KINDS = (
-    # Files that are none
+    # Not regular files
     Kind("no info.json", lambda folder: (folder / "info.json").unlink(), r"info\.json: cannot be read: No such file"),
     Kind("info.json is a pipe", instead("info.json", os.mkfifo), r"info\.json: is a pipe, not a file"),
     Kind("info.json is a folder", instead("info.json", Path.mkdir), r"info\.json: is a folder, not a file"),
@@ -64,7 +64,7 @@ KINDS = (
         "material file is missing", swap(LEFT, "left.mtl", "gone.mtl"), None, r"1 material files missing: .*gone\.mtl"
     ),
     Kind("a stray pipe lies in it", lambda folder: os.mkfifo(folder / "stray")),
-    # Too much
+    # Too large
     Kind("info.json is huge", instead("info.json", sparse(2**33)), r"info\.json: is larger than|holds over 512 MiB"),
     Kind("URDF is huge", instead("mobility.urdf", sparse(20 * 2**20)), r"mobility\.urdf: is larger than 16 MiB"),
     Kind("mesh is huge", instead(LEFT, sparse(40 * 2**20)), r"left\.obj is larger than 32 MiB"),

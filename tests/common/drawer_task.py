@@ -1,4 +1,4 @@
-"""A task of four steps with one way for each: open a drawer, take a ball, put it in, close the drawer."""
+"""A task of four steps with one strategy each: open a drawer, take a ball, put it in, close the drawer."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from constraints import point_to_point, pointing_down
 from gensim2.tasks.spec import TaskSpec
 
 OPEN_DRAWER = Path(__file__).parent / "open_drawer"
-"""Folder of a task of one step with one strategy: a drawer is pulled open by its handle."""
+"""Folder of a task with one step and one strategy: pull a drawer open by its handle."""
 
 TASK = TaskSpec.model_validate(
     {

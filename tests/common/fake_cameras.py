@@ -1,4 +1,4 @@
-"""Drivers of cameras for a process of their own: fakes, and software devices of the RealSense library that film."""
+"""Camera drivers for a subprocess: fakes, and software devices of the RealSense library."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ LEFT = replace(simulated_cameras(robot("panda"), 32, 24)[0], name="left")
 
 
 def picture(number: int, camera: Camera = LEFT) -> tuple[np.ndarray, np.ndarray]:
-    """Depth and colours of a fake's picture; no two are alike."""
+    """Return depth and colours of a fake image; all images differ."""
     draw, shape = np.random.default_rng(number), (camera.height, camera.width)
     return draw.integers(300, 900, shape).astype(np.uint16), draw.integers(0, 256, (*shape, 3)).astype(np.uint8)
 
 
 class Fake:
-    """Gives pictures that are known before, in threes; ``broken``: its library fails, ``large``: its pictures grow."""
+    """A fake that gives three images at a time; ``broken``: its library fails; ``large``: its images grow."""
 
     def __init__(self, *cameras: Camera) -> None:
         self.cameras, self.serials = cameras, {camera.name: SERIAL for camera in cameras}
@@ -53,12 +53,12 @@ class Fake:
 
 
 def refused(*_: Any) -> Any:
-    """Cameras that cannot be opened."""
+    """Raise the error of cameras that cannot be opened."""
     raise InputError("is no recording of a RealSense", file="left.db3", field="cameras.left")
 
 
 class Filmed:
-    """A software device of the real library that films, one picture each 50 ms, no two alike."""
+    """A software device of the real library that gives a new image every 50 ms."""
 
     def __init__(self, *_: Any) -> None:
         from gensim2_robot.drivers.realsense import RealSenseCameras, SoftwareDevice
@@ -79,7 +79,7 @@ class Filmed:
 
 
 def repeat(pipe: Connection, count: int, size: int) -> None:
-    """Send large messages, and then what comes."""
+    """Send large messages, and then echo what arrives."""
     for _ in range(count):
         pipe.send(bytes(size))
     while (message := pipe.recv()) is not None:

@@ -1,6 +1,7 @@
-"""Fakes of makers' libraries: the calls that the drivers make, an arm that goes where it is sent, and no more.
+"""Fakes of the arm makers' libraries: only the calls that the drivers make, and an arm that reaches every target at
+once.
 
-What a real library does beside that, nothing here knows.
+They do not imitate any other behaviour of the real libraries.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 
 
 class FakeBody:
-    """An arm that is where it was sent last."""
+    """An arm that is always at its last target."""
 
     def __init__(self, size: int) -> None:
         self.q = np.linspace(0.1, 0.2, size)
@@ -35,7 +36,7 @@ class FakeBody:
 
 
 def ur(body: FakeBody) -> dict[str, types.ModuleType]:
-    """``rtde_control`` and ``rtde_receive``."""
+    """Return fakes of ``rtde_control`` and ``rtde_receive``."""
 
     class RTDEControlInterface:
         def __init__(self, host: str, rate: float) -> None:
@@ -80,7 +81,7 @@ def ur(body: FakeBody) -> dict[str, types.ModuleType]:
 
 
 def xarm(body: FakeBody) -> dict[str, types.ModuleType]:
-    """``xarm.wrapper``."""
+    """Return a fake of ``xarm.wrapper``."""
 
     class XArmAPI:
         def __init__(self, host: str, is_radian: bool) -> None:
@@ -124,7 +125,7 @@ def xarm(body: FakeBody) -> dict[str, types.ModuleType]:
 
 
 def franka(body: FakeBody) -> dict[str, types.ModuleType]:
-    """``franky``."""
+    """Return a fake of ``franky``."""
     module: Any = types.ModuleType("franky")
     for name in ("NetworkException", "IncompatibleVersionException", "RealtimeException", "ControlException"):
         setattr(module, name, type(name, (Exception,), {}))
@@ -180,7 +181,7 @@ def franka(body: FakeBody) -> dict[str, types.ModuleType]:
 
 
 def panda(body: FakeBody) -> dict[str, types.ModuleType]:
-    """``panda_py``, with its controllers and libfranka."""
+    """Return a fake of ``panda_py`` with its controllers and libfranka."""
     module: Any = types.ModuleType("panda_py")
     controllers: Any = types.ModuleType("panda_py.controllers")
     libfranka: Any = types.ModuleType("panda_py.libfranka")

@@ -1,4 +1,4 @@
-"""Names that a stranger may give to folders, printable and without a slash; and words of files and servers."""
+"""Hostile names of folders (printable, without a slash), and hostile texts of files and servers."""
 
 HOSTILE = (
     "<script>alert(1)</script>".replace("/", "\u2044"),

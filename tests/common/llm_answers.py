@@ -1,4 +1,4 @@
-"""What a good model would say, for tests: configs out of the library, in the formats that the prompts ask for."""
+"""Answers of a good language model: configs of the library in the formats that the prompts request."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from llm_server import Asked
 
 from gensim2.tasks.library import load_strategies, shared_strategy
 
-#: By the class that a step works on and what it brings about: a task of the library and its strategy that does it.
+#: For each object class and effect of a step, a library task and its strategy for it.
 WAYS = {
     ("box_rotate", "open"): ("DropAppleIntoBox", "open_box"),
     ("box_rotate", "close"): ("CloseBox", "close_box"),
@@ -76,7 +76,7 @@ COMPOSED = {
 
 
 def config_for(prompt: str) -> dict[str, Any]:
-    """A config of the library for the step that a solver prompt is about."""
+    """Return a library config for the step in a solver prompt."""
     asset_class = re.findall(r"^The keypoints of `(\w+)`", prompt, re.MULTILINE)[-1]
     (_, step) = re.findall(r'^(".*") \(task `\w+`, step `(\w+)`\)', prompt, re.MULTILINE)[0]
     verb = step.split("_")[0]
@@ -85,17 +85,17 @@ def config_for(prompt: str) -> dict[str, Any]:
 
 
 def _call(criterion: dict[str, Any]) -> str:
-    """A criterion as generated code writes it."""
+    """Return a criterion as generated code writes it."""
     given = {name: value for name, value in criterion.items() if name != "type"}
     words = [f"{name}=self.{value}" if isinstance(value, str) else f"{name}={value}" for name, value in given.items()]
     return f"{criterion['type']}({', '.join(words)})"
 
 
 class GoodModel:
-    """Answers each stage well.
+    """A fake model that answers each stage correctly.
 
     Args:
-        proposals: what it proposes, one after the other, in the paper's keys.
+        proposals: the proposed tasks, in order, with the paper's keys.
     """
 
     def __init__(self, *proposals: dict[str, Any]) -> None:
@@ -158,7 +158,7 @@ class GoodModel:
         return yaml.safe_dump({"configs": [{**kept, "let_go": 0.05}]})
 
 
-#: What a learner says of each step of ``LONG``: at first, and one more each time that it is told what went wrong.
+#: Answers of a learner for each step of ``LONG``: the first one, and one for each reported failure.
 FIRST = {
     "open": "open_drawer_from_inside",
     "place": "drop_into_drawer_from_above",
@@ -172,11 +172,13 @@ BETTER = {
 
 
 TOO_DEEP = 0.1
-"""Metres below where it may lie that the first answer puts what is held: no pose of the hand is clear of the drawer."""
+"""Distance (m) by which the first answer places a held object too low, so that every hand pose collides with the
+drawer.
+"""
 
 
 class Learner(GoodModel):
-    """Writes one way a step at first, of those that the library shares, and others where it is told of failures."""
+    """A fake model that first writes one shared strategy for a step, and others after reported failures."""
 
     def __init__(self, *proposals: dict[str, Any]) -> None:
         super().__init__(*proposals)
@@ -202,5 +204,5 @@ class Learner(GoodModel):
 
 
 def _step(asked: Asked) -> str:
-    """Name of the step that a solver prompt is about."""
+    """Return the name of the step in a solver prompt."""
     return next(name for name in FIRST if f"step `{name}`" in asked.prompt)

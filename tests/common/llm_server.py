@@ -1,7 +1,6 @@
-"""A server on loopback that speaks the OpenAI protocol, with answers from a script and with faults on demand.
+"""A fake server with the OpenAI protocol on loopback, with scripted answers and faults.
 
-A fake, for tests: no model stands behind it. What it checks of requests is real: paths, fields, and that pictures come
-as data URLs that decode.
+It checks paths, fields and the images' data URLs of requests.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from typing import Any, Self
 
 KEY = "sk-test-0123456789"
 
-#: First line of a prompt to its stage.
+#: First line of the prompt of each stage.
 STAGES = {
     "# Task proposal": "proposal",
     "# Reflection": "reflection",
@@ -34,14 +33,14 @@ STAGES = {
 
 @dataclass(frozen=True)
 class Asked:
-    """One request.
+    """A request.
 
     Attributes:
-        stage: which prompt.
-        prompt: the first question of the conversation.
-        last: the last message: the prompt, or what is wrong with the answer before.
-        pictures: PNGs that came with it.
-        body: all of it.
+        stage: which prompt it is.
+        prompt: the first message of the conversation.
+        last: the last message: the prompt, or what was wrong with the previous answer.
+        pictures: PNG images of the request.
+        body: the whole request.
     """
 
     stage: str
@@ -52,19 +51,19 @@ class Asked:
 
     @property
     def again(self) -> bool:
-        """Whether an answer was complained of."""
+        """Whether the request complains about an answer."""
         return len(self.body["messages"]) > 2
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What happens in place of an answer.
+    """A fault instead of an answer.
 
     Attributes:
-        status: of HTTP; 0: the connection is cut in the middle of the answer.
-        headers: beside the usual ones.
-        hang: seconds before anything is said.
-        body: sent as it is.
+        status: HTTP status; 0: the connection is cut in the middle of the answer.
+        headers: additional headers.
+        hang: seconds before the answer starts.
+        body: body of the answer.
     """
 
     status: int = 200
@@ -87,7 +86,7 @@ Script = Callable[[Asked], str]
 
 @dataclass
 class ModelServer:
-    """Answers by ``script``; each of ``faults`` takes the place of one answer, in order. A context manager."""
+    """A context manager that answers by ``script``; each of ``faults`` replaces one answer, in order."""
 
     script: Script
     faults: deque[Fault] = field(default_factory=deque)
@@ -109,7 +108,7 @@ class ModelServer:
                 outer._chat(self)
 
             def log_message(self, format: str, *args: Any) -> None:
-                """Say nothing."""
+                """Discard the server's log."""
 
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
         self._server.daemon_threads = True
@@ -128,7 +127,7 @@ class ModelServer:
         return f"http://127.0.0.1:{self._server.server_address[1]}/v1"
 
     def stages(self) -> list[str]:
-        """Stages asked for, in order."""
+        """Stages of the requests, in order."""
         return [asked.stage for asked in self.asked]
 
     def _models(self, handler: BaseHTTPRequestHandler) -> None:
@@ -202,7 +201,7 @@ def _asked(body: dict[str, Any]) -> Asked:
 
 
 def _text_and_pictures(content: str | Sequence[dict[str, Any]]) -> tuple[str, list[bytes]]:
-    """Of a message; a picture that is none is a bad request."""
+    """Return text and images of a message; invalid images are a bad request."""
     if isinstance(content, str):
         return content, []
     text, pictures = "", []

@@ -1,4 +1,4 @@
-"""A listener that keeps what it is told."""
+"""A listener that keeps its messages."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from gensim2.core.progress import NullProgress
 
 
 class Messages(NullProgress):
-    """Keeps messages, in order."""
-
     def __init__(self) -> None:
         self.messages: list[str] = []
 

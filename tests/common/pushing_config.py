@@ -1,4 +1,4 @@
-"""A solver config with a clock of its own, as the original's have: to a drawer's handle and twice forward."""
+"""A solver config with its own clock, as the original's have: to a drawer's handle and twice forward."""
 
 from __future__ import annotations
 

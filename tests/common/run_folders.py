@@ -1,4 +1,4 @@
-"""A run folder as a run would leave it, made by hand."""
+"""A run folder as a run leaves it, made by hand."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CONFIG = {
 
 
 def task_spec(name: str) -> TaskSpec:
-    """A task of one step on one box."""
+    """Return a task with one step on one box."""
     return TaskSpec(
         name=name,
         description="raise the <lid> until it stands open",
@@ -40,7 +40,7 @@ def task_spec(name: str) -> TaskSpec:
 
 
 def add_task(run_dir: Path, name: str, held: int, *, parent: str = "tasks", episodes: int = 20) -> None:
-    """Add a task of which ``held`` of ``episodes`` held."""
+    """Add a task of which ``held`` of ``episodes`` episodes succeeded."""
     files, task = TaskFolder(run_dir / parent / name), task_spec(name)
     files.write_task(task)
     files.write_strategies({"designed": CONFIG})
@@ -57,7 +57,7 @@ def add_task(run_dir: Path, name: str, held: int, *, parent: str = "tasks", epis
 
 
 def design() -> Design:
-    """A search with a winner, also-rans, and some that could not be planned."""
+    """Return a search with a winner, other candidates, and some that could not be planned."""
     steps: StepStrategies = {"open": {"designed": CONFIG}}
     results = []
     for index in range(20):
@@ -74,7 +74,7 @@ def design() -> Design:
 
 
 def run_folder(run_dir: Path) -> Path:
-    """A finished run with two kept tasks and two rejected ones, of which one never became a folder."""
+    """Make a finished run with two kept and two rejected tasks, of which one has no folder."""
     add_task(run_dir, "OpenDemo", 18)
     add_task(run_dir, "CloseDemo", 15)
     add_task(run_dir, "LiftDemo", 3, parent="rejected")

@@ -1,4 +1,4 @@
-"""Quick files of the suite, and those that take longest."""
+"""Lists of fast and slow test files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 TESTS = Path(__file__).parents[1]
 
-#: ``pytest -m fast`` runs these files whole: no simulator but for a reset or two, no worker processes, no training.
+#: ``pytest -m fast`` runs these files: almost no simulation, no worker processes and no training.
 FAST = (
     "core/test_errors.py",
     "core/test_files.py",
@@ -95,7 +95,7 @@ FAST = (
     "tasks/test_library.py",
 )
 
-#: Some tests of these are quick, and marked so.
+#: Files of which only marked tests are fast.
 PARTLY_FAST = (
     "examples/test_examples.py",
     "fuzz/test_readers.py",
@@ -104,14 +104,14 @@ PARTLY_FAST = (
     "core/processes/test_pool.py",
 )
 
-#: Needs real objects, whose preparation takes seconds each.
+#: Files that need real objects, whose preparation takes seconds each.
 SLOW_ROOMS = ("real",)
 
-#: Skips that continuous integration (``CI=true``) accepts, with the reason why its machine cannot run the test.
-#: A key is the path of a file below ``tests/``, or the id of a class or a test in one. Any other skip fails there.
+#: Skips that continuous integration (``CI=true``) accepts, with the reason. A key is the path of a file below
+#: ``tests/``, or the id of a class or test. Any other skip fails there.
 SKIPPED_IN_CI: dict[str, str] = {}
 
-#: Files that take longest, begun first so that no core waits for one of them at the end.
+#: The slowest files, which are started first so that no core waits for one of them at the end.
 LONGEST = (
     "kill/test_kills.py",
     "kpam/test_recheck.py",
@@ -145,7 +145,7 @@ LONGEST = (
 
 
 def place(file: Path) -> str:
-    """Path of a test file relative to the folder of all tests."""
+    """Return the path of a test file relative to ``tests/``."""
     return file.relative_to(TESTS).as_posix() if file.is_relative_to(TESTS) else file.as_posix()
 
 
@@ -153,7 +153,7 @@ Report = TypeVar("Report", pytest.TestReport, pytest.CollectReport)
 
 
 def fail_unlisted_skip(report: Report) -> Report:
-    """Return the report of a test or a module, a failure if continuous integration does not accept its skip."""
+    """Return the report of a test or module, changed to a failure if continuous integration does not accept its skip."""
     if os.environ.get("CI") != "true" or not report.skipped or hasattr(report, "wasxfail"):
         return report
     name = report.nodeid.removeprefix("tests/")

@@ -1,4 +1,4 @@
-"""Scenes of library objects on the table, put together from geometry alone: no simulator."""
+"""Scenes of library objects on the table, made without a simulator."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TABLE = np.array([[x, y, z] for x in (-0.65, 0.65) for y in (-0.65, 0.65) for z 
 
 @dataclass(frozen=True)
 class Stands:
-    """One object, its root (of a rigid one: its frame) in the world, and how far it is open."""
+    """An object, its pose in the world (of its root, if articulated), and its openness."""
 
     model: ArticulatedObject | RigidObject
     T_world_root: Array
@@ -30,7 +30,7 @@ class Stands:
 
 
 def placed(model: ArticulatedObject, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, openness: float = 0.5) -> Stands:
-    """An articulated object at its default placement, shifted and turned."""
+    """Return an articulated object at its default placement, shifted and turned."""
     pose = _turned(yaw)
     pose[:3, :3] = pose[:3, :3] @ model.placement.rotation
     pose[:3, 3] = model.placement.position
@@ -39,7 +39,7 @@ def placed(model: ArticulatedObject, x: float = 0.0, y: float = 0.0, yaw: float 
 
 
 def resting(model: RigidObject, x: float, y: float, yaw: float = 0.0) -> Stands:
-    """A rigid object at rest on the table."""
+    """Return a rigid object at rest on the table."""
     pose = _turned(yaw)
     pose[:3, :3] = pose[:3, :3] @ model.placement.rotation
     pose[:3, 3] = np.array([x, y, 0.0]) + _turned(yaw)[:3, :3] @ model.placement.position
@@ -47,7 +47,7 @@ def resting(model: RigidObject, x: float, y: float, yaw: float = 0.0) -> Stands:
 
 
 def table_scene(objects: dict[str, Stands]) -> Scene:
-    """The Panda at rest at its table with these objects on it."""
+    """Return a scene with these objects and the Panda in its rest pose."""
     profile = robot("panda")
     T_base_world = np.linalg.inv(profile.T_world_base)
     q = np.array(profile.reset_qpos)

@@ -1,8 +1,7 @@
-"""Programs in processes that begin with the heavy libraries imported: a program of its own without seconds of imports.
+"""Run programs in forked processes that have the slow libraries imported already.
 
-What is started here is forked from the server that forks the workers of a pool, too. It has run nothing: PhysX, torch
-and Vulkan are as fresh in it as in an interpreter that was just started; only the seed of hashes is the server's, so
-tests that need another one, or that ask what is imported, start an interpreter.
+The processes are forked from the fork server of the worker pools, in which PhysX, torch and Vulkan were never used. Its
+hash seed is shared, so tests that need another one or look at imports must start a new interpreter.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from gensim2.rollout.worker import PRELOAD
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 
-#: What simulators, renderers and readers of exports need.
+#: Modules that simulators, renderers and readers of exports need.
 MODULES = (
     *PRELOAD["sapien"],
     "gensim2.sim.env",
@@ -36,10 +35,10 @@ MODULES = (
 def start(
     *words: str | Path, out: Path, err: Path, cwd: Path | None = None, env: Mapping[str, str] | None = None
 ) -> BaseProcess:
-    """Start ``python WORDS`` in a process that is forked: a file, ``-c CODE`` or ``-m MODULE``, and its arguments.
+    """Start ``python WORDS`` in a forked process: a file, ``-c CODE`` or ``-m MODULE``, and its arguments.
 
     Args:
-        out, err: files for what it says.
+        out, err: files for its output.
     """
     environment = dict(os.environ if env is None else env)
     given = ([str(word) for word in words], (out, err), cwd or Path.cwd(), environment, sys.path)
@@ -73,7 +72,7 @@ def _program(
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(cwd)
-    # As in an interpreter that was just started:
+    # As in a new interpreter:
     multiprocessing.set_start_method(None, force=True)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT,))
     first, *rest = words

@@ -1,4 +1,4 @@
-"""Whatever an error is made of, it reads as one line that a terminal can show."""
+"""Every error is shown as one printable line."""
 
 from __future__ import annotations
 

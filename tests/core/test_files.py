@@ -1,4 +1,4 @@
-"""Files are whole or absent, and on the disk before their names are."""
+"""Files are complete or absent, and are on the disk before they get their names."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_nan_and_places_that_cannot_be_written_are_refused(tmp_path: Path) -> No
 
 
 def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path: Path) -> None:
-    """As root, a link to a device would have put a file in the device's place."""
+    """A run as root with a link to a device would otherwise replace the device by a file."""
     (tmp_path / "target").write_text("of somebody else")
     for name, target in (("a", "target"), ("b", "gone"), ("c", "c")):
         (tmp_path / name).symlink_to(target)

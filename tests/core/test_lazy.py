@@ -1,4 +1,4 @@
-"""Names of packages are those that type checkers see."""
+"""Lazy names of packages agree with those that type checkers see."""
 
 from __future__ import annotations
 

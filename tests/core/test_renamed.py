@@ -1,4 +1,4 @@
-"""Names of the release before load in this one, and one line says today's."""
+"""Former names still load, with a warning of one line that gives the present name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Folders that a run resumes: one owner, the same settings, and an error that names the setting that differs."""
+"""Resumable folders: one owner, equal settings, and an error that names the setting that differs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reader of YAML: plain data comes through, everything else is refused in one line that names file and line."""
+"""The YAML reader: plain data is read, and anything else is refused in one line with file and line number."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from gensim2.core.errors import InputError
 from gensim2.core.yaml_files import MAX_BYTES, MAX_DEPTH, parse_yaml, read_yaml
 
-#: Nine words, nine times nine, ...: ten lines, three billion values.
+#: Nested aliases: ten lines that expand to three billion values.
 LAUGHS = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
     f"{new}: &{new} [{','.join([f'*{old}'] * 9)}]\n" for old, new in zip("abcdefghi", "bcdefghij", strict=True)
 )

@@ -1,4 +1,4 @@
-"""Collections in a made-up world, in this process and in workers."""
+"""Collections in a fake world, in this process and in workers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _install(patch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def made_up_world(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No test of data sets waits for physics."""
+    """Use the fake world, so that no test of data sets waits for physics."""
     _install(monkeypatch)
 
 
@@ -51,13 +51,13 @@ def _small_disk(size: int = 4096) -> Iterator[None]:
 
 @pytest.fixture
 def small_disk() -> Callable[..., contextlib.AbstractContextManager[None]]:
-    """A context in which no file of this process gets longer than so many bytes: as on a full disk, writing fails."""
+    """Return a context in which files of this process cannot exceed a size, as on a full disk."""
     return _small_disk
 
 
 @pytest.fixture
 def gather(tmp_path: Path) -> Callable[..., CollectionResult]:
-    """Tries eight episodes of two tasks into ``tmp_path / "set"``."""
+    """Return a function that collects eight episodes of two tasks into ``tmp_path / "set"``."""
 
     def call(*tasks: str, **options: Any) -> CollectionResult:
         given: dict[str, Any] = {"episodes": 8, "seed": 3, "workers": 0, "assets": "builtin", **options}
@@ -68,7 +68,7 @@ def gather(tmp_path: Path) -> Callable[..., CollectionResult]:
 
 @pytest.fixture(scope="session")
 def gathered(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
-    """Copies of what ``gather(episodes=N)`` leaves, which is made once: ``gathered(to, episodes)``."""
+    """Return ``gathered(to, episodes)``, which copies the result of ``gather(episodes=N)``, made once."""
     made: dict[int, Path] = {}
 
     def call(to: Path, episodes: int = 8) -> Path:
@@ -84,7 +84,7 @@ def gathered(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
 
 @pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What those episodes leave where nothing happens."""
+    """The result of these episodes without interruptions."""
     out = tmp_path_factory.mktemp("undisturbed") / "set"
     with pytest.MonkeyPatch.context() as patch:
         _install(patch)

@@ -1,4 +1,4 @@
-"""Clearances of motions whose distances follow from the lengths of boxes, on a robot that slides along three axes."""
+"""Clearances of motions with distances known from the sizes of boxes, for a robot with three prismatic axes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
 POST, BLOCK = (0.03, 0.03, 0.03), (0.015, 0.015, 0.04)
-"""Half sides, m."""
+"""Half lengths, m."""
 HOLDING, OPEN = 0.015, 0.03
-"""Of each finger, m."""
+"""Half lengths of each finger, m."""
 UP = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
@@ -36,8 +36,9 @@ def _slide(name: str, parent: str, child: str, axis: str) -> str:
 
 @pytest.fixture
 def gantry(tmp_path: Path) -> RobotProfile:
-    """A hand, a cube of 4 cm that stands at (q0, q1, q2), and below it two fingers of 1 x 1 x 4 cm along z: the inner
-    faces lie at y = q3 and y = -q4, the tips 6 cm below the middle of the hand."""
+    """Return a robot with a cubic hand of 4 cm at (q0, q1, q2) and below it two fingers of 1 x 1 x 4 cm along z. The
+    inner faces are at y = q3 and y = -q4, the tips 6 cm below the middle of the hand.
+    """
     (tmp_path / "gantry.urdf").write_text(
         '<robot name="gantry"><link name="base"/><link name="rail"/><link name="bridge"/>'
         + _link("palm", "0.04 0.04 0.04", "0 0 0")
@@ -69,7 +70,7 @@ def gantry(tmp_path: Path) -> RobotProfile:
 
 
 class Shelf:
-    """Two boxes in place of a library, and a drawer from the real one."""
+    """A library of two boxes and a generated drawer."""
 
     def kind(self, asset_class: str) -> str:
         return "articulated" if asset_class == "drawer" else "rigid"
@@ -96,7 +97,7 @@ def _task(on: str = "table", other: str = "post") -> TaskSpec:
 
 
 def _measured(profile: RobotProfile, task: TaskSpec, q: Any, **states: Any) -> Any:
-    """The clearance where the joints go along ``q`` (T, 5) while things stand at (7,) or (T, 7) poses in the world."""
+    """Return the clearance for joints ``q`` (T, 5) and objects at poses (7,) or (T, 7) in the world."""
     joints = np.asarray(q, dtype=np.float64)
 
     def rows(poses: Any, *columns: Any) -> Any:
@@ -141,7 +142,7 @@ def test_what_a_step_acts_on_may_be_touched_and_what_none_acts_on_counts_where_i
 def test_what_both_fingers_touch_is_a_part_of_the_hand(
     gantry: RobotProfile, fingers: float, on: str, gap: float
 ) -> None:
-    """The block hangs 3 cm below the finger tips: 5 cm above the post, which it may have stood on."""
+    """The block ends 3 cm below the fingertips, 5 cm above the post, on which it may have stood."""
     q = [[0.3, 0.0, 0.2, fingers, fingers], [0.5, 0.0, 0.2, fingers, fingers]]
     post, block = _at(0.4, 0.0, 0.03), [_at(x, 0.0, 0.15) for x in (0.2, 0.4)]
     found = _measured(gantry, _task(on), q, post=post, block=block)

@@ -1,4 +1,4 @@
-"""Collections: the folder follows from the arguments alone, whatever happened on the way."""
+"""Collections: the folder depends on the arguments only, even after interruptions."""
 
 from __future__ import annotations
 
@@ -273,7 +273,7 @@ def test_a_full_disk_ends_it_at_once_and_keeps_what_is_finished(
 
 
 def collecting(out: Path, before: Callable[[], None] | None = None, *prefix: str) -> subprocess.CompletedProcess[str]:
-    """The command itself, in the made-up world. It keeps no byte code, which Python does not notice to be cut short."""
+    """Return the collection command in the fake world, without byte code, which small disks would damage."""
     words = ["collect", "OpenDrawer", "CloseBox", "--episodes", "8", "--seed", "3", "--assets", "builtin"]
     command = [*prefix, sys.executable, str(KILL_RUNS), "--child", "fake", *words, "--workers", "2", "--resume"]
     environment = {**SCRIPT_ENVIRONMENT, "PYTHONDONTWRITEBYTECODE": "1"}
@@ -283,7 +283,7 @@ def collecting(out: Path, before: Callable[[], None] | None = None, *prefix: str
 
 
 def small_files() -> None:
-    """No file of this process and of those that it starts gets longer than 4 kB: an episode with states is."""
+    """Limit files of this process and its children to 4 kB, less than an episode with states."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 
 

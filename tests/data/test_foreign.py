@@ -1,4 +1,4 @@
-"""Exports and data sets of strangers: checked at the boundary, or refused in one line with nothing left behind."""
+"""Exports and data sets from untrusted sources are imported correctly, or refused in one line without leftovers."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ PIXELS = 8
 
 @pytest.fixture
 def dataset(observed: Path, tmp_path: Path) -> DataSet:
-    """Four episodes of each of two tasks, with clouds, pictures and depth of those that held."""
+    """Four episodes of each of two tasks, with clouds, images and depth of the successful ones."""
     return DataSet.open(shutil.copytree(observed, tmp_path / "set"))
 
 
@@ -71,7 +71,7 @@ def observed(gathered: Callable[..., Path], tmp_path_factory: pytest.TempPathFac
 
 
 def exported(dataset: DataSet, to: Format, *, manifest: bool = False) -> Path:
-    """An export; without its manifest it is a stranger's, or an older one."""
+    """Return an export; without its manifest it is like a foreign or an older one."""
     out = dataset.path.parent / to
     export(dataset.path, out, to)
     if not manifest:
@@ -80,7 +80,7 @@ def exported(dataset: DataSet, to: Format, *, manifest: bool = False) -> Path:
 
 
 def refused(folder: Path, of: Format) -> str:
-    """What an import of it says; it leaves nothing."""
+    """Return the error message of an import, which must leave no files."""
     before = sorted(folder.parent.iterdir())
     with pytest.raises(InputError) as caught:
         import_(folder, folder.parent / "back", of)
@@ -139,10 +139,10 @@ def test_no_column_has_a_slash_and_pictures_and_depth_come_back(dataset: DataSet
 
 
 def copied_from_path(folder: Path) -> dict[str, np.ndarray]:
-    """As Diffusion Policy's ``ReplayBuffer.copy_from_path`` reads a folder, in the same steps.
+    """Read a folder as ``ReplayBuffer.copy_from_path`` of Diffusion Policy does.
 
-    All arrays of ``meta`` and all keys of ``data`` are taken whole; a folder in ``data`` fails at ``[:]``. The package
-    itself is not on the index of packages.
+    It reads all arrays of ``meta`` and all keys of ``data``; a folder in ``data`` fails at ``[:]``. The package is not
+    on PyPI.
     """
     root = zarr.open(folder, mode="r")
     meta = {key: value[:] if len(value.shape) else np.array(value) for key, value in root["meta"].members()}
@@ -176,8 +176,6 @@ def test_exports_with_the_former_names_still_load(dataset: DataSet) -> None:
 
 
 class Told:
-    """Keeps messages."""
-
     def __init__(self) -> None:
         self.messages: list[str] = []
 
@@ -284,11 +282,11 @@ def test_zarr_is_given_plain_numbers_of_bounded_size(dataset: DataSet, change: d
     assert said in refused(out, "zarr")
 
 
-# --- what is counted is what was read back
+# --- counts are those of the data that was read
 
 
 def changed_trajectory(dataset: DataSet, name: str, values: Callable[[Any], Any]) -> Path:
-    """An export whose first episode has other numbers."""
+    """Return an export whose first episode has other numbers."""
     out = exported(dataset, "maniskill")
     with h5py.File(sorted(out.glob("*/trajectory.h5"))[0], "r+") as file:
         before = file[f"traj_0/{name}"][()]
@@ -337,7 +335,7 @@ def test_rows_that_repeat_an_episode_are_refused(dataset: DataSet) -> None:
 
 
 def test_a_sealed_episode_without_numbers_is_refused_wherever_it_is_read(dataset: DataSet, tmp_path: Path) -> None:
-    """A stranger can seal what they like: a seal says that a file is whole, not that it is sound."""
+    """A seal shows that a file is complete, not that its content is valid: anybody can make one."""
     from dataclasses import replace
 
     store = dataset.task("CloseBox")
@@ -365,7 +363,7 @@ def test_a_cloud_or_picture_that_was_zeroed_is_found_out(dataset: DataSet, to: F
 
 @pytest.mark.parametrize("to", FORMATS)
 def test_every_file_of_an_export_is_compared(dataset: DataSet, to: Format) -> None:
-    """The card apart, which people may edit."""
+    """Except the card, which people may edit."""
     out = exported(dataset, to, manifest=True)
     listed = set(json.loads((out / MANIFEST).read_text())["files"])
     there = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
@@ -396,7 +394,7 @@ def test_what_a_killed_export_left_is_removed_by_the_next(dataset: DataSet, tmp_
 def test_an_export_at_work_is_not_removed_by_another_of_its_name(
     dataset: DataSet, to: Format, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The lock is the folder's own: a library that makes the folder anew makes one that no process holds."""
+    """The lock belongs to the folder: a library that recreates the folder makes one without a lock."""
     out = tmp_path / "out"
     described = exporting.write_card
 

@@ -1,4 +1,4 @@
-"""What leaves a data set for other tools comes back as it was, and says what the episodes say."""
+"""Exports for other tools are imported unchanged, and agree with the episodes."""
 
 from __future__ import annotations
 

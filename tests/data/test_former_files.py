@@ -1,4 +1,4 @@
-"""Files that users have from before the rooms were moved: written by the release before, kept as it wrote them."""
+"""Files of an earlier release, before modules were moved, can be read."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from gensim2.rollout.inputs import read_task_input
 from gensim2.tasks.library import load_strategies, load_task
 
 FORMER = Path(__file__).with_name("former")
-"""One data set with observations, one run folder of ``demo``, the JSON of a benchmark; physics was ``"ours"`` then."""
+"""A data set with observations, a run folder of ``demo`` and JSON of a benchmark; physics was called ``"ours"`` then.
+"""
 
 
 def test_a_data_set_opens_with_its_episodes_and_what_was_seen() -> None:
@@ -59,7 +60,7 @@ def test_what_was_seen_is_what_is_seen_of_the_same_states_today() -> None:
     with h5py.File(store.observation_path(0)) as file:
         for name in ("pointcloud/xyz", "proprioception/qpos"):
             assert np.array_equal(seen[name], file[name][:]), name
-        # A ray that meets the edge between two colours sees one or the other by how the processor rounds.
+        # At an edge between two colours, the rounding of the processor decides which one a ray hits.
         assert (seen["pointcloud/rgb"] != file["pointcloud/rgb"][:]).any(-1).mean() < 0.005
 
 

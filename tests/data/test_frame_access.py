@@ -1,4 +1,4 @@
-"""Frames by number: those of the episodes, in any order, from any process, each file looked through once."""
+"""Access to frames by number: in any order and from any process, with each file checked once."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STEPS = 3
 
 @pytest.fixture
 def dataset(gather: Callable[..., Any], tmp_path: Path) -> DataSet:
-    """Eight episodes in the folders of a collection in a made-up world, those that held with real states."""
+    """Eight episodes in collection folders of the fake world; the successful ones have real states."""
     gather("OpenDrawer")
     store = TaskStore(tmp_path / "set" / "OpenDrawer")
     lane = HeadlessEnv("OpenDrawer", assets="builtin")

@@ -1,4 +1,4 @@
-"""What is said of a data set's coverage is counted, and counted rightly."""
+"""Coverage statistics of data sets are counted correctly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Observations of a small data set of real states: the same bytes always, whole or made again, of their episodes."""
+"""Rendered observations of a small data set of real states: always the same bytes, also after an interruption."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def used(thing: ObjectRecord, instance: str) -> ObjectRecord:
 
 @pytest.fixture
 def store(gather: Callable[..., Any], tmp_path: Path) -> TaskStore:
-    """Two episodes of two steps, one of which held, in the folders of a collection in a made-up world."""
+    """Two episodes of two steps, of which one succeeded, in collection folders of the fake world."""
     gather("OpenDrawer", episodes=2)
     store = TaskStore(tmp_path / "set" / "OpenDrawer")
     lane = HeadlessEnv("OpenDrawer", assets="builtin")
@@ -140,7 +140,7 @@ def test_other_observations_are_neither_mixed_nor_lost(store: TaskStore) -> None
 
 
 def moved(store: TaskStore, assets: str) -> None:
-    """Let the data set say that its objects lie elsewhere."""
+    """Change the location of the objects that the data set records."""
     file = store.folder.parent / DATASET_JSON
     record = json.loads(file.read_bytes())
     record["arguments"]["assets"] = assets
@@ -191,7 +191,7 @@ def test_other_objects_than_those_of_the_episodes_are_refused(store: TaskStore, 
             InputError, match=rf"\.h5: was run with another drawer/{thing.id} than builtin has.*--assets"
         ):
             look()
-    # Another version of gensim2 may make something else of the same files.
+    # Other versions of gensim2 may render the same files differently.
     file = folder / DATASET_JSON
     record = json.loads(file.read_bytes())
     record["versions"]["gensim2"] = "0.1.9"

@@ -1,4 +1,4 @@
-"""Files of episodes: the same bytes each time, whole or refused, and all of it comes back."""
+"""Episode files: always the same bytes, damaged files are refused, and everything is read back."""
 
 from __future__ import annotations
 

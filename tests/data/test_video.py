@@ -1,4 +1,4 @@
-"""Videos: of any size, and an encoder that does not end well is an error."""
+"""Videos of any size; a failing encoder is an error."""
 
 from __future__ import annotations
 

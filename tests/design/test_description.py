@@ -1,4 +1,4 @@
-"""Tasks described without their objects at hand."""
+"""Descriptions of tasks whose objects are not available."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gensim2.tasks.library import load_strategies, load_task
 
 
 class Bare:
-    """A library of objects that has no class of the task (made for this test)."""
+    """A fake object library without any class of the task."""
 
     def classes(self) -> tuple[str, ...]:
         return ()

@@ -1,4 +1,4 @@
-"""Folders of a user's own: proposals where classes are missing, other ids, links; tasks that name a split."""
+"""Object folders of users: proposals with missing classes, other ids, links, and tasks that name a split."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ RELEASED = ("19179", "20279", "20411", "20555", "22692", "26525", "29921", "3124
 
 class _NoRun:
     def add_object(self, model: Any) -> None:
-        """There is no run folder."""
+        """Do nothing, because there is no run folder."""
 
 
 @pytest.fixture
 def drawers(tmp_path: Path) -> Path:
-    """Two drawers under ids of the user's own; the folder of their class is a link."""
+    """Two drawers with the user's own ids; the folder of their class is a link."""
     model = open_library("builtin").load_articulated("drawer", "0")
     made = export(model, tmp_path / "made")
     for name in ("mine", "yours"):

@@ -1,4 +1,4 @@
-"""The offline designer: what it proposes, that what it writes is valid, and that chains hold together."""
+"""The offline designer: its proposals are valid, and steps of a chain fit together."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def generated() -> dict[str, Affordance]:
 
 @cache
 def everything() -> tuple[list[TaskSpec], Brief]:
-    """All that is proposed on generated objects where everything that is proposed holds."""
+    """Return all proposals for generated objects, if every proposal succeeds."""
     known: list[Known] = []
     familiar = [load_task(name) for name in task_names("paper")]
     told, designer = Brief(SETTINGS, generated(), known, familiar), OfflineDesigner()

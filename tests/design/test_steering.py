@@ -1,4 +1,4 @@
-"""A draw that learns: whom diagnoses speak against is drawn later, and who works is found sooner."""
+"""Sampling of strategies that learns from diagnoses: failing choices are drawn later, and working ones found earlier."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gensim2.design.manipulation import Manipulation
 
 
 def hits(body: str) -> dict[str, Any]:
-    """A plan that ends at that."""
+    """Return a plan that ends with the given result."""
     return {"unreached": "pre_0", "collisions": [{"bodies": ["panda_hand", body], "distance": 0.0, "toward": "pre_0"}]}
 
 
@@ -44,21 +44,21 @@ def pool() -> list[Manipulation]:
 
 
 def planned(one: Manipulation, plan: dict[str, Any] | None) -> CandidateResult:
-    """How it fared on one scene: planned whole, or why not."""
+    """Return the planning result in one scene."""
     failed = [] if plan is None else [("collision", {"step": "open", "plan": plan})]
     stage = StageResult("plan", 1, float(plan is None), {}, 0.0, diagnoses(failed))
     return CandidateResult(Candidate("", {"open": {"designed": {}}}, one.provenance()), (stage,))
 
 
 def tried(one: Manipulation, cause: str | None) -> CandidateResult:
-    """How it fared in one episode."""
+    """Return the result of one episode."""
     failed = [] if cause is None else [(cause, {"step": "open"})]
     stage = StageResult("physics", 1, float(cause is None), {}, 0.0, diagnoses(failed))
     return CandidateResult(Candidate("", {"open": {"designed": {}}}, one.provenance()), (stage,))
 
 
 def estimate(result: CandidateResult, one: Manipulation, **parts: Any) -> float:
-    """How likely the alignment that differs from ``one`` in ``parts`` is to work, where it was 1 before."""
+    """Return the estimated success of an alignment that differs from ``one`` in ``parts``, relative to 1 before."""
     (other,) = [
         each
         for each in pool()
@@ -69,7 +69,7 @@ def estimate(result: CandidateResult, one: Manipulation, **parts: Any) -> float:
 
 
 def grasp() -> Manipulation:
-    """One of them."""
+    """Return one of the grasp alignments."""
     return next(each for each in pool() if each.gripper == "grasp" and each.roll == "z" and each.inset == 0.0)
 
 
@@ -95,7 +95,7 @@ def test_what_worked_draws_its_like() -> None:
 
 
 def test_who_works_is_found_sooner() -> None:
-    """In a world where the arm comes only from one side and only a grasp across z moves the part."""
+    """In a world in which the arm can come from one side only and only a grasp across z moves the part."""
 
     def world(one: Manipulation) -> CandidateResult:
         if one.approach.vector[0] < 0.7 or one.approach.frame != "joint":

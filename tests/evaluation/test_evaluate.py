@@ -1,4 +1,4 @@
-"""``gensim2 evaluate``: anybody's controller on the benchmark's scenes, by the benchmark's table."""
+"""``gensim2 evaluate``: any controller on the benchmark's scenes, with the benchmark's table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Films by ray casting: what is near hides what is far, surfaces that turn away are darker, points stand where seen."""
+"""Videos by ray casting: near surfaces hide far ones, inclined ones are darker, and points are drawn where they are."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CAMERA = Camera.looking("film", (0, 0, 2), (0.001, 0, 0), width=32, height=32, f
 
 @dataclass
 class MadeUpView:
-    """A picture of one colour, at given depths."""
+    """An image of one colour with given depths."""
 
     depth: npt.NDArray[np.float32]
     camera: Camera = CAMERA

@@ -1,4 +1,4 @@
-"""Each example runs as a user would run it, and what it promises comes true."""
+"""Each example runs as a user would run it and gives the promised result."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from gensim2.tasks.library import load_task
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
-#: What each example leaves, looked at by a function of its output and its folder.
+#: Check of each example: a function of its output and its folder.
 Outcome = Callable[[str, Path], None]
 
 
 def _solved(said: str, _: Path) -> None:
-    """The plan is whole, each constraint within its tolerance, and the motion takes a plausible time."""
+    """The plan is complete, each constraint is within its tolerance, and the duration is plausible."""
     assert "status: solved" in said
     residuals = re.findall(r"(\S+)\(.*\): (\S+) of (\S+)", said)
     assert {name for name, _, _ in residuals} == {"point2point_constraint", "frame_axis_parallel"}
@@ -36,7 +36,7 @@ def _solved(said: str, _: Path) -> None:
 
 
 def _stepped(said: str, _: Path) -> None:
-    """Two seeds, two scenes; the no-op baseline opens no drawer."""
+    """Two seeds give two scenes; the no-op baseline opens no drawer."""
     before = [float(value) for value in re.findall(r"kg, openness (\S+),", said)]
     after = [float(value) for value in re.findall(r"after a second: openness (\S+),", said)]
     assert len(before) == len(after) == 2
@@ -46,7 +46,7 @@ def _stepped(said: str, _: Path) -> None:
 
 
 def _designed(said: str, folder: Path) -> None:
-    """The task is found, held in fresh episodes, kept, and demonstrated."""
+    """The task is found, succeeds in new episodes, is kept, and has demonstrations."""
     line = re.search(r"PushDrawerClose: (\d+)/(\d+) fresh episodes hold, (\d+) demonstrations", said)
     assert line is not None
     successes, episodes, demos = map(int, line.groups())
@@ -60,7 +60,7 @@ def _designed(said: str, folder: Path) -> None:
 
 
 def _recorded(said: str, folder: Path) -> None:
-    """Two demonstrations, each of which closes its box and is in the file."""
+    """There are two demonstrations, each of which closes its box and is in the file."""
     assert "environment: gensim2.sim:GenSim2-CloseBox-v1" in said
     moved = re.findall(r"seed (\d+), box (\d+): \((\d+), 8\) openness (\S+) to (\S+)", said)
     assert len(moved) == 2
@@ -73,14 +73,14 @@ def _recorded(said: str, folder: Path) -> None:
 
 
 def _looked(said: str, _: Path) -> None:
-    """The object is what it says it is."""
+    """The printed object is the loaded one."""
     drawer = open_library("builtin").load("drawer", "4711")
     assert f"drawer/4711: {drawer.mass:.2f} kg, prismatic joint" in said
     assert all(f"  {name} on {point.link} at" in said for name, point in drawer.keypoints.items())
 
 
 def _placed(said: str, _: Path) -> None:
-    """Both steps are planned whole, and the cube stands where it was to be put."""
+    """Both steps are planned completely, and the cube is at its goal."""
     assert "pick: solved place: solved" in said
     place = re.search(r"the cube stands at \[\s*(\S+)\s+(\S+)\s+(\S+?)\s*\]", said)
     assert place is not None
@@ -88,14 +88,14 @@ def _placed(said: str, _: Path) -> None:
 
 
 def _grasped(said: str, _: Path) -> None:
-    """There are grasps, each with its reasons, and one serves both places."""
+    """There are grasps with their scores, and one serves both places."""
     assert re.search(r"\b100 grasps", said)
     assert "friction_margin" in said
     assert re.search(r"grasp \d+ picks in \d+\.\d s and brings in \d+\.\d s", said)
 
 
 def _evaluated(said: str, folder: Path) -> None:
-    """A policy was taught and judged on two scenes, and one of them filmed where pictures can be made."""
+    """A policy was trained and evaluated in two scenes, and one episode filmed if rendering works."""
     line = re.search(r"CloseBox: (\S+) held, taught by (\d+) frames", said)
     assert line is not None
     assert int(line[2]) > 300
@@ -105,13 +105,13 @@ def _evaluated(said: str, folder: Path) -> None:
 
 
 def _own_robots(said: str, _: Path) -> None:
-    """Two robots of two sizes, each in an environment of its own."""
+    """Two robots of different sizes, each in its own environment."""
     assert re.findall(r"(\w+): (\d) arm joints, opens 0.080 m, 20 Hz", said) == [("ur5", "6"), ("xarm7", "7")]
     assert re.findall(r"after a second: openness \S+, (\d) numbers", said) == ["7", "8"]
 
 
 def _exported(said: str, folder: Path) -> None:
-    """Two episodes in three formats, and as many frames in zarr as the data set has."""
+    """Two episodes in three formats, with as many zarr frames as in the data set."""
     frames = int(re.findall(r"(\d+) frames of", said)[0])
     assert frames > 40
     assert re.findall(r"2 episodes in \S+/(\w+)", said) == ["zarr", "lerobot", "maniskill"]
@@ -140,11 +140,10 @@ OUTCOMES: dict[str, tuple[Outcome, tuple[str, ...]]] = {
     "09_a_robot_of_your_own.py": (_own_robots, ()),
     "10_collect_and_export.py": (_exported, (FOLDER,)),
 }
-"""By name; and the arguments of its command line, in which files are relative to an empty folder."""
+"""The examples by name, with their command-line arguments; files are relative to an empty folder."""
 
 ALONE = ("02_make_an_env.py", "05_look_at_an_object.py")
-"""Run by an interpreter that was just started; the others begin with the libraries imported, which takes longer than
-most of them do."""
+"""Examples that need a new interpreter; the others run in processes with imported libraries, which is faster."""
 
 
 @pytest.mark.fast

@@ -1,4 +1,4 @@
-"""The tutorial of an object and a task: its program, files and commands lead to a plan."""
+"""The tutorial of an object and a task: its program, files and commands give a plan."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Damage to checkpoints, drawn by a seed, and what becomes of them when a controller is made.
+"""Damage checkpoints at random (by a seed) and check what making a controller of them does.
 
 ``python tests/fuzz/checkpoints.py --inputs 5000`` damages the package's policy and a small policy of action chunks:
-values, names of code, weights behind a digest that fits, arrays, links and sizes. Each is read in a forked process
-that may take 1 GiB more memory than it begins with (its ``RLIMIT_DATA``: PyTorch's own mappings are there before), 5 s
-of CPU and 60 s by the clock, and may write no byte to a file. A checkpoint is either accepted, and then holds what its
-files say, or refused in one line. A module ``canary`` lies beside it; it leaves a file when it is imported.
+values, names of code, weights with a matching digest, arrays, links and sizes. Each is read in a forked process that
+may use 1 GiB more memory than at its start (its ``RLIMIT_DATA``, because PyTorch's mappings exist already), 5 s of CPU
+and 60 s in total, and may not write to files. A checkpoint must be accepted with exactly the content of its files, or
+refused in one line. A module ``canary`` beside it would leave a file if it were imported.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from gensim2.core.foreign.process import Bounds, isolated
 from gensim2.core.progress import NULL_PROGRESS, Progress
 
 CPU_S, MEMORY, PATIENCE = 5, 2**30, 60
-"""Inputs between two lines of progress."""
+"""Number of inputs between two lines of progress."""
 CONFIG, WAYS, CLOUDS = "config.json", "keypose.json", "clouds.npz"
 MODULES = (
     "__main__",
@@ -73,7 +73,7 @@ SIZES: dict[str, tuple[Any, ...]] = {
 
 
 def good_checkpoints(folder: Path) -> list[Path]:
-    """The package's policy, and one of action chunks whose weights are drawn."""
+    """Return the package's policy and one of action chunks with random weights."""
     from gensim2.perception import ObservationSpec
     from gensim2.policy.checkpoint import ActionSpec, DataRecord, PolicyCheckpoint, checkpoint_folder
     from gensim2.policy.config import PolicyConfig, TrainConfig
@@ -104,10 +104,10 @@ def good_checkpoints(folder: Path) -> list[Path]:
 
 
 def read(folder: str, _: Progress) -> None:
-    """Make the controller of a checkpoint, with the clouds of its controls; called in a forked process.
+    """Make the controller of a checkpoint with its control clouds; called in a forked process.
 
     Raises:
-        AssertionError: it was accepted, and is another one than its files say.
+        AssertionError: it was accepted, but differs from its files.
     """
     os.chdir(folder)
     sys.path.insert(0, folder)
@@ -144,7 +144,7 @@ def read(folder: str, _: Progress) -> None:
 
 
 def imports_the_canary(folder: str, _: Progress) -> None:
-    """Do what no reader may, to see that it is noticed; called in a forked process."""
+    """Import the module, to test that this is noticed; called in a forked process."""
     sys.path.insert(0, folder)
     import contextlib
     import importlib
@@ -154,7 +154,7 @@ def imports_the_canary(folder: str, _: Progress) -> None:
 
 
 def _holds(found: Any, told: Any) -> bool:
-    """Whether a value is the told one; fields that a file leaves out have their defaults."""
+    """Return whether a value equals the one in a file; missing fields have their defaults."""
     if isinstance(told, dict) and isinstance(found, dict):
         return all(name in found and _holds(found[name], each) for name, each in told.items())
     if isinstance(told, list) and isinstance(found, list | tuple):
@@ -163,7 +163,7 @@ def _holds(found: Any, told: Any) -> bool:
 
 
 def damage(folder: Path, generator: np.random.Generator) -> str:
-    """One to three damages to a checkpoint; which they were."""
+    """Apply one to three damages to a checkpoint, and return their names."""
     ways: tuple[Callable[[Path, np.random.Generator], str], ...]
     ways = (_values, _values, _name, _name, _size, _weights, _weights, _header, _arrays, _file, _replaced)
     return "; ".join(
@@ -188,7 +188,7 @@ def _json(folder: Path, change: Callable[[Any], Any], name: str = CONFIG) -> str
 
 
 def _is_special(path: Path) -> bool:
-    """Whether an earlier damage put a link, a pipe, a folder or a terabyte there, which this program must not touch."""
+    """Return whether earlier damage put a link, pipe, folder or terabyte there, which must not be touched."""
     return os.path.lexists(path) and (path.is_symlink() or not path.is_file() or path.stat().st_size > 2**24)
 
 
@@ -198,7 +198,7 @@ def _values(folder: Path, generator: np.random.Generator) -> str:
 
 
 def _name(folder: Path, generator: np.random.Generator) -> str:
-    """A name of code in the place of a text."""
+    """Put a name of code in the place of a text."""
     word = _pick(NAMES, generator).format(folder=folder)
 
     def change(config: Any) -> Any:
@@ -232,7 +232,7 @@ def _weights_file(folder: Path) -> Path | None:
 
 
 def _sealed(folder: Path, content: bytes) -> str:
-    """Put weights in the place of others, as a stranger would who knows how."""
+    """Replace the weights and update the digest, as an attacker would."""
     digest = hashlib.sha256(content).hexdigest()
     name = f"weights-{digest[:16]}.safetensors"
     if not _is_special(folder / name):
@@ -241,7 +241,7 @@ def _sealed(folder: Path, content: bytes) -> str:
 
 
 def _weights(folder: Path, generator: np.random.Generator) -> str:
-    """Tensors that are missing, renamed, of another shape or type, or not finite; or bits."""
+    """Remove, rename or change tensors (shape, type, not finite), or damage bits."""
     from safetensors import SafetensorError
     from safetensors.numpy import load, save
 
@@ -277,7 +277,7 @@ def _weights(folder: Path, generator: np.random.Generator) -> str:
 
 
 def _header(folder: Path, generator: np.random.Generator) -> str:
-    """A header of other values, names or lengths before the same numbers."""
+    """Write a header with other values, names or lengths before the same numbers."""
     path = _weights_file(folder)
     if path is None or path.stat().st_size > 2**24:
         return "nothing"
@@ -289,7 +289,7 @@ def _header(folder: Path, generator: np.random.Generator) -> str:
 
 
 def _arrays(folder: Path, generator: np.random.Generator) -> str:
-    """Clouds of other shapes and types, of a terabyte, or pickled."""
+    """Write clouds of other shapes and types, of a terabyte, or pickled."""
     import io
     import zipfile
 
@@ -322,7 +322,7 @@ def _arrays(folder: Path, generator: np.random.Generator) -> str:
 
 
 def _file(folder: Path, generator: np.random.Generator) -> str:
-    """Bits and text of any file."""
+    """Damage bits or text of any file."""
     path = _pick(_files(folder), generator)
     if path.stat().st_size < 2**24:
         path.write_bytes(damaged(path.read_bytes(), "json" if path.suffix == ".json" else "binary", generator))
@@ -334,7 +334,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _replaced(folder: Path, generator: np.random.Generator) -> str:
-    """A link, a special file, a folder, another file or a terabyte in the place of a file."""
+    """Replace a file by a link, a special file, a folder, another file or a terabyte."""
     path = _pick([each for each in _files(folder) if each.name != "canary.py"] or [folder / CONFIG], generator)
     other = _pick(_files(folder), generator)
     content = other.read_bytes() if other.stat().st_size < 2**24 else b""
@@ -361,17 +361,18 @@ def _replaced(folder: Path, generator: np.random.Generator) -> str:
 
 
 def listing(folder: Path) -> list[tuple[str, int, int]]:
-    """Every file of a folder with its size and its time."""
+    """Return size and time of every file of a folder."""
     found = [(path, path.lstat()) for path in sorted(folder.rglob("*"))]
     return [(str(path), about.st_size, about.st_mtime_ns) for path, about in found if not path.is_dir()]
 
 
 def attempt(good: Path, scratch: Path, generator: np.random.Generator) -> tuple[str, str]:
-    """The damages of one checkpoint, and the line that it was refused with; empty where it was accepted.
+    """Damage a checkpoint and read it; return the damages and the error message, empty if it was accepted.
 
     Raises:
-        AssertionError: it took too long or too much memory, ran code, wrote a file, or was refused at length.
-        RuntimeError: it was accepted and is another one, or something else was raised.
+        AssertionError: it took too long or too much memory, ran code, wrote a file, or was refused in more than one
+            line.
+        RuntimeError: it was accepted as a different one, or another exception was raised.
     """
     folder = scratch / "policy"
     shutil.copytree(good, folder)
@@ -394,7 +395,7 @@ def attempt(good: Path, scratch: Path, generator: np.random.Generator) -> tuple[
 
 
 def run(goods: Sequence[Path], numbers: range, seed: int, scratch: Path, say: Say) -> Tally:
-    """Try so many damaged checkpoints; faults are said and counted."""
+    """Try damaged checkpoints; report and count failures."""
 
     def one(number: int) -> Ended:
         good, place = goods[number % len(goods)], scratch / f"try{number}"

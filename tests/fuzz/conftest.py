@@ -1,4 +1,4 @@
-"""Makes ``mutate`` importable by name, for the tests here and for the long run."""
+"""Put ``mutate`` on the path, for these tests and for the scripts."""
 
 from __future__ import annotations
 

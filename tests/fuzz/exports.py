@@ -1,9 +1,9 @@
-"""Damage to exports, drawn by a seed, and what the importers make of it.
+"""Damage exports at random (by a seed) and check what the importers do.
 
 ``python tests/fuzz/exports.py --inputs 10000 --commands 100`` damages exports of the three formats (bits, structure,
-links, sizes) and imports each in a process of its own, the last through the command line. One is either accepted, and
-then the same as the undamaged export (or, where its manifest was made anew or removed, a data set that reads back
-whole), or refused in one line; within 5 s of CPU, in 1 GiB of memory.
+links, sizes) and imports each in its own process, the last ones through the command line. Each must be accepted and
+equal the undamaged export (or give a readable data set, if its manifest was rewritten or removed), or be refused in one
+line; within 5 s of CPU and 1 GiB of memory.
 """
 
 from __future__ import annotations
@@ -50,27 +50,27 @@ PIXELS, POINTS = 8, 16
 
 
 LARGE = 2**24
-"""Bytes of a file that no export of so few episodes has: damage made it so."""
+"""Size (bytes) that only damaged files of these exports have."""
 
-#: How an export is told of its damage: not at all, by a manifest made anew, or by none, as older ones.
+#: Treatment of the manifest after damage: kept, rewritten, or removed as in older exports.
 MANIFESTS = ("kept", "made anew", "removed")
 
 
-#: What no export may lead to; nothing writes to it.
+#: Target of links, which no import may read or write.
 OUTSIDE = Path(tempfile.gettempdir()) / "gensim2-fuzz-outside"
 OF_SOMEBODY_ELSE = "of somebody else\n" * 100
 
-#: Imported once for all processes; this module, too, which holds the function that they run.
+#: Modules imported once for all processes, and this module, which contains their function.
 MODULES = ("__main__", *PRELOAD, "pyarrow.parquet")
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file of a data set."""
+    """Return the content of every file of a data set."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def good_exports(folder: Path) -> dict[Format, Path]:
-    """Exports of six episodes of two tasks in a made-up world, with clouds, pictures and depth."""
+    """Make exports of six episodes of two tasks in a fake world, with clouds, images and depth."""
     sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("kill", "pipeline")]
     import fake_world
 
@@ -100,7 +100,7 @@ def good_exports(folder: Path) -> dict[Format, Path]:
 
 
 def damage(folder: Path, kind: Format, generator: np.random.Generator) -> str:
-    """One to three damages to an export; which they were."""
+    """Apply one to three damages to an export, and return their names."""
     manifest = MANIFESTS[int(generator.integers(3))]
     assert folder == Path(os.path.realpath(folder)), "a folder of its own"
     told = [f"manifest {manifest}"]
@@ -129,11 +129,11 @@ def damage(folder: Path, kind: Format, generator: np.random.Generator) -> str:
 
 
 def nothing(_: Any) -> None:
-    """Do it."""
+    """Do nothing."""
 
 
 def _count(folder: Path) -> int:
-    """Episodes that an undamaged export holds."""
+    """Return the number of episodes of an undamaged export."""
     return int((folder.parent / "count").read_text())
 
 
@@ -142,7 +142,7 @@ def _pick(values: Sequence[Any], generator: np.random.Generator) -> Any:
 
 
 def _bits(path: Path, _: list[Path], generator: np.random.Generator) -> str:
-    """Bytes flipped, cut, doubled, moved; in an episode's file also behind a seal that fits."""
+    """Flip, cut, repeat or move bytes; for an episode file also with a matching seal."""
     data = path.read_bytes()
     if path.suffix == ".h5" and data.startswith(b"gensim2-episode") and generator.random() < 0.7:
         _reseal(path, damaged(data[HEADER_SIZE:], "binary", generator))
@@ -152,7 +152,7 @@ def _bits(path: Path, _: list[Path], generator: np.random.Generator) -> str:
 
 
 def _reseal(path: Path, body: bytes) -> None:
-    """Write an episode's file as a stranger would who knows how, and its row."""
+    """Write an episode file and its row with a matching seal, as an attacker would."""
     digest = Seal("gensim2-episode", 1, "", "", InputError).write(path, body)
     rows = path.parents[1] / "episodes.jsonl"
     if rows.is_file() and not rows.is_symlink() and rows.stat().st_size < LARGE:  # a link's end is not ours
@@ -167,7 +167,7 @@ def _reseal(path: Path, body: bytes) -> None:
 
 
 def _structure(path: Path, files: list[Path], generator: np.random.Generator) -> str:
-    """Values of a document, arrays of an HDF5 file, columns of a table; bits where none of it is left."""
+    """Change values of a document, arrays of an HDF5 file or columns of a table; bits if nothing else is possible."""
     try:
         if path.suffix in (".json", ".zarray", ".zattrs", ".zgroup") or path.name.startswith(".z"):
             path.write_bytes(damaged(path.read_bytes(), "json", generator))
@@ -257,7 +257,7 @@ def _table(path: Path, generator: np.random.Generator) -> str:
 
 
 def _replaced(root: Path, path: Path, files: list[Path], generator: np.random.Generator) -> str:
-    """A link, a special file, another file or a folder in the place of a file or of its folder."""
+    """Replace a file or its folder by a link, a special file, another file or a folder."""
     other = _pick(files, generator)
 
     def bound() -> None:
@@ -295,7 +295,7 @@ def _replaced(root: Path, path: Path, files: list[Path], generator: np.random.Ge
 
 
 def _size(path: Path, _: list[Path], generator: np.random.Generator) -> str:
-    """A terabyte that takes no room, folders without end, thousands of files, nothing."""
+    """Make a sparse terabyte, deeply nested folders, thousands of files, or an empty file."""
     way = int(generator.integers(5))
     if way == 0:
         with path.open("r+b") as stream:
@@ -318,13 +318,13 @@ def _size(path: Path, _: list[Path], generator: np.random.Generator) -> str:
 
 @dataclass
 class Verdict:
-    """What became of an import.
+    """Result of an import.
 
     Attributes:
         outcome: ``"accepted"`` or ``"refused"``.
-        message: of the refusal.
-        cpu_s: of the process that read.
-        memory: bytes that it had at most.
+        message: the error message.
+        cpu_s: CPU time of the reading process.
+        memory: its highest memory, bytes.
     """
 
     outcome: str
@@ -334,7 +334,7 @@ class Verdict:
 
 
 def measured(path: Path, out: Path, kind: Format, spent: Path, progress: Any) -> int:
-    """As :func:`~gensim2.data.formats.importing.read_export`; what it takes is written down."""
+    """Call :func:`~gensim2.data.formats.importing.read_export` and measure its time and memory."""
     import resource
 
     begun = time.process_time()
@@ -355,8 +355,8 @@ def attempt(good: Path, kind: Format, scratch: Path, generator: np.random.Genera
     """Damage a copy of an export and import it.
 
     Raises:
-        AssertionError: it was neither accepted as what was exported nor refused in one line, or took too much.
-        Exception: whatever else it raised.
+        AssertionError: the import is neither correct nor refused in one line, or took too much time or memory.
+        Exception: any other exception that it raised.
     """
     folder, out, spent = scratch / "export", scratch / "out", scratch / "spent"
     shutil.copytree(good, folder)
@@ -383,14 +383,14 @@ def attempt(good: Path, kind: Format, scratch: Path, generator: np.random.Genera
 
 
 def check_message(message: str, told: str) -> None:
-    """One line, not too long."""
+    """Check that a message is one short line."""
     assert len(message.splitlines()) <= 1, f"{told}: more than one line: {message!r}"
     assert len(message) <= LONGEST_MESSAGE, f"{told}: {len(message)} characters"
     assert message.isprintable(), f"{told}: {message!r}"
 
 
 def check_accepted(out: Path, good: Path, kind: Format, count: int, same: bool, told: str) -> None:
-    """What was accepted reads back; it is what was exported where the manifest says so."""
+    """Check that an accepted export can be read, and equals the original if the manifest was kept."""
     episodes = list(read_back(DataSet.open(out), NULL_PROGRESS))
     assert len(episodes) == count > 0, f"{told}: {count} counted, {len(episodes)} there"
     if same:
@@ -398,7 +398,7 @@ def check_accepted(out: Path, good: Path, kind: Format, count: int, same: bool, 
 
 
 def attempt_command(good: Path, kind: Format, scratch: Path, generator: np.random.Generator) -> tuple[str, Verdict]:
-    """As :func:`attempt`, through the command line."""
+    """Do the same as :func:`attempt` through the command line."""
     folder, out = scratch / "export", scratch / "out"
     shutil.copytree(good, folder)
     (scratch / "count").write_text((good.parent / f"{kind}.count").read_text())
@@ -420,7 +420,7 @@ def attempt_command(good: Path, kind: Format, scratch: Path, generator: np.rando
 
 
 def prepare(folder: Path) -> dict[Format, Path]:
-    """Good exports, and what they are imported as."""
+    """Make good exports and import them for comparison."""
     OUTSIDE.write_text(OF_SOMEBODY_ELSE)
     good = good_exports(folder)
     for kind, path in good.items():
@@ -434,7 +434,7 @@ def prepare(folder: Path) -> dict[Format, Path]:
 
 
 def run(commands: bool, good: dict[Format, Path], numbers: range, seed: int, scratch: Path, say: Say) -> Tally:
-    """Try so many damaged exports, formats in turn; faults are said and counted."""
+    """Try damaged exports, formats in turn; report and count failures."""
     attempted = attempt_command if commands else attempt
 
     def one(number: int) -> Ended:

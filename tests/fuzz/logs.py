@@ -1,8 +1,8 @@
-"""Damaged logs, calibrations, trials, protocols and noise files, and what their readers make of them.
+"""Damage logs, calibrations, trials, protocols and noise files, and check what their readers do.
 
-``python tests/fuzz/logs.py --inputs 5000 --files 2000`` damages as many logs, and as many of the other files together.
-Each is read in a process of its own with 1 GiB of memory and 5 s of CPU, beside modules that tell when they are
-imported. One is either accepted as what was written, or refused in one line; nothing else is written, and no code runs.
+``python tests/fuzz/logs.py --inputs 5000 --files 2000`` damages this many logs and other files. Each is read in its own
+process with 1 GiB of memory and 5 s of CPU, beside modules that report their import. Each must be accepted with its
+original content or refused in one line, without running code or writing other files.
 """
 
 from __future__ import annotations
@@ -56,26 +56,26 @@ HANGS = 300.0  # s by the clock
 
 FILE = "log_000000.mcap"
 CANARIES = ("notes.py", "panda.py", "mcap.py", "sitecustomize.py")
-"""Modules beside each input; a name in data may be one of them."""
+"""Names of modules beside each input, which damaged data may contain."""
 NAMES = ("notes.py", "notes:robot", "./panda.py", "os:system", "../notes.py", "mcap")
 MODULES = ("logs", "gensim2.perception.raycast.caster", "scipy.spatial.transform", "mcap.writer")
 
 
 @cache
 def camera_of() -> Camera:
-    """The camera of all good files."""
+    """Return the camera of all good files."""
     return replace(simulated_cameras(robot("panda"), 32, 24)[0], name="left")
 
 
 @dataclass(frozen=True)
 class Subject:
-    """A good file, and what reads it.
+    """A good file and its reader.
 
     Attributes:
-        name: of the kind of input.
-        file: to be damaged, relative to the folder.
-        kind: of its content.
-        read: takes the folder; returns what it found there, as plain data.
+        name: kind of input.
+        file: the file to damage, relative to the folder.
+        kind: kind of its content.
+        read: takes the folder and returns its content as plain data.
     """
 
     name: str
@@ -85,7 +85,9 @@ class Subject:
 
 
 def good_folder(folder: Path) -> None:
-    """Fill a folder with a log, a calibration, trials, a protocol and a noise file, all good, and the canaries."""
+    """Fill a folder with a valid log, calibration, trials, protocol and noise file, and the modules that report their
+    import.
+    """
     _write_log(folder / "log")
     camera = camera_of()
     one = CameraCalibration(
@@ -127,7 +129,7 @@ def good_folder(folder: Path) -> None:
 
 
 def _write_log(folder: Path) -> None:
-    """Write a log of an arm that stands before a box, asked twice; its observations can be made anew."""
+    """Write a log of an arm in front of a box with two requests, whose observations can be computed again."""
     camera, profile = camera_of(), robot("panda")
     spec = ObservationSpec.of({"cameras": ["left"], "points": 64, "candidates": 0, "robot": "all"})
     about = About(
@@ -162,7 +164,7 @@ def _write_log(folder: Path) -> None:
 
 
 def _content(folder: Path) -> list[str]:
-    """Digest of each message of the log."""
+    """Return a digest of each message of the log."""
     found = []
     for topic, message in messages(folder / "log"):
         arrays = [value for value in vars(message).values() if isinstance(value, np.ndarray)]
@@ -174,7 +176,7 @@ def _content(folder: Path) -> list[str]:
 
 
 def _refusing(read: Callable[[], object]) -> None:
-    """What one reader refuses another may take."""
+    """Return the result of a reader, or its error: another reader may accept the same file."""
     try:
         read()
     except InputError as error:
@@ -182,7 +184,7 @@ def _refusing(read: Callable[[], object]) -> None:
 
 
 def read_log(folder: Path) -> list[str]:
-    """Read a log in every way that there is; return digests of its messages."""
+    """Read a log with all readers; return digests of its messages."""
     log = folder / "log"
     found = _content(folder)
     with tempfile.TemporaryDirectory() as out:
@@ -244,7 +246,7 @@ def _pick(values: Sequence[Any], generator: np.random.Generator) -> Any:
 
 
 def damage(path: Path, kind: Kind, generator: np.random.Generator) -> str:
-    """Damage one file; say how: ``"bytes"`` where it must still be what it was."""
+    """Damage a file; return the kind of damage: ``"bytes"`` if its content must not change."""
     chance = generator.random()
     if chance < 0.04:
         return _replaced(path, generator)
@@ -282,7 +284,7 @@ def _replaced(path: Path, generator: np.random.Generator) -> str:
 
 
 def _rewritten(path: Path, generator: np.random.Generator) -> str:
-    """Damage messages of a log and write it anew, whole, as a stranger would who knows how."""
+    """Damage messages of a log and write a valid log of them, as an attacker would."""
     found: list[tuple[str, bytes]] = list(_packed(path))
     for _ in range(int(generator.integers(1, 4))):
         place = int(generator.integers(len(found))) if generator.random() < 0.7 else 0
@@ -354,7 +356,7 @@ def _array(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
 
 
 def check_message(message: str) -> None:
-    """One line, not too long."""
+    """Check that a message is one short line."""
     assert len(message.splitlines()) == 1, f"not one line: {message!r}"
     assert len(message) <= LONGEST_MESSAGE, f"{len(message)} characters"
     assert message.isprintable(), repr(message)
@@ -365,7 +367,7 @@ def _reading(subject: Subject, folder: Path, _: object) -> Any:
 
 
 def _state(folder: Path) -> dict[str, tuple[int, int]]:
-    """Names, sizes and times of everything in a folder."""
+    """Return names, sizes and times of everything in a folder."""
     return {
         str(path.relative_to(folder)): (path.lstat().st_size, path.lstat().st_mtime_ns)
         for path in folder.rglob("*")
@@ -374,11 +376,12 @@ def _state(folder: Path) -> dict[str, tuple[int, int]]:
 
 
 def attempt(good: Path, subject: Subject, scratch: Path, generator: np.random.Generator) -> tuple[str, bool]:
-    """Damage a copy of one file and read it; return how it was damaged, and whether it was accepted.
+    """Damage a copy of a file and read it; return the kind of damage, and whether it was accepted.
 
     Raises:
-        AssertionError: it was neither accepted as what it is nor refused in one line, took too much, or did something.
-        RuntimeError: whatever else its reader raised.
+        AssertionError: it was neither read correctly nor refused in one line, took too much time or memory, or had
+            effects.
+        RuntimeError: the reader raised another exception.
     """
     folder = scratch / "input"
     shutil.copytree(good, folder)
@@ -403,7 +406,7 @@ def attempt(good: Path, subject: Subject, scratch: Path, generator: np.random.Ge
 
 
 def check_accepted(found: Any, good: Path, folder: Path, subject: Subject, told: str) -> None:
-    """What was accepted is what the file holds, or what it was before it was damaged."""
+    """Check that the accepted content is that of the file, or that of the file before the damage."""
     if subject is LOG and told == "bytes":
         whole = _content(good)
         assert found == whole[: len(found)], f"{told}: accepted, and another"
@@ -415,7 +418,7 @@ def check_accepted(found: Any, good: Path, folder: Path, subject: Subject, told:
 
 
 def _agrees(held: Any, found: Any) -> bool:
-    """Whether all that a file holds is in what was read of it; a range may be one number."""
+    """Return whether everything in a file is in the data that was read; a range may be a single number."""
     if isinstance(held, dict):
         return all(_agrees(value, found.get(name)) for name, value in held.items() if name not in ("made", "told"))
     if isinstance(held, list):
@@ -426,7 +429,7 @@ def _agrees(held: Any, found: Any) -> bool:
 
 
 def run(good: Path, subjects: Sequence[Subject], numbers: range, seed: int, scratch: Path, say: Say) -> Tally:
-    """Try so many damaged files, kinds in turn; faults are said and counted."""
+    """Try damaged files, kinds in turn; report and count failures."""
 
     def one(number: int) -> Ended:
         subject, place = subjects[number % len(subjects)], scratch / f"try{number}"
@@ -444,7 +447,7 @@ def run(good: Path, subjects: Sequence[Subject], numbers: range, seed: int, scra
 
 def prepare(folder: Path) -> dict[str, list[Round]]:
     """Write the good files."""
-    # The server that forks takes its path from here alone: it imports this module once, and not each process.
+    # The fork server gets its path from here: it imports this module once for all processes.
     os.environ["PYTHONPATH"] = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
     good_folder(folder / "good")
     return {"inputs": [partial(run, folder / "good", (LOG,))], "files": [partial(run, folder / "good", FILES)]}

@@ -1,8 +1,9 @@
-"""Hostile messages between a loop and a policy server, drawn by a seed, through real websockets.
+"""Send hostile messages between a control loop and a policy server, at random by a seed, through real websockets.
 
-``python tests/fuzz/messages.py --inputs 5000`` sends 5,000 first messages to a server, 5,000 requests after the token,
-and lets a server give 5,000 answers to a client: mutations of valid messages, and hand-made hostile ones. Each is tried
-in a forked process with 1 GiB of memory and 5 s of CPU. A message is accepted as what it says, or refused in one line.
+``python tests/fuzz/messages.py --inputs 5000`` sends 5,000 first messages to a server, 5,000 requests after
+authentication, and lets a server give 5,000 answers to a client. They are mutations of valid messages and hand-made
+ones. Each is tried in a forked process with 1 GiB of memory and 5 s of CPU, and must be read correctly or refused in
+one line.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ ANSWERS: tuple[dict[str, Any], ...] = tuple(
 
 
 def handmade(good: Mapping[str, Any], generator: np.random.Generator) -> bytes | str | list[bytes]:
-    """Return one of the hostile messages that mutations would hardly find; text, or fragments, are sent as such."""
+    """Return a hand-made hostile message that mutations would hardly find; texts and fragments are sent as such."""
     count = int(generator.choice([0, 1, 1000, 65_535, 2**31 - 1, 2**32 - 1]))
     size = int(generator.choice([1, 1000, 4096, 70_000, MAX_BYTES]))
     ways: tuple[Callable[[], bytes | str | list[bytes]], ...] = (
@@ -147,7 +148,7 @@ def _hostile_array(generator: np.random.Generator) -> list[Any]:
 
 
 def _packable(value: Any) -> Any:
-    """Return a message with its arrays as the plain values that they travel as."""
+    """Return a message with its arrays in the form in which they are sent."""
     return msgpack.unpackb(encode(value), strict_map_key=False)
 
 
@@ -173,7 +174,7 @@ def hostile(good: Mapping[str, Any], generator: np.random.Generator) -> bytes | 
 
 
 def _nearly(good: Mapping[str, Any], generator: np.random.Generator) -> dict[str, Any]:
-    """Return a message whose fields are of the right types: most are valid, and say something else."""
+    """Return a message whose fields have the right types; most are valid, with other values."""
     action = ACTION * 10.0 ** generator.integers(-60, 60)
     fields: dict[str, tuple[Any, ...]] = {
         "robot": (None, "panda", "fetch", _named(generator)),
@@ -198,17 +199,16 @@ def _nearly(good: Mapping[str, Any], generator: np.random.Generator) -> dict[str
 
 
 class Still:
-    """A controller that does nothing but note what it was shown last."""
+    """A controller that does nothing but keep its last observation."""
 
     observation_spec = ObservationSpec(modalities=())
     shown: Observation | None = None
 
     def reset(self, observation: Observation, seed: int) -> None:
-        """Begin an episode."""
         Still.shown = observation
 
     def act(self, observation: Observation) -> Any:
-        """Return the same action always."""
+        """Return always the same action."""
         Still.shown = observation
         return ACTION
 
@@ -217,7 +217,7 @@ def try_first(message: bytes | str | list[bytes]) -> str:
     """Send a first message to a server; return how it ended.
 
     Raises:
-        AssertionError: it was accepted as something else, refused in other than one line, or the server is gone.
+        AssertionError: it was accepted wrongly, was not refused in one line, or the server has died.
     """
     said: list[str] = []
     found = PolicyServer(ControllerSpec(f"{__file__}:Still"), "panda", SECRET, port=0, said=said.append)
@@ -250,10 +250,10 @@ def try_first(message: bytes | str | list[bytes]) -> str:
 
 
 def try_request(message: bytes | str | list[bytes], kind: str) -> str:
-    """Send a request to a server after the token; return how it ended.
+    """Send a request to a server after authentication; return how it ended.
 
     Raises:
-        AssertionError: it was accepted as something else, refused in other than one line, or the server is gone.
+        AssertionError: it was accepted wrongly, was not refused in one line, or the server has died.
     """
     said: list[str] = []
     found = PolicyServer(ControllerSpec(f"{__file__}:Still"), "panda", SECRET, port=0, said=said.append)
@@ -291,7 +291,7 @@ def try_request(message: bytes | str | list[bytes], kind: str) -> str:
 
 
 def _same_observation(plain: Any, found: PolicyServer) -> None:
-    """Compare what the controller was shown with what was sent."""
+    """Compare the controller's observation with the one that was sent."""
     shown = type(found._controller).shown
     assert _packable(observation_to_message(shown)) == plain
 
@@ -300,7 +300,7 @@ def try_answer(message: bytes | str | list[bytes], kind: str) -> str:
     """Let a server answer a client; return how it ended.
 
     Raises:
-        AssertionError: the answer was accepted as something else, or refused in other than one line.
+        AssertionError: the answer was accepted wrongly, or was not refused in one line.
     """
 
     def handle(connection: Any) -> None:
@@ -356,7 +356,7 @@ def _same_spec(spec: ObservationSpec, message: Any) -> None:
 
 
 def _agrees(given: Mapping[str, Any], found: Mapping[str, Any]) -> None:
-    """Compare what was given; of a cloud of keypoints the settings of pictures are dropped."""
+    """Compare specs; for a cloud of keypoints, the image settings do not count."""
     for name, value in given.items():
         if isinstance(value, Mapping):
             _agrees(value, found[name])
@@ -372,7 +372,7 @@ def _until(done: Callable[[], bool]) -> None:
 
 
 def check_line(text: str) -> None:
-    """One line that a terminal can show."""
+    """Check that a message is one printable line."""
     assert text.strip(), "refused without a word"
     assert len(text.splitlines()) == 1, f"more than one line: {text!r}"
     assert len(text) <= LONGEST_MESSAGE, f"{len(text)} characters"
@@ -402,7 +402,7 @@ def drawn(number: int, seed: int, what: str) -> tuple[str, bytes | str | list[by
 
 
 def run(what: str, numbers: range, seed: int, scratch: Path, say: Say) -> Tally:
-    """Try so many messages of a kind; faults are said and counted."""
+    """Try messages of a kind; report and count failures."""
     os.environ[TOKEN] = SECRET
     server.GREETING, server.CLOSING = DEADLINE, 0.02
     PolicyServer(ControllerSpec(f"{__file__}:Still"), "panda", SECRET, port=0).close()  # what is loaded once

@@ -1,7 +1,7 @@
-"""Damage to files, drawn by a seed: what a hand, a disk or a stranger's tool does to them.
+"""Damage files at random by a seed, like a user, a failing disk or another program.
 
-``damaged(data, kind, generator)`` gives one more broken copy of a good file; the same generator state gives the same
-bytes. ``judged(read)`` runs a reader on it and says how it ended.
+``damaged(data, kind, generator)`` returns a damaged copy of a good file; the same generator state gives the same bytes.
+``judged(read)`` runs a reader and returns how it ended.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gensim2.core.errors import InputError
 
 Kind = Literal["json", "yaml", "lines", "binary"]
 
-#: Values that a field may be given in the place of its own.
+#: Values for replacing the value of a field.
 HOSTILE_VALUES: tuple[Any, ...] = (
     None,
     True,
@@ -61,7 +61,7 @@ HOSTILE_VALUES: tuple[Any, ...] = (
     {"type": []},
 )
 
-#: Words that a text file may be given, by what they are to YAML, JSON and numbers.
+#: Words for replacing words in text files, by their type in YAML, JSON and numbers.
 HOSTILE_WORDS: tuple[str, ...] = (
     "2020-13-45",
     "2020-01-01",
@@ -118,12 +118,12 @@ HOSTILE_WORDS: tuple[str, ...] = (
 
 
 def damaged(data: bytes, kind: Kind, generator: np.random.Generator) -> bytes:
-    """One to three damages in a row, of kinds that fit the file.
+    """Apply one to three damages that fit the file.
 
     Args:
         data: a good file.
         kind: ``"json"`` and ``"yaml"`` are also damaged as values and as text, ``"lines"`` (of JSON) as text.
-        generator: draws everything.
+        generator: source of all random choices.
     """
     for _ in range(int(generator.integers(1, 4))):
         ways: list[Callable[[bytes, np.random.Generator], bytes]] = [_bytes]
@@ -138,7 +138,7 @@ def damaged(data: bytes, kind: Kind, generator: np.random.Generator) -> bytes:
 
 
 def damaged_value(value: Any, generator: np.random.Generator) -> Any:
-    """A copy of plain data with one place deleted, doubled, renamed, moved, nested or replaced."""
+    """Return plain data with one entry deleted, repeated, renamed, moved, nested or replaced."""
     value = copy.deepcopy(value)
     places = list(_places(value))
     if not places:
@@ -159,7 +159,7 @@ def damaged_value(value: Any, generator: np.random.Generator) -> Any:
             parent[key] = [parent[key]] if generator.random() < 0.5 else {"a": parent[key]}
     elif way == 4 and isinstance(parent[key], int | float) and not isinstance(parent[key], bool):
         factor = float(generator.choice([-1.0, 0.0, 1e-9, 1e3, 1e9, 1e300]))
-        # A whole number that an earlier damage made may be too large for a float.
+        # A whole number from earlier damage may be too large for a float.
         parent[key] = parent[key] * factor if abs(parent[key]) < 2**1000 else -parent[key]
     elif way == 5 and isinstance(parent[key], str):
         parent[key] = parent[key][: int(generator.integers(len(parent[key]) + 1))]
@@ -173,9 +173,9 @@ class Verdict:
     """How a reader ended.
 
     Attributes:
-        accepted: it returned; otherwise it refused with an :class:`InputError`.
-        message: what it said in refusing.
-        seconds: CPU time that it took.
+        accepted: whether it returned; otherwise it raised an :class:`InputError`.
+        message: the error message.
+        seconds: its CPU time.
     """
 
     accepted: bool
@@ -183,27 +183,27 @@ class Verdict:
     seconds: float
 
 
-#: A reader, or a command, has this much CPU time in seconds; a busy machine changes nothing.
+#: CPU limit (s) of a reader or a command, which does not depend on other load of the machine.
 LIMIT = 5.0
 
-#: One that waits for what never comes uses no CPU: this many seconds end it.
+#: Total time limit (s) for readers that wait without using the CPU.
 PATIENCE = 60.0
 
-#: Characters of the longest line that still helps whoever reads it.
+#: Characters of the longest error message that is still useful.
 LONGEST_MESSAGE = 2000
 
 
 class _TooSlowError(BaseException):
-    """Passes every ``except Exception`` of what hangs."""
+    """Is not caught by ``except Exception`` in a reader that hangs."""
 
 
 def judged(read: Callable[[], object], limit: float = LIMIT) -> Verdict:
-    """Run a reader; it may return, or refuse in one line.
+    """Run a reader, which must return or refuse in one line.
 
     Raises:
-        AssertionError: it took more than ``limit`` seconds of CPU, or never ended, or refused in more than one line, or
-            at great length.
-        Exception: whatever else it raised: that is a fault.
+        AssertionError: it used more than ``limit`` seconds of CPU, hung, or refused in more than one line or a long
+            one.
+        Exception: any other exception that it raised, which is a bug.
     """
 
     def alarm(_: int, __: FrameType | None) -> None:
@@ -236,7 +236,7 @@ def _pick(values: Any, generator: np.random.Generator) -> Any:
 
 
 def _places(value: Any) -> list[tuple[Any, Any]]:
-    """(container, key) of everything inside ``value``."""
+    """Return (container, key) of everything inside ``value``."""
     found: list[tuple[Any, Any]] = []
     if isinstance(value, dict):
         for key, item in value.items():
@@ -279,7 +279,7 @@ def _flipped(data: bytes, generator: np.random.Generator) -> bytes:
 
 
 def _text(data: bytes, generator: np.random.Generator) -> bytes:
-    """A word or a line exchanged, doubled, deleted or indented."""
+    """Replace, repeat, delete or indent a word or a line."""
     lines = data.split(b"\n")
     index = int(generator.integers(len(lines)))
     line = lines[index]

@@ -1,7 +1,7 @@
-"""Damage to folders of objects, drawn by a seed, and what the readers make of it.
+"""Damage object folders at random (by a seed) and check what the readers do.
 
-``python tests/fuzz/objects.py --inputs 3000`` runs as many in a row and says how they ended; ``--assets DIR`` starts
-from real objects too, ``--decompose`` takes them apart for good (minutes, and no limit on the time).
+``python tests/fuzz/objects.py --inputs 3000`` tries 3000 and prints how they ended; ``--assets DIR`` starts from real
+objects too, ``--decompose`` runs the real convex decomposition (minutes, without time limit).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ NUMBERS = b"nan inf -inf 0 -1 1e30 -1e30 1e-30 1e308 1e999 0.5 3 999999999999999
 
 
 def bases(folder: Path, assets: str | None = None) -> list[Path]:
-    """Folders of good objects: generated ones, written to ``folder``, and a few real ones of ``assets``."""
+    """Write folders of good generated objects to ``folder``, and return them with a few real ones of ``assets``."""
     library = open_library("builtin")
     found = [export(library.load(*item), folder) for item in GENERATED]
     if assets:
@@ -49,7 +49,7 @@ def bases(folder: Path, assets: str | None = None) -> list[Path]:
 
 
 def damage(folder: Path, generator: np.random.Generator) -> None:
-    """One to three damages to files of an object."""
+    """Apply one to three damages to files of an object."""
     for _ in range(int(generator.integers(1, 4))):
         files = sorted(path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
         if not files:
@@ -69,7 +69,7 @@ def _pick(values: Sequence[Path], generator: np.random.Generator) -> Path:
 
 
 def _replace(path: Path, files: list[Path], generator: np.random.Generator) -> None:
-    """Something else in place of a file."""
+    """Replace a file by something else."""
     other = _pick(files, generator)
     ways: tuple[Callable[[], object], ...] = (
         path.unlink,
@@ -92,11 +92,11 @@ def _other_number(data: bytes, generator: np.random.Generator) -> bytes:
 
 
 def attempt(base: Path, scratch: Path, generator: np.random.Generator, limit: float = SLOWEST) -> dict[str, Verdict]:
-    """What reader and importer make of one damaged copy.
+    """Run reader and importer on a damaged copy and return how they ended.
 
     Raises:
-        AssertionError: one hangs, takes over ``limit`` seconds of CPU, or refuses in more than one line.
-        Exception: whatever else than an :class:`InputError` it raised; warnings of NumPy are among them.
+        AssertionError: one hangs, uses more than ``limit`` seconds of CPU, or refuses in more than one line.
+        Exception: any exception except :class:`InputError`, including warnings of NumPy.
     """
     folder = scratch / base.parent.name / base.name
     shutil.copytree(base, folder)
@@ -121,13 +121,13 @@ def attempt(base: Path, scratch: Path, generator: np.random.Generator, limit: fl
 
 
 def rough_hulls(body: Pieces, moving: Pieces, motion: Motion) -> PairHulls:
-    """The hull of each piece, in place of the convex decomposition."""
+    """Return the hull of each piece, instead of a convex decomposition."""
     hulls = [[hull.points for hull in map(make_hull, [v for v, _ in pieces]) if hull] for pieces in (body, moving)]
     return PairHulls(hulls[0], hulls[1], 0, 0)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 1 where one input is neither accepted nor refused in one line."""
+    """Run the command line; return 1 if an input is neither accepted nor refused in one line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--inputs", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=0)

@@ -1,7 +1,7 @@
-"""Damaged tasks, configs, run folders, episodes and problems, and what the readers and the command line make of them.
+"""Damage tasks, configs, run folders, episodes and problems, and check what the readers and the command line do.
 
-``python tests/fuzz/readers.py --inputs 10000 --commands 300`` runs as many in process and through the command line, and
-says how they ended; object folders have ``objects.py``.
+``python tests/fuzz/readers.py --inputs 10000 --commands 300`` tries this many in process and through the command line,
+and prints how they ended. Object folders are tested by ``objects.py``.
 """
 
 from __future__ import annotations
@@ -54,15 +54,15 @@ ARGUMENTS = {
 
 @dataclass(frozen=True)
 class Subject:
-    """A good file, and what reads it.
+    """A good file and its reader.
 
     Attributes:
-        name: of the kind of input.
-        file: to be damaged, relative to the folder.
-        kind: of its content.
+        name: kind of input.
+        file: the file to damage, relative to the folder.
+        kind: kind of its content.
         read: takes the folder.
-        command: words of a command that reads the file and, where it takes it, still does no more than a second's
-            work; None where no command reads it alone.
+        command: arguments of a command that reads the file and takes at most a second if it accepts it; None if no
+            command reads it alone.
     """
 
     name: str
@@ -73,11 +73,11 @@ class Subject:
 
 
 def good_folder(folder: Path, problems: str) -> None:
-    """A task folder and a run folder, whole.
+    """Write a complete task folder and run folder.
 
     Args:
-        folder: to fill.
-        problems: planning problems, one a line.
+        folder: folder to fill.
+        problems: planning problems, one per line.
     """
     for number, name in enumerate(task_names("paper")):  # each of the library's, for the sake of its fields
         files = TaskFolder(folder / f"task{number}")
@@ -113,7 +113,7 @@ def good_folder(folder: Path, problems: str) -> None:
 
 
 def subjects() -> list[Subject]:
-    """Every kind of file, with its reader."""
+    """Return every kind of file with its reader."""
 
     def inside(name: str) -> str:
         return f"run/tasks/{TASK}/{name}"
@@ -144,11 +144,11 @@ def subjects() -> list[Subject]:
 
 
 def attempt(folder: Path, subject: Subject, generator: np.random.Generator) -> Verdict:
-    """What a reader makes of one damaged file; the good one is put back.
+    """Run a reader on a damaged file and return how it ended; then restore the good file.
 
     Raises:
         AssertionError: it hangs, or refuses in more than one line.
-        Exception: whatever else than an :class:`~gensim2.core.errors.InputError` it raised.
+        Exception: any exception except :class:`~gensim2.core.errors.InputError`.
     """
     path = folder / subject.file
     good = path.read_bytes()
@@ -160,10 +160,10 @@ def attempt(folder: Path, subject: Subject, generator: np.random.Generator) -> V
 
 
 def attempt_command(folder: Path, subject: Subject, generator: np.random.Generator) -> tuple[int, float]:
-    """The exit code of a command that is given one damaged file, and its CPU seconds.
+    """Return the exit code and CPU seconds of a command with a damaged file.
 
     Raises:
-        AssertionError: it hangs, leaves a traceback, or refuses in more than one line.
+        AssertionError: it hangs, prints a traceback, or refuses in more than one line.
     """
     assert subject.command is not None
     path = folder / subject.file
@@ -211,7 +211,7 @@ def _verification(folder: Path) -> None:
 
 
 def _merge(folder: Path) -> None:
-    """As a run does at its end: what was recorded is in its log."""
+    """Merge the episodes into the log, as a run does at its end."""
     task = folder / "run" / "tasks" / TASK
     logged = EpisodeLog(task / "attempts.jsonl", SEEDS).done
     kept = [(TaskStore(task).path(each.index), each.episode_digest) for each in logged.values() if each.held]
@@ -223,12 +223,12 @@ def _task_reader(name: str) -> Callable[[Path], object]:
 
 
 def _demonstrating(name: str) -> Callable[[Path], list[str]]:
-    """A good task ends at the folder that holds a run already."""
+    """A good task is refused only because the folder contains a run already."""
     return lambda folder: ["demo", str(folder / name), "--assets", "builtin", "--out", str(folder / "run")]
 
 
 def _resuming(folder: Path) -> list[str]:
-    """A good record ends at its strategies, which are others."""
+    """A good record is refused only because its strategies differ."""
     run = ["--out", str(folder / "run"), "--resume"]
     return ["demo", TASK, "--episodes", "2", "--assets", "builtin", *run]
 
@@ -238,7 +238,7 @@ def _provenance() -> TrajectoryMetadata:
 
 
 def problem_line() -> str:
-    """One planning problem, as the recorded ones are written: a drawer before the arm, to be pulled open."""
+    """Return a planning problem as a line of the file: pull open a drawer in front of the arm."""
     pose = np.eye(4)
     pose[:3, 3] = (0.5, 0.0, 0.2)
     config = {
@@ -280,7 +280,7 @@ def problem_line() -> str:
 
 
 def run(commands: bool, folder: Path, numbers: range, seed: int, _: Path, say: Say) -> Tally:
-    """Try damaged inputs, kinds in turn and of each its files in turn; faults are said and counted."""
+    """Try damaged inputs, kinds in turn and each kind's files in turn; report and count failures."""
     kinds: dict[str, list[Subject]] = {}
     for subject in subjects():
         if subject.command is not None or not commands:

@@ -1,4 +1,4 @@
-"""Tries numbered inputs, counts how they ended, and is the command line of every module that damages files."""
+"""Try numbered inputs, count how they ended, and provide the command line of the damaging scripts."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Say = Callable[[str], object]
 
 @dataclass(frozen=True)
 class Ended:
-    """How one input ended, the CPU seconds that its reader took, and its highest memory in bytes."""
+    """How an input ended, the CPU seconds of its reader, and its highest memory in bytes."""
 
     outcome: str
     seconds: float = 0.0
@@ -39,7 +39,7 @@ class Ended:
 
 @dataclass
 class Tally:
-    """Number of inputs by outcome, and the slowest and the largest reader, where they are measured."""
+    """Number of inputs by outcome, and the largest CPU time and memory, if measured."""
 
     ended: Counter[str] = field(default_factory=Counter)
     slowest: float = 0.0
@@ -48,11 +48,11 @@ class Tally:
 
 
 Round = Callable[[range, int, Path, Say], Tally]
-"""Tries inputs, given their numbers, the seed, a folder to write to, and a listener."""
+"""Takes the inputs' numbers, the seed, a folder to write to and a listener, and tries the inputs."""
 
 
 def tried(numbers: Iterable[int], attempt: Callable[[int], Ended], say: Say) -> Tally:
-    """Try each input; faults are said and counted."""
+    """Try each input; report and count failures."""
     tally = Tally()
     for count, number in enumerate(numbers, 1):
         try:
@@ -128,13 +128,13 @@ def main(
     prepare: Callable[[Path], Mapping[str, Sequence[Round]]],
     arguments: Sequence[str] | None = None,
 ) -> int:
-    """Run a command line; 1 where one input is neither accepted as what it is nor refused in one line.
+    """Run a command line; return 1 if an input is neither accepted correctly nor refused in one line.
 
     Args:
-        about: text of the help.
-        counts: names of options, with the number of inputs that each has by default.
-        prepare: fills a folder with good inputs; returns the rounds of each option.
-        arguments: of the command line; None: those of the process.
+        about: help text.
+        counts: option names with their default numbers of inputs.
+        prepare: fills a folder with good inputs and returns the rounds of each option.
+        arguments: command-line arguments; None: those of the process.
     """
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, count in counts.items():

@@ -1,4 +1,4 @@
-"""A few damaged checkpoints; ``checkpoints.py`` as a script tries thousands."""
+"""A few damaged checkpoints; the script ``checkpoints.py`` tries thousands."""
 
 from __future__ import annotations
 

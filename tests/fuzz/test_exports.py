@@ -1,4 +1,4 @@
-"""A few damaged exports; ``exports.py`` as a script tries thousands."""
+"""A few damaged exports; the script ``exports.py`` tries thousands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A few damaged logs and files beside them; ``logs.py`` as a script tries thousands."""
+"""A few damaged logs and related files; the script ``logs.py`` tries thousands."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("subject", [logs.LOG, *logs.FILES], ids=lambda subject: subject.name)
 def test_the_good_ones_are_accepted(good: Path, subject: logs.Subject) -> None:
-    """Otherwise damage to them would show nothing."""
+    """Otherwise the tests with damaged files would prove nothing."""
     found = subject.read(good)
     assert found
     logs.check_accepted(found, good, good, subject, "bytes")

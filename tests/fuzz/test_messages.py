@@ -1,4 +1,4 @@
-"""A few hostile messages; ``messages.py`` as a script tries thousands."""
+"""A few hostile messages; the script ``messages.py`` tries thousands."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_hostile_messages_are_accepted_as_they_are_or_refused_in_one_line(what: 
 
 
 def test_good_messages_are_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Otherwise damage to them would show nothing."""
+    """Otherwise the tests with hostile messages would prove nothing."""
     monkeypatch.setenv(messages.TOKEN, messages.SECRET)
     assert messages.try_first(messages.encode(messages.HELLO)) == "accepted"
     for request in messages.REQUESTS:

@@ -1,4 +1,4 @@
-"""Damaged folders of objects are accepted or refused in one line, in time; ``objects.py`` runs as many as one likes."""
+"""Damaged object folders are accepted or refused in one line, in time; the script ``objects.py`` tries thousands."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ COUNT = 160
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Folders of good objects."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("GENSIM2_CACHE", str(tmp_path_factory.mktemp("cache")))
         return bases(tmp_path_factory.mktemp("good"))

@@ -1,4 +1,4 @@
-"""A few hundred damaged files; ``readers.py`` as a script tries thousands."""
+"""A few hundred damaged files; the script ``readers.py`` tries thousands."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("subject", subjects(), ids=lambda subject: f"{subject.name}-{subject.file}")
 def test_the_good_ones_are_accepted(folder: Path, subject: object) -> None:
-    """Otherwise damage to them would show nothing."""
+    """Otherwise the tests with damaged files would prove nothing."""
     verdict = judged(lambda: subject.read(folder))  # type: ignore[attr-defined]
     assert verdict.accepted, verdict.message
 

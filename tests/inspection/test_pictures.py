@@ -1,4 +1,4 @@
-"""Pictures of objects and the page that shows them."""
+"""Images of objects and the page that shows them."""
 
 from __future__ import annotations
 
@@ -24,29 +24,27 @@ needs_driver = pytest.mark.skipif(not can_render(), reason="no Vulkan driver wor
 
 
 class Pretend:
-    """A studio that needs no driver: grey pictures."""
+    """A studio without a renderer that gives grey images."""
 
     def __init__(self, size: int) -> None:
         self.size = size
         self.keypoint = ""
 
     def put(self, instance: ArticulatedObject, openness: object = (), azimuths: object = ()) -> None:
-        """Any object will do."""
         self.keypoint = "articulated_object_head"
 
     def put_rigid(self, rigid: RigidObject, azimuths: object = ()) -> None:
-        """Any object will do."""
         self.keypoint = min(rigid.keypoints)
 
     def shoot(self, openness: float = 0.0, azimuth: float = 0.0) -> pictures.Shot:
-        """A grey picture with a keypoint in its middle."""
+        """Return a grey image with a keypoint in its middle."""
         mark = pictures.Mark(self.size / 2, self.size / 2, hidden=False)
         return pictures.Shot(np.full((self.size, self.size, 3), 128, np.uint8), {self.keypoint: mark})
 
 
 @pytest.fixture
 def pretend(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No renderer."""
+    """Use the studio without a renderer."""
     monkeypatch.setattr(pictures, "Studio", Pretend)
 
 
@@ -79,18 +77,18 @@ def test_page_is_whole_and_keeps_its_pictures(library: Library, tmp_path: Path, 
 
 
 class FewShelf(GeneratedRigidShelf):
-    """A few of the generated rigid objects."""
+    """A library of a few generated rigid objects."""
 
     def classes(self) -> tuple[str, ...]:
-        """Two that there are and one that is broken."""
+        """Return two existing classes and a broken one."""
         return ("apple", "broken", "mug")
 
     def describe(self, asset_class: str) -> str:
-        """Nothing more."""
+        """Return no further description."""
         return asset_class
 
     def load_rigid(self, asset_class: str, hulls: Hulls = "default") -> RigidObject:
-        """Refuse the broken one."""
+        """Raise an error for the broken object."""
         if asset_class == "broken":
             raise InputError("no mesh", field="broken", remedy="mend it")
         return super().load_rigid(asset_class, hulls)

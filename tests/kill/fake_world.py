@@ -1,7 +1,7 @@
-"""A made-up world in place of the simulator: what an episode gives follows from its seed, in a few milliseconds.
+"""A fake world instead of the simulator: the result of an episode depends on its seed and takes milliseconds.
 
-It stands in where runs are tested and physics is not the point. Its functions have the names and the results of those
-in ``gensim2.rollout.worker``, and run in worker processes as they do.
+It is used where runs are tested and physics does not matter. Its functions have the names and results of those in
+``gensim2.rollout.worker``, and run in worker processes in the same way.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from gensim2.tasks.strategies import StepStrategies, Strategies
 EPISODE_SECONDS = float(os.environ.get("FAKE_EPISODE_SECONDS", "0.2"))
 
 
-#: What `install` puts something else in the place of, in `gensim2.rollout.worker`.
+#: Names in `gensim2.rollout.worker` that `install` replaces.
 REPLACED = ("PRELOAD", "prepare", "screen_scene", "episode", "trial", "demonstrate", "record")
 
 
 def install() -> None:
-    """Let this process's runs happen in the made-up world."""
+    """Use the fake world for the runs of this process."""
     worker.PRELOAD = dict.fromkeys(ENGINES, ("gensim2.rollout.worker", "gensim2.rollout.recording"))
     worker.prepare = prepare
     worker.screen_scene = screen_scene
@@ -43,7 +43,7 @@ def install() -> None:
 
 
 def prepare(scene: SceneOptions) -> None:
-    """There is nothing to read and nothing to build."""
+    """Do nothing: a fake world needs no preparation."""
 
 
 def screen_scene(config: EpisodeConfig, seed: int, candidates: Sequence[StepStrategies]) -> list[worker.Screened]:
@@ -93,7 +93,7 @@ def _recorded(config: EpisodeConfig, seed: int) -> tuple[Episode, Recording]:
 
 
 def record(config: EpisodeConfig, strategies: Strategies, seed: int, keep: Callable[..., Any]) -> Any:
-    # In this process a test may have put another world in its place; a worker process has the real one there.
+    # In this process a test may have replaced the world; a worker process has the original functions there.
     if worker.demonstrate.__module__ not in (worker.__name__, __name__):
         return keep(*worker.demonstrate(config, strategies, seed))
     return keep(*_recorded(config, seed))
@@ -111,7 +111,7 @@ def episode_of(
     end: float | None = 0.9,
     others: Mapping[str, tuple[str, str]] = {},
 ) -> Episode:
-    """The record of an episode: whole in all its parts, with nothing behind it.
+    """Return a complete record of a fake episode.
 
     Args:
         instance, content_hash, start, end: of the first object.
@@ -151,7 +151,7 @@ def episode_of(
 
 
 def recording(seed: int, instances: dict[str, str], random: np.random.Generator, steps: int = 5) -> Recording:
-    """An episode of noise."""
+    """Return a recording of random numbers."""
 
     def noise(*shape: int) -> Any:
         return random.random(shape, dtype=np.float32)

@@ -1,10 +1,10 @@
-"""Kill runs at random moments, resume them, and compare what they leave with an undisturbed run, byte for byte.
+"""Kill runs at random moments, resume them, and compare the results with an undisturbed run, byte for byte.
 
     python tests/kill/kill_runs.py --kills 100                # the simulator, half an hour
-    python tests/kill/kill_runs.py --kills 10 --world fake    # the same runs in a made-up world, a minute
+    python tests/kill/kill_runs.py --kills 10 --world fake    # the same runs in a fake world, a minute
 
-Drivers are killed by SIGKILL and SIGTERM, single workers by SIGKILL; most of it while episodes are collected. Ends with
-1 where a file differs, or a run ends otherwise than killed, stopped (143), not run (3) or whole (0).
+Drivers are killed by SIGKILL and SIGTERM, single workers by SIGKILL, mostly while episodes are collected. Ends with 1
+if a file differs, or if a run ends in another way than killed, stopped (143), incomplete (3) or complete (0).
 """
 
 from __future__ import annotations
@@ -26,16 +26,17 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 VICTIMS = {"driver SIGKILL": 0.25, "driver SIGTERM": 0.1, "worker SIGKILL": 0.6, "fork server SIGKILL": 0.05}
-"""What is killed, and how often."""
+"""Processes that are killed, with their frequencies."""
 
 LIFE_LIMIT = 900.0
-"""Seconds after which a run that neither ends nor goes on is given up."""
+"""Seconds without progress after which a run counts as hung."""
 
 MID_COLLECTION = 0.8
-"""Share of kills that wait for the collection to begin; the others come at any moment."""
+"""Share of kills that wait for the collection to start; the others come at any moment."""
 
 VOLATILE = {".lock", "report.html", "errors.log"}
-"""Files that say when and how; ``run.json`` is compared without such fields, that of a data set not at all."""
+"""Files that contain times and durations; ``run.json`` is compared without these fields, that of a data set not at all.
+"""
 
 
 SCRIPT_ENVIRONMENT = {
@@ -43,14 +44,14 @@ SCRIPT_ENVIRONMENT = {
     "GENSIM2_LIBRARY": "none",
     "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)]),
 }
-"""In which this script runs as a child: its workers import the made-up world."""
+"""Environment variable that tells a child process to use the fake world."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command to disturb, and how many episodes it collects in the simulator; words for what it is not to do.
+    """A command to disturb and the number of episodes that it collects in the simulator, with the words of these tests.
 
-    ``record`` is the file that says that there is something to resume; None: it resumes what is not there, too.
+    ``record`` is the file whose existence allows to resume; None: resuming needs no file.
     """
 
     name: str
@@ -73,7 +74,7 @@ COMMANDS = (
 
 
 def child(world: str, arguments: list[str]) -> NoReturn:
-    """Run the command line as it is, but for a search that takes seconds, and for the world."""
+    """Run the command line, with a short search and the selected world."""
     from gensim2.cli import main as command
     from gensim2.design import search
 
@@ -90,7 +91,7 @@ def child(world: str, arguments: list[str]) -> NoReturn:
 
 @dataclass
 class Tally:
-    """What was done."""
+    """Counts of kills and restarts."""
 
     kills: Counter[str]
     mid_collection: int = 0
@@ -104,7 +105,7 @@ class Tally:
 
 
 class Disturbed:
-    """One run that is killed again and again."""
+    """A run that is killed again and again."""
 
     def __init__(self, command: Command, world: str, out: Path, dice: random.Random, tally: Tally) -> None:
         self.command, self.world, self.out, self.dice, self.tally = command, world, out, dice, tally
@@ -136,7 +137,7 @@ class Disturbed:
                 return done
 
     def _wait(self, process: subprocess.Popen[bytes]) -> bool:
-        """Wait for the next moment to kill; False where the run ends before."""
+        """Wait for the next moment to kill; return False if the run ends before."""
         begin = time.monotonic()
         anywhere = self.dice.random() > MID_COLLECTION
         until = begin + self.dice.uniform(0, 3 if self.world == "fake" else 12)
@@ -156,7 +157,7 @@ class Disturbed:
         return False
 
     def _logged(self) -> int:
-        """Episodes that are finished."""
+        """Return the number of finished episodes."""
         logs = sum(path.read_bytes().count(b"\n") for path in self.out.glob("*/*/attempts.jsonl"))
         files = (f"{depth}/{folder}/[0-9]*.h5" for depth in ("*", "*/*") for folder in ("episodes", "failures"))
         return logs + sum(1 for pattern in files for _ in self.out.glob(pattern))
@@ -167,7 +168,7 @@ class Disturbed:
 
 
 def kill(process: subprocess.Popen[bytes], victim: str, dice: random.Random) -> bool:
-    """Kill what ``victim`` names of a run, one worker of several drawn by ``dice``; whether there was one."""
+    """Kill the run or, drawn by ``dice``, one of its workers; return whether there was such a process."""
     with contextlib.suppress(ProcessLookupError):
         number = signal.SIGTERM if victim.endswith("SIGTERM") else signal.SIGKILL
         if victim.startswith("driver"):
@@ -183,7 +184,7 @@ def kill(process: subprocess.Popen[bytes], victim: str, dice: random.Random) -> 
 
 
 def start(command: list[str], log: Path) -> subprocess.Popen[bytes]:
-    """Start a process in a session of its own, all its words in a file."""
+    """Start a process in its own session, with its output in a file."""
     with log.open("ab") as stream:
         return subprocess.Popen(
             command,
@@ -195,7 +196,7 @@ def start(command: list[str], log: Path) -> subprocess.Popen[bytes]:
 
 
 def children(pid: int) -> list[int]:
-    """Processes that a process has started and that still run."""
+    """Return the running child processes of a process."""
     with contextlib.suppress(OSError):
         return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
     return []
@@ -208,7 +209,7 @@ def command_line(pid: int) -> bytes:
 
 
 def contents(folder: Path) -> dict[str, Any]:
-    """What a run left, by path: bytes, or the lasting part of ``run.json``."""
+    """Return what a run left, by path: bytes, or the lasting part of ``run.json``."""
     found: dict[str, Any] = {}
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         name = str(path.relative_to(folder))
@@ -231,17 +232,17 @@ def contents(folder: Path) -> dict[str, Any]:
 
 
 def differences(ours: dict[str, Any], theirs: dict[str, Any]) -> Iterator[str]:
-    """Names of files that are not the same in both."""
+    """Return the names of files that differ."""
     return (name for name in sorted(ours.keys() | theirs.keys()) if ours.get(name) != theirs.get(name))
 
 
 def kill_runs(
     kills: int, world: str, seed: int, folder: Path, commands: Sequence[Command] = COMMANDS
 ) -> tuple[Tally, list[str]]:
-    """Disturb runs of ``commands`` with ``kills`` kills altogether.
+    """Disturb runs of ``commands`` with ``kills`` kills in total.
 
     Returns:
-        What was done, and the files that differ from those of an undisturbed run.
+        The counts, and the files that differ from those of an undisturbed run.
     """
     dice = random.Random(seed)
     tally = Tally(Counter())

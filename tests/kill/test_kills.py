@@ -1,4 +1,4 @@
-"""Ten kills in a made-up world: what a run leaves is what an undisturbed run leaves, byte for byte.
+"""Ten kills in a fake world: the result equals that of an undisturbed run, byte for byte.
 
 ``python tests/kill/kill_runs.py --kills 100`` does the same with the simulator.
 """
@@ -52,9 +52,9 @@ def test_a_stopped_run_says_one_line_and_leaves_no_process_and_no_half_file(
     tmp_path: Path, number: signal.Signals, code: int
 ) -> None:
     out = tmp_path / "run"
-    # Long enough that it is not done before it is stopped.
+    # Long enough that it is stopped before its end.
     command = dataclasses.replace(kill_runs.COMMANDS[0], episodes=500).line(out, "fake", resume=False)
-    # Under nohup SIGHUP is ignored, and what is started there inherits that.
+    # Under nohup, SIGHUP is ignored, and child processes inherit this.
     before = signal.signal(number, signal.SIG_DFL)
     try:
         process = kill_runs.start(command, tmp_path / "log")

@@ -1,4 +1,4 @@
-"""The night of ``benchmarks/night.py``, small and in a made-up world: cut into stretches it is still one night."""
+"""A small version of ``benchmarks/night.py`` in a fake world: the result is the same when run in several parts."""
 
 from __future__ import annotations
 

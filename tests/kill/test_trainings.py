@@ -1,4 +1,4 @@
-"""``learn``, ``experiment`` and ``train`` are killed while they train; resumed, they end as undisturbed ones."""
+"""``learn``, ``experiment`` and ``train`` are killed while they train; resumed, they give the same result."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def finished(words: list[str], out: Path, log: Path) -> None:
 
 
 def contents(out: Path, policy: Path) -> dict[str, object]:
-    """Weights, settings and curves of a policy, and its episodes; not the CPU time that they took."""
+    """Return weights, settings, curves and episodes of a policy, without the CPU time."""
     found: dict[str, object] = {path.name: path.read_bytes() for path in policy.glob("weights-*")}
     found["config.json"] = (policy / "config.json").read_bytes()
     points = [json.loads(line) for line in (policy / "training/curves.jsonl").read_text().splitlines()]

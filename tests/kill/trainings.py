@@ -1,4 +1,4 @@
-"""A command of ``gensim2`` that trains small networks for long enough to be killed; see ``test_trainings.py``."""
+"""Run a ``gensim2`` command whose small trainings take long enough to be killed; see ``test_trainings.py``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ STEPS = 40
 
 
 def main(arguments: list[str]) -> int:
-    """Run a command line; every state of a training is a pause."""
+    """Run a command line with a pause whenever a training saves its state."""
     from gensim2.cli.main import run
     from gensim2.policy import learn_settings, teachers
     from gensim2.policy.keypose import data

@@ -1,17 +1,17 @@
-"""Renderings, exports and imports that are killed, out of room, met by another writer, or lack what is usually there.
+"""Kill renderings, exports and imports, fill their disk, run two at once, and remove things that usually exist.
 
     python tests/kill/transfers.py                              # the simulator: 40 kills, every disk, every pair
     python tests/kill/transfers.py --only kills --trials 100
 
-What each leaves after it is run again is what it leaves undisturbed, byte for byte; what is refused is refused in one
-line and leaves nothing. Ends with 1 where that is not so. Mounts file systems of its own, in a name space of its own,
-and needs to be allowed to (``unshare --mount``); ``faketime`` for the clock.
+Run again, each must give the same bytes as an undisturbed one; a refusal must be one line and leave no files. Ends with
+1 otherwise. Needs permission to mount file systems in its own name space (``unshare --mount``), and ``faketime`` for
+the clock.
 
-    kills         SIGKILL to the command or one of its processes, at any moment of it
-    disks         a full one of so many bytes, for many shares of what is needed; a read-only one
-    writers       two at once to the same name
+    kills         SIGKILL to the command or one of its processes, at any moment
+    disks         a full disk for several shares of the needed size; a read-only disk
+    writers       two commands at once to the same name
     mixed         two different commands at once to the same name
-    surroundings  no ``/dev/shm``; a clock that was set back by 400 days
+    surroundings  no ``/dev/shm``; a clock that is set back by 400 days
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FORMATS = ("maniskill", "zarr", "lerobot")
 COLLECT = ("collect", "OpenDrawer", "CloseBox", "--seed", "3", "--assets", "builtin")
 RENDER = ("--modalities", "pointcloud,depth", "--points", "64", "--cameras", "left", "--workers", "2")
 RUN_FILES = {".lock", "report.html", "errors.log", "run.json"}
-"""Files that say when and how."""
+"""Files that contain times and durations."""
 
 MIXED = (
     ("export zarr", "export lerobot"),
@@ -46,28 +46,28 @@ MIXED = (
     ("collect", "import lerobot"),
     ("collect", "export maniskill"),
 )
-"""Pairs of commands that write to one name at once; either begins."""
+"""Pairs of commands that write to the same name at once; either may start first."""
 
 SHARES = (0.0, 0.1, 0.5, 0.95)
-"""Of the room that is needed, on a full disk."""
+"""Sizes of the full disk as shares of the needed size."""
 
 LIMIT = 600.0
-"""Seconds after which a command is given up."""
+"""Seconds after which a command counts as hung."""
 
 
 def tree(folder: Path) -> dict[str, str]:
-    """Digest of each file, by its path."""
+    """Return a digest of each file, by its path."""
     paths = (path for path in folder.rglob("*") if path.is_file() and path.name not in RUN_FILES)
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
 @dataclass(frozen=True)
 class Operation:
-    """A command that writes one folder.
+    """A command that writes a folder.
 
     Attributes:
-        words: of the command, but for its folder, which comes last.
-        on: is copied there first; it is gone on with by ``--resume``.
+        words: its arguments except the folder, which comes last.
+        on: folder that is copied there first and continued with ``--resume``.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Operation:
     on: Path | None = None
 
     def line(self, out: Path, world: str, again: bool = False) -> list[str]:
-        """The command line that writes ``out``."""
+        """Return the command line that writes ``out``."""
         more = ["--resume"] if again and self.on is not None else []
         words = ["render", str(out), *self.words] if self.on is not None else [*self.words, "--out", str(out)]
         return [sys.executable, kill_runs.__file__, "--child", world, *words, *more]
@@ -83,7 +83,7 @@ class Operation:
 
 @dataclass
 class Bench:
-    """Operations, and what each leaves undisturbed."""
+    """Operations and their undisturbed results."""
 
     folder: Path
     world: str
@@ -95,7 +95,7 @@ class Bench:
     tally: Counter[str] = field(default_factory=Counter)
 
     def add(self, operation: Operation) -> Path:
-        """Run it undisturbed; the folder that it left."""
+        """Run an operation undisturbed; return its folder."""
         out = self.folder / operation.name.replace(" ", "-")
         self.begin(operation, out)
         began = time.monotonic()
@@ -108,21 +108,21 @@ class Bench:
         return out
 
     def begin(self, operation: Operation, out: Path) -> None:
-        """What must be there before it starts."""
+        """Prepare the files that must exist before it starts."""
         if operation.on is not None:
             shutil.copytree(operation.on, out)
 
     def run(
         self, operation: Operation, out: Path, again: bool = False, prefix: tuple[str, ...] = ()
     ) -> tuple[int, list[str]]:
-        """Run it to its end; exit code and lines of standard error."""
+        """Run it to its end; return exit code and lines of standard error."""
         line = [*prefix, *operation.line(out, self.world, again)]
         environment = kill_runs.SCRIPT_ENVIRONMENT
         done = subprocess.run(line, capture_output=True, text=True, env=environment, timeout=LIMIT, check=False)
         return done.returncode, done.stderr.splitlines()
 
     def check(self, where: str, operation: Operation, out: Path) -> None:
-        """Compare what is there with what is left undisturbed, and look for what is left beside it."""
+        """Compare the result with the undisturbed one, and look for leftovers beside it."""
         names = list(kill_runs.differences(self.expected[operation.name], tree(out)))
         self.wrong += [f"{where}: {name} differs" for name in names]
         left = [path.name for path in out.parent.glob(f".{out.name}*")]
@@ -130,14 +130,14 @@ class Bench:
         self.wrong += [f"{where}: {name} is left" for name in left]
 
     def refused(self, where: str, code: int, said: list[str]) -> None:
-        """A refusal is one line with exit code 2."""
+        """Check that a refusal is one line with exit code 2."""
         ours = [line for line in said if line.startswith("gensim2:")]
         if code != 2 or len(ours) != 1 or any("Traceback" in line for line in said):
             self.wrong.append(f"{where}: ended with {code}: {said[-3:]}")
 
 
 def prepared(folder: Path, world: str, episodes: int) -> Bench:
-    """A data set, its rendering where there are states to be seen, its exports and their imports."""
+    """Make a data set, its rendering (if it has states), its exports and their imports."""
     bench = Bench(folder, world, Operation("collect", (*COLLECT, "--episodes", str(episodes), "--workers", "2")))
     bench.add(bench.collection)
     source = folder / "collect"
@@ -151,12 +151,12 @@ def prepared(folder: Path, world: str, episodes: int) -> Bench:
 
 
 def descendants(pid: int) -> list[int]:
-    """All processes below one."""
+    """Return all processes below a process."""
     return [each for child in kill_runs.children(pid) for each in (child, *descendants(child))]
 
 
 def kills(bench: Bench, trials: int, seed: int) -> None:
-    """Kill the command, or a process of its, at any moment; run it again."""
+    """Kill the command or one of its processes at any moment; run it again."""
     dice = random.Random(seed)
     for number in range(trials):
         operation = bench.operations[number % len(bench.operations)]
@@ -193,13 +193,13 @@ def kills(bench: Bench, trials: int, seed: int) -> None:
 
 
 def disks(bench: Bench, shares: tuple[float, ...] = SHARES) -> None:
-    """Too little room, in a file system of its own, which then gets more; and one that cannot be written to."""
+    """Try full disks, which are then enlarged, and a read-only disk."""
     for operation in bench.operations:
         size = sum(path.stat().st_size for path in bench.folder.joinpath(operation.name.replace(" ", "-")).rglob("*"))
         begun = 0 if operation.on is None else sum(p.stat().st_size for p in operation.on.rglob("*"))
         for share in (*shares, None):
             mounted = Path(tempfile.mkdtemp(dir=bench.folder))
-            # 0 bytes would be half of the memory, and a small file takes a page.
+            # A size of 0 would mean half of the memory, and a small file needs a page.
             room = None if share is None else int(2 * begun + share * (2 * size - 2 * begun)) + 2**15
             words = [str(bench.folder), bench.world, operation.name, str(mounted), "ro" if room is None else str(room)]
             script = [sys.executable, __file__, "--inside", *words]
@@ -212,7 +212,7 @@ def disks(bench: Bench, shares: tuple[float, ...] = SHARES) -> None:
 
 
 def inside(folder: Path, world: str, name: str, mounted: Path, room: str) -> None:
-    """In a name space of its own: run into the wall, look, make room, run again."""
+    """In its own name space: fill the disk, check, enlarge it, run again."""
 
     def mount(*options: str) -> None:
         subprocess.run(["mount", "-t", "tmpfs", "-o", ",".join(options), "none", str(mounted)], check=True)
@@ -244,7 +244,7 @@ def inside(folder: Path, world: str, name: str, mounted: Path, room: str) -> Non
 
 
 def operations(folder: Path, world: str) -> Iterator[Operation]:
-    """Those of :func:`prepared`, once their folders are there."""
+    """Return the operations of :func:`prepared`, once their folders exist."""
     source = folder / "collect"
     if world == "simulator":
         yield Operation("render", RENDER, on=source)
@@ -255,7 +255,7 @@ def operations(folder: Path, world: str) -> Iterator[Operation]:
 
 
 def writers(bench: Bench, seed: int) -> None:
-    """Two at once, the second a little later: one does it, the other is refused, and what is there is whole."""
+    """Run two at once, the second a little later: one succeeds, the other is refused, and the result is complete."""
     dice = random.Random(seed)
     for operation in (bench.collection, *bench.operations):
         for number in range(2):
@@ -280,7 +280,7 @@ def writers(bench: Bench, seed: int) -> None:
 
 
 def mixed_writers(bench: Bench, seed: int) -> None:
-    """Two different commands at once to the same name: what is there is whole, and what one of them leaves alone."""
+    """Run two different commands at once to the same name: the result is complete and equals that of one of them."""
     dice = random.Random(seed)
     by_name = {operation.name: operation for operation in bench.operations} | {"collect": bench.collection}
     for pair in MIXED:
@@ -307,7 +307,7 @@ def mixed_writers(bench: Bench, seed: int) -> None:
 
 
 def surroundings(bench: Bench) -> None:
-    """What a command usually finds is not there, or is off."""
+    """Run commands in an unusual environment."""
     ways: dict[str, tuple[str, ...]] = {
         "no /dev/shm": ("unshare", "--mount", "sh", "-c", 'mount -t tmpfs -o ro none /dev/shm && exec "$@"', "sh")
     }

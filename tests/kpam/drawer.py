@@ -1,4 +1,4 @@
-"""A half-open drawer on a table and a cube beside it; and other code that says what comes how near on a motion."""
+"""A half-open drawer on a table with a cube beside it, and independent code that measures distances along a motion."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ Array = npt.NDArray[np.float64]
 TOOL = {"head": [0.0, 0.0, 0.103], "tail": [0.0, 0.0, 0.073], "side": [0.0, 0.05, 0.103]}
 HALF_OPEN, SHUT = 0.13, 0.0
 CUBE = 0.02
-#: Where the cube stands at first: in front of the drawer.
+#: Start of the cube, in front of the drawer.
 START = (0.37, 0.0)
-#: Name, half extents, centre: the cabinet is open to the front, the drawer above.
+#: Name, half extents and centre; the cabinet is open to the front, with the drawer above.
 CABINET = [
     ("bottom", [0.11, 0.13, 0.005], [0.71, 0.0, 0.005]),
     ("back", [0.005, 0.13, 0.065], [0.815, 0.0, 0.075]),
@@ -29,7 +29,7 @@ CABINET = [
     ("right", [0.11, 0.005, 0.065], [0.71, -0.125, 0.075]),
     ("top", [0.11, 0.13, 0.005], [0.71, 0.0, 0.145]),
 ]
-#: Where it stands shut.
+#: Position of the closed drawer.
 DRAWER = [
     ("floor", [0.095, 0.11, 0.004], [0.705, 0.0, 0.02]),
     ("front", [0.005, 0.12, 0.0675], [0.595, 0.0, 0.0825]),
@@ -39,7 +39,7 @@ DRAWER = [
 
 
 def at(*xyz: float) -> Array:
-    """(4, 4) without a turn."""
+    """Return a pose (4, 4) without rotation."""
     pose = np.eye(4)
     pose[:3, 3] = xyz
     return pose
@@ -75,7 +75,7 @@ def scene(panda: kpam.Robot) -> kpam.Scene:
 
 
 def config(tool: str, target: str, pre: list[Any], post: list[Any]) -> kpam.SolverConfig:
-    """A point of the tool on a target, the hand looking down, its fingers closing along y."""
+    """Return a config that puts a tool point on a target, with the hand pointing down and its fingers closing along y."""
     constraints: list[dict[str, Any]] = [point_to_point(tool, target, 0.001)]
     axes = {"tail": [0, 0, 1], "side": [0, 1, 0]}
     constraints += [parallel("head", name, axis, 0.02) for name, axis in axes.items()]
@@ -86,14 +86,14 @@ def config(tool: str, target: str, pre: list[Any], post: list[Any]) -> kpam.Solv
 
 @dataclass
 class Walk:
-    """A plan's joints at times so close that nothing goes far between them."""
+    """Joints of a plan at times so dense that nothing moves far between them."""
 
     times: Array
     q: Array
 
 
 def walk(plan: kpam.Plan, step: float = 0.004) -> Walk:
-    """Samples of a plan's motion."""
+    """Return samples of a plan's motion."""
     assert plan.trajectory is not None
     times = np.append(np.arange(0.0, plan.trajectory.duration, step), plan.trajectory.duration)
     return Walk(times, np.array([plan.trajectory.sample(t)[0] for t in times]))
@@ -114,18 +114,18 @@ class World:
         return [part(coal.Box(*(2.0 * h for h in half)), at(*center)) for _, half, center in entries]
 
     def hand(self, q: Array) -> Array:
-        """(M, 4, 4) of the hand."""
+        """Return the hand's poses (M, 4, 4)."""
         poses: Array = self.arm.hand_poses(q)
         return poses
 
     def least(self, q: Array, cube: Array, opening: Array, *, held: bool) -> tuple[float, str]:
-        """Least distance (m) along a motion of all that may not touch, and of what to what.
+        """Return the smallest distance (m) along a motion of all pairs that may not touch, with the names of the pair.
 
         Args:
             q: (M, 9).
             cube: (M, 4, 4) or (1, 4, 4), its poses.
-            opening: (M,) or (1,), the drawer's.
-            held: whether the cube rides on the hand; hand and fingers may touch it, and the drawer, either way.
+            opening: (M,) or (1,), that of the drawer.
+            held: whether the cube moves with the hand. Hand and fingers may always touch it and the drawer.
         """
         placed = self.arm.place(q)
         drawer = np.array([at(-value, 0.0, 0.0) for value in opening])

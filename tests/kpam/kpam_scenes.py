@@ -1,4 +1,4 @@
-"""A Panda, and a small scene: a box whose lid turns about a hinge, on a table."""
+"""A Panda, and a small scene: a box on a table, whose lid turns about a hinge."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from constraints import parallel, point_to_point
 import gensim2_kpam as kpam
 
 Q_START = np.array([0.0, -0.32, 0.0, -2.61799, 0.0, 2.23, 0.785398, 0.04, 0.04])
-#: What the planner is told of a Panda.
+#: The planner's options for a Panda.
 PANDA: dict[str, Any] = {
     "limits": "panda",
     "joint_weights": [10.0] + [1.0] * 8,
@@ -20,7 +20,7 @@ TOOL = {"tool_head": [0.0, 0.0, 0.105], "tool_tail": [0.0, 0.0, 0.075], "tool_si
 
 
 def config(**changes: Any) -> dict[str, Any]:
-    """Fingertips on the lid's edge from above, then along the lid's joint."""
+    """Return a config that reaches for the lid's edge from above and then moves along the lid's joint."""
     out: dict[str, Any] = {
         "constraint_list": [
             point_to_point("tool_head", "edge", 0.001),
@@ -41,7 +41,7 @@ def table() -> kpam.Body:
 
 
 def problem(panda: kpam.Robot, **changes: Any) -> kpam.KeypointProblem:
-    """The scene's problem; ``changes`` replace arguments, and its options those of the Panda."""
+    """Return the scene's problem; ``changes`` replace arguments, and its options those of the Panda."""
     arguments: dict[str, Any] = {
         "config": config(),
         "q_start": Q_START,

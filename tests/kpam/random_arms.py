@@ -1,4 +1,6 @@
-"""Random arms as URDF text: 2 to 9 joints, turning, sliding and endless, mimics anywhere, hands with shapes or none."""
+"""Random arms as URDF text: 2 to 9 revolute, prismatic and continuous joints, mimic joints, hands with or without
+shapes.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +14,9 @@ Array = np.ndarray
 
 @dataclass
 class RandomArm:
-    """A URDF, its hand link, and the point of the hand that acts (in the hand frame, m).
+    """A URDF, its hand link, and the tool point (in the hand frame, m).
 
-    ``file`` is where the URDF and its meshes lie, None for one that has no meshes; ``srdf`` disables pairs of links.
+    ``file`` is the location of the URDF with meshes, None for one without; ``srdf`` disables pairs of links.
     """
 
     urdf: str
@@ -39,7 +41,7 @@ class _Joint:
     mimic: tuple[str, float, float] | None = None
 
     def text(self) -> str:
-        """As URDF."""
+        """Return the URDF text."""
         limit = f'<limit lower="{self.lower!r}" upper="{self.upper!r}" velocity="{self.velocity!r}" effort="1"/>'
         if self.kind == "continuous":
             limit = f'<limit velocity="{self.velocity!r}" effort="1"/>'
@@ -57,12 +59,12 @@ class _Joint:
 
 
 def triple(values: Array) -> str:
-    """Three numbers as an attribute."""
+    """Return three numbers as an attribute."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def solid(draw: np.random.Generator, to: Array, thick: float) -> str:
-    """A collision shape between a link's frame and the next joint."""
+    """Return a collision shape between a link's frame and the next joint."""
     length = float(np.linalg.norm(to))
     if length < 0.05:
         return f'<collision><geometry><sphere radius="{thick!r}"/></geometry></collision>'
@@ -81,7 +83,7 @@ def solid(draw: np.random.Generator, to: Array, thick: float) -> str:
 
 
 def random_arm(draw: np.random.Generator) -> RandomArm:
-    """An arm that reaches about a metre."""
+    """Return an arm with a reach of about a metre."""
     count = int(draw.integers(2, 10))
     foot = '<origin xyz="0 0 0.05"/><geometry><cylinder radius="0.06" length="0.1"/></geometry>'
     shapes: dict[str, str] = {"base": f"<collision>{foot}</collision>"}
@@ -113,7 +115,7 @@ def random_arm(draw: np.random.Generator) -> RandomArm:
 
 
 def add_mimics(draw: np.random.Generator, joints: list[_Joint]) -> None:
-    """Make some joints follow others: nearer the base or further out, and mimics of mimics."""
+    """Make some joints mimic others: of links nearer to or farther from the base, and mimics of mimics."""
     if len(joints) < 3 or draw.random() < 0.55:
         return
     chosen = [int(index) for index in draw.permutation(len(joints))]
@@ -123,14 +125,14 @@ def add_mimics(draw: np.random.Generator, joints: list[_Joint]) -> None:
         if (joints[follower].kind == "prismatic") != (joints[source].kind == "prismatic"):
             factor *= 0.1 if joints[follower].kind == "prismatic" else 3.0
         joints[follower].mimic = (joints[source].name, factor, float(draw.uniform(-0.1, 0.1)))
-        # The next one follows this one.
+        # The next joint mimics this one.
         source = follower
 
 
 def add_hand(
     draw: np.random.Generator, joints: list[_Joint], shapes: dict[str, str], parent: str, at: Array
 ) -> tuple[str, Array]:
-    """A bare tool frame, a palm, or a gripper whose second finger follows the first; its name and the tip."""
+    """Add a bare tool frame, a palm, or a gripper whose second finger mimics the first; return its name and the tip."""
     zero = np.zeros(3)
     style = draw.choice(["frame", "palm", "gripper"], p=[0.4, 0.3, 0.3])
     if style == "frame":

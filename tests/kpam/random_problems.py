@@ -1,4 +1,4 @@
-"""Random whole problems (arm, scene, start velocity, held object, moving joint) as solver and recheck take them."""
+"""Random complete problems (arm, scene, start velocity, held object, moving joint) for the solver and the checker."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ Array = np.ndarray
 
 @dataclass
 class Solid:
-    """A shape for both sides; a cloud is ``points`` with the radius that is its size."""
+    """A shape for the solver and the checker; a cloud has ``points`` with its size as their radius."""
 
     kind: str
     size: list[float]
     points: Array | None = None
 
     def ours(self) -> list[kpam.Shape]:
-        """For the solver."""
+        """Return it for the solver."""
         if self.points is not None:
             return [kpam.Shape.point_cloud(self.points, self.size[0])]
         if self.kind == "box":
@@ -44,7 +44,7 @@ class Solid:
         return [make(self.size[0], self.size[1])]
 
     def theirs(self) -> list[Part]:
-        """For the recheck."""
+        """Return it for the checker."""
         if self.points is not None:
             poses = np.tile(np.eye(4), (len(self.points), 1, 1))
             poses[:, :3, 3] = self.points
@@ -57,7 +57,7 @@ class Solid:
         return [part(make(self.size[0], self.size[1]), np.eye(4))]
 
     def as_cloud(self, draw: np.random.Generator, radius: float = 0.01) -> Solid:
-        """Points on the faces of this box, with a radius."""
+        """Return points with a radius on the faces of this box."""
         half = np.array(self.size)
         points = draw.uniform(-half, half, (int(draw.integers(40, 120)), 3))
         axis = draw.integers(0, 3, len(points))
@@ -68,7 +68,7 @@ class Solid:
 
 @dataclass
 class Thing:
-    """A body of the scene: one solid at a pose in the base frame, or in the hand frame where it is attached."""
+    """A body of the scene: a solid at a pose in the base frame, or in the hand frame if it is attached."""
 
     name: str
     role: str
@@ -78,7 +78,7 @@ class Thing:
 
 @dataclass
 class RandomProblem:
-    """A problem as plain values; :meth:`ours` is what the solver is asked, :meth:`question` what the recheck knows."""
+    """A problem as plain values; :meth:`ours` is the solver's problem and :meth:`question` the checker's."""
 
     number: int
     arm: RandomArm
@@ -95,7 +95,7 @@ class RandomProblem:
     options: dict[str, Any] = field(default_factory=dict)
 
     def ours(self, folder: Path) -> kpam.KeypointProblem:
-        """The solver's problem; the URDF goes into ``folder``."""
+        """Return the solver's problem; the URDF is written to ``folder``."""
         robot = robot_of(self.arm, folder)
         count = len(self.q_start)
         return kpam.KeypointProblem(
@@ -128,7 +128,7 @@ class RandomProblem:
         )
 
     def question(self) -> Question:
-        """The same for the recheck."""
+        """Return the same problem for the checker."""
         count = len(self.q_start)
         return Question(
             self.mechanism,
@@ -151,12 +151,12 @@ class RandomProblem:
 
 @cache
 def known_robot(file: Path, hand: str, srdf: Path | None) -> kpam.Robot:
-    """An arm that lies in a file, read once."""
+    """Return the robot of a file, which is read once."""
     return kpam.Robot.from_urdf(file, hand_link=hand, srdf=srdf)
 
 
 def robot_of(arm: RandomArm, folder: Path) -> kpam.Robot:
-    """The solver's robot; a URDF that lies nowhere goes into ``folder``."""
+    """Return the solver's robot; a URDF without a file is written to ``folder``."""
     if arm.file is not None:
         return known_robot(arm.file, arm.hand, arm.srdf)
     path = folder / "arm.urdf"
@@ -165,23 +165,23 @@ def robot_of(arm: RandomArm, folder: Path) -> kpam.Robot:
 
 
 def random_problem(number: int) -> RandomProblem:
-    """Problem ``number`` of a fixed sequence, on an arm of its own."""
+    """Return problem ``number`` of a fixed sequence, each with its own arm."""
     draw = seeding.rng(number, "random problems")
     arm = random_arm(draw)
     return problem_on(arm, Mechanism(arm.urdf, Path(), arm.hand), number, draw)
 
 
 def arm_problem(number: int, robots: Path) -> RandomProblem:
-    """Problem ``number`` of a fixed sequence on six arms in turn; some of what stands about them are clouds."""
+    """Return problem ``number`` of a fixed sequence on six arms in turn; some obstacles are clouds."""
     arm, mechanism = six_arm(ARMS[number % len(ARMS)], robots)
     problem = problem_on(arm, mechanism, number, seeding.rng(number, "problems on six arms"))
     draw = seeding.rng(number, "clouds")
     for thing in problem.things:
         if thing.role in ("rigid", "object_body") and thing.solid.kind == "box" and draw.random() < 0.5:
-            # Its points reach a radius further than the box.
+            # Its points extend beyond the box by their radius.
             thing.solid = thing.solid.as_cloud(draw, 0.004)
     if problem.start_velocity.any() and draw.random() < 0.2:
-        # One joint at its very limit, which a float keeps or rounds.
+        # Put a joint exactly at its limit, which may be rounded.
         shares = np.abs(problem.start_velocity) / mechanism.velocity
         problem.start_velocity = problem.start_velocity / shares.max()
         if draw.random() < 0.5:
@@ -190,7 +190,7 @@ def arm_problem(number: int, robots: Path) -> RandomProblem:
 
 
 def problem_on(arm: RandomArm, mechanism: Mechanism, number: int, draw: np.random.Generator) -> RandomProblem:
-    """A problem on an arm; ``number`` seeds what was added to it later."""
+    """Return a problem for an arm; ``number`` seeds the parts that were added to the generator later."""
     q_start = start(draw, mechanism)
     things = [Thing("table", "table", Solid("box", [1.5, 1.5, 0.02]), at([0.0, 0.0, -0.021]))]
     if draw.random() < 0.3:
@@ -219,7 +219,7 @@ def problem_on(arm: RandomArm, mechanism: Mechanism, number: int, draw: np.rando
         config["post_actuation_times"] = times[before + 1 : before + 1 + after]
     if draw.random() < 0.3:
         options["allow_partial"] = True
-    # The point that is reached for lies inside of most things that may be touched.
+    # The target point is inside most of the objects that may be touched.
     more = seeding.rng(number, "margins")
     options["contact_depth"] = 0.003 if more.random() < 0.3 else None
     options["start_depth"] = 1.0
@@ -250,21 +250,20 @@ def problem_on(arm: RandomArm, mechanism: Mechanism, number: int, draw: np.rando
 
 
 def at(point: Any) -> Array:
-    """A pose without rotation."""
+    """Return a pose without rotation."""
     pose = np.eye(4)
     pose[:3, 3] = point
     return pose
 
 
 def solid(draw: np.random.Generator, least: float, limit: float) -> Solid:
-    """A random shape."""
     kind = str(draw.choice(["box", "sphere", "capsule", "cylinder"]))
     count = {"box": 3, "sphere": 1, "capsule": 2, "cylinder": 2}[kind]
     return Solid(kind, draw.uniform(least, limit, count).tolist())
 
 
 def ranges(mechanism: Mechanism) -> tuple[Array, Array]:
-    """Ranges (n,) of independent joints that keep what follows them in its own; half a turn where endless."""
+    """Return ranges (n,) of the independent joints in which their mimics keep their limits; half a turn if continuous."""
     lower, upper = np.maximum(mechanism.lower, -3.0), np.minimum(mechanism.upper, 3.0)
     for follower, coupling in mechanism.couplings.items():
         if not np.isfinite(mechanism.lower[follower]):
@@ -276,13 +275,13 @@ def ranges(mechanism: Mechanism) -> tuple[Array, Array]:
 
 
 def configuration(draw: np.random.Generator, mechanism: Mechanism) -> Array:
-    """Joints inside all limits."""
+    """Return joints within all limits."""
     lower, upper = ranges(mechanism)
     return mechanism.coupled(draw.uniform(lower, upper))
 
 
 def free(mechanism: Mechanism, q: Array, things: list[Thing], room: float) -> bool:
-    """Whether nothing that is checked is nearer than ``room``; attached things are left out."""
+    """Return whether no checked pair is nearer than ``room``; attached objects are left out."""
     placed = {name: poses[0] for name, poses in mechanism.place(q[None]).items()}
 
     def apart(ones: list[Part], at_one: Array, twos: list[Part], at_two: Array) -> bool:
@@ -303,7 +302,7 @@ def free(mechanism: Mechanism, q: Array, things: list[Thing], room: float) -> bo
 
 
 def start(draw: np.random.Generator, mechanism: Mechanism) -> Array:
-    """Joints at the start: inside the limits or, now and then, at one; endless joints may have gone round."""
+    """Return joints at the start: within the limits or sometimes at one; continuous joints may be a turn further."""
     table = [Thing("table", "table", Solid("box", [1.5, 1.5, 0.02]), at([0.0, 0.0, -0.021]))]
     q = configuration(draw, mechanism)
     for _ in range(15):
@@ -322,12 +321,12 @@ def start(draw: np.random.Generator, mechanism: Mechanism) -> Array:
 
 
 def followers(mechanism: Mechanism, joint: int) -> list[int]:
-    """A joint and those that follow it."""
+    """Return a joint and its mimics."""
     return [joint, *(each for each, coupling in mechanism.couplings.items() if coupling.source == joint)]
 
 
 def goal(draw: np.random.Generator, mechanism: Mechanism, q_start: Array, things: list[Thing]) -> Array:
-    """Joints at the actuation pose, free if twenty draws find any such."""
+    """Return joints at the actuation pose, free of collisions if one of twenty draws is."""
     share = float(draw.uniform(0.2, 1.0))
     q = q_start
     lower, upper = ranges(mechanism)
@@ -340,7 +339,7 @@ def goal(draw: np.random.Generator, mechanism: Mechanism, q_start: Array, things
 
 
 def scene(draw: np.random.Generator, mechanism: Mechanism, q_start: Array, q_goal: Array) -> list[Thing]:
-    """Up to five things that leave start and goal free."""
+    """Return up to five objects that do not collide at start and goal."""
     found: list[Thing] = []
     for index in range(int(draw.integers(0, 6))):
         thing = Thing(
@@ -352,14 +351,14 @@ def scene(draw: np.random.Generator, mechanism: Mechanism, q_start: Array, q_goa
 
 
 def place(draw: np.random.Generator) -> Array:
-    """Somewhere that the arm reaches."""
+    """Return a position within the arm's reach."""
     direction = draw.normal(size=3)
     direction[2] = abs(direction[2])
     return draw.uniform(0.25, 0.9) * direction / np.linalg.norm(direction) + [0.0, 0.0, 0.15]
 
 
 def free_of(mechanism: Mechanism, q: Array, thing: Thing) -> bool:
-    """Whether the robot keeps 5 mm from a thing."""
+    """Return whether the robot keeps 5 mm from an object."""
     placed, shape = mechanism.place(q[None]), thing.solid.theirs()[0].shape
     return all(
         shape_distance(each.shape, transform(placed[name][0] @ each.pose), shape, transform(thing.pose)) > 0.005
@@ -371,10 +370,10 @@ def free_of(mechanism: Mechanism, q: Array, thing: Thing) -> bool:
 def moving_joint(
     draw: np.random.Generator, mechanism: Mechanism, q_goal: Array
 ) -> tuple[Array, tuple[str, Array, Array, float, float, float] | None]:
-    """Object frame, and half of the time a joint of the object.
+    """Return the object frame and, half of the time, a joint of the object.
 
-    Its axis is one of the arm's own at the goal; of an arm with few joints that of the first one, which it can follow
-    whatever the others do.
+    Its axis is one of the arm's own at the goal. If the arm has few joints, it is that of the first one, which the arm
+    can always follow.
     """
     placed = mechanism.place(q_goal[None])
     carriers = [link for link in mechanism.links if link.joint in mechanism.movers(mechanism.hand_link)]
@@ -392,19 +391,19 @@ def moving_joint(
 
 
 def able(mechanism: Mechanism) -> bool:
-    """Whether the arm can hold an orientation."""
+    """Return whether the arm can keep an orientation."""
     return len(mechanism.movers(mechanism.hand_link)) >= 6
 
 
 def swings(mechanism: Mechanism) -> bool:
-    """Whether the joint next to the base turns the whole arm and nothing else."""
+    """Return whether the joint next to the base turns only the whole arm."""
     first = next(link.joint for link in mechanism.links if link.joint >= 0)
     alone = first not in mechanism.couplings and len(followers(mechanism, first)) == 1
     return alone and mechanism.joints[first].turns
 
 
 def motions(draw: np.random.Generator, mechanism: Mechanism, jointed: bool) -> dict[str, Any]:
-    """Motions before and after; arms that cannot hold an orientation swing about the object's axis at most."""
+    """Return motions before and after; arms that cannot keep an orientation only turn about the object's axis."""
 
     def step(scale: float = 1.0) -> float:
         return scale * float(draw.choice([-1.0, 1.0]) * draw.uniform(0.02, 0.06))
@@ -430,7 +429,7 @@ def motions(draw: np.random.Generator, mechanism: Mechanism, jointed: bool) -> d
 
 
 def letting_go(draw: np.random.Generator, mechanism: Mechanism) -> dict[str, Any]:
-    """What hands that hold something do; those that can keep an orientation may move back from it."""
+    """Return what happens to a held object; arms that can keep an orientation may move back from it."""
     found: dict[str, Any] = {}
     if draw.random() < 0.3:
         found["gripper"] = str(draw.choice(["hold", "release"]))
@@ -440,7 +439,7 @@ def letting_go(draw: np.random.Generator, mechanism: Mechanism) -> dict[str, Any
 
 
 def start_velocity(draw: np.random.Generator, mechanism: Mechanism, q_start: Array) -> Array:
-    """Joint velocities inside their limits, mimics along with their sources; at rest three times in five."""
+    """Return joint velocities within their limits, consistent for mimics; at rest three times in five."""
     velocity = np.zeros(len(q_start))
     if draw.random() < 0.6:
         return velocity

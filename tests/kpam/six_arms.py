@@ -1,4 +1,4 @@
-"""Six arms for random problems: two from ManiSkill's wheel, and four written here with shapes of their own."""
+"""Six arms for random problems: two from ManiSkill's wheel, and four that are written here."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ TIP = np.array([0.0, 0.0, 0.045])
 
 
 def six_joints() -> str:
-    """An arm with six joints in the manner of Universal Robots', whose hand is the bare frame ``tool0``."""
-    # Name, origin, axis, and the solid of the child link: radius, length, middle, along y instead of z.
+    """An arm with six joints like those of Universal Robots, whose hand is the bare frame ``tool0``."""
+    # Name, origin, axis, and the solid of the child link: radius, length, middle, whether along y instead of z.
     rows: list[tuple[str, str, str, float, float, str, bool]] = [
         ("shoulder_pan", "0 0 0.09", "0 0 1", 0.06, 0.12, "0 0 0", False),
         ("shoulder_lift", "0 0.13 0", "0 1 0", 0.05, 0.40, "0 0 0.21", False),
@@ -47,17 +47,16 @@ def six_joints() -> str:
 
 
 def link(name: str, shape: str = "") -> str:
-    """A link with one shape."""
     return f'<link name="{name}">{shape}</link>'
 
 
 def box(size: str, at: str = "0 0 0") -> str:
-    """A box at a place of its link."""
+    """Return a box at a position on its link."""
     return f'<collision><origin xyz="{at}"/><geometry><box size="{size}"/></geometry></collision>'
 
 
 def joint(name: str, kind: str, parent: str, child: str, at: str, axis: str, limit: str, rpy: str = "0 0 0") -> str:
-    """A joint; ``limit`` is its lower and upper end and its speed."""
+    """Return a joint; ``limit`` is its lower limit, upper limit and speed."""
     low, high, speed = limit.split()
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
@@ -67,7 +66,7 @@ def joint(name: str, kind: str, parent: str, child: str, at: str, axis: str, lim
 
 
 def scara() -> str:
-    """Two links that turn about upright axes, a quill that slides, and its turn."""
+    """Return two links with vertical axes, and a quill that slides and turns."""
     text = link("base", box("0.14 0.14 0.3", "0 0 0.15"))
     text += link("upper", box("0.3 0.1 0.06", "0.16 0 0")) + link("fore", box("0.24 0.08 0.06", "0.13 0 0"))
     text += link("quill", box("0.03 0.03 0.2", "0 0 -0.06")) + link("hand", PALM)
@@ -79,7 +78,7 @@ def scara() -> str:
 
 
 def gantry() -> str:
-    """Three joints that slide, from above, and a turn."""
+    """Return three prismatic joints above the table, and a revolute one."""
     text = link("base") + link("bridge", box("0.1 1.2 0.08")) + link("carriage", box("0.1 0.1 0.08"))
     text += link("post", box("0.05 0.05 0.4")) + link("hand", PALM)
     text += joint("x", "prismatic", "base", "bridge", "0 0 1.3", "1 0 0", "-0.8 0.8 0.8")
@@ -90,7 +89,7 @@ def gantry() -> str:
 
 
 def mobile() -> str:
-    """The arm with six joints on a cart that slides both ways and turns."""
+    """Return the arm with six joints on a cart that slides in two directions and turns."""
     arm = six_joints().removeprefix('<robot name="six">').removesuffix("</robot>")
     text = link("world") + link("along") + link("across") + link("cart", box("0.4 0.3 0.1", "0 0 0.12")) + arm
     text += joint("x", "prismatic", "world", "along", "0 0 0", "1 0 0", "-1 1 0.6")
@@ -105,7 +104,7 @@ def mobile() -> str:
 
 @cache
 def six_arm(name: str, robots: Path) -> tuple[RandomArm, Mechanism]:
-    """One of :data:`ARMS`, and its mechanism; ``robots`` is the wheel's folder of them."""
+    """Return one of :data:`ARMS` and its mechanism; ``robots`` is the wheel's folder of them."""
     written = {
         "ur": (six_joints, "tool0"),
         "scara": (scara, "hand"),

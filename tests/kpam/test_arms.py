@@ -1,4 +1,4 @@
-"""Five arms, each with something in its hand: every one plans a whole motion, and the motion passes the recheck."""
+"""Five arms, each with a held object: every plan is complete and passes the checker."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ACCELERATION, JERK = 6.0, 200.0
 
 @dataclass
 class ArmCase:
-    """An arm at rest, the way that its joints go to the actuation pose, and where it holds a box in its hand frame."""
+    """An arm at rest, the direction of its joints to the actuation pose, and the box's place in its hand frame."""
 
     urdf: str
     hand: str
@@ -62,7 +62,7 @@ ARMS = {
     "six joints": ArmCase(
         "", "tool0", [0.0, 0.3, 1.3, -0.2, 0.4, 0.0], [0.7, 0.3, -0.3, 0.2, 0.2, 0.3], [0.0, 0.0, 0.05]
     ),
-    # Five joints cannot hold an orientation on a line: the hand swings about the base.
+    # Five joints cannot keep an orientation on a line: the hand turns about the base.
     "so100": ArmCase(
         "so100/so100.urdf",
         "Fixed_Jaw",
@@ -72,7 +72,7 @@ ARMS = {
         srdf="so100/so100.srdf",
         before=[["rotate", 0.2]],
         after=[["rotate", -0.15], ["rotate", 0.3]],
-        # Five joints leave a plane of poses about the place, and one in thirty of them passes the post on both sides.
+        # With five joints the poses at the place form a plane, and one in thirty passes the post on both sides.
         budget={"candidates": 200, "extra_seeds": 1000},
     ),
     "fetch": ArmCase(
@@ -89,7 +89,7 @@ ARMS = {
 
 
 def texts(case: ArmCase, robots: Path, tmp_path: Path) -> tuple[Path, Path | None]:
-    """Files of the arm."""
+    """Return the files of the arm."""
     if case.urdf:
         return robots / case.urdf, None if case.srdf is None else robots / case.srdf
     path = tmp_path / "six.urdf"
@@ -98,7 +98,7 @@ def texts(case: ArmCase, robots: Path, tmp_path: Path) -> tuple[Path, Path | Non
 
 
 def about_the_first_joint(arm: Mechanism, q: Array) -> Array:
-    """A frame (4, 4) whose z axis is that of the joint next to the base."""
+    """Return a frame (4, 4) whose z axis is that of the joint next to the base."""
     link = next(link for link in arm.links if link.joint >= 0)
     frame = arm.place(q[None])[link.name][0]
     axis = frame[:3, :3] @ arm.joints[link.joint].axis
@@ -126,7 +126,7 @@ def test_every_arm_carries_something(name: str, robots: Path, tmp_path: Path) ->
     grip = np.eye(4)
     grip[:3, 3] = tip
     here = arm.hand_poses(q_start)[0]
-    # A post stands between where the held box is and where it goes, below the hand's straight way.
+    # A post stands between the held box and its goal, below the hand's straight path.
     half, thin = [0.012, 0.012, 0.012], [0.01, 0.01, 0.1]
     there = hand[:3, :3] @ tip + hand[:3, 3]
     post = np.eye(4)
@@ -155,7 +155,7 @@ def test_every_arm_carries_something(name: str, robots: Path, tmp_path: Path) ->
         object_axis="z",
         bodies=[kpam.Body(label, role, [kpam.Shape.box(size)], pose) for label, role, size, pose in bodies],  # type: ignore[arg-type]
         options={
-            # One of the arms begins inside the post.
+            # One of the arms starts inside the post.
             "start_depth": 0.05,
             "velocity_scale": 1.0,
             "acceleration_scale": 1.0,

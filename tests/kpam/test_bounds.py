@@ -1,4 +1,4 @@
-"""Nothing a caller can pass panics, hangs or fills the memory: options have ranges, long calls end with Ctrl-C."""
+"""No input panics, hangs or fills the memory: options have ranges, and long calls end at Ctrl-C."""
 
 from __future__ import annotations
 
@@ -207,7 +207,7 @@ def test_threads_have_a_range(panda: kpam.Robot, threads: int) -> None:
 
 
 def interrupted(call: Any) -> float:
-    """Seconds from Ctrl-C to the end of a call that would take far longer."""
+    """Return the seconds from Ctrl-C to the end of a long call."""
     sent: list[float] = []
 
     def press() -> None:
@@ -241,7 +241,7 @@ def test_ctrl_c_ends_measuring(panda: kpam.Robot) -> None:
 
 
 def test_ctrl_c_ends_making_ready_what_has_millions_of_triangles(panda: kpam.Robot) -> None:
-    """Trees over them are built in one go, which takes seconds; the thread that builds one is left behind."""
+    """The trees of large meshes are built in an uninterruptible call of seconds, so its thread is left behind."""
     side = 1001
     x, y = np.meshgrid(np.linspace(0.0, 1.0, side), np.linspace(0.0, 1.0, side), indexing="ij")
     points = np.stack([x, y, 0.05 * np.sin(20 * x) - 0.6], axis=-1).reshape(-1, 3)
@@ -275,7 +275,7 @@ def test_errors_name_file_and_field(panda: kpam.Robot, tmp_path: Path) -> None:
 
 
 def test_limits_of_which_nothing_is_said_are_plain_and_told(panda: kpam.Robot, robots: Path) -> None:
-    """No name of a joint makes an arm one of Franka's."""
+    """The names of its joints do not make an arm a Franka."""
 
     def planned(**options: Any) -> kpam.Plan:
         changes = {"acceleration_scale": 1.0, "velocity_limits": [100.0] * 9, "limits": None, **options}

@@ -1,4 +1,4 @@
-"""Poses that are moved out of what they overlap: slots in which hardly any pose of the constraints fits."""
+"""Poses that are moved out of overlaps: slots in which few poses of the constraints fit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MIDDLE = np.array([0.5, 0.1, 0.14])
 
 
 def slot(yaw: float, half_width: float) -> list[kpam.Body]:
-    """Two walls, as high as the hand is long, on either side of the point that the fingertips reach for."""
+    """Two walls, as high as the hand is long, on both sides of the fingertips' target."""
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
     walls = []
     for side in (-1, 1):

@@ -1,4 +1,4 @@
-"""Plain collision checks of many configurations; tests/bench compares them with coal's."""
+"""Collision checks of many configurations; tests/bench compares them with coal's."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_points_of_the_robot_itself_are_no_obstacle(panda: kpam.Robot) -> None:
     from_ball = np.linalg.norm(away - centre, axis=1) - 0.03
     marks = scene.own_points(q, away, clearance=0.1)
     assert marks[from_ball < 0.099].all()
-    # What is left is as far from a ball about each point as a ball of that size says.
+    # The remaining distance agrees with a ball of this size around each point.
     cloud = kpam.Body("cloud", "rigid", [kpam.Shape.point_cloud(away[~marks], 0.09)], np.eye(4))
     assert not kpam.Scene(panda, [cloud]).in_collision(q) or kpam.Scene(panda).in_collision(q)
     near = away[marks & (from_ball > 0.101)]
@@ -95,7 +95,7 @@ def test_points_beyond_a_kilometre_are_refused(distance: float) -> None:
 
 
 def test_a_distant_cloud_is_met_outside_the_limits_of_a_sliding_joint(tmp_path: Path) -> None:
-    """A check takes joint values beyond the limits, so what is out of reach follows from the pose and not from them."""
+    """A check accepts joint values beyond the limits, so reach must be computed from the pose and not from the limits."""
     urdf = tmp_path / "gantry.urdf"
     urdf.write_text(
         '<robot name="gantry"><link name="base"/><link name="car"><collision><geometry><sphere radius="0.1"/>'

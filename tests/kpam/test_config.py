@@ -1,4 +1,4 @@
-"""The config language: what loads, and how what does not is named."""
+"""The config language: valid configs load, and errors name the invalid part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints without limits count modulo one turn: how far the start is wound changes nothing."""
+"""Continuous joints count modulo one turn: full turns at the start change nothing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ START = np.array([0.4, 0.5, 0.9, 0.2, 0.6, 0.0])
 
 
 def endless_arm(tmp_path: Path) -> kpam.Robot:
-    """Six joints, of which the first, fourth and last turn without limits."""
+    """Six joints, of which the first, fourth and last have no limits."""
     links = "".join(f"<link name='l{i}'/>" for i in range(7))
     axes = ["0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1"]
     at = ["0 0 0.2", "0 0 0.1", "0 0 0.4", "0 0 0.2", "0 0 0.2", "0 0 0.1"]
@@ -68,7 +68,9 @@ def test_a_wound_start_plans_the_same(tmp_path: Path, turns: int) -> None:
 
 
 def test_motions_go_the_short_way(tmp_path: Path) -> None:
-    """From 170 degrees to -170: 20 degrees on, not 340 back; and the motion before the actuation begins beyond that."""
+    """From 170 to -170 degrees the motion takes 20 degrees, not 340; and the part before the actuation starts beyond
+    that.
+    """
     robot = endless_arm(tmp_path)
     start = START.copy()
     start[0] = np.radians(170)

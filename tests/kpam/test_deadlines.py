@@ -1,4 +1,4 @@
-"""A deadline and a cancel end every search, and the answer says that they did."""
+"""Deadline and cancellation end every search, and the answer says so."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ import gensim2_kpam as kpam
 
 from .kpam_scenes import Q_START, problem
 
-#: The arm turned by a quarter, beyond a wall.
+#: The arm turned by a quarter, behind a wall.
 TURNED = Q_START + np.array([1.57] + [0.0] * 8)
 
 
 def walls(*, shut: bool = False) -> list[kpam.Body]:
-    """Return a wall from the arm's foot outwards at 45 degrees, and a ceiling: the straight way is blocked.
+    """Return a wall from the arm's base outwards at 45 degrees, and a ceiling, which block the straight path.
 
-    Where it is ``shut``, another wall goes the opposite way: there is no way at all.
+    If ``shut``, a second wall in the opposite direction blocks every path.
     """
     c = np.sqrt(0.5)
     pose = np.eye(4)
@@ -39,7 +39,7 @@ def walls(*, shut: bool = False) -> list[kpam.Body]:
 
 
 def behind_the_wall(panda: kpam.Robot, *, shut: bool = False, **options: Any) -> kpam.KeypointProblem:
-    """Return a problem whose pose lies beyond the wall."""
+    """Return a problem whose pose is behind the wall."""
     at = panda.forward_kinematics(TURNED) @ np.array([0.0, 0.0, 0.1034, 1.0])
     config = {"constraint_list": [point_to_point("tool_head", "goal", 1e-3)]}
     return problem(
@@ -58,7 +58,7 @@ def test_a_deadline_ends_a_motions_search(panda: kpam.Robot) -> None:
     late = scene.plan_to(Q_START, TURNED, deadline_ms=0.0)
     assert (late.status, late.trajectory) == ("late", None)
     assert "time" in late.reason
-    # Without one, the samples are what ends it.
+    # Without a deadline, the number of samples ends the search.
     spent = scene.plan_to(Q_START, TURNED, samples=20)
     assert spent.status == "not_found"
     with pytest.raises(kpam.ProblemError, match="deadline_ms"):
@@ -97,7 +97,7 @@ def test_a_cancel_ends_a_plan(panda: kpam.Robot) -> None:
 
 @pytest.mark.parametrize("question", ["motion", "plan"])
 def test_a_cancel_amidst_a_search_ends_it(panda: kpam.Robot, question: str) -> None:
-    # There is no way past the walls, and samples for hours.
+    # There is no path past the walls, and the samples last for hours.
     cancel, answers = kpam.Cancel(), []
     ask: Callable[[], Any]
     if question == "motion":

@@ -13,7 +13,7 @@ pytest.importorskip("pinocchio")
 from . import drawer
 from .kpam_scenes import Q_START
 
-#: What an independent checker may find beneath nothing: rounding, and a curve between waypoints (m).
+#: Tolerance of the independent checker (m): rounding, and the curve between waypoints.
 SLACK = 1e-3
 
 
@@ -91,7 +91,7 @@ def test_the_whole_chain_by_other_code(panda: kpam.Robot) -> None:
     least, what = world.least(steps.q[~rides], inside[None], open_, held=False)
     assert least > -SLACK, what
 
-    # Without the cube as a part of the robot the same carry runs it into the drawer's front.
+    # Without the cube as part of the robot, the same motion collides with the drawer's front.
     empty = start.with_pose("cube", drawer.at(0.0, 0.0, -1.0))
     blind = place(empty, end(first), {"cube/center": grasp[:3, 3]}, [])
     steps = drawer.walk(blind)
@@ -105,7 +105,7 @@ def test_the_whole_chain_by_other_code(panda: kpam.Robot) -> None:
     steps = drawer.walk(third)
     hand = world.hand(steps.q)
     moves = steps.times >= reached(third, "actuation")
-    # The drawer goes as the hand that pushes it.
+    # The drawer moves with the hand that pushes it.
     gone = np.where(moves, hand[:, 0, 3] - world.hand(third.q_plan[None])[0, 0, 3], 0.0)
     np.testing.assert_allclose(-gone, kpam.joint_travel(question, third, steps.times), atol=2e-3)
     assert gone[-1] == pytest.approx(drawer.HALF_OPEN, abs=2e-3)
@@ -115,7 +115,7 @@ def test_the_whole_chain_by_other_code(panda: kpam.Robot) -> None:
 
 
 def test_the_arm_keeps_clear_of_a_drawer_that_comes_out(panda: kpam.Robot) -> None:
-    # A flap on the drawer reaches over the hand that opens it: standing it is clear of the arm, coming it is not.
+    # A flap on the drawer reaches over the hand that opens it: its start is clear of the arm, its motion is not.
     start = drawer.scene(panda).with_joint("slide", 0.02)
     flap = kpam.Body("flap", "rigid", [kpam.Shape.box([0.01, 0.2, 0.2])], drawer.at(0.68, 0.0, 0.5))
     joint = kpam.Joint("prismatic", [0.6, 0.0, 0.07], [-1.0, 0.0, 0.0], 0.02, 0.0, 0.18)

@@ -12,7 +12,8 @@ import gensim2_kpam as kpam
 
 Array = npt.NDArray[np.float64]
 UR5 = Path(__file__).parents[2] / "examples" / "robots" / "ur5.urdf"
-#: Franka's page of the Research 3: greatest velocity, factor under the root, what is taken off, and both ends (rad).
+#: From Franka's documentation of the Research 3: largest velocity, factor under the root, offset, and both limits
+#: (rad).
 FR3 = (
     np.array([2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26]),
     np.array([12.0, 5.17, 7.0, 8.0, 34.0, 11.0, 34.0]),
@@ -23,7 +24,7 @@ FR3 = (
 
 
 def allowed(q: Array) -> tuple[Array, Array]:
-    """Velocity limits of the Research 3 at (N, 7) positions: upwards and downwards, both positive."""
+    """Return the velocity limits of the Research 3 at (N, 7) positions: upwards and downwards, both positive."""
     greatest, gain, offset, upper, lower = FR3
     up = np.minimum(greatest, np.maximum(0.0, -offset + np.sqrt(np.maximum(0.0, gain * (upper - q)))))
     down = np.minimum(greatest, np.maximum(0.0, -offset + np.sqrt(np.maximum(0.0, gain * (q - lower)))))
@@ -55,7 +56,7 @@ def test_torques_are_pinocchios(ur5: kpam.Robot, panda: kpam.Robot) -> None:
 
 
 def rooted(pin: object, model: object) -> float:
-    """Mass of what no joint carries, which Pinocchio keeps with the universe."""
+    """Return the mass that no joint carries, which Pinocchio assigns to the universe."""
     return float(model.inertias[0].mass)  # type: ignore[attr-defined]
 
 

@@ -1,4 +1,4 @@
-"""An arm of four joints: a pose as a goal is as large as four joint vectors; and starts beyond the joints' limits."""
+"""An arm of four joints: pose goals give as much freedom as four joint vectors, and starts may exceed the joint limits."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def thing(name: str, place: list[float], half: list[float]) -> kpam.Body:
 
 
 def test_more_of_a_search_never_takes_a_part_back(scara: kpam.Robot) -> None:
-    """The straight way is barred by a post, and the lift ends at a plate: a part is found, with each of two margins."""
+    """A post blocks the straight path and a plate ends the lift: each of two margins gives a partial motion."""
     goal = scara.forward_kinematics([0.7, 0.3, 0.1, -0.5])[:3, 3]
     point = point_to_point("tip", "goal", 0.001)
     question = kpam.KeypointProblem(

@@ -1,4 +1,4 @@
-"""Grasps through the binding: geometry, plans with a later pose, errors, pickles."""
+"""Grasps through the Python binding: geometry, plans with a later pose, errors, pickles."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def gripper(panda: kpam.Robot) -> kpam.ParallelGripper:
 def test_the_pandas_gripper_is_read_off_its_fingers(gripper: kpam.ParallelGripper) -> None:
     assert gripper.stroke == pytest.approx((0.0, 0.08), abs=1e-4)
     assert gripper.pad == pytest.approx((0.0175, 0.0185), abs=1e-6)
-    # Between the rubber tips, which lie 36 to 54.5 mm below the fingers' joints; the fingers open along the hand's y.
+    # Between the rubber tips, 36 to 54.5 mm below the fingers' joints; the fingers open along the hand's y.
     assert gripper.T_hand_grip[:3, 3] == pytest.approx([0, 0, 0.0584 + 0.04525], abs=1e-6)
     assert gripper.T_hand_grip[:3, 0] == pytest.approx([0, 1, 0], abs=1e-9)
 
@@ -108,7 +108,7 @@ def test_a_later_pose_decides_the_grasp(panda: kpam.Robot, gripper: kpam.Paralle
 
     free = ask([], [])
     closing = (free.T_object_hand @ gripper.T_hand_grip)[:3, 0]
-    # At the target there is no room for fingers on the two sides that the best grasp takes.
+    # At the target there is no room for fingers on the two sides of the best grasp.
     narrow = walls(0.5, 0.2, closing, 0.023, 0.12)
     led = ask(narrow, [(target, None)])
     assert led.index > free.index
@@ -119,7 +119,7 @@ def test_a_later_pose_decides_the_grasp(panda: kpam.Robot, gripper: kpam.Paralle
     brought = end @ np.linalg.inv(led.T_object_hand)
     np.testing.assert_allclose(brought[:3, 3], target[:3, 3], atol=1e-3)
     np.testing.assert_allclose(brought[:3, :3], np.eye(3), atol=0.02)
-    # Where its yaw is free the best grasp will do: the block comes turned by a quarter.
+    # With a free yaw the best grasp works: the block arrives turned by a quarter.
     turned = ask(narrow, [(target, [0, 0, 1])])
     assert turned.index < led.index
 
@@ -167,7 +167,7 @@ def test_only_what_stands_in_the_scene_is_grasped(panda: kpam.Robot, gripper: kp
         held.grasps("block", gripper)
     with pytest.raises(kpam.ProblemError, match="rides on the hand already"):
         held.plan_grasp("block", gripper, Q_START, [])
-    # What rides elsewhere on the hand is in the way of nothing that stands.
+    # Another object on the hand does not collide with the fixed obstacles.
     other = scene(panda, block(at(0.5, 0, 0.05)), block(at(0.3, 0, 0.5), name="held"), table())
     free = other.attached("held", Q_START).grasps("block", gripper)
     assert [g.score for g in free] == [g.score for g in whole.grasps("block", gripper)]

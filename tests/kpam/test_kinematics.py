@@ -1,4 +1,4 @@
-"""Kinematics against Pinocchio and finite differences."""
+"""Kinematics compared with Pinocchio and finite differences."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ pin = pytest.importorskip("pinocchio")
 
 
 def pinocchio_model(urdf: Path) -> pin.Model:
-    # Pinocchio would drop a mimic joint from the joint vector.
+    # Pinocchio would remove a mimic joint from the joint vector.
     return pin.buildModelFromXML(re.sub(r"<mimic[^>]*/>", "", urdf.read_text()))
 
 

@@ -22,12 +22,12 @@ def box(name: str, role: Any, at: Any, half: Any) -> kpam.Body:
 
 
 def flap() -> kpam.Body:
-    """A thin part about the point that the fingers grasp; the joint lifts it."""
+    """A thin part at the fingers' grasp point; the joint lifts it."""
     return box("flap", "moving_link", [0.5, 0.1, 0.2], [0.04, 0.004, 0.02])
 
 
 def follows(**changes: Any) -> dict[str, Any]:
-    """Grasps the edge, follows its joint and lets go."""
+    """A config that grasps the edge, follows its joint and lets go."""
     out = {"gripper": "grasp", "let_go": BACK, "post_actuation_motions": [["follow_joint", -0.3]]}
     return config(**{**out, **changes})
 
@@ -58,7 +58,7 @@ def test_the_hand_moves_back_along_its_fingers_and_leaves_the_joint_where_it_is(
     times = np.linspace(plan.keyframes[2]["time"], plan.keyframes[3]["time"], 20)
     travel = kpam.joint_travel(question, plan, times)
     assert np.ptp(travel[1:]) < 1e-12
-    # No joint leaves its range: from 0.2 it goes to 0.
+    # No joint leaves its range: it goes from 0.2 to 0.
     assert travel[-1] == pytest.approx(-0.2, abs=1e-3)
     clearance = kpam.min_clearance(question, plan, 0.02)
     assert clearance is not None
@@ -116,7 +116,7 @@ def test_the_longest_part_is_that_of_the_best_pose(panda: kpam.Robot) -> None:
         question = problem(panda, config=lowered, bodies=[table(), shelf], options={**options, "candidates": poses})
         return kpam.plan(question, **request)
 
-    # Poses are tried in the order of their cost: more of them never lead less far.
+    # Poses are tried by increasing cost, so more of them never give a shorter part.
     parts = [plan(poses) for poses in (1, 2, 5, 12, 40)]
     fractions = [part.reached_fraction for part in parts]
     assert all(part.status == "partial" for part in parts)
@@ -135,10 +135,10 @@ def tip_over(panda: kpam.Robot, q: Any) -> np.ndarray:
 
 
 def test_what_was_held_stays_where_the_hand_let_go(panda: kpam.Robot) -> None:
-    """A hand that backs out of a tunnel takes nothing along: what it held would not fit through."""
+    """A hand that moves back out of a tunnel leaves the object, which would not fit through."""
     held = kpam.Scene(panda, [box("held", "rigid", tip_over(panda, Q_START), [0.05, 0.01, 0.01])])
     held = held.attached("held", Q_START)
-    # Two walls beside the hand, above the held bar as it stands: the fingers pass between them, the bar does not.
+    # Two walls beside the hand, above the held bar: the fingers pass between them, but the bar does not.
     walls = [box(f"wall {x}", "rigid", [0.5 + x, 0.1, 0.26], [0.006, 0.2, 0.01]) for x in (-0.06, 0.06)]
     into = config(gripper="hold", pre_actuation_motions=[["translate_y", -0.25]], post_actuation_motions=[])
     settings: dict[str, Any] = {"bodies": [table(), *held.bodies, *walls], "options": {"num_seeds": 96}}

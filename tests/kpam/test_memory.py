@@ -1,4 +1,4 @@
-"""A small version of ``benchmarks/memory.py``: asking again and again does not fill the memory."""
+"""A small version of ``benchmarks/memory.py``: repeated calls do not increase the memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mimic joints: in the planned chain they move with their sources and bind them; fingers keep to theirs."""
+"""Mimic joints: in the planned chain they move with their sources and limit them; fingers keep to theirs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ def joint(name: str, parent: str, child: str, at: str, axis: str, **rest: Any) -
 
 def linkage(tmp_path: Path) -> kpam.Robot:
     """A turntable, a parallelogram whose upper bar turns back by as much as the lower one leans, a lift that follows
-    the forearm at twice its rate and is declared first, and two fingers, the second twice as far as the first."""
+    the forearm at twice its rate and is declared first, and two fingers, the second moving twice as far as the first.
+    """
     links = "".join(f'<link name="{name}"/>' for name in ("base", "lift", "turn", "lower", "upper", "hand", "f1", "f2"))
     joints = [
         joint(
@@ -99,7 +100,7 @@ def test_mimic_columns_move_and_bind_their_source(tmp_path: Path) -> None:
 
 
 def test_limits_of_a_mimic_bind_its_source(tmp_path: Path) -> None:
-    # The lift's 0.3 m allows j_lower 1.45 rad, far less than its own 2.5; lower down nothing reaches this goal.
+    # The lift's 0.3 m allow j_lower 1.45 rad, far less than its own limit of 2.5; lower poses do not reach this goal.
     robot = linkage(tmp_path)
     plan = kpam.plan(reach(robot, object_keypoints={"goal": [0.6, 0.0, 0.12]}))
     assert plan.status == "actuation_infeasible"

@@ -1,4 +1,4 @@
-"""Motions to goals in joints and poses: true ends, clear all along, the same every time."""
+"""Motions to joint and pose goals: exact ends, free of collisions, reproducible."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MARGIN = 0.005
 
 
 def clutter(index: int, count: int = 8) -> list[kpam.Body]:
-    """Boxes, cylinders and balls about the arm, none of them at its start."""
+    """Boxes, cylinders and balls around the arm, none of them at its start."""
     draw = rng(7, "motions", index)
     bodies: list[kpam.Body] = []
     while len(bodies) < count:
@@ -28,7 +28,7 @@ def clutter(index: int, count: int = 8) -> list[kpam.Body]:
 
 
 def free_goal(scene: kpam.Scene, robot: kpam.Robot, index: int) -> np.ndarray | None:
-    """A configuration that is clear by the margin, if one of some draws is."""
+    """Return a configuration that keeps the margin, if one of some draws does."""
     draw = rng(8, "motions", index)
     for _ in range(50):
         q = np.concatenate([draw.uniform(robot.lower[:7], robot.upper[:7]), [0.04, 0.04]])
@@ -61,7 +61,7 @@ def test_solved_motions_begin_and_end_where_they_should_and_keep_the_margin(pand
         samples = motion.trajectory.sample_every(0.005)
         np.testing.assert_allclose(samples[0], Q_START, atol=1e-9)
         np.testing.assert_allclose(samples[-1], goal, atol=1e-9)
-        # Distances of the full measurement, which knows nothing of sweeps.
+        # Distances of the full measurement, which does not depend on sweeps.
         nearest = min((near["distance"] for row in scene.check(samples, 0.05) for near in row), default=1.0)
         assert nearest >= MARGIN - 2e-4
         speed = np.abs(motion.trajectory.sample(np.linspace(0, motion.trajectory.duration, 500))[1])

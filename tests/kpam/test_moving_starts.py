@@ -1,4 +1,4 @@
-"""Plans from a state under way: at the limits of velocity, from a plan's own samples, with the acceleration there."""
+"""Plans from a moving start: at the velocity limits, from samples of a plan, with acceleration."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .kpam_scenes import Q_START, problem
 
 Array = np.ndarray
 
-#: Two slides over a table, one that lowers the hand, and a wrist: limits by the URDF.
+#: Two prismatic joints over a table, one that lowers the hand, and a wrist, with the URDF's limits.
 GANTRY = """
 <robot name="gantry">
   <link name="base"/><link name="bridge"/><link name="carriage"/><link name="column"/><link name="hand"/>
@@ -56,7 +56,7 @@ def gantry_problem(robot: kpam.Robot, q: Array, goal: Array) -> kpam.KeypointPro
 
 
 def assert_continues(before: tuple[Array, ...], plan: kpam.Plan, time: float, free: slice = slice(None)) -> None:
-    """A solved plan has a motion, and it begins in the state given, acceleration included."""
+    """Check that a solved plan has a motion that starts in the given state, including its acceleration."""
     assert plan.status == "solved", plan.reason
     assert plan.trajectory is not None
     for name, was, now in zip(("q", "v", "a"), before, plan.trajectory.sample(time), strict=True):

@@ -1,4 +1,4 @@
-"""What holds all along a motion to a goal: a glass that is carried upright."""
+"""Constraints along a motion to a goal: a glass that is carried upright."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def wall(height: float) -> kpam.Body:
 
 
 def tilts(panda: kpam.Robot, motion: kpam.Motion) -> np.ndarray:
-    """Angle (rad) of the tool to straight down, by samples."""
+    """Return the angle (rad) between the tool and straight down, by samples."""
     assert motion.trajectory is not None, motion.reason
     q = motion.trajectory.sample(np.linspace(0.0, motion.trajectory.duration, 4000))[0]
     axis = panda.forward_kinematics(q)[:, :3, :3] @ (np.subtract(TOOL["tool_head"], TOOL["tool_tail"]) / 0.03)
@@ -47,14 +47,14 @@ def test_a_glass_is_carried_upright_over_a_wall(panda: kpam.Robot, tolerance: fl
     end = kept.trajectory.sample(kept.trajectory.duration)[0]
     np.testing.assert_allclose(end, goal, atol=1e-9)
     q = kept.trajectory.sample(np.linspace(0.0, kept.trajectory.duration, 600))[0]
-    # Near by design: the Panda's own links.
+    # Close by design: links of the Panda itself.
     nearest = [pair for pair in kept.nearer if "wall" in pair]
     assert not nearest
     assert not scene.in_collision(q).any()
 
 
 def level(panda: kpam.Robot, q: np.ndarray) -> np.ndarray:
-    """The hand's pose there, turned so that the tool points straight down."""
+    """Return the hand's pose there, turned so that the tool points straight down."""
     pose = panda.forward_kinematics(q)
     x = pose[:3, 0] * [1, 1, 0]
     x /= np.linalg.norm(x)

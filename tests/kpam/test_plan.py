@@ -1,4 +1,4 @@
-"""Whole plans: what is promised holds, and what cannot be done is said."""
+"""Whole plans: solved ones keep their promises, and failures give their reason."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .kpam_scenes import Q_START, TOOL, config, problem, table
 
 
 def hand_path(panda: kpam.Robot, plan: kpam.Plan, start: str, end: str) -> np.ndarray:
-    """Hand poses between two keyframes, (N, 4, 4)."""
+    """Return hand poses between two keyframes, (N, 4, 4)."""
     times = {frame["label"]: frame["time"] for frame in plan.keyframes}
     assert plan.trajectory is not None
     samples = [plan.trajectory.sample(t)[0] for t in np.linspace(times[start], times[end], 60)]
@@ -97,7 +97,7 @@ def test_following_the_joint_is_an_arc(panda: kpam.Robot) -> None:
     about[:3, 3] = shift - about[:3, :3] @ shift
     np.testing.assert_allclose(end, about @ act, atol=1e-9)
     radius = np.linalg.norm((hand_path(panda, plan, "actuation", "post_0")[:, :3, 3] - shift)[:, 1:], axis=1)
-    # The motion passes the actuation pose without a stop: it leaves the arc by 2 mm there at most.
+    # The motion passes the actuation pose without a stop and leaves the arc by at most 2 mm there.
     assert np.abs(radius - radius[-1]).max() < 2e-3
 
 
@@ -187,7 +187,7 @@ def test_a_blocked_goal_names_the_bodies(panda: kpam.Robot) -> None:
     assert "lid" in plan.reason
     assert plan.collisions[0]["bodies"][1] == "lid"
     assert plan.collisions[0]["distance"] < 0
-    # The hand may touch the moving link from pre_0 on, and what it reaches for.
+    # The hand may touch the moving link and its target from pre_0 on.
     for role in ("moving_link", "target"):
         free = kpam.Body("lid", role, [kpam.Shape.box([0.02, 0.02, 0.02])], pose)
         assert kpam.plan(problem(panda, bodies=[table(), free])).status == "solved"
@@ -223,7 +223,7 @@ def test_contact_windows_replace_the_rules(panda: kpam.Robot) -> None:
 
 
 def test_contact_windows_count_pre_actuation_keyframes_from_the_actuation(panda: kpam.Robot) -> None:
-    # The fingers are in the block at pre_0, 4 cm above the actuation pose, and above it at pre_1.
+    # The fingers are inside the block at pre_0, 4 cm above the actuation pose, and above it at pre_1.
     settings = config(pre_actuation_motions=[["translate_z", -0.04], ["translate_z", -0.06]])
     pose = np.eye(4)
     pose[:3, 3] = [0.5, 0.1, 0.23]
@@ -358,7 +358,7 @@ def test_other_arms_reach(robots: Path, urdf: str, hand: str, at: list[float]) -
         tool_keypoints={"tip": [0, 0, 0]},
         object_keypoints={"goal": at},
         T_base_object=np.eye(4),
-        # The SO100 and the Fetch have joints whose URDF states no velocity limit, and planning needs one.
+        # The SO100 and the Fetch have joints without a velocity limit in the URDF, and planning needs one.
         options={"workspace": None, "velocity_limits": np.where(np.isfinite(robot.velocity), robot.velocity, 1.0)},
     )
     plan = kpam.plan(scene)

@@ -1,4 +1,4 @@
-"""Reaching for a thing without touching it: the clearance that is kept up to the actuation pose, that included."""
+"""Reaching for an object without touching it: the clearance up to and including the actuation pose."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import gensim2_kpam as kpam
 from .kpam_scenes import config, problem, table
 
 CLEARANCE = 0.003
-#: Rounding that the planner forgives (m).
+#: Rounding that the planner tolerates (m).
 SLACK = 2e-4
 #: Distance of the open pads from the middle (m).
 OPEN = 0.04
 
 
 def lid(half_width: float, role: Any = "moving_link", *, y: float = 0.1) -> kpam.Body:
-    """An upright panel about the point that the fingers reach for."""
+    """An upright panel at the fingers' target."""
     pose = np.eye(4)
     pose[:3, 3] = [0.5, y, 0.17]
     return kpam.Body("lid", role, [kpam.Shape.box([0.02, half_width, 0.05])], pose)
@@ -36,7 +36,7 @@ def planned(panda: kpam.Robot, body: kpam.Body, clearance: float | None, **chang
 
 
 def least_before_actuation(panda: kpam.Robot, body: kpam.Body, plan: kpam.Plan) -> float:
-    """Smallest distance of robot and body on the way to the actuation pose, by no rules (m)."""
+    """Return the smallest distance (m) of robot and body on the way to the actuation pose, without exceptions."""
     assert plan.trajectory is not None
     [end] = [frame["time"] for frame in plan.keyframes if frame["label"] == "actuation"]
     q = np.array([plan.trajectory.sample(t)[0] for t in np.append(np.arange(0.0, end, 0.01), end)])
@@ -45,7 +45,7 @@ def least_before_actuation(panda: kpam.Robot, body: kpam.Body, plan: kpam.Plan) 
 
 
 def test_nothing_comes_nearer_than_the_clearance_before_the_actuation_pose(panda: kpam.Robot) -> None:
-    # Off the middle, one finger would touch; the constraints leave room to shift the hand by 6 mm.
+    # Off the middle, one finger would touch; the constraints allow to shift the hand by 6 mm.
     body = lid(0.033, y=0.094)
     roomy = follows()
     roomy["constraint_list"][0]["tolerance"] = 0.006
@@ -68,7 +68,7 @@ def test_without_room_for_it_the_plan_says_what_comes_too_near(panda: kpam.Robot
 
 
 def test_after_the_actuation_pose_it_may_be_touched(panda: kpam.Robot) -> None:
-    # The closed hand goes down through where the lid is, which yields: only from the actuation pose on.
+    # The closed hand moves down through the lid, which yields: only from the actuation pose on.
     body = lid(0.01, y=0.1)
     above = config(gripper="closed", post_actuation_motions=[["trace_joint", -0.2], "move-down"])
     above["constraint_list"][0]["target_offset"] = [0.0, 0.0, 0.035]
@@ -91,7 +91,7 @@ def test_what_is_picked_is_not_touched_before_it_is_picked(panda: kpam.Robot) ->
 
 
 def test_a_start_that_is_nearer_may_leave(panda: kpam.Robot) -> None:
-    # The hand stands about the lid with a pad 1 mm off, as after a try that failed.
+    # The hand is around the lid with a pad 1 mm away, as after a failed attempt.
     half = OPEN - 0.012
     there = planned(panda, lid(half), CLEARANCE)
     assert there.q_plan is not None

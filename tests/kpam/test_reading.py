@@ -1,4 +1,4 @@
-"""Pickles that were tampered with: an error of the solver's own, or a value that serves; never a panic."""
+"""Damaged pickles give a solver error or a usable value, and never a panic."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ROUNDS = 150
 
 
 def damaged(data: bytes, draw: np.random.Generator) -> bytes:
-    """Bytes with some of them changed, cut off, or replaced by a number that is none."""
+    """Return bytes with some of them changed or cut off, or with an invalid number."""
     out = bytearray(data)
     at = int(draw.integers(len(out)))
     match int(draw.integers(4)):
@@ -32,7 +32,7 @@ def damaged(data: bytes, draw: np.random.Generator) -> bytes:
 
 
 def cases(panda: kpam.Robot) -> dict[str, tuple[Any, Callable[[Any], Any]]]:
-    """Values, and what is done with what is read."""
+    """Return values and the functions that use them after reading."""
     question = problem(panda, config=config(gripper="hold", let_go=0.05), options={"samples": 20, "extra_seeds": 2})
     plan = kpam.plan(question)
     scene = kpam.Scene(panda, [table()])

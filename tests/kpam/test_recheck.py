@@ -1,4 +1,4 @@
-"""Every trajectory that the planner emits for random problems holds when other code looks at it."""
+"""Every planned trajectory of random problems passes an independent checker."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from recheck import answer_of, recheck
 
 from .random_problems import RandomProblem, arm_problem, random_problem
 
-#: Random problems on arms of their own and on six arms, and how many a test looks at, so that a failure is found early.
-#: ``benchmarks/random_plans.py`` looks at 20,000.
+#: Numbers of random problems on their own arms and on six arms, and of those per test, so that failures are found
+#: early. ``benchmarks/random_plans.py`` tries 20,000.
 PROBLEMS, ON_SIX_ARMS, SHARE = 100, 1000, 100
 
-#: Problems on six arms of which a plan was false once: on the way out of an overlap the hand went into something else;
-#: the approach went as near to what the hand touches from its end on as it is there, and ``tight`` did not say so.
+#: Problems on six arms with a former bug: leaving an overlap, the hand went into something else; or the approach went
+#: as near to an object as at its end, which it touches, without reporting it in ``tight``.
 ONCE_FALSE = (50_043, 111, 6_609)
 
 
 def traits(problem: RandomProblem, plan: kpam.Plan) -> list[str]:
-    """What makes an emitted motion worth a look."""
+    """Return the properties of a motion that make it worth a test."""
     roles = {thing.role for thing in problem.things}
     joints = problem.mechanism.joints
     found = {
@@ -61,7 +61,7 @@ def test_random_problems(first: int, tmp_path: Path) -> None:
         verdict = recheck(problem.question(), answer_of(plan))
         wrong += [f"problem {number}: {error}" for error in verdict.errors]
     assert not wrong, "\n".join(wrong)
-    # A planner that refuses everything would pass; most of these can be solved, though some only deep in contact.
+    # A planner that refuses everything would pass, so most must be solved; some can be solved only in deep contact.
     assert seen["solved"] >= 0.4 * SHARE
     wanted = ("mimic", "prismatic", "continuous", "start velocity", "held object", "lets go")
     assert min(seen[name] for name in wanted) > 0, seen

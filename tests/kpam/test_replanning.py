@@ -1,4 +1,4 @@
-"""Planning anew from a moving arm: it arrives at any rate, in the least time, and the motion under way may go on."""
+"""Replanning from a moving arm: it arrives in every case, in the shortest time, and the current motion may be kept."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_a_motion_under_way_goes_on_unless_something_is_in_its_way(panda: kpam.R
     again = scene.plan_to(q, GOAL, **state(once, now), warm_start=once).trajectory
     assert again is not None
     assert again.times[-1] <= once.times[-1] + 1e-6
-    # A ball where the hand would be later: the motion does not go on.
+    # With a ball on the hand's later path, the current motion is not kept.
     late = panda.forward_kinematics(once.sample(0.7 * once.duration)[0])
     blocked = kpam.Scene(panda, [*scene.bodies, kpam.Body("new", "rigid", [kpam.Shape.sphere(0.04)], late)])
     other = blocked.plan_to(q, GOAL, **state(once, now), warm_start=once)
@@ -133,7 +133,7 @@ def test_deadlines_are_met_at_any_speed(panda: kpam.Robot, scale: float, deadlin
         begun = time.thread_time()
         assert callable(ask)
         found = ask()
-        # Planning runs in a thread of its own: its CPU time is what it says.
+        # Planning runs in its own thread, whose CPU time it reports.
         cpu = found.cpu_ms if isinstance(found.cpu_ms, float) else found.cpu_ms["total"]
         return cpu + 1e3 * (time.thread_time() - begun)
 
@@ -148,7 +148,7 @@ def test_deadlines_are_met_at_any_speed(panda: kpam.Robot, scale: float, deadlin
         lambda: kpam.plan(question, deadline_ms=deadline_ms),
     )
     for ask in asks:
-        # The best of a few: the machine may be busy.
+        # The best of a few, because the machine may be busy.
         assert min(spent(ask) for _ in range(5)) <= deadline_ms + 1.0
 
 

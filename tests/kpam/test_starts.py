@@ -1,4 +1,4 @@
-"""Which actuation pose is found does not hang on which side things lie."""
+"""The chosen actuation pose does not depend on the side of the objects."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MIRROR = np.diag([1.0, -1.0, 1.0])
 
 
 def mirrored(urdf: str) -> str:
-    """The arm seen in a mirror across y = 0, without shapes: turning joints turn the other way."""
+    """The arm mirrored at y = 0, without shapes: revolute joints turn in the opposite direction."""
     for element in ("collision", "visual", "inertial"):
         urdf = re.sub(rf"<{element}.*?</{element}>", "", urdf, flags=re.DOTALL)
 

@@ -1,4 +1,4 @@
-"""What control loops ask of a motion: samples in place, stops along the path, going over to another; and Ctrl-C."""
+"""Motions in control loops: samples, stops along the path, transitions to another motion; and Ctrl-C."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def motion(acceleration: float, jerk: float, seed: int = 0, **options: Any) -> k
 
 
 def assert_within(trajectory: kpam.Trajectory, begin: float, acceleration: float, jerk: float) -> None:
-    """Limits by samples and their differences, and rates that are those of the positions."""
+    """Check limits by samples and their differences, and velocities against positions."""
     times = np.linspace(begin, begin + trajectory.duration, 4001)
     q, v, a = trajectory.sample(times)
     step = times[1] - times[0]
@@ -163,7 +163,7 @@ def large_mesh() -> Callable[[], object]:
 
 
 def then_wait(call: Callable[[], object]) -> None:
-    """Call, and wait for a signal that comes after it."""
+    """Call a function, and wait for a signal that comes after it."""
     call()
     time.sleep(2.0)
 
@@ -188,7 +188,7 @@ def test_long_work_answers_ctrl_c(work: str) -> None:
     try:
         with pytest.raises(KeyboardInterrupt):
             then_wait(call)
-        # CPU time: a busy machine answers later.
+        # CPU time, because a busy machine answers later.
         assert time.process_time() - sent[0] < 1.0
     finally:
         timer.cancel()

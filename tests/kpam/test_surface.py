@@ -1,4 +1,4 @@
-"""The solver's Python surface: stubs that say what is there, typed options that are the solver's, readable values."""
+"""The solver's Python interface: stubs agree with the module, typed options with the solver, and values are printable."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CONSTRAINTS = [point_to_point("tip", "goal", 0.001)]
 
 
 def stubbed() -> dict[str, ast.stmt]:
-    """Public names of the stub, with what defines them."""
+    """Return the public names of the stub with their definitions."""
     out: dict[str, ast.stmt] = {}
     for node in ast.parse(STUB.read_text()).body:
         match node:

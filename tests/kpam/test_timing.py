@@ -1,4 +1,4 @@
-"""Motions in time: limits everywhere, starts under way, stops where the gripper acts and nowhere else."""
+"""Timing: limits, moving starts, and stops only where the gripper acts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ VELOCITY, ACCELERATION, JERK = np.full(3, 1.5), np.full(3, 5.0), np.full(3, 400.
 
 
 def speeds(plan: kpam.Plan) -> dict[str, float]:
-    """Greatest joint speed at each keyframe."""
+    """Return the largest joint speed at each keyframe."""
     assert plan.trajectory is not None
     return {frame["label"]: np.abs(plan.trajectory.sample(frame["time"])[1]).max() for frame in plan.keyframes}
 
@@ -119,7 +119,7 @@ def test_a_turn_off_the_line_of_a_start_under_way_keeps_the_joint_limits(
     driven = 0
     for _ in range(300):
         start, velocity = Q_START.copy(), np.zeros(9)
-        # Room to stop, and hardly more, in two joints.
+        # Hardly more room than needed to stop, in two joints.
         for joint in (0, 2):
             velocity[joint] = draw.uniform(0.3, 2.0)
             start[joint] = panda.upper[joint] - draw.uniform(0.05, 0.35)

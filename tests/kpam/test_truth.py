@@ -1,4 +1,4 @@
-"""A plan that is solved has a motion, from whatever state a robot may truly be in."""
+"""A solved plan has a motion, from every state that a robot may be in."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def point(name: str = "goal", tolerance: float = 1e-3) -> dict[str, Any]:
 
 
 def moving(robot: kpam.Robot, q: Array, velocity: Array, goal: Array, **options: Any) -> kpam.Plan:
-    """The plan to a point from a state in motion, nothing in the way."""
+    """Return the plan to a point from a moving state, without obstacles."""
     return kpam.plan(
         problem(
             robot,
@@ -41,7 +41,7 @@ def told(plan: kpam.Plan) -> str:
 
 
 def has_motion(plan: kpam.Plan) -> bool:
-    """Whether what a plan says of its motion is so."""
+    """Return whether the plan's statements about its motion are true."""
     return (plan.status in ("solved", "partial")) == (plan.trajectory is not None)
 
 
@@ -92,12 +92,12 @@ def ball(name: str, role: str, place: Array, radius: float) -> kpam.Body:
 
 
 def test_a_damaged_former_plan_is_not_believed(panda: kpam.Robot) -> None:
-    """A former plan whose way was bent, its ends kept, leads through the table no more."""
+    """A former plan whose path was bent between its ends must not lead through the table."""
     low = {"edge": [0.45, 0.3, 0.03], "inside": [0.5, 0.1, 0.05]}
     question = problem(panda, object_keypoints=low, bodies=[])
     former = kpam.plan(question)
     assert former.status == "solved", told(former)
-    # What was free for the former plan is filled where the hand passed.
+    # The former plan's path is now blocked where the hand passed.
     trajectory = former.trajectory
     assert trajectory is not None
     for share in (0.2, 0.35, 0.5):
@@ -127,7 +127,7 @@ def test_a_start_inside_a_wall_is_no_start(panda: kpam.Robot) -> None:
 
 
 def test_what_is_nearer_than_the_margin_at_the_goal_is_told(panda: kpam.Robot) -> None:
-    """A ball two millimetres off a finger at the actuation pose: the plan keeps that and says so."""
+    """A ball is 2 mm from a finger at the actuation pose: the plan keeps this distance and reports it."""
     free = kpam.plan(problem(panda, bodies=[table()]))
     assert free.q_plan is not None
     assert (free.tight, free.margin) == ([], 0.005)
@@ -145,7 +145,7 @@ def test_what_is_nearer_than_the_margin_at_the_goal_is_told(panda: kpam.Robot) -
 
 
 def test_a_contact_has_a_depth(panda: kpam.Robot) -> None:
-    """The fingertips reach a centimetre into the lid: more than three millimetres, and told where allowed."""
+    """The fingertips reach 1 cm into the lid: more than 3 mm, reported where allowed."""
     pose = np.eye(4)
     pose[:3, 3] = [0.5, 0.1, 0.195]
     lid = kpam.Body("lid", "moving_link", [kpam.Shape.box([0.05, 0.05, 0.012])], pose)
@@ -174,7 +174,7 @@ def test_failures_name_the_workspace_where_it_is_the_reason(panda: kpam.Robot) -
 
 
 def test_the_emitted_curve_keeps_the_margin(panda: kpam.Robot) -> None:
-    """The sweep is of the emitted curve in time: it keeps the margin by distances that know nothing of sweeps."""
+    """The sweep is computed for the final curve in time, which keeps the margin by an independent measurement."""
     turned = Q_START + np.array([1.57] + [0.0] * 8)
     goal = (panda.forward_kinematics(turned) @ [*TOOL["tool_head"], 1.0])[:3]
     place = np.eye(4)

@@ -1,4 +1,4 @@
-"""URDFs, SRDFs and meshes as users write them: read as meant, or refused by link or joint, attribute and remedy."""
+"""URDFs, SRDFs and meshes of users are read correctly, or refused with the link or joint, the attribute and a remedy."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def arm(joint: str = LIMIT, link: str = "", more: str = "", head: str = '<?xml v
 
 
 def read(folder: Path, text: str | bytes, srdf: str | None = None) -> kpam.Robot:
-    """The robot of a text, its hand ``l4``."""
+    """Return the robot of a text with the hand ``l4``."""
     file = folder / "arm.urdf"
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
     if srdf is None:
@@ -43,7 +43,7 @@ def read(folder: Path, text: str | bytes, srdf: str | None = None) -> kpam.Robot
 
 
 def solid(geometry: str) -> str:
-    """A collision element."""
+    """Return a collision element."""
     return f"<collision><geometry>{geometry}</geometry></collision>"
 
 
@@ -51,7 +51,7 @@ FINGER = '<collision><geometry><box size="0.02 0.02 0.05"/></geometry></collisio
 
 
 def fingers(second: str) -> str:
-    """Two fingers on the hand that touch where they are closed; ``second`` are elements of the follower's joint."""
+    """Return two fingers on the hand that touch when closed; ``second`` are elements of the follower's joint."""
     return (
         f'<link name="fa">{FINGER}</link><link name="fb">{FINGER}</link>'
         '<joint name="ga" type="prismatic"><origin xyz="0 0.01 0.05"/><parent link="l4"/><child link="fa"/>'

@@ -1,4 +1,4 @@
-"""The world of a motion: held bodies, what may touch what, scenes, and planning that goes on from an earlier plan."""
+"""The world of a motion: held bodies, allowed contacts, scenes, and planning that continues from an earlier plan."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def ball(name: str, role: Any, at: Any, radius: float = 0.03) -> kpam.Body:
 
 
 def middle_of(panda: kpam.Robot, link: str) -> np.ndarray:
-    """A point inside a link, base frame."""
+    """Return a point inside a link, base frame."""
     inside = {"panda_link3": [0.03, 0.0, -0.06], "panda_link4": [-0.05, 0.04, 0.0], "panda_link5": [0.0, 0.05, -0.15]}
     inside |= {"panda_link6": [0.05, 0.0, 0.0], "panda_link7": [0.0, 0.0, 0.06]}
     return (panda.forward_kinematics(Q_START, link) @ [*inside[link], 1.0])[:3]
@@ -49,7 +49,7 @@ def test_the_hand_may_hold_what_it_holds(panda: kpam.Robot) -> None:
 
 
 def tipped(robots: Path, tmp_path: Path) -> kpam.Robot:
-    """The Panda with a bare tool frame for its hand link."""
+    """The Panda with a bare tool frame as its hand link."""
     folder = robots / "panda"
     frame = (
         '<link name="tip"/><joint name="tip_joint" type="fixed"><parent link="panda_hand"/><child link="tip"/>'
@@ -62,7 +62,7 @@ def tipped(robots: Path, tmp_path: Path) -> kpam.Robot:
 
 
 def test_a_body_under_a_bare_tool_frame_is_swept(robots: Path, tmp_path: Path) -> None:
-    """The ends of a long bar go far while the hand turns on the spot; poles stand where they may pass."""
+    """The ends of a long bar move far while the hand turns in place; poles stand in their path."""
     robot = tipped(robots, tmp_path)
     bar = kpam.Body("bar", "attached", [kpam.Shape.box([0.01, 0.25, 0.01])], np.eye(4))
     tool = {name: [x, y, z - 0.1] for name, (x, y, z) in TOOL.items()}
@@ -131,7 +131,7 @@ def test_windows_name_what_rides(panda: kpam.Robot) -> None:
 
 
 def test_what_is_picked_leaves_nothing_behind(panda: kpam.Robot) -> None:
-    """The hand goes down through where the cube was: that is free once the cube rides."""
+    """The hand moves down through the cube's former place, which is free once the cube is held."""
     cube = ball("cube", "rigid", [0.5, 0.1, 0.2], 0.05)
     settings = config(post_actuation_motions=["move-up", "move-down"])
     blocked = kpam.plan(problem(panda, config=settings, bodies=[table(), cube]))
@@ -144,7 +144,7 @@ def test_what_is_picked_leaves_nothing_behind(panda: kpam.Robot) -> None:
 
 
 def test_what_is_released_becomes_an_obstacle(panda: kpam.Robot) -> None:
-    """A wide plate that the hand leaves: the arm may not go through it afterwards."""
+    """A wide plate that the hand releases is an obstacle for the rest of the motion."""
     pose = np.eye(4)
     pose[:3, 3] = [0.0, 0.0, 0.115]
     plate = kpam.Body("plate", "attached", [kpam.Shape.box([0.25, 0.25, 0.005])], pose)

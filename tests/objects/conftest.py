@@ -1,4 +1,4 @@
-"""Real-looking objects, written to order."""
+"""Objects in the format of the released ones, written for the tests."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ f 4 1 5 8
 
 
 def write_cube(folder: Path, name: str, low: tuple[float, float, float], high: tuple[float, float, float]) -> None:
-    """A box as OBJ + MTL."""
+    """Return a box as OBJ + MTL."""
     corners = {f"{axis}{i}": v[k] for k, axis in enumerate("xyz") for i, v in enumerate((low, high))}
     (folder / f"{name}.obj").write_text(CUBE.format(name=name, **corners))
     (folder / f"{name}.mtl").write_text("newmtl paint\nKd 0.2 0.4 0.6\nd 1\n")
 
 
 def write_chest(folder: Path, **info: object) -> Path:
-    """A real-looking instance: a body of five boards, a lid hinged at the back, no limits on effort."""
+    """Write an object like the released ones: a body of five boards, a lid hinged at the back, no effort limits."""
     meshes = folder / "textured_objs"
     meshes.mkdir(parents=True)
     boards = {
@@ -82,11 +82,11 @@ def write_chest(folder: Path, **info: object) -> Path:
 
 @pytest.fixture(scope="session")
 def chest() -> Callable[..., Path]:
-    """Writer of a real-looking instance: ``chest(folder, **info)``."""
+    """Return the writer of such an object: ``chest(folder, **info)``."""
     return write_chest
 
 
 @pytest.fixture(scope="session")
 def cube() -> Callable[..., None]:
-    """Writer of a box as OBJ + MTL: ``cube(folder, name, low, high)``."""
+    """Return the writer of a box as OBJ + MTL: ``cube(folder, name, low, high)``."""
     return write_cube

@@ -1,4 +1,4 @@
-"""What lies in the cache and is not as it was written is made again."""
+"""Changed files in the cache are made again."""
 
 from __future__ import annotations
 

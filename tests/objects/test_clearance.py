@@ -1,4 +1,4 @@
-"""Convex parts of two links: they keep out of each other's way and keep to their own meshes."""
+"""Convex parts of two links do not overlap and stay close to their own meshes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Part = tuple[Array, Faces]
 
 
 def mesh(low: tuple[float, float, float], high: tuple[float, float, float]) -> Part:
-    """Surface of a box."""
+    """Return the surface of a box."""
     corners = np.array(
         [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])], float
     )
@@ -31,7 +31,7 @@ def mesh(low: tuple[float, float, float], high: tuple[float, float, float]) -> P
 
 
 def grooved_block() -> Part:
-    """One connected surface: a block with a groove, 4 mm wide and 8 mm deep, along x in its upper face."""
+    """Return one connected surface: a block with a groove, 4 mm wide and 8 mm deep, along x in its upper face."""
     outline = [(-0.05, -0.03), (0.05, -0.03), (0.05, 0.03), (0.002, 0.03), (0.002, 0.022), (-0.002, 0.022)]
     outline += [(-0.002, 0.03), (-0.05, 0.03)]
     n = len(outline)
@@ -44,7 +44,7 @@ def grooved_block() -> Part:
 
 
 def deepest(moving: list[Array], body: list[Array], motion: Motion) -> float:
-    """How deep corners and a grid of points of the moving hulls lie in the body's, over the motion."""
+    """Return how deep corners and a grid of points of the moving hulls are inside the body's hulls, over the motion."""
     blocks = [ConvexBlock.of(hull) for hull in body]
     grid = np.linspace(0, 1, 15)
     worst = 0.0
@@ -122,7 +122,9 @@ def test_cut_by_plane() -> None:
 
 
 def overlapping(folder: Path, hull: Solid, seen: Solid) -> Overlap:
-    """Overlap of an object: its body is a block, its moving link is simulated as ``hull`` and looks like ``seen``."""
+    """Return the overlap of an object whose body is a block and whose moving link is simulated as ``hull`` and drawn as
+    ``seen``.
+    """
     block = box((0, 0, 0), (0.1, 0.1, 0.06), LOOK, 0.0)
     assert block.hull is not None
     assert block.mesh is not None

@@ -1,4 +1,4 @@
-"""``gensim2 assets``: what each command prints, writes and ends with."""
+"""``gensim2 assets``: output, files and exit codes of each command."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gensim2.rollout.inputs import task_and_strategies
 
 @pytest.fixture(autouse=True)
 def generated_objects(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Take the generated library where ``--assets`` is not given, whatever the tests on real objects are told."""
+    """Use the generated library if ``--assets`` is not given, even if the tests have real objects."""
     monkeypatch.delenv("GENSIM2_ASSETS", raising=False)
 
 

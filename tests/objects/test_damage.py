@@ -1,8 +1,7 @@
-"""Folders of objects under damage: accepted, or refused in one line and in time, whatever the command.
+"""Damaged object folders are accepted, or refused in one line and in time, by every command.
 
-Each kind of damage is one row of ``damage_kinds.KINDS``: its name, what it does to the chest of
-``conftest.write_chest``, and either a pattern of the error, or ``None`` where the object is used all the same, with a
-pattern of the warning (``""``: there is none).
+Each kind of damage is a row of ``damage_kinds.KINDS``: its name, what it does to the chest of ``conftest.write_chest``,
+and either a pattern of the error or, if the object is accepted, ``None`` with a pattern of the warning (``""``: none).
 """
 
 from __future__ import annotations
@@ -27,7 +26,8 @@ from gensim2.objects.library.importer import import_object
 
 LONGEST = 5.0  # s of CPU, convex decomposition apart
 
-#: What ``import`` does not read, and what it mends or leaves to the check after it.
+#: Damage that ``import`` does not notice, because it does not read the file, repairs it, or leaves it to the later
+#: check.
 ONLY_READ = (
     "info.json",
     "scale ",
@@ -44,7 +44,7 @@ MENDED = ("a lid of no volume", "it mimics a fixed joint", "a moving link named 
 
 @pytest.fixture(scope="module")
 def whole(chest: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A chest whose convex parts are known already."""
+    """A chest whose convex parts are cached already."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("GENSIM2_CACHE", str(tmp_path_factory.mktemp("cache")))
         folder = chest(tmp_path_factory.mktemp("assets") / "articulated_objs" / "box_rotate" / "1")

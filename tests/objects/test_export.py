@@ -1,4 +1,4 @@
-"""Exported objects: read back by our reader and by others' they are what they were."""
+"""Exported objects are read back unchanged by our reader and by other libraries."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gensim2.objects.library.export import export
 
 
 def same_hulls(a: ArticulatedObject, b: ArticulatedObject) -> None:
-    """Both have the same convex parts, whatever the order of their corners."""
+    """Return whether both have the same convex parts, in any order of their vertices."""
     assert list(a.hulls) == list(b.hulls)
     for link, hulls in a.hulls.items():
         assert len(hulls) == len(b.hulls[link])

@@ -1,4 +1,4 @@
-"""The reader of the released layout, on objects written here."""
+"""The reader of the released format, on objects written here."""
 
 from __future__ import annotations
 

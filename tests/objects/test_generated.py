@@ -1,4 +1,4 @@
-"""Generated objects: any number gives a sound one, always the same."""
+"""Generated objects: every number gives a valid one, and always the same."""
 
 from __future__ import annotations
 

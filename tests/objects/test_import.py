@@ -43,7 +43,7 @@ HINGE = np.array([0.0, 0.31, -0.4])
 
 @pytest.fixture
 def partnet(tmp_path: Path, cube: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A cabinet as PartNet-Mobility has them: a lid on a hinge (joint_0), a tray that slides (joint_1), no size."""
+    """A cabinet in PartNet-Mobility's format: a hinged lid (joint_0), a sliding tray (joint_1), and no size."""
     monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "45001"
     (folder / "textured_objs").mkdir(parents=True)

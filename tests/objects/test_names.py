@@ -1,4 +1,4 @@
-"""Words that name no object, no folder and no file."""
+"""Strings that are no valid name of an object, a folder or a file."""
 
 from __future__ import annotations
 

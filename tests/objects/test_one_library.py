@@ -1,4 +1,4 @@
-"""One library of articulated and rigid objects, and what the two have in common."""
+"""A common library of articulated and rigid objects."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_a_rigid_object_is_the_only_one_of_its_class(library: Library) -> None:
     assert library.joint_type("mug") is None
     with pytest.raises(InputError, match="no instance '1' of mug"):
         library.load("mug", "1")
-    # What is drawn from a word for a set, of the articulated objects beside it, says nothing of it.
+    # The draw from a set of articulated objects does not depend on the rigid ones beside them.
     assert {library.choose("mug", word) for word in SETS} == {("0",)}
 
 
@@ -63,7 +63,7 @@ def test_who_asks_for_the_wrong_kind_is_told(library: Library) -> None:
 
 @pytest.fixture
 def release(chest: Callable[..., Path], cube: Cube, tmp_path: Path) -> Path:
-    """A library in the release's layout: one chest, one mug."""
+    """A library in the released format: one chest, one mug."""
     chest(tmp_path / "release" / "articulated_objs" / "box_rotate" / "1")
     mug = tmp_path / "release" / "rigidbody_objs" / "models" / "mug"
     mug.mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""Collision parts as the original has them: each connected piece of a file as its hull."""
+"""Collision parts as in the original: each connected piece of a file as its hull."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def mesh(shape: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def shell() -> trimesh.Trimesh:
-    """An open box of 10 cm with walls of 5 mm, one connected piece."""
+    """An open box of 10 cm with walls of 5 mm, in one connected piece."""
     outer, inner = np.array([0.1, 0.1, 0.1]), np.array([0.09, 0.09, 0.095])
     v = np.array([[x, y, z] for z in (0.0, 1.0) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
     out = v * outer

@@ -1,4 +1,4 @@
-"""Rigid objects: sizes and masses of the YCB set, rest in physics, holds that a Panda can take, three sources."""
+"""Rigid objects: sizes and masses of the YCB set, rest in physics, grasps for a Panda, three sources."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gensim2.objects.library.rigid_prepare import best_grip, read, resting_pose,
 from gensim2.objects.physics import Inertial
 from gensim2.objects.types import AssetError
 
-# Published with the YCB set (Calli et al., 2015): mass in g, extents in mm from small to large.
+# Published with the YCB set (Calli et al., 2015): mass in g, extents in mm in increasing order.
 YCB = {
     "apple": (68, (75, 75, 75)),
     "banana": (66, (36, 90, 190)),
@@ -66,7 +66,7 @@ def test_generation_gives_the_same_object_again(
 
 
 def box(x: float, y: float, z: float) -> np.ndarray:
-    """Corners (8, 3) of a box around the origin."""
+    """Return the corners (8, 3) of a box around the origin."""
     return np.array([[a * x, b * y, c * z] for a in (-0.5, 0.5) for b in (-0.5, 0.5) for c in (-0.5, 0.5)])
 
 
@@ -98,7 +98,7 @@ def test_a_mug_is_held_by_its_wall_or_handle(library: Library) -> None:
 
 
 def write_ycb(folder: Path) -> Path:
-    """A folder as ManiSkill's YCB download makes it, with one small box in it."""
+    """Write a folder like that of ManiSkill's YCB download, with one small box."""
     model = folder / "models" / "004_sugar_box"
     model.mkdir(parents=True)
     mesh = trimesh.creation.box((0.04, 0.09, 0.17))

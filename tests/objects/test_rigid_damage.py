@@ -1,4 +1,4 @@
-"""Folders of rigid objects under damage: accepted, or refused in one line."""
+"""Damaged folders of rigid objects are accepted, or refused in one line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ INFO: dict[str, Any] = {"scale": 1.0, "keypoints": {"rigidbody_object_head": [0,
 
 @pytest.fixture
 def release(cube: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A library in the release's layout, with one block in it."""
+    """A library in the released format with one block."""
     monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "library" / "rigidbody_objs" / "models" / "block"
     folder.mkdir(parents=True)
@@ -90,7 +90,7 @@ def test_a_name_that_is_none_is_bad_input(release: Path, capfd: pytest.CaptureFi
 
 
 def ycb(folder: Path, entry: Any, collision: bytes | None = None) -> None:
-    """A folder as ManiSkill's YCB download makes it, with one box in it."""
+    """A folder like that of ManiSkill's YCB download, with one box."""
     model = folder / "models" / "box"
     model.mkdir(parents=True, exist_ok=True)
     mesh = trimesh.creation.box((0.04, 0.09, 0.17))

@@ -1,4 +1,4 @@
-"""Rotations mean what the field means by them: fixed axes in URDF, (w, x, y, z), right-handed about the vertical."""
+"""Conventions of rotations: fixed axes in URDF, (w, x, y, z), right-handed about the vertical."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gensim2.objects.types import Placement
 
 
 def about(axis: int, angle: float) -> np.ndarray:
-    """(3, 3) rotation about x, y or z, written out."""
+    """Return the rotation (3, 3) about x, y or z, written out."""
     c, s = np.cos(angle), np.sin(angle)
     R = np.eye(3)
     i, j = (axis + 1) % 3, (axis + 2) % 3

@@ -1,4 +1,4 @@
-"""Words for people: one phrase for each end of each joint, one noun for each object."""
+"""Words for people: a phrase for each end of each joint, and a noun for each object."""
 
 from __future__ import annotations
 

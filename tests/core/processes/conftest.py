@@ -1,4 +1,4 @@
-"""Workers import the jobs of this folder by name, so it is on the path for as long as the tests run."""
+"""Workers import the jobs of this folder by name, so it is added to the path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs for the tests of this folder: plain functions that a worker can import."""
+"""Jobs for the tests of this folder, which workers import by name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def process_id(_: int, delay: float = 0.0) -> int:
 
 
 def spin(seconds: float) -> float:
-    """Work for so many seconds of CPU."""
+    """Use the given seconds of CPU time."""
     begin = time.process_time()
     while time.process_time() - begin < seconds:
         pass
@@ -55,7 +55,7 @@ def hang(value: int) -> int:
 
 
 class LocalError(Exception):
-    """Does not survive pickling: its constructor wants two arguments."""
+    """An error that cannot be pickled, because its constructor needs two arguments."""
 
     def __init__(self, a: int, b: int) -> None:
         super().__init__(f"{a} and {b}")
@@ -74,14 +74,14 @@ def panic(value: int) -> int:
 
 
 def evaluated(config: Any, spec: Any, seed: int, stop: str, keep: Any, index: int) -> Any:
-    """Take the place of an episode of ``gensim2 evaluate`` in the made-up world."""
+    """Replace an episode of ``gensim2 evaluate`` by one of the fake world."""
     import fake_world
 
     return fake_world.episode(config, {}, seed)
 
 
 def die_at_first(value: int, tries: str, needed: int) -> tuple[int, int]:
-    """Be killed until it was tried ``needed`` times; tell the process and the tries."""
+    """Kill this process until it was tried ``needed`` times; then return the process id and the number of tries."""
     path = Path(tries)
     with path.open("a") as stream:
         stream.write(f"{os.getpid()}\n")

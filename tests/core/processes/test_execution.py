@@ -1,4 +1,4 @@
-"""How jobs run is one value: checked when it is made, and the same whatever else stands beside its keywords."""
+"""``Execution`` is checked when it is created; ``Execution.of`` ignores other keywords."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ctrl-C while the server that forks workers still imports: no traceback of its own, the program gets it, both end."""
+"""Ctrl-C while the fork server still imports: no traceback, the program gets the signal, and both end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pool's promises: every job is run, whatever becomes of processes; nothing waits for a slow one; clean ends."""
+"""The pool: every job is run even if processes die, no job waits for a slow one, and processes end cleanly."""
 
 from __future__ import annotations
 
@@ -179,7 +179,7 @@ def test_a_job_that_does_not_pickle_is_refused_at_once() -> None:
 
 
 def _runs(pid: int) -> bool:
-    """Whether the process still does something: a zombie that was not reaped does not."""
+    """Return whether a process is alive; a zombie is not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):

@@ -1,4 +1,4 @@
-"""Ray's pool keeps the promises of the one on this machine; one small cluster for all tests of this file."""
+"""The Ray pool behaves like the local one; all tests of this file share a small cluster."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def pool() -> Iterator[RayPool]:
     before = signal.getsignal(signal.SIGTERM)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FAKE_EPISODE_SECONDS", "0")  # of the made-up world in the actors
-        # An actor is a process of a second of CPU or two: few are renewed.
+        # An actor takes one or two seconds of CPU to start, so few are replaced.
         with RayPool("local", 2, time_limit=60.0, jobs_per_worker=12) as found:
             assert signal.getsignal(signal.SIGTERM) is before  # Ray would have its own
             yield found

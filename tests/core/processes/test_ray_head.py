@@ -1,4 +1,4 @@
-"""Whether a head is there, asked of a socket in the place of Ray's."""
+"""Whether a Ray head is alive, tested with a plain socket."""
 
 from __future__ import annotations
 

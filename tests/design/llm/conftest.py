@@ -1,4 +1,4 @@
-"""A model server, and a brief of a few classes of the generated library."""
+"""A model server, and a design brief with some classes of the generated library."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CLASSES = ("drawer", "box_rotate", "safe_rotate", "bucket_lift", "golf_ball", "a
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The key, and a back-off of milliseconds."""
+    """Set an API key and a back-off of milliseconds."""
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
     monkeypatch.setattr("openai._base_client.INITIAL_RETRY_DELAY", 0.01)
 
@@ -36,7 +36,7 @@ def server() -> Iterator[ModelServer]:
 
 @pytest.fixture(scope="session")
 def brief(library: Library) -> Brief:
-    """Of six classes and four known tasks."""
+    """Brief with six classes and four known tasks."""
     profile = robot("panda")
     settings = RobotSummary(
         robot="panda",

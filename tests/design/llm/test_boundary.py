@@ -1,6 +1,6 @@
-"""Strangers' endpoints: what they repeat, drip, redirect and count is cleaned where it comes in, or ends as one error.
+"""Untrusted endpoints: repeated, slow, redirected and oversized answers are handled or end as one error.
 
-The servers here speak raw bytes on loopback: what they send no library would.
+The servers send raw bytes on loopback, because libraries would not send such answers.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Line = socket.socket
 
 
 class RawServer:
-    """Answers each connection with ``act``, in a thread of its own."""
+    """Answers each connection with ``act`` in its own thread."""
 
     def __init__(self, act: Callable[[Line, bytes], None]) -> None:
         self.act, self.requests = act, 0
@@ -167,7 +167,7 @@ def test_a_folder_holds_the_answers_of_one_endpoint(serve: Serve, tmp_path: Path
 
 
 def test_a_folder_without_an_endpoint_is_gone_on_with(serve: Serve, tmp_path: Path) -> None:
-    """Runs and tapes of earlier versions."""
+    """Folders of earlier versions without an endpoint can be continued."""
     server = serve(reply(completion()))
     LanguageModel(options(server)).open(tmp_path / "run")
     file = tmp_path / "run" / "model.json"
@@ -178,7 +178,7 @@ def test_a_folder_without_an_endpoint_is_gone_on_with(serve: Serve, tmp_path: Pa
     assert LanguageModel(options(server), replay=tmp_path / "run").options.model == "m"
 
 
-#: What version 0.2.0 wrote with --record.
+#: Output of version 0.2.0 with --record.
 RECORD_OF_0_2_0 = {
     "model.json": {
         "schema_version": 1, "model": "m", "temperature": None, "max_tokens": 4096, "price_in": None, "price_out": None,
@@ -207,7 +207,7 @@ def test_a_record_of_version_0_2_0_is_replayed(tmp_path: Path) -> None:
     assert recorded_answers(tmp_path / "run") == tmp_path / "run" / "model"
 
 
-# Row 4: the key comes back
+# Row 4: the server sends the key back
 
 
 ECHOES = {
@@ -222,7 +222,7 @@ ECHOES = {
 
 
 def kept_of_key(text: str) -> list[str]:
-    """The key where it stands in a text, as it is or percent-encoded; in any case of its letters."""
+    """Return the parts of a text that contain the key, in plain or percent-encoded form, in upper or lower case."""
     return [KEY] if KEY.lower() in unquote(text).lower() else []
 
 
@@ -291,7 +291,7 @@ def test_a_key_shows_itself_nowhere() -> None:
     assert secret.reveal() == KEY
 
 
-# Row 5: what is no secret
+# Row 5: text that is not secret
 
 
 @pytest.mark.parametrize(
@@ -349,7 +349,7 @@ def test_a_key_with_signs_is_hidden_in_json_and_in_an_address(key: str) -> None:
     assert Secret(key).hidden_in(text) == f'{HIDDEN} "{HIDDEN}" {HIDDEN}'
 
 
-# Row 6: half characters
+# Row 6: lone surrogates
 
 
 def test_half_a_character_is_mended_before_it_is_stored(serve: Serve, tmp_path: Path) -> None:
@@ -502,7 +502,7 @@ def test_no_redirect_is_followed(serve: Serve, status: str, where: str) -> None:
     assert server.requests == 1
 
 
-# Their kin
+# Similar cases
 
 
 def test_a_compressed_bomb_is_not_unpacked(serve: Serve) -> None:

@@ -1,4 +1,4 @@
-"""The client over real HTTP on loopback: every fault ends as a retry, an answer with a problem, or one clear error."""
+"""The client over real HTTP on loopback: each fault ends in a retry, an answer with a problem, or one clear error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every stage and mode through real HTTP, with a model that answers well or badly."""
+"""All stages and modes over real HTTP, with a model that answers well or badly."""
 
 from __future__ import annotations
 
@@ -276,7 +276,7 @@ def test_of_a_long_task_the_step_to_blame_is_written_anew(server: ModelServer, b
 
 
 class Camera:
-    """Draws nothing, and says what of."""
+    """A fake camera that records the objects to be drawn."""
 
     def start(self, task: TaskSpec, step: str) -> LazyPicture:
         return LazyPicture(f"{task.name}/{step}/start", lambda: PNG + b"scene")

@@ -1,4 +1,4 @@
-"""A made-up world with a bug in it: the episode of the seed in ``BROKEN_SEED`` cannot be run."""
+"""A fake world with a bug: the episode of the seed in ``BROKEN_SEED`` raises an error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs in a made-up world, in this process and in workers."""
+"""Runs in a fake world, in this process and in workers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Contents = dict[str, Any]
 
 @pytest.fixture(autouse=True)
 def made_up_world(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No test of runs waits for physics, but in modules that say ``SIMULATOR = True``."""
+    """Use the fake world, except in modules with ``SIMULATOR = True``."""
     if not getattr(request.module, "SIMULATOR", False):
         _install(monkeypatch)
 
@@ -37,7 +37,7 @@ def _install(patch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def record(tmp_path: Path) -> Callable[..., DemoResult]:
-    """Records six demonstrations in ``tmp_path / "run"``."""
+    """Return a function that records six demonstrations in ``tmp_path / "run"``."""
 
     def call(out: Path = tmp_path / "run", **options: Any) -> DemoResult:
         given: dict[str, Any] = {"episodes": 6, "seed": 3, "workers": 0, "assets": "builtin", "video": False, **options}
@@ -48,7 +48,7 @@ def record(tmp_path: Path) -> Callable[..., DemoResult]:
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Contents:
-    """What those six leave where nothing happens."""
+    """The result of these six without interruptions."""
     out = tmp_path_factory.mktemp("undisturbed") / "run"
     with pytest.MonkeyPatch.context() as patch:
         _install(patch)

@@ -1,4 +1,4 @@
-"""A task made by hand is verified and added, or refused with the reason; episodes are made up."""
+"""A user's task is verified and added, or refused with the reason, with fake episodes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gensim2.core.yaml_files import dump_yaml
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A task of the package under another name, with another goal, as a user would write it."""
+    """A task of the package with another name and goal, as a user would write it."""
     task = load_task("OpenBox").model_dump(mode="json", exclude_none=True, by_alias=True)
     made = tmp_path / "mine"
     (made / "strategies").mkdir(parents=True)
@@ -35,7 +35,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def made_up(monkeypatch: pytest.MonkeyPatch, held: int) -> None:
-    """Let the first ``held`` of each 20 episodes hold."""
+    """Let the first ``held`` of each 20 episodes succeed."""
     count = iter(range(10_000))
 
     def episode(config: Any, strategies: Any, seed: int) -> Any:

@@ -1,4 +1,4 @@
-"""``gensim2 benchmark``: one table whatever the number of workers, gone on with, and computed from its episodes."""
+"""``gensim2 benchmark``: the same table for any number of workers and after a resume, computed from its episodes."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def table(out: Path, *more: str, words: list[str] = QUICK) -> dict[str, Any]:
 
 
 def _wilson(count: int, of: int) -> tuple[float, float]:
-    """The interval as Wilson gives it."""
+    """Return the Wilson interval."""
     z, rate = 1.959963984540054, count / of
     middle, width = rate + z * z / (2 * of), z * math.sqrt(rate * (1 - rate) / of + z * z / (4 * of * of))
     return (middle - width) / (1 + z * z / of), (middle + width) / (1 + z * z / of)
 
 
 def _figures(tasks: list[dict[str, Any]], runs: int) -> dict[str, Any]:
-    """Every rate of a table, from nothing but the episodes that the JSON holds."""
+    """Return every rate of a table, computed from the episodes in the JSON."""
     found: dict[str, Any] = {"episodes": sum(len(task["records"]) for task in tasks)}
     for name, verdict in (("success", "paper"), ("held", "held"), ("strict", "strict")):
         by_run = []
@@ -122,7 +122,7 @@ def test_a_table_is_gone_on_with_as_it_was_begun(tmp_path: Path, capfd: pytest.C
     ):
         assert run([*QUICK, "--out", str(tmp_path / "run"), "--resume", *words]) == BAD_INPUT
         assert f"arguments.{field}" in capfd.readouterr().err
-    # A new folder holds nothing to resume.
+    # A new folder has nothing to resume.
     assert run([*QUICK, "--out", str(tmp_path / "other"), "--resume", "--disturb", "push"]) == BAD_INPUT
     assert "takes no rigid object" in capfd.readouterr().err
     assert not (tmp_path / "other").exists()
@@ -130,7 +130,7 @@ def test_a_table_is_gone_on_with_as_it_was_begun(tmp_path: Path, capfd: pytest.C
 
 def test_tasks_that_objects_do_not_do_for_are_named_and_left_out(tmp_path: Path) -> None:
     words = ["benchmark", "CloseBox", "PlaceGolfBallIntoDrawer", "OpenSafe", "--assets", "builtin"]
-    # Generated classes have as many instances as anybody asks for, but a class of under ten no test split.
+    # Generated classes have any number of instances, but a class with fewer than ten has no test split.
     found = of_these_objects("builtin", ["CloseBox", "OpenSafe"], "test")
     assert found == (("CloseBox", "OpenSafe"), {})
     urdf = tmp_path / "assets" / "box_rotate" / "7" / "mobility.urdf"

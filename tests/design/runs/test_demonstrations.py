@@ -1,4 +1,4 @@
-"""Collections: what is kept follows from the seed; what is missing, damaged or foreign is seen."""
+"""Collections: the kept episodes depend on the seed only; missing, damaged and foreign files are detected."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ROWS = Path("tasks/OpenDrawer/episodes.jsonl")
 
 
 def assert_same(run: Path, undisturbed: dict[str, Any]) -> None:
-    """Byte for byte; the number of workers is not part of it."""
+    """Compare byte for byte, except for the number of workers."""
     found = contents(run)
     found["run.json"]["arguments"]["workers"] = undisturbed["run.json"]["arguments"]["workers"]
     assert list(differences(found, undisturbed)) == []

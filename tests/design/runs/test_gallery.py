@@ -1,4 +1,4 @@
-"""The gallery of tasks: what it shows, what it keeps, and what it says of what it cannot show."""
+"""The gallery of tasks: its content, its cache, and its messages about missing parts."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ TASKS = ("OpenDrawer", "CloseBox", "PlaceGolfBallIntoDrawer")
 
 
 class Camera:
-    """Films without a renderer."""
+    """A fake camera, which works without a renderer."""
 
     def __init__(self) -> None:
         self.seeds: list[int] = []
         self.success = True
 
     def film(self, replay: Any, video: Path, *, still: Path, stride: int, speed: int) -> Film:
-        """Write what is no film."""
+        """Write a file that is not a video."""
         self.seeds.append(replay.reset_kwargs["seed"])
         video.write_bytes(b"film")
         still.write_bytes(b"picture")
@@ -37,7 +37,7 @@ class Camera:
 
 @pytest.fixture
 def camera(monkeypatch: pytest.MonkeyPatch) -> Camera:
-    """The camera that films go through."""
+    """The fake camera."""
     found = Camera()
     monkeypatch.setattr(gallery, "film", found.film)
     monkeypatch.setattr(rendering, "can_render", lambda: True)

@@ -1,4 +1,4 @@
-"""What ``demo`` and ``solve`` are given: checked as a whole before anything starts, and planned as episodes do."""
+"""Inputs of ``demo`` and ``solve``: checked before anything starts, and planned as in episodes."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ SIMULATOR = True
 
 
 def _config() -> dict[str, Any]:
-    """The strategy of the task that these tests bend."""
+    """Return the strategy of the task that these tests change."""
     return load_strategies("OpenDrawer")["open_drawer_from_above"]
 
 
 def _copy(path: Path) -> Path:
-    """A folder of the library's task, the strategies that it shares beside it."""
+    """Return a copy of a library task's folder with its shared strategies."""
     TaskFolder(path).write_strategies(load_strategies("OpenDrawer"))
     TaskFolder(path).write_task(load_task("OpenDrawer"))
     return path
@@ -139,7 +139,7 @@ def test_a_folder_of_version_1_is_read(tmp_path: Path) -> None:
 def test_a_task_whose_whole_motion_cannot_be_had_is_partial_not_unsolvable(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """The last keyframe, a metre and a half to the side, cannot be reached."""
+    """The last keyframe is 1.5 m to the side and cannot be reached."""
     folder = tmp_path / "task"
     shutil.copytree(OPEN_DRAWER, folder)
     strategy = yaml.safe_load((folder / "strategies" / "pull.yaml").read_text())

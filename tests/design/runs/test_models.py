@@ -1,4 +1,4 @@
-"""Whole runs with a language model over real HTTP, in a made-up world: recorded, replayed, cut off, out of money."""
+"""Whole runs with a language model over real HTTP in a fake world: recorded, replayed, cut off, and out of budget."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ CLASSES = ("box_rotate", "drawer", "golf_ball")
 
 
 def episode(config: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
-    """One of the made-up world that holds, on the first object's instances."""
+    """Return a successful episode of the fake world on the first instances."""
     drawn = config.scene.instances
     word = dict(drawn)[next(iter(config.task.objects))] if isinstance(drawn, frozenset) else drawn
     found = fake_world.episode(replace(config, scene=replace(config.scene, instances=word)), strategies, seed)
@@ -52,7 +52,7 @@ def episode(config: EpisodeConfig, strategies: Strategies, seed: int) -> Episode
 
 @pytest.fixture(autouse=True)
 def world(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Everything can be planned and holds; all in this process."""
+    """Use a world in which everything can be planned and succeeds, in this process."""
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
     monkeypatch.setenv("GENSIM2_LIBRARY", "none")
     monkeypatch.setattr("openai._base_client.INITIAL_RETRY_DELAY", 0.01)
@@ -92,7 +92,7 @@ def run(
 
 
 def page(out: Path) -> str:
-    """A report without what says when and where."""
+    """Return a report without dates and paths."""
     text = (out / "report.html").read_text()
     return re.sub(r"started [^ ]+|finished [^ <]+|<pre class=\"command\">.*?</pre>", "", text, flags=re.DOTALL)
 
@@ -168,7 +168,7 @@ def test_long_tasks_put_together_go_all_the_way(server: ModelServer, tmp_path: P
 def test_pictures_go_along_and_a_run_is_replayed_where_nothing_can_be_drawn(
     server: ModelServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Real ones take half a minute of CPU: benchmarks/model_run.py."""
+    """Real images take half a minute of CPU; see benchmarks/model_run.py."""
 
     def drawn(draw: Callable[..., bytes], *given: Any) -> bytes:
         return b"\x89PNG\r\n\x1a\n" + f"{draw.__name__} {given[1] if draw is views.draw_thing else given[2:]}".encode()
@@ -176,7 +176,7 @@ def test_pictures_go_along_and_a_run_is_replayed_where_nothing_can_be_drawn(
     monkeypatch.setattr(views, "_drawn", drawn)
     first = run(server, tmp_path / "run", Asking(trials=1, visual=True), num_tasks=1)
     assert not any(each.pictures for each in server.asked if each.stage == "proposal")
-    # Tasks are designed side by side: of what was asked, what is about the box.
+    # Tasks are designed in parallel, so select the requests about the box.
     asked = {each.stage: each.pictures for each in server.asked if b"box_rotate" in b"".join(each.pictures)}
     box, start = asked["constraints"]
     assert b"draw_thing box_rotate" in box
@@ -200,7 +200,7 @@ def test_a_model_that_cannot_write_configs_gets_its_tasks_rejected(server: Model
 
 
 class AnyModel(GoodModel):
-    """Proposes a long task where one is asked for."""
+    """A model that proposes a long task if asked for one."""
 
     def proposal(self, asked: Asked) -> str:
         return json.dumps(LONG) if "one rigid object" in asked.prompt else super().proposal(asked)
@@ -223,7 +223,7 @@ def test_the_commands_and_the_program_of_the_page_run(
         assert code == 0, words
         assert json.loads((tmp_path / out / "run.json").read_text())["result"]["tasks"], words
     (program,) = re.findall(r"```python\n(.*?)```", text, re.S)
-    # Films are of no use where there is no world.
+    # There is nothing to film in the fake world.
     exec(program.replace("num_tasks=2", "num_tasks=2, video=False"), {})
     assert list((tmp_path / "runs").glob("*/tasks/StowGolfBall/verification.json"))
 

@@ -1,7 +1,7 @@
-"""A long task that a model proposed, from the first question until it is kept, in physics.
+"""A long task that a model proposes, from the first request until it is kept, in physics.
 
-The model is a script (a fake, which answers with strategies of our library); the endpoint, the search, the episodes and
-the verification are real.
+The model is a script that answers with strategies of the library. The endpoint, the search, the episodes and the
+verification are real.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from gensim2.tasks.library import load_task_file
 
 SIMULATOR = True
 
-#: As little as shows every part of a search.
+#: The smallest search with all its parts.
 SMALL = Budget(
     screen_scenes=1,
     rounds=((1, 4),),

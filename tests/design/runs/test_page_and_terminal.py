@@ -1,4 +1,4 @@
-"""What a command prints and what its page shows are the same numbers, in a made-up world."""
+"""A command's output and its page show the same numbers, in a fake world."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from click.testing import CliRunner
 from gensim2 import design
 from gensim2.cli.main import cli
 
-#: Verdicts and demonstrations of a task.
+#: Results and demonstrations of a task.
 Row = dict[str, str]
 
 
 class Page(HTMLParser):
-    """A report: the rows of its overview, and of each task's card heading, badge, verdicts and demonstrations."""
+    """A report: the rows of its overview, and the heading, badge, results and demonstrations of each task's card."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -56,14 +56,14 @@ class Page(HTMLParser):
         return {row[0]: dict(zip(head[1:], row[1:], strict=True)) for row in rows}
 
     def verdicts(self, task: str) -> Row:
-        """Return the verdicts of a card, first of verification or collection, by name."""
+        """Return the results of a card (first of verification or collection) by name."""
         words = self.cards[task]
         return {name: words[words.index(name) + 1] for name in ("paper", "held", "strict")}
 
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
-    """Run a command line in this process and give what it prints on standard output."""
+    """Run a command line in this process and return its standard output."""
     monkeypatch.setattr(design, "run_pipeline", partial(_here, design.run_pipeline))
     monkeypatch.setattr(design, "demo", partial(_here, design.demo))
 

@@ -1,4 +1,4 @@
-"""What becomes of the tasks that a run kept."""
+"""Kept tasks of a run and the user's task library."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from gensim2.tasks import Provenance
 from gensim2.tasks.library import load_task, packaged_names
 from gensim2.tasks.memory import Memory
 
-#: The tasks of the run: one that is new (of 20 episodes 18 held), one that is OpenBox, one of the paper's origin.
+#: The tasks of the run: a new one (18 of 20 episodes succeeded), a copy of OpenBox, and one of the paper.
 NEW, KNOWN, PAPERS = "RaiseStaplerArm", "OpenDemo", "CloseDemo"
 
 
 def _told(run: Path, name: str, asset_class: str, origin: str) -> None:
-    """Give a task of the run a class, and say who proposed it."""
+    """Set the class and the origin of a task of the run."""
     task = task_spec(name)
     box = task.objects["box"].model_copy(update={"asset_class": asset_class})
     TaskFolder(run / "tasks" / name).write_task(

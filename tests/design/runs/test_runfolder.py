@@ -1,4 +1,4 @@
-"""Run folders: one owner, one identity, and damage in any file is one clear error."""
+"""Run folders: one owner, one identity, and a clear error for damage in any file."""
 
 from __future__ import annotations
 
@@ -229,7 +229,7 @@ def _episode(seed: int, held: bool) -> Episode:
 
 
 def _log(path: Path) -> None:
-    """The log of a benchmark."""
+    """Return the log of a benchmark."""
     log = EpisodeLog(path, SEEDS)
     for index, seed in enumerate(SEEDS):
         log.add(index, _episode(seed, seed != 8))
@@ -261,7 +261,7 @@ POISON = [b"\x00", b"\xff\xfe", b"NaN", b"1e999", b"-1", b"null", b"{", b"]", b'
 
 
 def _mutated(content: bytes, dice: random.Random) -> bytes:
-    """Bytes flipped, cut out, doubled, or replaced by what breaks readers."""
+    """Return damaged bytes: flipped, removed, repeated or replaced."""
     value = bytearray(content)
     for _ in range(dice.randint(1, 4)):
         at = dice.randrange(len(value) + 1)
@@ -280,7 +280,7 @@ def _mutated(content: bytes, dice: random.Random) -> bytes:
 
 
 def test_mutated_files_are_read_or_refused(tmp_path: Path, record: Record) -> None:
-    """3,000 files: never anything but the data or one InputError."""
+    """3,000 files are read or raise an InputError, and nothing else."""
     record()
     run, dice = tmp_path / "run", random.Random(0)
     task = TaskFolder(run / "tasks/OpenDrawer")

@@ -1,4 +1,4 @@
-"""The search against a made-up world in which the best config is known."""
+"""The search in a fake world whose best config is known."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def number(steps: StepStrategies) -> float:
 
 
 class FakeDesigner:
-    """Offers the numbers 0..19 as configs, and one refinement of the best."""
+    """Proposes the numbers 0..19 as configs, and one refinement of the best."""
 
     name = "fake"
     notes = ()
@@ -70,7 +70,7 @@ class FakeDesigner:
 
 
 class FakeWorld:
-    """Plans odd numbers only; a config holds with probability n / 20, and 0.5 more makes it sure."""
+    """Plans odd numbers only; a config succeeds with probability n / 20, and adding 0.5 makes it certain."""
 
     def __init__(self) -> None:
         self.seeds: set[int] = set()
@@ -105,7 +105,7 @@ def test_it_finds_the_best_and_refines_it() -> None:
 
 def test_a_few_lucky_episodes_do_not_end_the_search() -> None:
     class Lucky(FakeWorld):
-        """Every first candidate holds in its first eight episodes and hardly ever after."""
+        """Every first candidate succeeds in its first eight episodes and hardly ever afterwards."""
 
         def __init__(self) -> None:
             super().__init__()
@@ -124,7 +124,7 @@ def test_a_few_lucky_episodes_do_not_end_the_search() -> None:
 
 def test_of_what_holds_equally_often_the_strict_one_wins() -> None:
     class Rough(FakeWorld):
-        """All but one of the candidates hold always; only number 7 does it as the strict verdict asks."""
+        """All candidates but one always succeed; only number 7 meets the strict criterion."""
 
         def _one(self, n: float, seed: int) -> Episode:
             episode = fake_world.episode_of(TASK, seed, held=n != 3)
@@ -193,7 +193,7 @@ def test_what_stood_in_the_way_is_told_in_words() -> None:
 
 def test_a_designer_may_learn_from_plans_alone() -> None:
     class Hopeless(FakeDesigner):
-        """Nothing that it offers at first can be planned; what it makes of that can."""
+        """No first candidate can be planned, but its refinements can."""
 
         def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
             return [candidate("number 2", 2)]
@@ -205,7 +205,7 @@ def test_a_designer_may_learn_from_plans_alone() -> None:
 
 def test_leaders_within_the_noise_get_more_episodes_until_they_are_called_equal() -> None:
     class Even(FakeWorld):
-        """Two candidates hold four times in five, in turn; the others never."""
+        """Two candidates succeed in four of five episodes, in turn; the others never do."""
 
         def _one(self, n: float, seed: int) -> Episode:
             held = n in (7, 9) and bool(seeding.rng(seed, str(n)).random() < 0.8)
@@ -221,7 +221,7 @@ def test_leaders_within_the_noise_get_more_episodes_until_they_are_called_equal(
 
 def test_what_holds_every_time_is_found_out_in_a_few_episodes() -> None:
     class Easy(FakeWorld):
-        """Everything holds."""
+        """Everything succeeds."""
 
         def _one(self, n: float, seed: int) -> Episode:
             return replace(fake_world.episode_of(TASK, seed, held=True), strict=True)
@@ -234,7 +234,7 @@ def test_what_holds_every_time_is_found_out_in_a_few_episodes() -> None:
 
 def test_a_hopeless_task_is_given_up() -> None:
     class Eager(FakeDesigner):
-        """Never at a loss for another candidate."""
+        """Always has another candidate."""
 
         rounds = 0
 
@@ -245,7 +245,7 @@ def test_a_hopeless_task_is_given_up() -> None:
             return [candidate(f"number {100 + round}", 101 + 2 * round)]
 
     class Hard(FakeWorld):
-        """Nothing ever holds."""
+        """Nothing ever succeeds."""
 
         def _one(self, n: float, seed: int) -> Episode:
             return fake_world.episode_of(TASK, seed, held=False, cause=Cause.NO_CONTACT)

@@ -1,4 +1,4 @@
-"""Verifications: finished episodes stay, and ``verification.json`` is read again or refused."""
+"""Verifications: finished episodes are kept, and ``verification.json`` is read again or refused."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CIRCUMSTANCES = SceneOptions("builtin")
 
 @pytest.fixture(autouse=True)
 def low_threshold(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The made-up world holds three times in four: less than a task of one step needs to be kept."""
+    """Lower the threshold, because the fake world succeeds in three of four episodes only."""
     monkeypatch.setattr(execution, "KEEP_THRESHOLD", 0.1)
 
 
@@ -88,7 +88,7 @@ def test_generated_objects_of_a_verification_are_such_as_no_search_sees(tmp_path
 
 
 class _Folder:
-    """A folder of so many drawers."""
+    """A folder with the given number of drawers."""
 
     def __init__(self, count: int) -> None:
         self._ids = tuple(str(number) for number in range(count))

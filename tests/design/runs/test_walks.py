@@ -1,7 +1,7 @@
-"""Walks of a value through the files of the package: where it goes, and by how many files.
+"""The path of a value through the files of the package, by function calls.
 
-A file hands a value on where one of its functions is called with the value by a function of another file, or returns it
-to one. The walk is the shortest chain of such files; calls inside libraries are skipped.
+A file passes a value on if a function of another file calls one of its functions with the value or gets the value from
+it. The path is the shortest chain of such files; calls inside libraries are skipped.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from gensim2.design import single
 from gensim2.design.remembering import remember
 
 PACKAGE = Path(gensim2.__file__).parent
-#: Levels of containers and records that are looked into.
+#: Depth of nested containers and records that are searched.
 DEPTH = 3
-#: Files of a walk at most.
+#: Largest number of files in a path.
 LONGEST = 12
 SEED = 271_828
 
 
 class Walks:
-    """Records which file hands a value to which.
+    """Records which file passes a value to which.
 
     Args:
-        carries: says of a plain value whether it is the value, or made of it.
+        carries: returns whether an object is the value or made of it.
     """
 
     def __init__(self, carries: Callable[[Any], bool]) -> None:
@@ -85,7 +85,7 @@ class Walks:
             self.handed.setdefault(there, set()).add(here)
 
     def through(self, *files: str) -> list[str]:
-        """Return the files of the shortest walk that passes all of ``files`` in this order."""
+        """Return the files of the shortest path that passes all of ``files`` in this order."""
         found = [files[0]]
         for first, last in itertools.pairwise(files):
             part = self.shortest(first, last)
@@ -94,7 +94,7 @@ class Walks:
         return list(dict.fromkeys(found))
 
     def shortest(self, first: str, last: str) -> list[str]:
-        """Return the files of the shortest walk; empty where there is none."""
+        """Return the files of the shortest path, empty if there is none."""
         paths, waiting = {first: [first]}, deque([first])
         while waiting:
             here = waiting.popleft()
@@ -125,7 +125,7 @@ def watched(carries: Callable[[Any], bool]) -> Iterator[Walks]:
 
 
 def test_a_seed_walks_from_the_command_to_the_trajectory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The seed, the seeds of scenes that are drawn from it, and records of episodes that hold one of these."""
+    """Followed are the seed, the scene seeds drawn from it, and records of episodes that contain one of these."""
     drawn = {SEED, *scene_seeds(SEED, "OpenDrawer", "demos", 50)}
     monkeypatch.setattr(single.Execution, "of", lambda _: single.Execution(0))
     with watched(lambda value: type(value) is int and value in drawn) as walks:
@@ -140,7 +140,7 @@ def test_a_seed_walks_from_the_command_to_the_trajectory(tmp_path: Path, monkeyp
 
 @pytest.mark.usefixtures("model_world")
 def test_a_designed_task_walks_from_the_answer_to_the_shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The text of the answer, the fields that are read from it, and the task made of them."""
+    """Followed are the answer's text, the fields read from it, and the task made of them."""
     monkeypatch.setenv("GENSIM2_LIBRARY", str(tmp_path / "library"))
     told = ("fling-box-open", "FlingBoxOpen")
     with (

@@ -1,4 +1,4 @@
-"""What a worker does: in the simulator where that is the point, on made-up scenes where it is not."""
+"""Jobs of workers, in the simulator where necessary and with fake scenes otherwise."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ WAYS = {step.name: {name: STRATEGIES[name] for name in step.strategies} for step
 
 
 def changed(old: str, new: str) -> Strategies:
-    """The strategies with a word in another's place."""
+    """Return the strategies with one word replaced."""
     found: Strategies = json.loads(json.dumps(STRATEGIES).replace(old, new))
     assert found != STRATEGIES
     return found
@@ -130,7 +130,7 @@ def test_strategies_that_nobody_takes_are_bad_input() -> None:
 
 
 class _Made(EpisodeRunner):
-    """Jobs in this process."""
+    """An executor that runs jobs in this process."""
 
     def __init__(self) -> None:
         super().__init__(SceneOptions("builtin"), Execution(0))
@@ -157,7 +157,7 @@ def test_an_evaluator_names_what_could_not_be_run() -> None:
     from gensim2.core.processes import Failure, Outcome
 
     class Lossy:
-        """An executor that loses the second job for good."""
+        """An executor that loses the second job."""
 
         def map_unordered(self, function: Any, jobs: Any) -> Iterator[Outcome[Any]]:
             for job in jobs:

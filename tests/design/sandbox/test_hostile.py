@@ -1,4 +1,4 @@
-"""Hostile programs: refused by the allow-list, and powerless in the interpreter without the allow-list."""
+"""Hostile programs: refused by the allow-list, and harmless in the interpreter even without it."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Odd(Task):
         self.thing = Object("drawer")
 """
 LINE = HEAD.count("\n") + 1
-#: Seconds that the longest of these programs may take on a busy machine; one that is not bounded takes for ever.
+#: Seconds that these programs may take on a busy machine.
 LONGEST_S = 20.0
 
-#: Programs by name: the source, a part of the answer, and the line that it names.
+#: Programs by name: the source, a part of the error message, and the line number in it.
 PROGRAMS: dict[str, tuple[str, str, int]] = {
     # Files, network, processes
     "write a file": ("open('/tmp/new', 'w').write('x')", "call of .'write'", 1),
@@ -38,7 +38,7 @@ PROGRAMS: dict[str, tuple[str, str, int]] = {
     "fork bomb": ("import os\nwhile True: os.fork()", "a while", 2),
     "run a shell": (HEAD + "        x = os.system('touch /tmp/owned')\n", "call of .'system'", LINE),
     "a signal to its parent": ("import os\nos.kill(1, 10)", "'os'", 1),
-    # Ways out of the language
+    # Escapes from the language
     "from a tuple to everything": (HEAD + "        x = ().__class__.__base__\n", "'__base__' of anything but", LINE),
     "subclasses": ("for c in ().__class__.__subclasses__(): pass", "'__subclasses__'", 1),
     "a dunder of self": (HEAD + "        x = self.__dict__\n", "self.'__dict__' is not allowed", LINE),
@@ -112,7 +112,7 @@ def test_a_program_is_refused_by_name_and_line_in_bounded_time(name: str) -> Non
 
 
 def test_a_program_is_read_in_a_thread_with_a_small_stack() -> None:
-    """Designers read programs in worker threads."""
+    """Designers read programs in worker threads, which have small stacks."""
     found: list[str] = []
 
     def read() -> None:
@@ -141,7 +141,7 @@ def _note(event: str, _: object) -> None:
 
 @pytest.fixture
 def events() -> Iterator[list[str]]:
-    """Names of what Python reports to auditors meanwhile: files, imports, processes, sockets, compiled code."""
+    """Return the names of the audit events during the call: files, imports, processes, sockets, compiled code."""
     global _events
     if _note not in _hooks:
         sys.addaudithook(_note)
@@ -156,7 +156,7 @@ _hooks: list[object] = []
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_the_interpreter_alone_does_nothing_but_make_values(name: str, events: list[str]) -> None:
-    """Without the allow-list a construct ends the program, or makes values of the language."""
+    """Without the allow-list, each construct ends the program or makes values of the language."""
     try:
         tree = ast.parse(PROGRAMS[name][0])
     except (SyntaxError, RecursionError, MemoryError):

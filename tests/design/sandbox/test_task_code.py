@@ -1,4 +1,4 @@
-"""Task code: what a program in its language comes to, and what is said where it comes to nothing."""
+"""Task code: the values that programs give, and the error messages."""
 
 from __future__ import annotations
 
