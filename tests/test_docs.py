@@ -1,4 +1,4 @@
-"""Links of the pages lead somewhere, every page stands in the navigation, and no page but references is long."""
+"""Links of the documentation are valid, every page is in the navigation, and pages are short except references."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import pytest
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted([*DOCS.rglob("*.md"), *(ROOT / name for name in ("README.md", "CONTRIBUTING.md"))])
-#: Longest page in words, references and pages of the project's inside apart.
+#: Largest number of words of a page, except references and internal pages.
 MAX_WORDS = 2500
 LONG = ("reference/", "architecture.md", "reliability.md")
-#: Folders whose texts name pages as ``docs/...``.
+#: Folders whose texts refer to pages as ``docs/...``.
 CODE = ("python", "crates", "benchmarks", "scripts", "tests", "examples", "plugins")
 
 
@@ -29,7 +29,7 @@ def anchors(page: Path) -> set[str]:
 
 
 def dead_links(page: Path) -> Iterator[str]:
-    """Yield the relative links of a page that lead to no file, or to no heading of one."""
+    """Yield the relative links of a page to missing files or headings."""
     for link in re.findall(r"\]\(([^)\s]+)\)", _without_code(page.read_text(encoding="utf-8"))):
         path, _, anchor = link.partition("#")
         target = (page.parent / path).resolve() if path else page

@@ -1,4 +1,4 @@
-"""Commands of the pages are found, none is left out, and what is wrong with how one ends is told."""
+"""Commands in the documentation are found completely, and wrong results are reported."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import first_hour  # noqa: E402
 import first_hour_pages  # noqa: E402
 
-#: Text files that are no page for users, and why.
+#: Text files that are not documentation for users, with the reason.
 NO_PAGES = {
     r"CHANGELOG\.md|crates/python/CHANGES\.md": "what changed, not what to do",
     r"prompts/.*|python/.*/prompts/.*": "for language models",
@@ -84,7 +84,7 @@ def _options(command: click.Command) -> set[str]:
 
 
 def _check_words(where: str, words: list[str]) -> None:
-    """Look up the names of commands and options in the command line's own."""
+    """Check the names of commands and options against the command line."""
     command: click.Command = cli
     with click.Context(cli) as context:
         rest = iter(words[1:])

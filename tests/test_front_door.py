@@ -1,4 +1,4 @@
-"""The front door: everything that most programs need, imported when asked for."""
+"""The top-level package imports the most used names when they are accessed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wheels work away from the clone with all their data, and the pins are complete."""
+"""The wheels work outside the repository with all their data, and the pinned versions are complete."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LOCK, DOCS_LOCK = ((ROOT / name).read_text() for name in ("requirements.lock", "
 
 
 def _pins() -> dict[str, Version]:
-    """Those that hold for the Python that runs this."""
+    """Return the pins for the running Python version."""
     lines = re.findall(r"^([A-Za-z0-9_.-]+==.+?)(?: \\)?$", LOCK, flags=re.MULTILINE)
     pins = [pin for pin in map(Requirement, lines) if pin.marker is None or pin.marker.evaluate()]
     return {pin.name.lower().replace("_", "-"): Version(next(iter(pin.specifier)).version) for pin in pins}
@@ -89,7 +89,7 @@ def test_the_readme_of_the_solver_plans(tmp_path: Path) -> None:
 
 def test_api_pages_are_built_without_a_warning(tmp_path: Path) -> None:
     pytest.importorskip("pdoc")
-    # A key of that type is a word of Python's, so it has no class body in which pdoc could look.
+    # Keys of this type are Python keywords, so it has no class body for pdoc.
     ignored = "ignore:Cannot determine where gensim2_kpam.ContactWindow"
     command = [sys.executable, "-W", "error", "-W", ignored, "-m", "pdoc", "--docformat", "google", "gensim2_kpam"]
     made = subprocess.run([*command, "--output-directory", tmp_path], capture_output=True, text=True, check=False)
@@ -98,7 +98,7 @@ def test_api_pages_are_built_without_a_warning(tmp_path: Path) -> None:
     text = (tmp_path / "gensim2_kpam.html").read_text()
     for name in ("Scene.plan_to", "Trajectory.sample_into", "KeypointProblem", "Status.SOLVED"):
         assert f'id="{name}"' in text, name
-    # What a signature says is that of the types, and what it means stands beside it.
+    # The signature shows the types, and their meaning is described beside it.
     assert "axis constraints hold all along" in text
 
 
@@ -106,8 +106,8 @@ def test_api_pages_are_built_without_a_warning(tmp_path: Path) -> None:
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The wheel of each distribution, by name."""
     folder = tmp_path_factory.mktemp("wheels")
-    # As `make wheels` builds them: a wheel that is not made of its source distribution lacks the Python files of
-    # gensim2-kpam, which lie outside its folder.
+    # As `make wheels` builds them: without a source distribution, the Python files of gensim2-kpam, which are outside
+    # its folder, would be missing.
     environment = {"CARGO_TARGET_DIR": str(ROOT / "target"), **os.environ, "VIRTUAL_ENV": sys.prefix}
     maturin = [Path(sys.executable).with_name("maturin"), "build", "--quiet", "--release", "--sdist", "--out", folder]
     for project in (ROOT, ROOT / "crates/python"):
@@ -149,7 +149,7 @@ def test_wheels_hold_code_data_stubs_and_licence(wheels: dict[str, Path]) -> Non
 
 
 def away(wheels: list[Path], folder: Path, script: str) -> subprocess.CompletedProcess[str]:
-    """Run a script with the wheels unpacked in a folder, from another place than the clone."""
+    """Run a script with the wheels unpacked in a folder, outside the repository."""
     for wheel in wheels:
         with zipfile.ZipFile(wheel) as archive:
             archive.extractall(folder / "site")

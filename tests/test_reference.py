@@ -1,4 +1,4 @@
-"""Tables of the documents that follow from the code are what the code makes."""
+"""Generated tables of the documentation agree with the code."""
 
 from __future__ import annotations
 

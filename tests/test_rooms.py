@@ -1,4 +1,4 @@
-"""Rooms know what lies below them only: what the sources import, read from the sources."""
+"""Dependencies between the packages, read from the import statements of the sources."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import gensim2.objects
 
 PYTHON = Path(__file__).parents[1] / "python"
 
-#: Rooms that know nothing of the simulator, and what lies above them.
+#: Packages that must not depend on the simulator, and those that may.
 BELOW_SIM = ("gensim2.objects", "gensim2.planning", "gensim2.scenes", "gensim2.tasks")
 ABOVE_SIM = (
     "gensim2.rollout",
@@ -29,7 +29,7 @@ ABOVE_SIM = (
     "gensim2.inspection",
 )
 FROM_SIM_UP = ("gensim2.sim", *ABOVE_SIM)
-#: From the loop up: each room imports nothing of those that stand after it.
+#: Packages in order of dependency: each imports nothing of those after it.
 UPWARDS = (
     "gensim2.rollout",
     "gensim2.data",
@@ -38,7 +38,7 @@ UPWARDS = (
     "gensim2.design",
     "gensim2.cli",
 )
-#: Rooms within ``gensim2.objects``, each with those that it may import; ``core`` are the modules beside them.
+#: Packages within ``gensim2.objects`` with those that each may import; ``core`` is the modules beside them.
 WITHIN_OBJECTS = {
     "core": {"core"},
     "meshwork": {"core", "meshwork"},
@@ -48,7 +48,7 @@ WITHIN_OBJECTS = {
 
 
 def imports(source: str) -> set[str]:
-    """Full names of everything that a source imports, wherever the statement stands; both the module and its names."""
+    """Return the full names of everything that a source imports anywhere: the module and its names."""
     found = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -60,19 +60,19 @@ def imports(source: str) -> set[str]:
 
 
 def lies_in(name: str, package: str) -> bool:
-    """Whether a full name is that of the package or of something in it."""
+    """Return whether a full name is the package or inside it."""
     return f"{name}.".startswith(f"{package}.")
 
 
 def sources(package: str) -> Iterator[Path]:
-    """All modules of a package."""
+    """Return all modules of a package."""
     found = sorted((PYTHON / package.replace(".", "/")).rglob("*.py"))
     assert found, package
     yield from found
 
 
 def room_within_objects(name: str) -> str:
-    """Room of a full name in ``gensim2.objects``, or of a path in its folder."""
+    """Return the subpackage of ``gensim2.objects`` of a full name or of a path."""
     first = name.removeprefix("gensim2.objects").strip(".").split(".")[0]
     return first if first in WITHIN_OBJECTS else "core"
 
@@ -113,7 +113,7 @@ def test_rooms_from_the_loop_up_depend_in_one_direction(number: int) -> None:
 
 
 def test_perception_knows_no_simulator() -> None:
-    """A real robot's cameras feed the same code, where no simulator is installed; ray casting knows objects, too."""
+    """It is also used for a real robot's cameras, without a simulator; ray casting depends on objects, too."""
     for path in sources("gensim2.perception"):
         known = ["gensim2.perception", "gensim2.robots", "gensim2.core"]
         known += ["gensim2.objects", "gensim2.scenes"] if path.parent.name == "raycast" else []
@@ -156,7 +156,7 @@ def test_rooms_of_objects_depend_in_one_direction() -> None:
 
 
 def test_holding_an_object_loads_no_library() -> None:
-    """The front door is lazy: else the core would depend on libraries, and importing either would import both."""
+    """Its lazy imports avoid that the core depends on libraries and that each import loads both."""
     tree = ast.parse((PYTHON / "gensim2" / "objects" / "__init__.py").read_text())
     at_once = {name for node in tree.body if not isinstance(node, ast.If) for name in imports(ast.unparse(node))}
     assert at_once
@@ -164,7 +164,7 @@ def test_holding_an_object_loads_no_library() -> None:
 
 
 def modules_of_the_package() -> dict[str, Path]:
-    """Files by full name."""
+    """Return the files by full name."""
     found = {}
     for path in sources("gensim2"):
         name = ".".join(path.relative_to(PYTHON).with_suffix("").parts)
@@ -173,7 +173,7 @@ def modules_of_the_package() -> dict[str, Path]:
 
 
 def at_run_time(tree: ast.AST) -> ast.AST:
-    """A source without what only type checkers import."""
+    """Return the source without imports for type checkers only."""
 
     class Drop(ast.NodeTransformer):
         def visit_If(self, node: ast.If) -> ast.AST | None:
@@ -183,7 +183,7 @@ def at_run_time(tree: ast.AST) -> ast.AST:
 
 
 def test_no_circle_of_files_goes_through_several_rooms() -> None:
-    """Imports within functions count, too; the front door, which gives everybody's names lazily, does not."""
+    """Imports within functions count, except in the top-level packages with lazy names."""
     files = {name: path for name, path in modules_of_the_package().items() if name != "gensim2"}
     names = sorted(files)
     links = np.zeros((len(names), len(names)), dtype=bool)
@@ -208,7 +208,7 @@ def test_an_error_of_pydantic_is_put_into_words_in_one_place() -> None:
     assert converting == {"core/validation.py", "tasks/parse.py"}, "tasks/parse.py looks up a location in the error"
 
 
-#: Packages whose class names have one meaning in both distributions; others share names still.
+#: Packages whose class names are unique in both distributions; others still share names.
 ONE_MEANING = (
     "gensim2.design",
     "gensim2.evaluation",
@@ -245,7 +245,7 @@ def test_limits_of_untrusted_objects_and_logs_stand_in_one_table() -> None:
 
 
 def assigned(path: Path) -> set[str]:
-    """Names that the body of a module assigns."""
+    """Return the names that a module assigns at its top level."""
     targets = [t for node in ast.parse(path.read_text()).body if isinstance(node, ast.Assign) for t in node.targets]
     return {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
 
@@ -259,7 +259,7 @@ def assigned(path: Path) -> set[str]:
     ],
 )
 def test_a_walk_of_the_architecture_is_short_and_leads_through_functions_that_exist(walk: str, most: int) -> None:
-    """Each row of the table names a function; the function's module names the one of the row before or after it."""
+    """Each row of the table names a function, whose module names the one of the row before or after it."""
     page = (PYTHON.parent / "docs/architecture.md").read_text()
     section = page.split(f"### {walk}\n")[1].split("\n#")[0]
     hops = re.findall(r"^\| \d+ \| `([\w.]+):([\w.]+)` \|", section, flags=re.M)
@@ -272,7 +272,7 @@ def test_a_walk_of_the_architecture_is_short_and_leads_through_functions_that_ex
 
 
 def test_how_jobs_run_is_one_value() -> None:
-    """No function beside the keywords of ``Execution`` has a parameter of its own for a time limit or for Ray."""
+    """Only ``Execution`` has parameters for time limits and Ray; other functions take its keywords."""
     allowed = ("core/processes/", "cli/options.py")
     for path in sources("gensim2"):
         if path.relative_to(PYTHON / "gensim2").as_posix().startswith(allowed):
@@ -307,7 +307,7 @@ def test_options_come_from_typed_functions() -> None:
         assert not made or path.parent.name == "cli", path
 
 
-#: Modules that take long to import, or that an extra brings, and modules that import them.
+#: Slow modules and those of extras, with the modules that import them.
 HEAVY = (
     "json_repair",
     "PIL",
@@ -327,7 +327,7 @@ def test_imports_of_designers_stand_at_the_top() -> None:
 
 
 def test_whether_a_run_is_the_same_is_decided_in_one_place() -> None:
-    """Every folder that a run resumes is a ``ResumableFolder`` or compares its record as ``RunSettings`` do."""
+    """Every resumable folder is a ``ResumableFolder`` or compares its record as ``RunSettings`` do."""
     every = [*sources("gensim2"), *sources("gensim2_robot")]
     names = {path.relative_to(PYTHON).as_posix(): path.read_text() for path in every}
     assert {name for name, text in names.items() if "import FileLock" in text} == {
@@ -366,7 +366,7 @@ def test_arrays_of_observation_files_are_named_in_one_place() -> None:
 
 
 def test_options_of_scenes_are_made_once() -> None:
-    """The command line changes no variable of the process, and a configuration goes to the simulator as it is."""
+    """The command line changes no environment variables, and a configuration goes to the simulator unchanged."""
     for path in sources("gensim2.cli"):
         assert "os.environ[" not in path.read_text(), path
     for package in ("gensim2", "gensim2_robot"):
@@ -380,7 +380,7 @@ def test_what_builds_in_a_simulator_lies_with_it() -> None:
 
 
 def test_an_episode_has_three_types() -> None:
-    """Its record, its states, and both of them together, whether it was just run or read."""
+    """Its record, its states, and both together, whether it was just run or read."""
     owners = {
         node.name
         for room in ("rollout", "data", "evaluation", "design")
@@ -411,5 +411,5 @@ def test_a_camera_becomes_plain_data_in_one_place() -> None:
 
 
 def _named(node: ast.stmt) -> str | None:
-    """Name of an annotated field of a class."""
+    """Return the name of an annotated field of a class."""
     return node.target.id if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) else None

@@ -1,4 +1,4 @@
-"""The list of offenders finds what it should, and lets pass what it should."""
+"""The list of forbidden words finds what it should, and nothing else."""
 
 from __future__ import annotations
 

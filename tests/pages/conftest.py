@@ -57,7 +57,7 @@ LONG = "PlaceGolfBallIntoDrawer"
 
 
 def draw_film(path: Path, still: Path, frames: int = 12) -> None:
-    """A square on its way, in the project's own video format."""
+    """Write a video of a moving square in the project's video format."""
     drawn = np.full((frames, 480, 640, 3), 200, np.uint8)
     for number, frame in enumerate(drawn):
         frame[200:280, 20 + 40 * number : 100 + 40 * number] = (30, 120, 90)
@@ -68,7 +68,7 @@ def draw_film(path: Path, still: Path, frames: int = 12) -> None:
 
 @pytest.fixture
 def report_page(tmp_path: Path) -> Path:
-    """The report of a run with a short task in a film, a long one, and some that were rejected."""
+    """The report of a run with a short task with a video, a long one, and some rejected ones."""
     folder = run_folders.run_folder(tmp_path / "run")
     short = folder / "tasks" / "OpenDemo"
     draw_film(short / "video.mp4", short / "still.png")
@@ -99,7 +99,7 @@ def objects_page(library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 class HostileShelf(Shelf):
-    """One generated object under hostile names, with a hostile licence, description and warnings."""
+    """A library of one generated object with hostile names, licence, description and warnings."""
 
     kind: Kind = "articulated"
     source: Source = "real"
@@ -126,7 +126,7 @@ class HostileShelf(Shelf):
 
 @pytest.fixture
 def hostile_page(library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The gallery of an untrusted folder of objects."""
+    """The gallery of an untrusted object folder."""
     drawn = Image.new("RGB", (176 * 8, 88 * 3), (90, 120, 160))
     monkeypatch.setattr(pictures, "Studio", lambda size: None)
     monkeypatch.setattr(pictures, "turntable", lambda studio, model, views: drawn)
@@ -182,11 +182,11 @@ def experiment_page(tmp_path: Path) -> Path:
 
 
 def learned_result(folder: Path, words: Sequence[str] = ()) -> LearnResult:
-    """A policy for many tasks, with a film, curves and failed episodes.
+    """Return the result of a policy for several tasks, with a video, curves and failed episodes.
 
     Args:
-        folder: of its files.
-        words: names and sentences of its tasks, and other words, in the place of good ones.
+        folder: folder for its files.
+        words: names and instructions of its tasks, and other texts, instead of good ones.
     """
     names = ("OpenDrawer", "CloseBox", "OpenBox", LONG)
     tasks = [load_task(name) for name in names]
@@ -236,19 +236,19 @@ def learned_result(folder: Path, words: Sequence[str] = ()) -> LearnResult:
 
 @pytest.fixture
 def learned_page(tmp_path: Path) -> Path:
-    """The page of a policy for many tasks."""
+    """The page of a policy for several tasks."""
     return write_learned(learned_result(tmp_path))
 
 
 @pytest.fixture
 def hostile_learned_page(tmp_path: Path) -> Path:
-    """The same; names, sentences and settings are hostile words."""
+    """The same page with hostile names, instructions and settings."""
     return write_learned(learned_result(tmp_path, HOSTILE_WORDS))
 
 
 @pytest.fixture
 def collected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A data set of two tasks in a made-up world."""
+    """A data set of two tasks in a fake world."""
     for name in fake_world.REPLACED:
         monkeypatch.setattr(worker, name, getattr(worker, name))
     fake_world.install()
@@ -259,13 +259,13 @@ def collected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def collection_page(collected: Path) -> Path:
-    """How a collection went."""
+    """The page about a collection."""
     return collected / "report.html"
 
 
 @pytest.fixture
 def quality_page(collected: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """What a data set covers: of one task there are pictures, of the other point clouds; both have films."""
+    """The page about a data set's coverage: one task has images, the other point clouds; both have videos."""
 
     def filmed(replay: Any, path: Path, *, still: Path) -> Film:
         draw_film(path, still)
@@ -293,7 +293,7 @@ def quality_page(collected: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """A real one, headless."""
+    """A real headless browser."""
     executable = opened.installed()
     if executable is None:
         pytest.skip(f"no browser is installed: none of {', '.join(opened.NAMES)} (GENSIM2_BROWSER names another)")

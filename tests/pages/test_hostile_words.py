@@ -1,4 +1,4 @@
-"""Words of files, servers and solvers are text in a viewer's page: no markup in them takes effect."""
+"""Texts from files, servers and solvers are shown as text in a viewer's page, and no markup in them takes effect."""
 
 from __future__ import annotations
 

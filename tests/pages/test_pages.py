@@ -1,4 +1,4 @@
-"""Every page of the project in a real browser: it works, it is whole, and people can read it."""
+"""Every page of the project in a real browser: no errors, nothing missing, and legible text."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from gensim2.viewing import Shown, serve
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """A page of a scene that stands still for three control steps."""
+    """A page of a scene without motion for three control steps."""
     env = HeadlessEnv("OpenDrawer", assets="builtin")
     env.reset(seed=0)
     recorder = Recorder(env)
@@ -38,7 +38,7 @@ def address() -> Iterator[str]:
 
 
 def _picture(page: Page) -> np.ndarray:
-    """The page beside its switches, once it has stopped changing; a software renderer takes a while."""
+    """Return the image of the page beside its switches when it no longer changes; a software renderer takes a while."""
     before = None
     for _ in range(20):
         shot = Image.open(io.BytesIO(page.screenshot(timeout=120_000)))
@@ -53,7 +53,7 @@ def _picture(page: Page) -> np.ndarray:
 def test_the_cloud_is_there_and_the_console_has_no_error(address: str, browser: Browser) -> None:
     page = browser.new_page(viewport={"width": 900, "height": 440})
     said: list[str] = []
-    # viser's client logs its connection and a deprecation of three.js; the driver tells of slow screenshots.
+    # viser's client logs its connection and a deprecation of three.js; the driver warns of slow screenshots.
     page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
     page.on("pageerror", lambda error: said.append(f"error: {error}"))
     page.goto(address)

@@ -1,4 +1,4 @@
-"""Point clouds of pictures that were made by hand: where points lie, which are kept, how many there are."""
+"""Point clouds of hand-made images: where points are, which are kept, and how many."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def camera(name: str = "above", eye: tuple[float, float, float] = (0.6, 0.05, 1.
 
 
 def plane_at(height: float, seen: Camera) -> npt.NDArray[np.float32]:
-    """Depth of a level plane."""
+    """Return the depth image of a level plane."""
     depth = (height - seen.position[2]) / seen.rays[:, :, 2]
     return np.where(depth > 0, depth, 0.0).astype(np.float32)
 
@@ -97,7 +97,7 @@ def test_even_samples_are_even(count: int, wanted: int) -> None:
 
 @pytest.mark.parametrize("count", [40, 300, 2500])
 def test_farthest_points_cover_as_well_as_they_keep_apart(count: int) -> None:
-    """What makes a set a farthest point sampling: nothing lies farther from it than its points from each other."""
+    """A farthest point sampling: no point is farther from the set than the set's points are from each other."""
     wanted = 32
     points: Points = np.random.default_rng(count).uniform(-1, 1, (count, 3)).astype(np.float32)
     chosen = farthest_points(points, wanted)

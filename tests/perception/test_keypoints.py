@@ -1,4 +1,4 @@
-"""Clouds of keypoints and of the corners of boxes: where SAPIEN has them, in one order, and told as what they are."""
+"""Clouds of keypoints and box corners: positions as in SAPIEN, a fixed order, and their description."""
 
 from __future__ import annotations
 

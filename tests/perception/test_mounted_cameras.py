@@ -1,4 +1,4 @@
-"""A camera that a link carries: it is where the joints put it, and sees what a fixed one there would see."""
+"""A camera on a link: the joints give its pose, and it sees the same as a fixed camera there."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_it_goes_with_its_link_and_sees_what_a_fixed_camera_there_would() -> Non
         assert np.mean(seen["segmentation_wrist"] == expected.segmentation) > 0.999
         own = set(observer.scene.robot.gripper)
         assert own & set(np.unique(seen["segmentation_wrist"]).tolist()), "it looks at the fingers"
-        # What lies on the table for this camera lies at its height.
+        # For this camera, objects on the table are at its height.
         table = seen["segmentation_wrist"] == observer.scene.ids("table")[0]
         along = (seen["depth_wrist"][..., None] / 1000.0 * camera.rays + camera.position)[table]
         assert len(along) > 100

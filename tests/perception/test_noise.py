@@ -1,4 +1,4 @@
-"""Statistics of the depth noise: what it says of itself is what it does."""
+"""Statistics of the depth noise agree with its parameters."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ FOCAL = 200.0
 
 
 def test_white_noise_draws_what_it_drew_before_there_was_more() -> None:
-    """Data sets that were rendered with it are rendered again byte for byte."""
+    """Data sets with this noise must be rendered again byte for byte."""
     one, other = np.random.default_rng(3), np.random.default_rng(3)
     DepthNoise().on(STEP, one, np.zeros((200, 200, 3), np.uint8), FOCAL)
     other.random(STEP.shape, dtype=np.float32)

@@ -1,4 +1,6 @@
-"""One state is one observation, byte for byte, whoever makes it: environment, headless, rendering, controller."""
+"""An observation of a state is the same, byte for byte, in the environment, headless, when rendering, and for a
+controller.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ from gensim2.sim.headless import HeadlessEnv
 TASKS = ("OpenDrawer", "CloseBox", "TurnOnFaucet", "OpenLaptop", "PlaceGolfBallIntoDrawer")
 ROBOTS = ("panda", "fetch", load_robot(Path(__file__).parents[2] / "examples" / "robots" / "xarm7.py"))
 STATES = 7
-"""Of each robot and task: 105 in all."""
+"""Number of states per robot and task: 105 in total."""
 SPEC = ObservationSpec(
     ("pointcloud", "depth", "segmentation"),
     ("left", "front"),
@@ -36,7 +38,7 @@ def as_bytes(arrays: Any) -> dict[str, tuple[str, tuple[int, ...], bytes]]:
 
 
 def of_file(arrays: dict[str, Any], step: int) -> dict[str, Any]:
-    """A row of what a data set stores, by the names of an observation."""
+    """Return a row of a data set, by the names of an observation."""
     from gensim2.perception.cloud import from_steps
 
     names = {"qpos": "state", "qvel": "velocity", "tool_pose": "tool_pose", "gripper": "gripper"}
@@ -49,7 +51,7 @@ def of_file(arrays: dict[str, Any], step: int) -> dict[str, Any]:
 
 
 class Plays:
-    """Gives actions in order and keeps what it is shown."""
+    """Gives actions in order and keeps its observations."""
 
     observation_spec = SPEC
 

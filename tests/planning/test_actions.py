@@ -1,4 +1,4 @@
-"""Plans as references and as commands of drives, on a made-up plan whose joints say which step they belong to."""
+"""Plans as references and as drive commands, for a made-up plan whose joint values are step numbers."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def plan(steps: int = STEPS, let_go: bool = False, reached: int = STEPS) -> Any:
 
 
 def targets(rows: Schedule, profile: RobotProfile) -> Any:
-    """(N,) targets of joint 0 in the simulation."""
+    """Return targets (N,) of joint 0 in the simulation."""
     return profile.simulated_targets(rows.reference[:, 0], rows.ends)[:, 0]
 
 
@@ -83,7 +83,7 @@ def test_open_fingers_stay_open_and_targets_are_ahead_by_the_lag(panda: RobotPro
 
 
 def test_the_plan_is_the_same_whatever_drives_the_arm(panda: RobotProfile) -> None:
-    """Only how long the arm is given to arrive follows from its drives; their delays are in the targets alone."""
+    """The drives change only the time that the arm gets to arrive; their delay appears in the targets only."""
     soft, stiff = JointDrive(1e3, 2e2, 100.0), JointDrive(1e4, 1e2, 100.0)
     late = replace(panda, simulation=replace(panda.simulation, arm=(soft, stiff, *[soft] * 5)))
     prompt = replace(panda, simulation=replace(panda.simulation, arm=stiff))
@@ -169,7 +169,9 @@ def test_a_plan_without_a_trajectory_is_refused(panda: RobotProfile) -> None:
 
 
 def test_what_weighs_more_is_pressed_harder() -> None:
-    """A bar of gold of 256 g slips from fingers that hold a ball of a few grams, and these crush no ball."""
+    """A gold bar of 256 g slips from fingers whose force suits a ball of a few grams, and its force would crush the
+    ball.
+    """
     assert grip_force(0.0) == grip_force(0.004) == LEAST_GRIP_FORCE
     assert grip_force(0.256) == pytest.approx(LEAST_GRIP_WEIGHTS * 0.256 * GRAVITY)
 

@@ -1,4 +1,4 @@
-"""Points of a scene that strategies may name: the floor below a keypoint, and how a rigid object stood."""
+"""Points that strategies may name: the floor below a keypoint, and where a rigid object stood at the start."""
 
 from __future__ import annotations
 
@@ -31,7 +31,9 @@ def wall(low: float, high: float) -> Array:
 
 
 def scene_with(*hulls: Array, keypoint: float) -> Scene:
-    """The Panda beside a body of these hulls, whose last keypoint is so high above the table."""
+    """Return a scene with the Panda and a body of these hulls, whose last keypoint has the given height above the
+    table.
+    """
     empty = table_scene({})
     pose = np.linalg.inv(empty.T_world_base)
     pose[:3, 3] += 0.3, 0.0, 0.0

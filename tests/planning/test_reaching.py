@@ -1,4 +1,4 @@
-"""A step's motion touches nothing early where that can be had, and says so where it cannot."""
+"""A step's motion touches nothing early if that is possible, and reports it otherwise."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CLOSE = Step(name="close", object="drawer", strategies=("push",))
 
 
 def push(ahead: float) -> KeypointStrategy:
-    """The closed fingers come down so far (m) ahead of the handle, and push it in."""
+    """Return a plan in which closed fingers come down the given distance (m) before the handle and push it in."""
     constraints: list[dict[str, Any]] = [
         point_to_point(
             "tool_head", "articulated_object_head", 0.001, target_offset=[0.0, ahead, 0.0], target_offset_frame="joint"
@@ -51,7 +51,7 @@ def scene() -> Scene:
 
 
 def least_on_the_way(scene: Scene, planned: StepPlan) -> float:
-    """Smallest distance of robot and drawer before the actuation pose (m)."""
+    """Return the smallest distance of robot and drawer before the actuation pose (m)."""
     assert planned.plan is not None
     trajectory = planned.plan.trajectory
     assert trajectory is not None

@@ -1,4 +1,4 @@
-"""The longest part of a motion ends as the whole would."""
+"""The longest possible part of a motion ends like the whole one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gensim2.planning.shortening import LEFT_OUT, shortened
 
 @dataclass
 class Part:
-    """What a plan says of how far it goes."""
+    """The part of a plan's result that says how far it goes."""
 
     reached_fraction: float
     status: str = "partial"
@@ -26,7 +26,7 @@ def cut(motions: list[Any], fraction: float, openness: float | None = 0.5, **con
 
 
 def test_a_motion_to_an_openness_ends_at_a_smaller_one() -> None:
-    # Half of two paths, of which the last is letting go: all of the first but what is left out.
+    # Half of two paths, the last of which releases: all of the first except what is left out.
     [[name, value]] = cut([["trace_joint_to", 1.0]], 0.5 * 0.8) or []
     assert (name, value) == ("trace_joint_to", pytest.approx(0.5 + (0.8 - LEFT_OUT) * 0.5))
     [[_, closing]] = cut([["follow_joint_to", -0.1]], 0.25) or []

@@ -1,4 +1,4 @@
-"""A plan's page is served, and moves: no browser takes part, the page's own protocol is spoken."""
+"""A plan's page is served and animated; the test uses the page's protocol instead of a browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps planned on scenes of several objects: what is foreseen, what is held, what a grasp looks ahead to."""
+"""Steps planned in scenes of several objects: predicted positions, held objects, and grasps that suit later steps."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_what_is_held_is_named_with_and_without_its_owner(scene: Scene) -> None:
 
 
 def test_a_grasp_is_one_with_which_the_next_step_can_be_done() -> None:
-    # Head ahead, the hand down and its side to the left: of a grasp and the same with its fingers swapped one will do.
+    # Head ahead, hand down, its side to the left: of a grasp and the same with swapped fingers, one is possible.
     def along(start: str, end: str, axis: list[float]) -> dict[str, object]:
         ends = {"axis_from_keypoint_name": start, "axis_to_keypoint_name": end}
         target = {"target_axis": axis, "target_axis_frame": "world", "target_inner_product": 1.0, "tolerance": 0.5}
@@ -175,7 +175,7 @@ def with_fixture(scene: Scene, body: SceneBody) -> Scene:
 
 
 def foreseen_position(plan: StepPlan, name: str) -> np.ndarray:
-    """Position (3,) of an object after a step, base frame."""
+    """Return the predicted position (3,) of an object after a step, base frame."""
     assert plan.after is not None
     return plan.after.objects[name].T_base_object[:3, 3]
 

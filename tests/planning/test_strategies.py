@@ -1,4 +1,4 @@
-"""Strategies as data: what can be read, and what is refused by field before anything is planned."""
+"""Strategies as data: valid ones are read, and errors name the field before anything is planned."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fixtures of the tests of policies: one thread, small random CLIP weights."""
+"""Fixtures for the tests of policies: one thread, small random CLIP weights."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import made_up
 
 @pytest.fixture(autouse=True)
 def one_thread() -> Iterator[None]:
-    """PyTorch with one thread: networks are small, and other tests run beside these."""
+    """Use one PyTorch thread, because the networks are small and other tests run in parallel."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -27,7 +27,7 @@ def one_thread() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def no_tensorboard(monkeypatch: pytest.MonkeyPatch) -> None:
-    """TensorBoard is not installed here: it takes longer to begin than these trainings take to end."""
+    """Hide TensorBoard, which takes longer to start than these trainings take."""
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
 
 
@@ -39,5 +39,5 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="session")
 def sentence_model(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A folder with an encoder of sentences, its weights small and random."""
+    """A folder with a sentence encoder with small random weights."""
     return str(made_up.random_sentence_model(tmp_path_factory.mktemp("sentence") / "random"))

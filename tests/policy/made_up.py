@@ -1,4 +1,4 @@
-"""A made-up source of training batches, and settings of the smallest networks: fakes for tests of policies."""
+"""A made-up source of training batches, and settings of the smallest networks."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ SENTENCES = ("open the drawer", "close the box")
 
 
 def policy(**settings: Any) -> PolicyConfig:
-    """A policy of a few thousand weights."""
+    """Return the config of a policy with a few thousand weights."""
     return PolicyConfig.of({**SMALL, **settings})
 
 
 def training(**settings: Any) -> TrainConfig:
-    """A training of two steps."""
+    """Return the settings of a training of two steps."""
     return TrainConfig.of({"steps": 2, "batch": 4, "warmup": 1, "save_every": 1, "log_every": 1, **settings})
 
 
@@ -53,7 +53,7 @@ class MadeUpSource:
 
     Args:
         config: history and horizon.
-        frames: that there are; 0: without end.
+        frames: number of different frames; 0: unlimited.
     """
 
     def __init__(self, config: PolicyConfig, frames: int = 0, sentences: tuple[str, ...] = SENTENCES) -> None:
@@ -67,14 +67,13 @@ class MadeUpSource:
         self._kept = self._make(np.random.default_rng(5), frames) if frames else None
 
     def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
-        """Return a batch, of the kept frames where there are some."""
+        """Return a batch, from the kept frames if there are any."""
         if self._kept is None:
             return self._make(rng, size)
         rows = rng.integers(self._frames, size=size)
         return {name: values[rows] for name, values in self._kept.items()}
 
     def some_clouds(self, max_clouds: int) -> Shuffled:
-        """Return random clouds."""
         rng = np.random.default_rng(6)
         points = rng.uniform(0, 1, (min(max_clouds, 3), POINTS, 3)).astype(np.float32)
         return Shuffled(points, np.zeros(points.shape, np.uint8))
@@ -111,10 +110,10 @@ class MadeUpSource:
 
 
 class FailsElsewhere(MadeUpSource):
-    """Draws no batch in a process that is not the one that made it."""
+    """Fails to draw a batch in other processes than its own."""
 
     def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
-        """Return a batch, at home."""
+        """Return a batch, in its own process only."""
         if os.getpid() != self.home:
             raise RuntimeError("CUDA out of memory")
         return super().draw(rng, size)
@@ -123,12 +122,12 @@ class FailsElsewhere(MadeUpSource):
 
 
 class KilledElsewhere(MadeUpSource):
-    """Ends the process that draws its fourth step elsewhere, as the kernel does when it is out of memory."""
+    """Kills the process of its fourth batch if that is not its own, as the kernel does when memory runs out."""
 
     home, drawn = 0, 0
 
     def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
-        """Return a batch, or die."""
+        """Return a batch, or kill the process."""
         self.drawn += os.getpid() != self.home
         if self.drawn == 4:
             os.kill(os.getpid(), signal.SIGKILL)
@@ -136,7 +135,7 @@ class KilledElsewhere(MadeUpSource):
 
 
 def random_clip(folder: Path) -> Path:
-    """Write CLIP's text half with random weights, two layers of 16: not OpenAI's, and of no use but to test with."""
+    """Write CLIP's text encoder with random weights, with two layers of 16."""
     import json
 
     import transformers
@@ -165,7 +164,7 @@ def random_clip(folder: Path) -> Path:
 
 
 def random_sentence_model(folder: Path) -> Path:
-    """Write an encoder of sentences with random weights, two layers of 16: of no use but to test with."""
+    """Write a sentence encoder with random weights, with two layers of 16."""
     import transformers
 
     folder.mkdir(parents=True)

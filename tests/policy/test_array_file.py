@@ -1,4 +1,4 @@
-"""Arrays in a file: the same when read, and damage is one error."""
+"""Arrays in a file are read back unchanged, and damage gives one error."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ HEADER = "{'descr': '<f4', 'fortran_order': False, 'shape': (0,)}"
 
 
 def header_of(text: str) -> bytes:
-    """The beginning of a .npy file of version 1.0 with this header."""
+    """Return the start of a .npy file of version 1.0 with this header."""
     header = text.encode().ljust(118) + b"\n"
     return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
 

@@ -1,4 +1,4 @@
-"""The policy that comes with the package knows the suite's tasks by their sentences, and does them."""
+"""The package's policy knows the suite's tasks by their instructions and succeeds in them."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_tasks_are_added_to_it(
     words += ["--test-instances", "all", "--minutes", "0.001", "--scenes", "1", "--workers", "1", "--episodes", "1"]
     words += ["--controls", "none", "--videos", "0", "--out", str(tmp_path / "more")]
     assert run([*words, "--json", str(tmp_path / "told.json")]) == 0
-    # Of what it knew, that is measured again for which there are objects.
+    # Tasks with available objects are measured again.
     told = json.loads((tmp_path / "told.json").read_bytes())
     assert [row["name"] for row in told["tasks"]] == ["CloseBox", "OpenBox", "CloseDishwasher"]
     assert "OpenDrawer: not measured again, " in capfd.readouterr().err
@@ -80,7 +80,7 @@ def test_tasks_are_added_to_it(
     assert grown.data.tasks == (*packaged.data.tasks, "CloseDishwasher")
     assert read_ways(tmp_path / "more", grown)[:-1] == read_ways(checkpoint_folder("builtin"), packaged)
     assert told["tasks"][0]["data_cpu_s"] > 0  # what was planned again is counted
-    # From what it became, others go on without planning anything twice.
+    # Other policies continue from this one without planning anything twice.
     planned = read_planned(tmp_path / "more" / "data" / "OpenDrawer")
     assert (planned.scenes, planned.record.scene["instances"]) == (2, "200 generated, seed 0")
     assert run([*words, "--resume"]) == 0

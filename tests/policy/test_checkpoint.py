@@ -1,4 +1,4 @@
-"""Checkpoints load, or say in one line why not."""
+"""Checkpoints load, or give an error of one line."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _flip(folder: Path) -> None:
 
 
 def _foreign(folder: Path) -> None:
-    """Another tool's weights under the right name and digest."""
+    """Put the weights of another network under the right name and digest."""
     from safetensors.torch import save
 
     content = save({"layer.weight": torch.zeros(3)})
@@ -56,7 +56,7 @@ def _foreign(folder: Path) -> None:
 
 
 def _sealed(folder: Path, change: Callable[[dict[str, torch.Tensor]], Any]) -> None:
-    """Other tensors under a name and a digest that fit, as a stranger would write them."""
+    """Put other tensors under a name and digest that match, as an attacker would."""
     from safetensors.torch import load, save
 
     tensors = load(_weights(folder).read_bytes())

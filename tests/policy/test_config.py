@@ -1,4 +1,4 @@
-"""Settings: one place, each refused by name where it cannot be."""
+"""Settings are validated in one place, and errors name the setting."""
 
 from __future__ import annotations
 

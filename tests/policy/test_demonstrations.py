@@ -1,4 +1,4 @@
-"""Demonstrations to a policy that acts: a small real data set, decoded, drawn from, learned, evaluated."""
+"""From demonstrations to a policy: a small real data set is decoded, sampled, learned and evaluated."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ SETTINGS: dict[str, Any] = {**made_up.SMALL, "steps": 2, "batch": 4, "warmup": 1
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cache that tests may take away from."""
+    """A new cache from which tests may remove files."""
     monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path_factory.getbasetemp() / "own-cache"))
 
 
@@ -59,7 +59,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def checkpoint(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A policy of them that knows nothing yet."""
+    """A checkpoint of these demonstrations after almost no training."""
     out = tmp_path_factory.mktemp("policy") / "policy"
     train(folder, out=out, settings=SETTINGS)
     return out
@@ -221,7 +221,7 @@ def test_a_policy_looks_only_where_it_plans_and_acts_as_if_it_always_did(folder:
             env.step(action)
         assert looks == (9 if always else -(-9 // controller.config.execute))
     assert np.array_equal(acted[True], acted[False])
-    # While a chunk was executed the scene has settled: the arm is held for the step until it looks again.
+    # The scene settled while a chunk was executed: the arm waits for one step until the next observation.
     assert controller.observation_spec.is_proprioceptive
     for _ in range(5):
         env.step(action)
@@ -306,7 +306,7 @@ def test_along_a_demonstration_labels_are_what_the_demonstration_did(
     scene = dataset.record.scene.with_task(gensim2.load_task("CloseBox"), dataset.record.tasks["CloseBox"].instances)
 
     class Follows(PolicyController):
-        """Does what was recorded, in place of what the network says."""
+        """Predicts the recorded actions instead of the network's."""
 
         def act(self, observation: Any) -> Any:
             return recording.actions[observation.step] if observation.step < recording.steps else None
@@ -323,7 +323,7 @@ def test_along_a_demonstration_labels_are_what_the_demonstration_did(
         step = int(np.abs(stood - joints).max(axis=1).argmin())
         assert np.abs(stood[step] - joints).max() < 1e-5
         assert step % relabels.EVERY == 0
-        # Another motion to the same pose, from where the arm moves: it goes the same way.
+        # Another motion to the same pose, from the arm's moving state, takes the same path.
         did, would = recording.actions[step + horizon - 1, :7] - joints, found[ACTION][number, -1, :7]
         assert np.abs(would - did).max() < 0.25
         assert float(did @ would) >= 0.5 * np.linalg.norm(did) * np.linalg.norm(would) - 1e-6

@@ -1,4 +1,4 @@
-"""Point encoders: any order of the points gives the same, and the shortcut of the default one is exact."""
+"""Point encoders do not depend on the order of points, and the default one's shortcut is exact."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_running_the_winners_alone_is_exact() -> None:
 
 
 def test_pointnext_s_has_the_size_of_the_papers() -> None:
-    """1.37 million in the original's release, its own stem and head included."""
+    """1.37 million weights in the original's release, including its stem and head."""
     count = sum(parameter.numel() for parameter in PointNextEncoder(9).parameters())
     assert 1.1e6 < count < 1.4e6
     more = sum(parameter.numel() for parameter in PointNextEncoder(9, blocks=1).parameters())

@@ -1,4 +1,4 @@
-"""Exports are the same function within 1e-5; a set of policies that holds every encoder, head and text encoder."""
+"""Exports compute the same function within 1e-5, for every encoder, head and text encoder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keyframes of demonstrations, the pointer at them, and arms that are shown off their way."""
+"""Keyframes of demonstrations, the pointer to them, and arms that are perturbed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ HZ = 20.0
 
 
 def _stops(*at: int, waits: int = 6) -> np.ndarray:
-    """(T, 2) targets that rise from 0 by 0.3 rad a way, at rest at these steps; it waits so long at either end."""
+    """Return targets (T, 2) that rise by 0.3 rad per segment, at rest at these steps, with waiting time at both ends."""
     parts, begin = [np.zeros(waits)], 0
     for number, stop in enumerate(at):
         share = np.arange(1, stop - begin + 1) / (stop - begin)

@@ -1,4 +1,4 @@
-"""A killed and resumed training ends as an undisturbed one; a folder has one run; hostile states are refused."""
+"""A killed and resumed training gives the same result; a folder has one owner; hostile states are refused."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ train_policy(made_up.MadeUpSource(config), config, training, Path(sys.argv[1]), 
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Weights, settings and curves; the state says what CPU time it took."""
+    """Return weights, settings and curves without the CPU time of the state."""
     found = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file() and path.name != ".lock"}
     points = [json.loads(line) for line in (folder / "training/curves.jsonl").read_text().splitlines()]
     return found | {"curves": json.dumps([{**point, "cpu_s": 0} for point in points]).encode()}

@@ -1,4 +1,4 @@
-"""Rotations, neighbourhoods and samplers beside SciPy, brute force and closed forms."""
+"""Rotations, neighbourhoods and samplers compared with SciPy, brute force and closed forms."""
 
 from __future__ import annotations
 
@@ -86,8 +86,9 @@ def test_the_signal_fades_from_one_to_nothing() -> None:
 
 @pytest.mark.parametrize("spread", [0.3, 1.5])
 def test_ddim_turns_noise_into_the_data(spread: float) -> None:
-    """Data of N(0, s^2) have the denoiser x0 = a s^2 / (a^2 s^2 + 1 - a^2) xt, a^2 the signal's share; following it, a
-    quantile of the noise becomes the same quantile of the data."""
+    """For data of N(0, s^2) the denoiser is x0 = a s^2 / (a^2 s^2 + 1 - a^2) xt, where a^2 is the signal's share. With
+    it, a quantile of the noise becomes the same quantile of the data.
+    """
     head = DiffusionHead(made_up.policy(noise_levels=400, denoise_steps=400), 7)
 
     def clean(noisy: torch.Tensor, level: torch.Tensor, tokens: torch.Tensor) -> torch.Tensor:
@@ -102,7 +103,7 @@ def test_ddim_turns_noise_into_the_data(spread: float) -> None:
 
 @pytest.mark.parametrize("spread", [0.3, 1.5])
 def test_the_flow_turns_noise_into_the_data(spread: float) -> None:
-    """Of N(0, s^2) the velocity is (t s^2 - (1 - t)) / (t^2 s^2 + (1 - t)^2) x."""
+    """For N(0, s^2) the velocity is (t s^2 - (1 - t)) / (t^2 s^2 + (1 - t)^2) x."""
     head = FlowHead(made_up.policy(noise_levels=400, denoise_steps=400), 7)
 
     def velocity(chunk: torch.Tensor, level: torch.Tensor, tokens: torch.Tensor) -> torch.Tensor:

@@ -1,4 +1,4 @@
-"""Objects to learn from and to be measured on: those that a training sees are none of the others."""
+"""Training objects and test objects of experiments do not overlap."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_unseen_objects_are_of_the_test_split_where_every_class_has_one() -> Non
     assert unseen_instances([many, ball]) == "test"
     assert unseen_instances([many, few]) == "new"
     assert shared_objects([many, ball, few], "new") == []
-    # Whoever is taught on all of them, or on the test split, saw that.
+    # A policy that was trained on all objects, or on the test split, has seen these.
     for word in ("all", "test"):
         taught = read_task_input("PlaceGolfBallIntoDrawer", assets="builtin", instances=word)
         assert unseen_instances([taught]) == "new"

@@ -1,4 +1,4 @@
-"""A controller behind a real websocket: what it says comes through, and whoever may not is refused."""
+"""A controller behind a real websocket: its actions arrive, and clients without permission are refused."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ from gensim2_robot.run import run
 TOKEN = "a token of no worth"
 FILE = Path(__file__)
 LEAVES = 13
-"""Seed with which the controller ends the program."""
+"""Seed at which the controller ends the program."""
 
 
 class Echo:
-    """A fake controller: says what it was shown. As slow, and as often wrong, as it is told to be."""
+    """A fake controller that returns what it observed, with delays and errors as configured."""
 
     observation_spec = ObservationSpec(modalities=())
 
@@ -90,7 +90,7 @@ def observation(step: int = 0, points: int = 64) -> Observation:
 
 @pytest.fixture
 def serving(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., PolicyServer]]:
-    """Servers in threads of their own."""
+    """Run servers in their own threads."""
     servers = []
     monkeypatch.setenv(protocol.TOKEN, TOKEN)
 

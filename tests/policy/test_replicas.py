@@ -1,4 +1,4 @@
-"""Data-parallel training: gradients of the whole batch, bit for bit through interruptions, and failures are named."""
+"""Data-parallel training: gradients equal those of the whole batch, also after interruptions, and errors are reported."""
 
 from __future__ import annotations
 

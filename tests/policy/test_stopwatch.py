@@ -1,4 +1,4 @@
-"""Times by stage are what the clocks say."""
+"""Times of stages agree with the clocks."""
 
 from __future__ import annotations
 

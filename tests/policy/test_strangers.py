@@ -1,4 +1,4 @@
-"""Strangers at both ends of the websocket get few bytes, few values and little time."""
+"""Untrusted peers at both ends of the websocket get few bytes, few values and little time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from gensim2.rollout.controller_spec import ControllerSpec
 from policy.test_remote import TOKEN, observation
 
 LARGEST = b"\xdd" + (MAX_BYTES - 5).to_bytes(4, "big") + b"\x80" * (MAX_BYTES - 5)
-"""As many empty maps as a message may have bytes: 1.2 GB once they are decoded."""
+"""As many empty maps as fit into a message: 1.2 GB after decoding."""
 
 
 @pytest.fixture
@@ -40,14 +40,14 @@ def serving(monkeypatch: pytest.MonkeyPatch) -> Iterator[PolicyServer]:
 
 
 def highest_memory() -> int:
-    """Bytes that this process had at most since it was asked last."""
+    """Return the highest memory (bytes) of this process since the last call."""
     found = re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())
     assert found is not None
     Path("/proc/self/clear_refs").write_text("5")
     return 1024 * int(found[1])
 
 
-# ------------------------------------------------------------------------------------------------- at the server
+# --- the server
 
 
 def test_strangers_neither_fill_the_memory_nor_delay_the_loop(serving: PolicyServer) -> None:
@@ -153,7 +153,7 @@ def test_values_are_counted_as_they_are_decoded(data: bytes) -> None:
     assert peak < 4 << 20
 
 
-# ------------------------------------------------------------------------------------------------- at the client
+# --- the client
 
 SPEC = ObservationSpec(modalities=()).to_dict()
 WELCOME = {
@@ -173,7 +173,7 @@ Answers = Callable[[bytes], list[Any]]
 
 @pytest.fixture
 def hostile(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., str]]:
-    """Servers that answer each message as they like; their addresses."""
+    """Yield a function that starts servers with arbitrary answers and returns their addresses."""
     monkeypatch.setenv(protocol.TOKEN, TOKEN)
     servers = []
 
@@ -331,7 +331,7 @@ def test_a_controller_that_gives_no_action_is_told_to_its_loop(serving: PolicySe
 
 
 def permits(serving: PolicyServer) -> int:
-    """Number of strangers that a server would let in now."""
+    """Return how many unauthenticated clients a server would accept now."""
     found = 0
     while serving._strangers.acquire(blocking=False):
         found += 1
@@ -345,14 +345,14 @@ OPENING = (
     b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
 )
 PINGS = (b"\x89\xfd\0\0\0\0" + bytes(125)) * 1000
-"""Ping frames, each of which is answered by as many bytes."""
+"""Ping frames, each of which gets an answer of the same size."""
 
 
 @pytest.mark.parametrize("frames", [None, 10**9])
 def test_strangers_that_ping_and_read_nothing_are_gone_in_seconds(
     monkeypatch: pytest.MonkeyPatch, frames: int | None
 ) -> None:
-    """Both by the number of their frames and, where that is no limit, by the time that an answer may wait."""
+    """Limited are both the number of their frames and the time that an answer may wait."""
     monkeypatch.setattr(server, "GREETING", 1.0)
     if frames is not None:
         monkeypatch.setattr(server, "MAX_CONTROL_FRAMES", frames, raising=False)

@@ -1,4 +1,4 @@
-"""A yaw of scene and robot about the base changes nothing but the first joint's targets."""
+"""A yaw of scene and robot about the base changes only the targets of the first joint."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gensim2.robots import robot
 
 
 def _turned(seen: dict[str, torch.Tensor], angle: float) -> dict[str, torch.Tensor]:
-    """What is seen where all stands turned: by SciPy and the robot's own kinematics."""
+    """Return the observation of the turned scene, by SciPy and the robot's kinematics."""
     found = {name: value.clone() for name, value in seen.items()}
     matrix = torch.from_numpy(Rotation.from_euler("z", angle).as_matrix().astype(np.float32))
     found[CLOUD][..., :3] = seen[CLOUD][..., :3] @ matrix.T

@@ -1,4 +1,4 @@
-"""Text encoders: what they make of sentences, and what is said where weights are missing."""
+"""Text encoders: results for texts, and errors for missing weights."""
 
 from __future__ import annotations
 

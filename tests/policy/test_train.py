@@ -1,4 +1,4 @@
-"""Training: every combination takes steps, is saved, and goes on bit for bit; what cannot be is refused in one line."""
+"""Training: all combinations run, are saved, and resume bit for bit; invalid ones are refused in one line."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Interrupting(NullProgress):
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    """Contents of a checkpoint."""
+    """Return the contents of a checkpoint."""
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
 
 
@@ -139,7 +139,7 @@ def test_another_training_is_not_gone_on_with(tmp_path: Path) -> None:
     start = train_policy(source, config, made_up.training(seed=3), tmp_path / "start").checkpoint
     with pytest.raises(InputError, match=r"settings\.start: was begun with None"):
         train_policy(source, config, made_up.training(), tmp_path, start=start, resume=True)
-    # An earlier version wrote settings alone.
+    # An earlier version wrote only settings.
     file = tmp_path / "training" / "state.json"
     record = json.loads(file.read_bytes())
     for name in ("action", "sentences", "folders"):

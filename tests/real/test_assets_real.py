@@ -1,4 +1,4 @@
-"""The reader on the released objects themselves."""
+"""The reader with the released objects."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ def test_what_is_odd_is_noted(real_assets: Path, asset_class: str, instance_id: 
 
 @pytest.mark.parametrize("asset_class", ["box_rotate", "drawer", "faucet", "microwave", "toaster_move"])
 def test_import_proposes_about_what_people_annotated(real_assets: Path, tmp_path: Path, asset_class: str) -> None:
-    """The models of the release, taken for plain PartNet-Mobility folders: heads within 35 mm for most."""
+    """Released models, imported as plain PartNet-Mobility folders: most head keypoints are within 35 mm of the
+    annotation.
+    """
     gaps = []
     for folder in sorted((real_assets / "articulated_objs" / asset_class).iterdir()):
         written = json.loads((folder / "info.json").read_text())

@@ -1,4 +1,4 @@
-"""Real objects in the environment: they load whole, stand still, and their scenes make sense."""
+"""Real objects in the environment: they load completely, stay at rest, and their scenes are plausible."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def real_library(real_assets: Path) -> Library:
 def test_a_real_object_stands_still_for_five_seconds_and_can_be_planned_for(
     name: str, real_assets: Path, real_library: Library
 ) -> None:
-    # One object a class for all tasks, as each is taken apart into hulls when it is first used.
+    # One object per class for all tasks, because the decomposition into hulls is done at the first use.
     instances = {role: min(real_library.instances(used.asset_class)) for role, used in load_task(name).objects.items()}
     lane = HeadlessEnv(name, assets=real_assets, instances=instances)
     result = no_op_baseline(lane, 1, steps=100)
@@ -37,7 +37,7 @@ def test_a_real_object_stands_still_for_five_seconds_and_can_be_planned_for(
     for role, thing in scene.objects.items():
         placed = lane.initial_state.objects[role]
         assert placed.model.source == "real" or placed.model.asset_class == "gold_bar"  # its mesh is absent there
-        # Nothing reaches below the table's top, nothing floats.
+        # Nothing is below the table's surface or in the air.
         heights = [
             np.min(hull @ body.T_base_body[2, :3]) + body.T_base_body[2, 3]
             for body in thing.bodies

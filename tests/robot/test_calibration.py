@@ -1,4 +1,4 @@
-"""Cameras found by the robot's own meshes and by a board; what vouches for them, and what is refused."""
+"""Camera calibration by the robot's meshes and by a board: accuracy checks and errors."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ BOARD = Board(7, 5, 0.04, 0.03)
 
 @pytest.fixture(scope="module")
 def views() -> list[ArmView]:
-    """Pictures of the left camera."""
+    """Images of the left camera."""
     draw = rng(5, "calibration test")
     scene = RaycastScene(PROFILE, {}, [CAMERAS[0]])
     return [benchmark.picture(scene, q, D435, 1.005, 0.002, draw) for q in benchmark.arm_poses(draw, 5)]
@@ -69,7 +69,7 @@ def test_what_cannot_be_fitted_to_is_refused(views: list[ArmView]) -> None:
         calibrate(surface, replace(CAMERAS[0], link="panda_hand"), views[:3], views[4:])
 
 
-# ----------------------------------------------------------------------- board
+# --- board
 
 
 def pose(draw: np.random.Generator, spread: float, at: tuple[float, float, float]) -> np.ndarray:
@@ -127,11 +127,11 @@ def test_words_that_are_no_board_are_refused(text: str) -> None:
         Board.parse(text)
 
 
-# ------------------------------------------------------------------------ file
+# --- file
 
 
 def test_a_calibration_from_poses_to_a_run(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """The arm is moved through the limits, the file is written, and a run sees through it."""
+    """The arm is moved within the limits, the file is written, and a run uses it."""
     file, out = tmp_path / "calibration.json", tmp_path / "out.json"
     small = ["--pixels", "160x120", "--assets", "builtin", "--json", str(out)]
     words = ["--poses", "5", "--speed", "1.0", "--degrees", "8", "--metres", "0.05", "--out", str(file)]

@@ -1,4 +1,4 @@
-"""Cameras in a process of their own: what comes of them, and what is told when they fail."""
+"""Cameras in their own process: images, and errors when they fail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns of a loop that goes by the machine's clock."""
+"""Cycles of a control loop that runs by the machine's clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``gensim2 robot``: what is refused, what is checked, and results as JSON."""
+"""``gensim2 robot``: errors, checks, and results as JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Logs and trials on disks that are full, small or read-only, or whose folder is another's."""
+"""Logs and trials on disks that are full, small or read-only, or in folders of other users."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_a_run_on_a_small_disk_ends_in_one_line_and_its_log_is_whole(
 
 
 class Filling:
-    """A fake person: says no; before the second verdict the disk is full."""
+    """A fake person who answers no; before the second answer the disk becomes full."""
 
     def __init__(self) -> None:
         self.asked = 0

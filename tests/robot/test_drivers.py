@@ -1,4 +1,4 @@
-"""The one protocol of arms and cameras, kept by every driver, against fakes of the makers' libraries."""
+"""The common interface of arms and cameras, tested for every driver with fakes of the makers' libraries."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def test_a_reflex_is_told(arm: tuple[StreamedArm, FakeBody]) -> None:
 
 @pytest.mark.parametrize("name", ["franka", "panda"])
 def test_a_motion_that_a_reflex_ends_is_a_reflex(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """Also where the client says so between two states."""
+    """Also if the library reports it between two states."""
     make, modules, _ = KINDS[name]
     body = FakeBody(7)
     for module, fake in modules(body).items():
@@ -201,7 +201,7 @@ def test_a_motion_that_a_reflex_ends_is_a_reflex(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_panda_that_has_stopped_by_itself_is_recovered_by_a_person(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The library's own way to begin a motion is to recover first."""
+    """The library would recover by itself when a motion starts."""
     body = FakeBody(7)
     for module, fake in fake_makers.panda(body).items():
         monkeypatch.setitem(sys.modules, module, fake)
@@ -233,7 +233,7 @@ def test_a_target_that_is_about_to_be_written_when_the_arm_is_told_to_stand_is_n
 
 
 class Followed(StreamedArm):
-    """A driver without threads that keeps what it is to write."""
+    """A driver without threads that keeps its targets."""
 
     def __init__(self) -> None:
         super().__init__(PROFILE, 200.0)
@@ -255,7 +255,9 @@ class Followed(StreamedArm):
 
 
 def stream(monkeypatch: pytest.MonkeyPatch, came: list[int], cycles: int) -> tuple[Followed, np.ndarray, np.ndarray]:
-    """So many targets of a path with 1 rad/s came in each cycle of 5 ms; (k, 7) rad behind the start, and rad/s."""
+    """Return the written positions (k, 7), relative to the start (rad), and velocities (rad/s) of a driver that got the
+    given number of targets of a path with 1 rad/s in each cycle of 5 ms.
+    """
     now = 100.0
     clock = types.SimpleNamespace(monotonic=lambda: now)
     monkeypatch.setattr(streamed, "time", clock)
@@ -331,13 +333,13 @@ def test_an_arm_that_is_not_there_and_a_library_that_is_not_are_told(
         make("nowhere", body)
 
 
-# --------------------------------------------------------------------- cameras
+# --- cameras
 
 LEFT = replace(sized(simulated_cameras(PROFILE, 32, 24), 32, 24)[0], name="left")
 
 
 class FakeRealSense(types.ModuleType):
-    """As much of the library as opens a device of two sensors, each with two rates; what is opened is counted."""
+    """A fake of the library with a device of two sensors with two rates each, which counts opened devices."""
 
     def __init__(self) -> None:
         super().__init__("pyrealsense2")
@@ -411,12 +413,12 @@ def test_devices_that_were_opened_are_closed_where_another_fails_and_rates_may_b
 
 @pytest.fixture
 def rs() -> Any:
-    """The maker's library itself: its software devices are given pictures."""
+    """The maker's library, whose software devices can be given images."""
     return pytest.importorskip("pyrealsense2", exc_type=ImportError, reason="RealSense's library wants libusb")
 
 
 def shot(number: int, captured: float, depth: int = 700) -> CameraFrame:
-    """A picture whose colours say which pixel each is."""
+    """Return an image whose colours encode the pixel."""
     rows, columns = np.mgrid[:24, :32].astype(np.uint8)
     return CameraFrame("left", number, captured, np.full((24, 32), depth, np.uint16), np.dstack([rows, columns, rows]))
 
@@ -424,7 +426,7 @@ def shot(number: int, captured: float, depth: int = 700) -> CameraFrame:
 def filmed(
     device: SoftwareDevice, cameras: RealSenseCameras, count: int
 ) -> tuple[list[CameraFrame], list[CameraFrame]]:
-    """Pictures that were given to a device, and those that came of them."""
+    """Return images that a device was given, and those that the driver returned."""
     given: list[CameraFrame] = []
     found: list[CameraFrame] = []
     for number in range(count):
@@ -457,7 +459,7 @@ def test_pictures_come_with_their_time_their_device_and_our_pixel_centres(rs: An
 
 
 def made_of(file: Path) -> list[CameraFrame]:
-    """Pictures that a recording was made of."""
+    """Return the images of which a recording was made."""
     device = SoftwareDevice(LEFT, "827112070000", 30)
     recorder = RealSenseCameras([LEFT], {"left": device.recorder(file)}, 30)
     given, _ = filmed(device, recorder, 12)
@@ -483,7 +485,7 @@ def test_no_picture_of_a_recording_is_of_the_future(rs: Any, tmp_path: Path, mon
 def test_a_recording_is_played_again_and_again_at_its_own_rate(rs: Any, tmp_path: Path) -> None:
     file = tmp_path / "left.db3"
     given = made_of(file)
-    # It is not asked for what it cannot know: its size and rate are its own.
+    # A recording has its own size and rate, so none is requested.
     there = replace(LEFT, width=320, height=240)
     cameras = RealSenseCameras([there], recorded({"left": file}))
     assert (cameras.cameras[0].width, cameras.serials) == (32, {"left": "827112070000"})
@@ -494,7 +496,7 @@ def test_a_recording_is_played_again_and_again_at_its_own_rate(rs: Any, tmp_path
     first = [int(frame.depth[0, 0]) for frame in found]
     again = next(place for place in range(1, len(first)) if first[place] < first[place - 1])
     assert again > 2
-    # A stalled machine misses pictures, as it does of a camera.
+    # A busy machine loses images, as with a real camera.
     apart = np.diff([frame.captured for frame in found[:again]])
     known = np.diff([given[depth - 700].captured for depth in first[:again]])
     assert np.median(np.abs(apart - known)) < 1e-3, "but where a busy machine gave the first ones late"

@@ -1,4 +1,4 @@
-"""Large pictures are thinned out before a cloud is made of them."""
+"""Large images are subsampled before a cloud is made of them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CAMERAS = simulated_cameras(robot("panda"), 320, 240)
 
 
 def rays(camera: Camera) -> npt.NDArray[np.float64]:
-    """Directions through the centres of all pixels, (H, W, 3)."""
+    """Return directions through the centres of all pixels, (H, W, 3)."""
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
     return np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.intrinsic).T
 

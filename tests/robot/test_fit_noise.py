@@ -1,4 +1,4 @@
-"""Parameters of noise come back from recordings made with them, and a file of them is what rendering and runs take."""
+"""Noise parameters are recovered from recordings with noise, and rendering and runs accept the file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ COLORS[90:] = 10
 
 
 def scene() -> np.ndarray:
-    """A slope with tilted blocks on it and a wall that faces the camera."""
+    """Return a slope with tilted blocks on it and a wall that faces the camera."""
     depth = 0.9 + 0.002 * COLUMNS + 0.001 * ROWS
     for left in (15, 60, 105):
         for top in (10, 50):

@@ -1,4 +1,4 @@
-"""The function before the wire: nothing passes a limit, judged by other code; what makes no sense is refused."""
+"""The function before the driver: no command exceeds a limit, by an independent check; invalid targets are refused."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_no_limit_of_the_research_3_is_passed(speed: float, margin: float) -> No
 
 
 def test_judge_and_audit_see_where_a_joint_is_too_fast_for_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As it would be with the limits that do not depend on the place alone."""
+    """As it would be if the limits did not depend on the position."""
     whole = ArmLimits.of(robot("fr3"), speed=1.0)
     monkeypatch.setattr(arm_limits, "FR3", SimpleNamespace(scaled=lambda share: None))
     q, _, _ = judge.commands(6_000, 2, 1.0, "fr3", 0.1)
@@ -92,7 +92,7 @@ def test_a_joint_of_the_research_3_comes_as_near_its_end_as_its_limits_let_it() 
 
 
 def test_the_judge_sees_what_passes() -> None:
-    """Commands that go straight to a pose in the table, a little too fast."""
+    """Commands that move straight to a pose inside the table, a little too fast."""
     way = np.array([0.0, 1.2, 0.0, 0.6, 0.0, 0.0, 0.0])
     rows = HOME + np.linspace(0.0, 1.0, 100)[:, None] * way
     found = judge.judge(rows, 0.1, 0.1, 0.17, 0.005)

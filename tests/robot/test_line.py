@@ -1,4 +1,6 @@
-"""The whole line on a simulated clock: a plan through the limits into physics, faults, and the log that replays."""
+"""The whole control loop on a simulated clock: a plan through limits and physics, faults, and a log that can be
+replayed.
+"""
 
 from __future__ import annotations
 
@@ -102,7 +104,7 @@ HOME = np.array(PANDA.reset_qpos)
 
 
 class Obedient:
-    """An arm that is where it is sent to, and black pictures of one camera every tenth of a second."""
+    """An arm that is always at its target, and black images of one camera at 10 Hz."""
 
     profile = PANDA
     cameras = simulated_cameras(PANDA, 8, 6)[:1]
@@ -136,7 +138,7 @@ class Black(Obedient):
 
 
 class Sweeping:
-    """A controller that turns one joint on and on, and answers after 30 ms; ``command`` says what the gripper does."""
+    """A controller that turns one joint continuously and answers after 30 ms; ``command`` is the gripper's."""
 
     is_alive = is_ready = True
 
@@ -166,7 +168,7 @@ class Sweeping:
 
 
 class Script:
-    """A scene whose goal holds as the script says by the line's time; ``rest``: whether it is at rest then."""
+    """A scene whose goal holds as scripted by the loop's time; ``rest``: whether it is at rest then."""
 
     is_ready = True
 
@@ -199,7 +201,7 @@ class Noted(Journals):
 
 
 def small_line(command: Callable[[int], float] = lambda step: 1.0) -> Any:
-    """A line between fakes, by a simulated clock."""
+    """Return a control loop with fakes and a simulated clock."""
     clock = SimulatedClock()
     arm, cameras, mind, noted = Obedient(clock), Black(clock), Sweeping(clock, command), Noted()
     guarded = LimitedArm(arm, ArmLimits.of(PANDA, speed=1.0))
@@ -211,7 +213,7 @@ def small_line(command: Callable[[int], float] = lambda step: 1.0) -> Any:
 def episode(
     there: Any, goal: Callable[[float], bool], rest: Callable[[float], bool] = lambda now: True, seconds: float = 20.0
 ) -> Ended:
-    """One episode on a small line."""
+    """Run one episode with fakes."""
     stage = Script(there.clock, goal, rest)
     devices = Devices(there.arm, there.cameras, there.mind, there.clock, stage)
     given: Any = SimpleNamespace(spec=SimpleNamespace(max_seconds=seconds))
@@ -224,7 +226,7 @@ def episode(
 
 def test_an_answer_that_arrives_after_the_goal_has_lasted_moves_nothing_and_none_follows() -> None:
     there = small_line()
-    # The goal lasts in the moment after a question: its answer comes 30 ms later, while the scene settles.
+    # The goal holds just after a request: its answer arrives 30 ms later, while the scene settles.
     first: list[float] = []
 
     def goal(now: float) -> bool:

@@ -1,4 +1,4 @@
-"""Logs are whole: on a full disk, over several files, within their share; and messages come back as they were."""
+"""Logs are complete on a full disk, over several files and within their size limit; messages are read back unchanged."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_on_a_full_disk_the_log_ends_and_is_whole(tmp_path: Path) -> None:
 
 def test_a_disk_that_is_gone_ends_the_log_and_not_the_program(tmp_path: Path) -> None:
     class Gone(io.RawIOBase):
-        """A file on a disk that takes a while, and then nothing, also not once more."""
+        """A file on a disk that accepts some data and then nothing, even after a retry."""
 
         def __init__(self) -> None:
             self.room, self._kept = 20_000, (tmp_path / "there").open("wb")
@@ -334,7 +334,7 @@ def test_each_changed_byte_of_a_log_is_seen_or_changes_nothing(tmp_path: Path) -
 
 
 def forged(path: Path, *records: bytes) -> Path:
-    """A file of MCAP records, without an end."""
+    """Write a file of MCAP records without an end."""
     path.write_bytes(b"\x89MCAP0\r\n" + b"".join(records))
     return path
 

@@ -1,4 +1,4 @@
-"""Questions come to meet pictures, whatever the phase in which the two began."""
+"""Requests follow the images' timing, whatever the initial phase."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_nothing_is_followed_where_no_pictures_come(waited: int) -> None:
 
 
 class Still:
-    """An arm that says nothing, a controller that is asked nothing."""
+    """An arm without output, and a controller without requests."""
 
     profile, is_alive = robot("panda"), True
 
@@ -57,7 +57,7 @@ class Still:
 
 
 class Given:
-    """Cameras whose next pictures are given."""
+    """Cameras whose next images are given by the test."""
 
     cameras = simulated_cameras(Still.profile, 8, 6)[:2]
     serials: Mapping[str, str] = {}

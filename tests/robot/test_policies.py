@@ -1,4 +1,4 @@
-"""Policies through the line: chunks of a network on clouds that the line's cameras made."""
+"""Policies in the control loop: chunks of a network for clouds of the loop's cameras."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ import made_up
 
 @pytest.fixture
 def checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A network of a few thousand weights that has learnt next to nothing."""
+    """A network of a few thousand weights after almost no training."""
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     config = made_up.policy(head="flow")
     source = made_up.MadeUpSource(config, sentences=(load_task("CloseBox").description, "open the drawer"))
@@ -55,7 +55,7 @@ def test_a_policy_drives_the_arm_within_its_limits(checkpoint: Path, tmp_path: P
         jump=1.0,
         log=tmp_path / "log",
     )
-    # What it asks for is nonsense: it may be refused, and is limited.
+    # Its actions make no sense, so they may be refused, and they are limited.
     assert found["state"] == "idle" or "refused" in found["reason"] or "force" in found["reason"], found["reason"]
     assert found["limits_passed"] == 0
     asked = [message for _, message in messages(tmp_path / "log") if isinstance(message, AnswerMessage)]
@@ -69,7 +69,7 @@ def test_a_policy_drives_the_arm_within_its_limits(checkpoint: Path, tmp_path: P
 
 
 class Glances(NoOpPolicy):
-    """Looks at the scene once, when the episode begins, as a policy that predicts keyposes does."""
+    """Observes the scene only at the start of the episode, like a policy that predicts keyposes."""
 
     def __init__(self) -> None:
         super().__init__(7)
@@ -100,7 +100,7 @@ def test_a_cloud_that_was_seen_once_is_logged_and_replayed(tmp_path: Path) -> No
 
 
 def test_pictures_that_nobody_looked_at_are_not_looked_at_in_a_replay(tmp_path: Path) -> None:
-    """A camera moves after the only glance: no cloud could be made of what it gives from then on."""
+    """A camera moves after the only observation, so that its later images could not give a cloud."""
     found = run(
         "CloseBox",
         policy=ControllerSpec(f"{__file__}:Glances"),

@@ -1,4 +1,4 @@
-"""The line in its processes, by the machine's clock; the watch bears what a busy machine does to it."""
+"""The control loop with its processes and the machine's clock; the watchdog tolerates the delays of a busy machine."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PATIENT = WatchRules(
 
 
 def cameras() -> str:
-    """Simulated cameras, through the RealSense library where it can be had: it wants libusb of the system."""
+    """Simulated cameras, through the RealSense library if it is installed (it needs libusb)."""
     try:
         import pyrealsense2  # noqa: F401
     except ImportError:

@@ -1,4 +1,4 @@
-"""Real devices by the words of the command line: a fake arm, software cameras; and the page of a line."""
+"""Real devices by command-line options, with a fake arm and software cameras; and the live page."""
 
 from __future__ import annotations
 
@@ -56,15 +56,15 @@ PATIENT = WatchRules(
 
 
 class SeesKeypoints:
-    """A fake controller, which looks at what only a simulator knows."""
+    """A fake controller that needs keypoints, which only a simulator knows."""
 
     observation_spec: ClassVar = {"points": 64, "source": "keypoints"}
 
     def reset(self, observation: Any, seed: int) -> None:
-        """Begin."""
+        """Do nothing."""
 
     def act(self, observation: Any) -> None:
-        """Done at once."""
+        """Return None: the episode is done."""
 
 
 STILL = ControllerSpec("gensim2.policy.no_op:NoOpPolicy", {"arm": 7})
@@ -79,7 +79,7 @@ REAL: dict[str, Any] = {
 
 @pytest.fixture
 def body(monkeypatch: pytest.MonkeyPatch) -> FakeBody:
-    """A fake arm, and a software device of the real library for the camera that is plugged in."""
+    """A fake arm, and a software device of the real library instead of a connected camera."""
     pytest.importorskip("pyrealsense2", exc_type=ImportError, reason="RealSense's library wants libusb")
     found = FakeBody(7)
     found.q = HOME.copy()
@@ -203,7 +203,7 @@ def test_what_was_opened_is_closed_where_a_later_step_fails(monkeypatch: pytest.
 
 
 class FailsLater:
-    """A line that cannot be begun, by an error that is no GenSim2Error, or runs."""
+    """A control loop that cannot start, by an error that is no GenSim2Error, or runs."""
 
     def __init__(self, fails: bool) -> None:
         self.fails, self.begun, self.released = fails, False, 0

@@ -1,4 +1,4 @@
-"""The checker that judges the Franka chain: each limit of its own, and nothing within them."""
+"""The checker of the Franka's commands: it reports each exceeded limit, and nothing otherwise."""
 
 from __future__ import annotations
 

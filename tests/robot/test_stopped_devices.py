@@ -1,4 +1,4 @@
-"""Processes of devices that are stopped or killed: the run ends in time, says why, and leaves no process."""
+"""Device processes are stopped or killed: the run ends in time with a reason, and leaves no process."""
 
 from __future__ import annotations
 
@@ -34,25 +34,25 @@ from gensim2_robot.run import run
 from gensim2_robot.watch import WatchRules
 
 SLOW = WatchRules(2.0, 2.0, 2.0, 60.0, 10**6, 2.0, 10.0, overrun=60.0)
-"""Rules of a busy machine: what is stopped is noticed after two seconds."""
+"""Rules for a busy machine: stopped processes are noticed after two seconds."""
 RUN: dict[str, Any] = {"assets": "builtin", "pixels": (64, 48), "minutes": 1.0, "speed": 0.3, "rules": SLOW}
 WORDS = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin", "--real-time", "--no-log", "--pixels", "64x48"]
 SHUTDOWN = 3 * (ENDING + KILLED)
 """Seconds within which three processes are ended, whatever they do."""
 MARGIN = 60.0
-"""Seconds for a busy machine: what blocks for ever takes longer."""
+"""Time limit in seconds, long for a busy machine."""
 DEVICES = ("arm", "cameras", "controller")
 
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Do not wait for what is stopped as long as a run does."""
+    """Wait less for stopped processes than a run does."""
     monkeypatch.setattr(processes, "ENDING", 0.5)
 
 
 @pytest.fixture
 def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, DeviceProcess]:
-    """Processes of devices by name, as they start."""
+    """Device processes by name, as they start."""
     found: dict[str, DeviceProcess] = {}
     start = DeviceProcess.__init__
 
@@ -77,7 +77,7 @@ def at_start(monkeypatch: pytest.MonkeyPatch, device: str, number: signal.Signal
 
 
 class After(Journals):
-    """Calls something once, when so many commands were sent that move the arm."""
+    """Calls a function once, after the given number of commands that move the arm."""
 
     def __init__(self, count: int, what: Callable[[], None]) -> None:
         super().__init__()
@@ -156,7 +156,7 @@ def test_a_process_that_is_stopped_at_the_end_does_not_hold_it_up(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_a_run_whose_arm_is_stopped(started: dict[str, DeviceProcess], number: signal.Signals) -> None:
-    """The rules bear everything: nothing but the signal ends the run."""
+    """These rules tolerate everything, so only the signal ends the run."""
 
     def stop() -> None:
         os.kill(started["arm"].pid or 0, signal.SIGSTOP)
@@ -250,7 +250,7 @@ def test_a_signal_ends_a_run_by_the_simulated_clock_whose_controller_hangs() -> 
     assert "asked to stop: SIGINT" in found["reason"]
 
 
-# ------------------------------------------------------------------------------------------------- the pipe itself
+# --- the pipe
 
 
 def until_drained(process: DeviceProcess, count: int) -> list[Any]:

@@ -1,4 +1,4 @@
-"""Targets in time to commands: at their times, within the limits, at rest where no more come."""
+"""From timed targets to commands: on time, within the limits, at rest when targets end."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def limits() -> ArmLimits:
 
 
 def at(time: float) -> np.ndarray:
-    """A smooth motion that keeps the limits."""
+    """Return a smooth motion that keeps the limits."""
     return HOME + WAY * (1.0 - np.cos(np.pi * time))
 
 
 def stream(limits: ArmLimits, seconds: float, until: float) -> tuple[Streamer, Sent, list[np.ndarray], set[str]]:
-    """Ask every 0.1 s for two targets, 0.1 s ahead; none come after ``until``."""
+    """Request two targets, 0.1 s ahead, every 0.1 s; none arrive after ``until``."""
     streamer, sent, found, clips = Streamer(limits), begin(HOME, limits), [], set[str]()
     for cycle in range(round(seconds / CYCLE)):
         now = cycle * CYCLE
@@ -44,7 +44,7 @@ def test_a_smooth_motion_is_followed_in_time_without_a_clip(limits: ArmLimits) -
     assert clips == set()
     times = CYCLE * (np.arange(len(found)) + 1)
     wanted = np.array([at(max(time - 0.1, 0.0)) for time in times])
-    # Least times of stretches add up to some 20 ms behind.
+    # The shortest durations of the segments add up to about 20 ms of delay.
     assert np.abs(np.array(found) - wanted)[20:].max() < 0.01
 
 
@@ -67,12 +67,12 @@ def test_braking_keeps_to_the_path(limits: ArmLimits) -> None:
         assert sent.clips == ()
         assert np.linalg.norm(path - sent.q, axis=1).min() < 1e-3
     assert cycles * CYCLE <= 0.3
-    # The commands follow three cycles behind, and a stop takes whole cycles.
+    # The commands are three cycles late, and a stop takes whole cycles.
     assert seconds <= cycles * CYCLE <= (np.ceil(seconds / CYCLE) + 3.0) * CYCLE + 1e-9
 
 
 def test_the_research_3_slows_down_towards_the_end_of_its_range_by_itself() -> None:
-    """The motion has the velocity limits of each place, so that nothing is left to clip."""
+    """The motion keeps the velocity limits of each position, so nothing is clipped afterwards."""
     limits = ArmLimits.of(robot("fr3"), speed=0.1)
     streamer, sent, found = Streamer(limits), begin(HOME, limits), [HOME]
     target = np.append(HOME[:6], 2.9)

@@ -1,4 +1,4 @@
-"""Trials: protocols that fit their tasks, placements, verdicts, what is kept, the table."""
+"""Trials: protocols that match their tasks, placements, answers, stored results, and the table."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def test_a_second_process_is_refused_and_a_link_out_of_the_folder_too(tmp_path: 
 
 
 class Scripted:
-    """A fake person: says no, and why; at the second question Ctrl-C is pressed."""
+    """A fake person who answers no with a reason; Ctrl-C is pressed at the second question."""
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, bool | None]] = []
@@ -254,7 +254,7 @@ def test_wrong_words_of_a_trial_are_told(capfd: pytest.CaptureFixture[str], word
 
 
 def test_a_person_at_a_terminal_types_and_ctrl_c_is_heard_at_once(tmp_path: Path) -> None:
-    """A real terminal (pty): answers are read as lines, and what is typed is not wiped away."""
+    """With a real terminal (pty): answers are read as lines, and typed text is not erased."""
     script = tmp_path / "asks.py"
     script.write_text(
         "import sys\n"

@@ -1,4 +1,4 @@
-"""The watch's states, and what it holds and stops for; no devices, no clock."""
+"""States of the watchdog, and its reasons to hold and stop; without devices and clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots that tests go through: the package's, and those that a user's files describe."""
+"""Robots for parametrized tests: the package's, and robots of user files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ OWN = ("ur5", "xarm7")
 
 
 def pytest_generate_tests(metafunc: object) -> None:
-    """Give every robot, by the name or the path that ``--robot`` takes, to tests that ask for ``any_robot``."""
+    """Parametrize ``any_robot`` with every robot, as the name or path that ``--robot`` accepts."""
     if "any_robot" in metafunc.fixturenames:  # type: ignore[attr-defined]
         names = [*("panda", "fr3", "fetch"), *(load_robot(EXAMPLES / f"{name}.py") for name in OWN)]
         metafunc.parametrize("any_robot", names, ids=lambda name: Path(name).stem)  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""Robots in physics: the same as ManiSkill's agents, bit for bit, with the drives that profiles state."""
+"""Robots in physics equal ManiSkill's agents bit for bit, with the drives of their profiles."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gensim2.sim.physics import DEFAULT
 
 
 class AloneEnv(BaseEnv):  # type: ignore[misc]
-    """ManiSkill's agent of a profile, and nothing else."""
+    """ManiSkill's agent of a profile alone."""
 
     SUPPORTED_REWARD_MODES = ("none",)
 
@@ -109,7 +109,7 @@ def test_states_are_those_of_maniskills_agent(any_robot: str) -> None:
 
 
 def test_drives_lag_by_what_the_profile_says(any_robot: str) -> None:
-    """Behind targets that move evenly, each arm joint in turn."""
+    """Behind targets of constant speed, for each arm joint."""
     profile = robot(any_robot)
     speed = 0.3  # rad/s, slow enough for the force limits
     for index in range(profile.arm_size):
@@ -119,7 +119,7 @@ def test_drives_lag_by_what_the_profile_says(any_robot: str) -> None:
             target[index] += towards * speed / profile.control_hz
             alone.step(target)
         behind = towards * (target[index] - alone.arm.articulation.qpos[index]) / speed
-        # A target holds for a whole control step, so the joint follows up to a step less late than its end.
+        # A target is held for a whole control step, so the delay at its end is up to a step less.
         lag = profile.lags[index]
         assert lag - 1.0 / profile.control_hz < behind < lag + 0.02, profile.arm_joints[index]
 

@@ -1,4 +1,4 @@
-"""Descriptions of robots that a stranger may have made: the planner's reader refuses first what is no URDF."""
+"""Untrusted robot descriptions: invalid URDFs are refused first by the planner's reader."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gensim2.core.foreign.geometry import read_xml
 from gensim2.robots import read_description
 from gensim2_kpam import UrdfError
 
-#: Expands to 3 GB where entities are replaced.
+#: Expands to 3 GB if entities are replaced.
 ENTITIES = f"<!DOCTYPE robot [<!ENTITY a '{'x' * 100_000}'>]><robot name='{'&a;' * 30_000}'><link name='l'/></robot>"
 
 

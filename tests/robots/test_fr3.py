@@ -1,4 +1,4 @@
-"""The Research 3: the Panda's links, limits that its maker publishes, and plans that keep them."""
+"""The Research 3: the Panda's links, the published limits, and plans that keep them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Profiles: what they say is what the description, the planner and ManiSkill's agent say."""
+"""Profiles agree with the URDF, the planner and ManiSkill's agent."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def test_joints_are_those_of_the_planner_in_its_order(any_robot: str) -> None:
     profile = robot(any_robot)
     assert profile.model.joint_names == [*profile.arm_joints, *profile.gripper.joints]
     q = np.array(profile.reset_qpos)
-    # The fingers of some models are written with a hair less than their travel.
+    # In some models, the finger values are slightly less than their range.
     assert (q >= profile.model.lower - 1e-6).all()
     assert (q <= profile.model.upper + 1e-6).all()
     assert profile.action_size == len(profile.arm_joints) + 1 == len(profile.rest_action)
 
 
 def test_the_hand_frame_is_that_of_all_robots(any_robot: str) -> None:
-    """z as the fingers point, y as they open, and the tool keypoints where the fingers are."""
+    """z is along the fingers, y is the opening direction, and the tool keypoints are at the fingers."""
     profile = robot(any_robot)
     head, tail, side = (profile.tool_keypoints[point] for point in ("tool_head", "tool_tail", "tool_side"))
     assert (head - tail)[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
@@ -38,7 +38,7 @@ def test_the_hand_frame_is_that_of_all_robots(any_robot: str) -> None:
     assert narrowest == pytest.approx(0.0, abs=2e-3)
     assert widest == pytest.approx(profile.gripper.widest, abs=4e-3)
     assert side[1] > widest / 2  # it lies on the finger, not between the fingers
-    # The pads reach the fingertips, within which the head lies.
+    # The pads reach the fingertips, and the head keypoint is between them.
     middle, (_, length) = gripper.T_hand_grip[:3, 3], gripper.pad
     assert middle[2] - length / 2 < head[2] < middle[2] + length / 2
     assert middle[:2] == pytest.approx([0.0, 0.0], abs=1e-3)
@@ -55,7 +55,7 @@ def test_an_episode_begins_with_the_hand_over_the_table(any_robot: str) -> None:
 
 
 def test_the_hand_reaches_the_table_as_far_as_stated(any_robot: str) -> None:
-    """Pointing down, 2 cm above the top, straight ahead and half a radian to either side; not much farther."""
+    """Pointing down, 2 cm above the table, straight ahead and half a radian to each side; not much farther."""
     profile = robot(any_robot)
     down = pointing_down(0.02)
     there = point_to_point("tool_head", "there", 0.002)

@@ -1,4 +1,4 @@
-"""A robot of one's own: registered, or from a file, found by workers, refused on one line where it cannot be used."""
+"""User robots: registered or from a file, available in workers, and refused in one line if invalid."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ XARM = EXAMPLES / "xarm7.py"
 
 
 def reach_of(name: str) -> float:
-    """Called in a worker."""
+    """Return the reach; called in a worker."""
     return robot(name).reach
 
 

@@ -1,4 +1,4 @@
-"""A base with an orientation: the world is as it was, what is told in the base frame turns, and tasks are done."""
+"""A rotated base: the world is unchanged, data in the base frame is rotated, and tasks still succeed."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_the_scene_is_the_same_in_the_world_and_turned_in_the_base_frame() -> No
         assert np.allclose(TURNED @ other.T_base_tool[:3], seen.T_base_tool[:3], atol=1e-4)
         assert seen.cloud is not None
         assert other.cloud is not None
-        # Depth is the cameras' own matter, and these stand in the world; hits at edges may fall either side.
+        # Depth belongs to the cameras, which are fixed in the world; rays at edges may hit either surface.
         for camera in SPEC.cameras:
             apart = np.abs(seen[f"depth_{camera}"].astype(int) - other[f"depth_{camera}"])
             assert np.mean(apart > 2) < 0.01, step

@@ -1,4 +1,4 @@
-"""A name in a file loads no code and no file of its own choice, in whatever file it stands."""
+"""A name in a file never loads code or other files, in any kind of file."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ SPELLINGS = ("canary.py", "./canary.py:canary", "{folder}/canary.py", "{folder}/
 
 @pytest.fixture
 def trap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a module that leaves a file when it is imported, which is the working folder and on the path."""
+    """A working folder, also on the path, with a module that leaves a file when it is imported."""
     (tmp_path / "canary.py").write_text(CANARY)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -51,7 +51,7 @@ def trap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def checkpoint(folder: Path, change: Callable[[dict[str, Any]], object]) -> Path:
-    """A copy of the package's policy with another ``config.json``."""
+    """Return a copy of the package's policy with another ``config.json``."""
     shutil.copytree(checkpoint_folder("builtin"), folder / "box")
     file = folder / "box" / "config.json"
     config = json.loads(file.read_text())
@@ -61,7 +61,7 @@ def checkpoint(folder: Path, change: Callable[[dict[str, Any]], object]) -> Path
 
 
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], trap: Path) -> str:
-    """Return the one line by which a command refuses."""
+    """Return the error message of a command."""
     assert run(arguments) == 2
     said = capsys.readouterr().err.strip()
     assert len(said.splitlines()) == 1, said

@@ -1,4 +1,4 @@
-"""Every robot in the environment and in the lane: the same states, bit for bit."""
+"""Every robot in the environment and in the headless environment gives the same states, bit for bit."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_the_headless_environment_is_the_environment(any_robot: str) -> None:
         lane.reset(seed)
         assert np.array_equal(obs[0].numpy(), lane.observation())
         assert lane.q == pytest.approx(profile.reset_qpos)
-        # Down and forward into whatever stands there, shaken.
+        # Down and forward into the object, with noise.
         target = profile.rest_action.copy()
         for _ in range(40):
             target[1] += 0.04
@@ -69,7 +69,7 @@ def test_robots_that_contradict_each_other_are_refused() -> None:
 
 
 def corners_of(shape: physx.PhysxCollisionShape) -> np.ndarray:
-    """(N, 3) in the shape's frame: of a hull, of a box, or of the box around a cylinder, which lies along x."""
+    """Return corners (N, 3) of a hull, of a box, or of the box around a cylinder along x, in the shape's frame."""
     if isinstance(shape, physx.PhysxCollisionShapeConvexMesh):
         return shape.vertices * shape.scale
     half = (
@@ -81,7 +81,7 @@ def corners_of(shape: physx.PhysxCollisionShape) -> np.ndarray:
 
 
 def test_it_stands_clear_of_the_table(any_robot: str) -> None:
-    """Every hull lies above the table's top, below its board or behind its edge: planners look at what moves."""
+    """Every hull is above the table, below it or behind its edge, because planners check moving links only."""
     profile = robot(any_robot)
     scene = sapien.Scene([DEFAULT.new_system(profile)])
     arm = Arm(scene, profile, DEFAULT)
@@ -116,7 +116,7 @@ def test_at_rest_it_stays_where_it_is(any_robot: str) -> None:
 
 
 def test_in_mujoco_it_stands_where_it_is_and_its_fingers_go_all_the_way(any_robot: str) -> None:
-    """As in SAPIEN: to 2 cm/s or 0.02 rad at rest, and 4 mm of the fingers' way in the time that they are given."""
+    """As in SAPIEN: at rest within 2 cm/s or 0.02 rad, and the fingers within 4 mm of their target after their time."""
     pytest.importorskip("mujoco")
     env = HeadlessEnv("OpenDrawer", assets="builtin", robot=any_robot, engine="mujoco")
     profile = env.profile

@@ -1,4 +1,4 @@
-"""The Panda on a base that is turned about the vertical, its first joint turned back: the same arm in the world."""
+"""The Panda on a base turned about the vertical, with the first joint turned back: the same arm in the world."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import gensim2
 from gensim2.robots import RobotProfile
 
 TURN = 0.9
-"""Rad by which the base is turned."""
+"""Angle of the base, rad."""
 
 
 @gensim2.register_robot

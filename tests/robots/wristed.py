@@ -1,4 +1,4 @@
-"""The Panda with a camera on its hand, that looks at what is between its fingers."""
+"""The Panda with a camera on its hand that looks between its fingers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import gensim2
 from gensim2.robots import MountedCamera, RobotProfile
 
 TILT = 0.3
-"""Rad by which it leans towards the fingers."""
+"""Tilt of the camera towards the fingers, rad."""
 
 T_HAND_CAMERA = np.array(
     [

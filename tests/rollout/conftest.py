@@ -1,5 +1,4 @@
-"""Spawned workers import the jobs of this folder by name, so it is on the path for as long as the tests run;
-so is the made-up world of runs that are killed."""
+"""Workers import the jobs of this folder and the fake world by name, so both are added to the path."""
 
 from __future__ import annotations
 

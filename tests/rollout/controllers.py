@@ -1,4 +1,4 @@
-"""Controllers as a user writes them, good ones and bad ones: for workers, by FILE.py:Class."""
+"""Valid and faulty controllers of users, for workers, by FILE.py:Class."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gensim2.perception import Observation
 
 
 class Rest:
-    """Holds the arm where it is, and never says that it is done."""
+    """Keeps the arm in place and never ends."""
 
     observation_spec = {"modalities": ()}  # noqa: RUF012
 
@@ -30,7 +30,7 @@ class Rest:
 
 
 class Looks(Rest):
-    """Looks at what a point cloud shows, and gives its actions as float64."""
+    """Observes the point cloud and returns its actions as float64."""
 
     observation_spec = {"points": 64, "candidates": 256}  # noqa: RUF012
 
@@ -41,34 +41,34 @@ class Looks(Rest):
 
 
 class Nan(Rest):
-    """Diverges at its third step."""
+    """Returns NaN at its third step."""
 
     def act(self, observation: Observation) -> Any:
         return np.full(8, np.nan) if observation.step == 2 else super().act(observation)
 
 
 class Short(Rest):
-    """Forgets the gripper."""
+    """Returns actions without the gripper."""
 
     def act(self, observation: Observation) -> Any:
         return super().act(observation)[:7]
 
 
 class Fails(Rest):
-    """Fails over two lines."""
+    """Raises an error with a message of two lines."""
 
     def act(self, observation: Observation) -> Any:
         raise KeyError("no such\nweight")
 
 
 class NoAct:
-    """Is no controller."""
+    """Has no ``act`` method."""
 
     def reset(self, observation: Observation, seed: int) -> None: ...
 
 
 class Versioned(Rest):
-    """Depends on a file, and calls its version a checkpoint."""
+    """Depends on a file whose version it gives as its checkpoint."""
 
     def __init__(self, config: str, checkpoint: str) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Jobs and controllers for the tests of this folder: plain functions that a worker can import."""
+"""Jobs and controllers for the tests of this folder, which workers import by name."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ HALFWAY = {
     "randomization": {"x": 0.03, "y": 0.03, "yaw": 0.2},
     "max_episode_steps": 120,
 }
-"""A task that the library does not have, and that a plain push does."""
+"""A task that is not in the library, and that a plain push does."""
 
 ROLE = "object"
-"""What its object is called, as in every file of schema version 1."""
+"""Name of its object, as in every file of schema version 1."""
 
 BESIDE_A_BALL = {
     "schema_version": 2,
@@ -47,11 +47,11 @@ BESIDE_A_BALL = {
     ],
     "max_episode_steps": 120,
 }
-"""The same with a second object."""
+"""The same task with a second object."""
 
 
 class Actions:
-    """A controller that executes what was decided beforehand, on the scene as it stands at the start.
+    """A controller that executes actions that were computed from the initial scene.
 
     Args:
         decide: scene to (N, 8) actions.
@@ -72,7 +72,7 @@ class Actions:
 
 
 def push(scene: Scene) -> Array:
-    """(N, 8) actions that come down in front of the drawer's handle and push it in; the hand points down."""
+    """Return actions (N, 8) that come down in front of the drawer's handle and push it in; the hand points down."""
     thing = scene.objects[ROLE]
     joint = thing.joint
     assert joint is not None
@@ -85,13 +85,13 @@ def push(scene: Scene) -> Array:
 def through(
     scene: Scene, points: Sequence[Array], steps: Sequence[int], grip: float | Sequence[float] = CLOSED
 ) -> Array:
-    """(N, 8) actions that bring the fingertips through points (base frame) with the hand pointing down.
+    """Return actions (N, 8) that move the fingertips through points (base frame) with the hand pointing down.
 
     Args:
-        scene: where the arm stands.
+        scene: start of the arm.
         points: (3,) each.
         steps: control steps to each.
-        grip: command of the fingers on the way to each.
+        grip: gripper command on the way to each.
     """
     grips = [grip] * len(points) if isinstance(grip, float) else grip
     path, q = [], scene.q.copy()
@@ -104,12 +104,12 @@ def through(
 
 
 def hold(scene: Scene | None = None) -> Array:
-    """(30, 8) actions of an arm that stays where it is."""
+    """Return actions (30, 8) of an arm that keeps its position."""
     return np.tile([*robot("panda").reset_qpos[:7], CLOSED], (30, 1))
 
 
 def _reach(q: Array, point: Array) -> Array:
-    """Joints near ``q`` that bring the fingertips to ``point`` (base frame) with the hand pointing down."""
+    """Return joints near ``q`` with the fingertips at ``point`` (base frame) and the hand pointing down."""
     model, data, frame = _panda()
     down = pin.SE3(np.diag([1.0, -1.0, -1.0]), point + np.array([0.0, 0.0, 0.105]))
     for _ in range(200):
@@ -129,7 +129,7 @@ def _panda() -> tuple[pin.Model, pin.Data, int]:
 
 
 def record(seed: int, several: bool = False) -> EpisodeResult:
-    """One recorded episode of a task above: the arm pushes on even seeds and stays still on odd ones."""
+    """Return a recorded episode of a task above: the arm pushes on even seeds and stays still on odd ones."""
     from gensim2.rollout.run import run
     from gensim2.sim.headless import HeadlessEnv
 

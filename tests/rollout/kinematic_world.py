@@ -1,5 +1,6 @@
-"""A table without physics: the arm goes where it is told, fingers take what is between them, a drawer goes with a hand
-that closes on its handle. Enough to see what a chain of steps does about what it meets."""
+"""A table without physics, for tests of chains: the arm follows its targets, closed fingers hold the object between
+them, and a drawer moves with a hand that is closed on its handle.
+"""
 
 from __future__ import annotations
 
@@ -21,20 +22,20 @@ from gensim2.tasks.measurement import Measurement
 Array = npt.NDArray[np.float64]
 
 PANDA = robot("panda")
-#: Share of the way to its target that a joint goes in a control step: drives that are 0.1 s late.
+#: Share of the distance to its target that a joint moves in a control step, like drives with a delay of 0.1 s.
 FOLLOWS = 1 - np.exp(-1 / (float(PANDA.lags[0]) * PANDA.control_hz))
 FINGER_STEP = 0.006
-#: How near (m) a ball's centre or a handle must be to the point between the tips.
+#: Largest distance (m) of a ball's centre or a handle from the point between the fingertips for a grasp.
 NEAR = 0.02
 
 
 class KinematicWorld:
-    """One drawer, one ball.
+    """A drawer and a ball.
 
     Args:
-        scene: at the start.
+        scene: the initial scene.
         ball: name of the rigid object.
-        width: at which fingers close on it, m.
+        width: finger distance when closed on it, m.
     """
 
     def __init__(self, scene: Scene, ball: str, width: float, drawer: str = "drawer") -> None:
@@ -42,11 +43,11 @@ class KinematicWorld:
         self.steps = 0
         self.holds = False
         self.gone = 0.0
-        #: Called before each step: what happens to the scene.
+        #: Called before each step to change the scene.
         self.mischief: Callable[[KinematicWorld], None] = lambda _: None
 
     def run(self, controller: Controller, max_steps: int = 1200) -> None:
-        """One episode."""
+        """Run one episode."""
         controller.reset(self.observation(), 0)
         for _ in range(max_steps):
             action = controller.act(self.observation())
@@ -85,7 +86,7 @@ class KinematicWorld:
         self.steps += 1
 
     def _drop(self) -> None:
-        """What nothing holds falls on the table, or stays where it is in the drawer."""
+        """Let free objects fall on the table, or keep their place in the drawer."""
         pose = self.scene.objects[self.ball].T_base_object.copy()
         if carried_by(self.scene, self.ball) is None and pose[2, 3] > self.width / 2 + 1e-6:
             pose[2, 3] = self.width / 2
@@ -116,7 +117,7 @@ class KinematicWorld:
         return self.scene.objects[self.ball].T_base_object[:3, 3]
 
     def put(self, pose: Array) -> None:
-        """The ball elsewhere, (4, 4) in the base frame."""
+        """Put the ball at a pose (4, 4) in the base frame."""
         self.scene = predict.with_pose(self.scene, self.ball, pose)
 
     def shift(self, x: float, y: float) -> None:

@@ -1,6 +1,6 @@
-"""A world that goes by a script: its measurements are written down, nothing is simulated.
+"""A scripted world: its measurements are given in advance and nothing is simulated.
 
-It takes the place of the simulator where a test needs one course of events and no other.
+It replaces the simulator in tests of one certain course of events.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ HANDLE, INSIDE = np.array([0.2, 0.0, 0.1]), np.array([0.1, 0.0, 0.1])
 """Keypoints of the drawer at openness 0, in the world; it opens towards -x, by 0.2 m."""
 WAY = np.array([-0.2, 0.0, 0.0])
 AWAY = np.array([-0.3, 0.3, 0.5])
-"""Where the hand has retreated to."""
+"""Hand position after the retreat."""
 
 
 def instant(
@@ -80,10 +80,10 @@ def instant(
     speed: tuple[float, float] = (0.0, 0.0),
     cup: Sequence[float] = (0.3, 0.4, 0.05, 1.0, 0.0, 0.0, 0.0),
 ) -> Measurement:
-    """One instant of the drawer, the ball and a cup that is not to be touched.
+    """Return an instant of the drawer, the ball and a cup that must not be touched.
 
-    ``ball`` is its position, or its pose; ``joint_speed`` and ``speed`` are what a physics engine says of the drawer
-    and the ball, which need not be how they move.
+    ``ball`` is its position or pose; ``joint_speed`` and ``speed`` are the physics engine's values for the drawer and
+    the ball, which may differ from their motion.
     """
     lies = np.array([*ball, 1.0, 0.0, 0.0, 0.0] if len(ball) == 3 else ball, dtype=np.float64)
     at, place = lies[:3], np.asarray(hand, dtype=np.float64)
@@ -121,13 +121,13 @@ BALL = (_box((-0.02, -0.02, -0.02), (0.02, 0.02, 0.02)),)
 
 @dataclass
 class ScriptedWorld:
-    """What is measured after each control step follows ``course``; after its end it stays as it is.
+    """The measurements after each control step are those of ``course``, and after its end the last one.
 
     Attributes:
-        task: whose objects there are.
+        task: the task.
         course: measurements from the reset on.
-        alone: the same without the arm; by default nothing moves.
-        touches: names of what the hand presses against.
+        alone: measurements without the arm; by default nothing moves.
+        touches: names of objects that the hand touches.
     """
 
     task: TaskSpec
@@ -219,12 +219,12 @@ class ScriptedWorld:
 
 
 class ScriptedController:
-    """Acts for as long as the script says, and tells of steps and deviations as it says.
+    """Acts for the scripted number of steps and reports scripted turns and deviations.
 
     Args:
-        turns: name of each step and the control step at which its turn begins.
-        steps: control steps that it acts for.
-        history, events: what it knows at the end.
+        turns: name of each step and the control step at which its turn starts.
+        steps: number of control steps.
+        history, events: its records at the end.
     """
 
     def __init__(
@@ -254,7 +254,7 @@ class ScriptedController:
 
 
 def glide(*waypoints: tuple[int, Mapping[str, Any]]) -> list[Measurement]:
-    """Measurements that go evenly from waypoint to waypoint: (control step, what :func:`instant` takes)."""
+    """Interpolate measurements between waypoints: (control step, arguments of :func:`instant`)."""
     course = []
     for (first, before), (last, after) in pairwise(waypoints):
         for step in range(first, last):

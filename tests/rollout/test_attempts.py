@@ -1,4 +1,4 @@
-"""Several attempts from one start: which are made, when they end, and which of them counts."""
+"""Several attempts from one start: which are made, when they end, and which one counts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _failed(step: str | None = None, **changes: Any) -> Episode:
 
 
 def _make(*episodes: Episode, max_attempts: int = 8) -> tuple[Episode, list[Attempt]]:
-    """The episode that counts where attempts end as ``episodes`` do, and what was attempted."""
+    """Return the episode that counts if attempts end like ``episodes``, and the attempts."""
     asked: list[Attempt] = []
 
     def run(attempt: Attempt) -> EpisodeResult:

@@ -1,4 +1,4 @@
-"""Causes in physics: a scene that is made so that one thing goes wrong, and the chain's episode names it."""
+"""Causes in physics: a scene in which one certain thing goes wrong, and the episode's diagnosis names it."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_a_ball_that_nobody_can_grasp() -> None:
 
 @pytest.mark.parametrize("open_loop", [True, False])
 def test_a_ball_that_is_shoved_before_it_is_grasped(open_loop: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Blindly, the hand goes where it was; the chain that looks plans again."""
+    """Without feedback the hand goes to the ball's old place; the chain with observations plans again."""
     task = load_task("PlaceGolfBallIntoDrawer")
     lane = HeadlessEnv(task, assets="builtin", instances=["3"])
     controller = ChainController(task, load_strategies(task.name), lane.profile, open_loop=open_loop)

@@ -1,4 +1,4 @@
-"""Causes in physics that show only once something is touched: a scene each, made so that this one thing goes wrong."""
+"""Causes in physics that appear only in contact: one scene for each."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_a_hand_that_leaves_the_handle_and_goes_on() -> None:
 
 
 def _grasp(target_offset: tuple[float, float, float]) -> dict[str, Any]:
-    """Straight down on the ball, aside from it by an offset."""
+    """Return a grasp straight down on the ball, with a horizontal offset."""
     return {
         "constraint_list": [
             point_to_point(
@@ -108,7 +108,7 @@ def test_a_ball_that_is_put_down_beside_the_drawer() -> None:
 
 
 class _Tossed:
-    """A chain that has its ball 3 m up in the air and rising when it is done: it is back after 2.4 s."""
+    """A chain that ends with its ball 3 m up and rising; it lands after 2.4 s."""
 
     def __init__(self, chain: ChainController, lane: HeadlessEnv) -> None:
         self._chain, self._lane = chain, lane

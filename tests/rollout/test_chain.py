@@ -1,4 +1,4 @@
-"""What a chain of steps does about what it meets: on a table without physics, where what is met can be arranged."""
+"""Reactions of a chain of steps to deviations, on a table without physics, where deviations can be arranged."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_where_nothing_deviates_every_step_is_planned_once(world: KinematicWorld
 
 
 def grasping(world: KinematicWorld) -> bool:
-    """Whether the hand is on its way to the ball: the drawer is open."""
+    """Return whether the hand is on its way to the ball, with the drawer open."""
     return world.measure().openness["drawer"] > 0.9 and not world.holds
 
 
@@ -118,7 +118,7 @@ def test_without_looking_the_pushed_object_is_missed(world: KinematicWorld) -> N
 
 
 def losing(world: KinematicWorld, lose: Callable[[KinematicWorld], None]) -> ChainController:
-    """Run an episode in which the hand loses what it holds, as it notices."""
+    """Run an episode in which the hand loses the object and notices it."""
     world.mischief = lose
     controller = chain()
     world.run(controller)
@@ -225,7 +225,7 @@ def test_what_a_grasp_foresees_is_tried_first_in_the_next_step(
 
 @pytest.mark.parametrize("start", [0.2, 1.0])
 def test_what_bars_a_grasp_is_moved_away_first(scene: Scene, start: float) -> None:
-    """The ball lies beneath the drawer where this is open, and free where it is not."""
+    """The ball is under the open drawer and free when it is closed."""
     closed = with_joint(scene, "drawer", at(scene, 0.2))
     front = with_joint(scene, "drawer", at(scene, 1.0)).objects["drawer"].keypoints["articulated_object_head"]
     x, y = (scene.T_world_base @ np.append(front, 1.0))[:2]

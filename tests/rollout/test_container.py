@@ -1,4 +1,4 @@
-"""The room inside containers, found from their collision hulls alone."""
+"""Free space inside containers, found from their collision hulls."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 
 
 def _box(instance: ArticulatedObject) -> tuple[InnerBox | None, tuple[Array, ...], Array]:
-    """The room, the hulls around it and the vertical, in the containing link's frame."""
+    """Return the free space, the hulls around it and the vertical, in the containing link's frame."""
     point = list(instance.keypoints.values())[-1]
     moving = point.link == instance.joint.child_link
     R_root_link = instance.joint.T_root_child[:3, :3] if moving else np.eye(3)
@@ -37,15 +37,15 @@ def _check(instance: ArticulatedObject) -> None:
     assert box.contains(middle)
     axis = int(np.argmax(np.abs(up)))
     step = np.sign(up[axis]) * np.eye(3)[axis]
-    # Below the floor and above the rim is outside; so is anything beyond the walls.
+    # Below the floor, above the rim and beyond the walls is outside.
     assert not box.contains(middle - (half[axis] + 0.02) * step)
     assert not box.contains(middle + (half[axis] + 0.02) * step)
     for side in (i for i in range(3) if i != axis):
         assert not box.contains(middle + (half[side] + 0.01) * np.eye(3)[side])
-    # The room holds most of what the walls leave: no side of it is half of the link's.
+    # The free space is large: each of its sides is at least half of the link's.
     for side in range(3):
         assert 2 * half[side] > 0.35 * (high - low)[side]
-    # And it is room: next to nothing of it lies in a hull.
+    # It is free: almost none of it is inside a hull.
     grid = np.stack(np.meshgrid(*[np.linspace(-0.8, 0.8, 7)] * 3), axis=-1).reshape(-1, 3) * half + middle
     assert np.mean([any(_is_inside(hull, point) for hull in hulls) for point in grid]) < 0.15
 

@@ -1,4 +1,4 @@
-"""Anybody's controller: made by name, shown what a robot could see, stopped by the goal, held to its contract."""
+"""Users' controllers: created by name, with observations of a real robot, stopped at the goal, and checked."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ OPENED = glide((0, {"openness": 0.0}), (20, {"openness": 1.0}), (40, {"openness"
 
 
 class Never:
-    """Says nothing of being done."""
+    """Never reports that it is done."""
 
     observation_spec = PROPRIOCEPTIVE
 
@@ -158,7 +158,7 @@ def test_a_policy_in_a_folder_that_was_moved_is_the_same(tmp_path: Path) -> None
 
 
 class Blinded(ScriptedWorld):
-    """A world before whose cameras nothing is left after some steps."""
+    """A world whose cameras see nothing after some steps."""
 
     blind_from = 5
 

@@ -1,4 +1,4 @@
-"""One constructed course of events a cause; each is named, with the numbers that tell it."""
+"""One made-up course of events for each cause; the diagnosis names it with its numbers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _plan(status: str, ran: int = 0, **detail: Any) -> PlanRecord:
 def _open(
     course: Sequence[Measurement], plans: list[PlanRecord] | None = None, events: Sequence[Event] = ()
 ) -> Episode:
-    """The drawer is to be opened."""
+    """Return a course in which the drawer is to be opened."""
     history = [StepRecord("open", plans or [_plan("solved", 30)], False, False)]
     steps = 0 if plans and not any(plan.ran for plan in plans) else 30
     controller = ScriptedController(steps, (("open", 0),), history, events)
@@ -68,7 +68,7 @@ def test_room_that_was_made_in_vain_is_not_to_blame() -> None:
 
 
 def test_a_later_strategy_makes_good_what_an_earlier_lacked() -> None:
-    """The first has no pose; the second is followed, and to blame for what comes of it."""
+    """The first strategy has no pose; the second one is executed and responsible for the result."""
     plans = [_plan("actuation_infeasible"), _plan("solved", 30)]
     episode = _open(glide(REACH, GRIP, (25, {"openness": 0.3, "hand": (0.14, 0.0, 0.1), "opening": 0.02})), plans)
     assert episode.cause is Cause.STOPPED_SHORT
@@ -128,7 +128,7 @@ def test_a_goal_that_comes_about_by_itself() -> None:
     assert episode.cause is Cause.HAPPENS_BY_ITSELF
 
 
-# ---------------------------------------------------------------------------------------- a ball and a drawer
+# --- a ball and a drawer
 
 THERE = {"openness": 1.0, "ball": (0.0, -0.4, 0.02), "hand": (0.0, -0.4, 0.02), "opening": 0.08}
 SHUT = {**THERE, "opening": 0.04}
@@ -141,7 +141,7 @@ def _put(
     events: Sequence[Event] = (),
     turns: Sequence[tuple[str, int]] = (("grasp", 0), ("place", 20)),
 ) -> Episode:
-    """The ball is to be grasped until control step 20, then placed until 50."""
+    """Return a course in which the ball is grasped until control step 20 and placed until 50."""
     history = [StepRecord(name, [_plan("solved", 20)], False, False) for name in dict(turns)]
     controller = ScriptedController(50, turns, history, events)
     return run(ScriptedWorld(PUT_BALL_AWAY, glide(*waypoints)), controller, seed=0).episode
@@ -158,7 +158,7 @@ def test_a_grasp_that_closes_on_nothing() -> None:
 
 
 def test_a_grasp_that_leaves_the_object_behind() -> None:
-    """Something is between the fingers, and the ball stays on the table while the hand goes up."""
+    """Something is between the fingers, but the ball stays on the table while the hand rises."""
     left = {**SHUT, "hand": (0.0, -0.4, 0.2)}
     episode = _put((0, THERE), (10, SHUT), (20, left), (40, {**left, "hand": (-0.1, 0.0, 0.15)}))
     assert episode.cause is Cause.GRASP_MISSED
@@ -182,7 +182,7 @@ def test_an_object_that_is_put_down_beside_its_goal() -> None:
 
 
 def test_an_object_that_rolls_out_again() -> None:
-    """It was over the drawer when the hand let go."""
+    """It was over the drawer when the hand released it."""
     rolled = {**OVER, "ball": (-0.1, 0.2, 0.02), "opening": 0.08}
     episode = _put((0, THERE), (10, SHUT), (20, UP), (40, OVER), (41, {**OVER, "opening": 0.08}), (45, rolled))
     assert episode.cause is Cause.GOAL_UNDONE
@@ -190,7 +190,7 @@ def test_an_object_that_rolls_out_again() -> None:
 
 
 def test_an_object_that_is_bumped_before_the_hand_is_there() -> None:
-    """What the controller noticed and made nothing good of; and what the measurements say where it noticed nothing."""
+    """The controller noticed it without a remedy; or it noticed nothing, and the measurements show it."""
     bumped = {**THERE, "ball": (0.0, -0.3, 0.02)}
     noticed = [Event(5, "grasp", Cause.OBJECT_DRIFTED, {"distance": 0.1})]
     episode = _put((0, THERE), (5, bumped), (20, bumped), events=noticed, turns=(("grasp", 0),))
@@ -218,7 +218,7 @@ def test_an_object_that_is_bumped_before_the_hand_is_there() -> None:
 
 
 def test_a_deviation_that_was_made_good_is_not_to_blame() -> None:
-    """The ball was bumped and grasped all the same; then it was placed beside."""
+    """The ball was bumped and grasped nevertheless; then it was placed beside the drawer."""
     noticed = [Event(5, "grasp", Cause.OBJECT_DRIFTED)]
     beside = {**OVER, "ball": (-0.1, 0.2, 0.15), "hand": (-0.1, 0.2, 0.15)}
     released = {**beside, "ball": (-0.1, 0.2, 0.02), "opening": 0.08}

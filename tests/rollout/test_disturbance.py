@@ -1,4 +1,4 @@
-"""Disturbances happen once an episode, at a moment that follows from the seed, and can be seen in physics."""
+"""Disturbances happen once per episode, at a moment that depends on the seed, and are visible in physics."""
 
 from __future__ import annotations
 

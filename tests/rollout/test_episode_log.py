@@ -1,4 +1,4 @@
-"""A log of episodes: what is finished is read back, a cut-off line is made again, a line that is none is named."""
+"""A log of episodes: finished ones are read, a truncated line is run again, and an invalid line is an error."""
 
 from __future__ import annotations
 

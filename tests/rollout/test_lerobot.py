@@ -1,4 +1,4 @@
-"""LeRobot's environment and policy around a scripted world and a scripted policy; LeRobot itself is not needed."""
+"""LeRobot's environment and policy with a scripted world and policy; LeRobot is not needed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ REST = robot("panda").rest_action
 
 
 class ShownWorld(ScriptedWorld):
-    """A scripted world with what LeRobot's environment asks beside; blind from some step on."""
+    """A scripted world with the additional functions of LeRobot's environment; without images from some step on."""
 
     blind_from = 10_000
     options: Mapping[str, Any] | None = None
@@ -50,7 +50,7 @@ class ShownWorld(ScriptedWorld):
 
 
 class Always:
-    """A controller that rests, without an end."""
+    """A controller that keeps its position and never ends."""
 
     observation_spec = ObservationSpec(modalities=())
 
@@ -62,7 +62,7 @@ class Always:
 
 
 def plain(monkeypatch: pytest.MonkeyPatch, name: str) -> Any:
-    """A module of a plugin whose package, which imports LeRobot, is left out."""
+    """Import a plugin's module without its package, which imports LeRobot."""
     package = name.partition(".")[0]
     empty = ModuleType(package)
     empty.__path__ = [str(PLUGINS / package / package)]
@@ -81,7 +81,7 @@ def environment(monkeypatch: pytest.MonkeyPatch, course: list[Measurement]) -> t
 
 
 def played(env: Any) -> tuple[int, bool, bool, dict[str, Any]]:
-    """Actions that an episode took, and how it ended."""
+    """Return the actions of an episode, and how it ended."""
     for count in range(1, 1000):
         _, reward, ended, cut, info = env.step(REST)
         assert reward == float(info["is_success"])
@@ -146,7 +146,7 @@ def test_keypoints_are_the_state_of_lerobot_s_environment(monkeypatch: pytest.Mo
 
 
 class Brief(Always):
-    """A controller that is done after some actions, and must not be asked again."""
+    """A controller that is done after some actions and must not be called again."""
 
     def __init__(self, actions: int) -> None:
         self._actions = self._left = actions
@@ -161,7 +161,7 @@ class Brief(Always):
 
 
 def policy(monkeypatch: pytest.MonkeyPatch, spec: ControllerSpec) -> Any:
-    """LeRobot's policy around a controller, with stand-ins for what it takes of LeRobot."""
+    """LeRobot's policy with a controller, and stand-ins for LeRobot's classes."""
     torch = pytest.importorskip("torch")
     names = ("lerobot", "lerobot.policies", "lerobot.utils", "lerobot.utils.constants")
     config = "lerobot_policy_gensim2.configuration_gensim2"

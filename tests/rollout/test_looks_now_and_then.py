@@ -1,4 +1,4 @@
-"""A controller's spec is read before every observation: what is not asked for is not cast."""
+"""A controller's spec is read before every observation, so clouds are only made when requested."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SPEC = ObservationSpec.of({"points": 16, "candidates": 64})
 
 
 class NowAndThen:
-    """Looks at every second step, and keeps what it was shown."""
+    """Requests a cloud at every second step and keeps its observations."""
 
     def __init__(self) -> None:
         self.shown: list[bool] = []

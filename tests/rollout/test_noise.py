@@ -1,4 +1,4 @@
-"""Noise on what the arm is sent: it comes and goes smoothly, follows from the seed, and leaves the labels clean."""
+"""Action noise: smooth, reproducible by the seed, and not part of the recorded labels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HZ = 20
 
 
 class Still:
-    """Wants the same always."""
+    """Returns always the same action."""
 
     def reset(self, observation: object, seed: int) -> None: ...
 

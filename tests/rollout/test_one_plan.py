@@ -1,4 +1,4 @@
-"""One plan a step: the paper's method with our solver, and what it leaves undone."""
+"""One plan per step: the paper's method with our solver, and its limits."""
 
 from __future__ import annotations
 

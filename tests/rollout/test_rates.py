@@ -1,4 +1,4 @@
-"""Robots that are controlled at other rates are judged by the same seconds and speeds."""
+"""Robots with other control rates are judged by the same seconds and speeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the planner means is recorded beside what it commands: a drive may make other commands of it."""
+"""The planner's references are recorded beside the commands, which a drive may change."""
 
 from __future__ import annotations
 

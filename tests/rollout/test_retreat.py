@@ -1,4 +1,4 @@
-"""The hand leaves what it has acted on when the last step is done."""
+"""The hand leaves the objects after the last step."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def env() -> HeadlessEnv:
 
 
 def _episodes(env: HeadlessEnv, **given: Any) -> list[EpisodeResult]:
-    """Episodes in which the hand backs off by 1 cm and no further."""
+    """Run episodes in which the hand backs off by 1 cm only."""
     strategies = {name: {**config, "let_go": 0.01} for name, config in load_strategies("CloseBox").items()}
     controller = ChainController(load_task("CloseBox"), strategies, env.profile, **given)
     return [run(env, controller, seed=seed, record=False) for seed in SEEDS]
@@ -70,7 +70,7 @@ def test_a_hand_that_is_to_stay_stays() -> None:
 
 
 def test_a_hand_whose_rest_posture_is_barred_backs_off(env: HeadlessEnv, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where a door has come to stand where the arm rests: what is planned to there is planned into it."""
+    """As if a door stood at the arm's rest pose: the planned motion ends in the obstacle."""
     planned = chain.planned_retreat
 
     def barred(world: Any, scene: Any, names: Any, near: bool, profile: Any) -> Any:

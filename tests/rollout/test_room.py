@@ -1,4 +1,4 @@
-"""Room for the hand about what the next step takes, once a step has opened something."""
+"""Room for the hand around the next step's object, after a step has opened something."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def scene(x: float, y: float, openness: float) -> Scene:
 
 
 def front(of: Scene) -> np.ndarray:
-    """(2,) of the drawer's front in the world, as it stands."""
+    """Return the position (2,) of the drawer's front in the world."""
     points = of.objects["drawer"].keypoints["articulated_object_head"]
     return np.asarray((of.T_world_base @ np.append(points, 1.0))[:2])
 
 
 def test_a_thing_close_before_what_is_opened_has_little_room() -> None:
-    """The ball's radius is 2 cm; its middle stands 6 cm, then 8 cm, before the front of an open drawer."""
+    """The ball's radius is 2 cm; its centre is 6 cm, then 8 cm, in front of the open drawer."""
     x, y = front(scene(-0.6, -0.6, 1.0))
     one, other = (room_for_hand(scene(x - by, y, 1.0), OPEN, TASK.steps[1:]) for by in (0.06, 0.08))
     assert other - one == pytest.approx(0.02, abs=2e-3)

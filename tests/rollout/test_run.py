@@ -1,4 +1,4 @@
-"""The loop: when an episode is judged, what counts, and what does not."""
+"""The episode loop: when an episode is judged, and what counts."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_the_no_op_baseline_fails_where_the_object_stays(lane: HeadlessEnv) -> N
 
 
 def test_an_object_that_moves_by_itself_shows_in_the_no_op_baseline() -> None:
-    """The lid of a box without friction falls shut: closing it counts for nothing."""
+    """The lid of a box without friction falls shut, so closing it does not count."""
     from gensim2.scenes.arguments import as_library
 
     library = as_library("builtin")
@@ -126,7 +126,7 @@ def test_the_no_op_baseline_is_asked_for_only_where_the_goal_holds(lane: Headles
 
 
 def test_a_passing_success_does_not_count(lane: HeadlessEnv, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The drawer is pushed far enough, then dragged out of the goal by hand: only the end is judged."""
+    """The drawer is pushed far enough and then pulled out of the goal: only the end counts."""
     controller = Actions(push)
     pushed = False
     original = lane._advance
@@ -149,7 +149,7 @@ def test_a_passing_success_does_not_count(lane: HeadlessEnv, monkeypatch: pytest
 
 
 def test_an_episode_over_the_limit_is_truncated_and_fails(lane: HeadlessEnv) -> None:
-    """A push that is over only just before the limit, and one that is never over."""
+    """A push that ends just before the limit, and one that never ends."""
     limit = lane.task.max_episode_steps
     for extra in (limit - 3, limit + 70):
 

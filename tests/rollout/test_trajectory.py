@@ -1,4 +1,4 @@
-"""Trajectory files: ManiSkill's own tools read and replay them; bytes do not depend on the number of workers."""
+"""Trajectory files: ManiSkill's tools read and replay them, and their bytes do not depend on the number of workers."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _provenance(task: TaskSpec | None = None) -> TrajectoryMetadata:
 
 
 def _merge(store: TaskStore, provenance: TrajectoryMetadata, digests: dict[int, str | None] | None = None) -> None:
-    """Merge the episodes with these digests, or all that there are."""
+    """Merge the episodes with these digests, or all."""
     found = {each.index: each.episode_digest for each in store.logged()} if digests is None else digests
     write_trajectory(store.folder, provenance, [(store.path(index), digest) for index, digest in found.items()])
 
@@ -64,7 +64,7 @@ def _collect(folder: Path, workers: int, several: bool = False) -> TaskStore:
         for outcome in pool.map_unordered(record, enumerated((seed, several) for seed in SEEDS)):
             result = outcome.unwrap()
             assert result.recording is not None
-            # What does not hold is shown to replay, too.
+            # Failed episodes can be replayed as well.
             write_episode(store.path(outcome.index), result.episode, result.recording)
     task = parse_task(BESIDE_A_BALL if several else HALFWAY)
     digests = {index: episode_digest(store.path(index)) for index in range(len(SEEDS))}
@@ -83,7 +83,7 @@ def replayed(store: TaskStore, tmp_path_factory: pytest.TempPathFactory) -> tupl
 
 
 def _replay(trajectory: Path, folder: Path) -> tuple[Path, str]:
-    """Output of ManiSkill's own command, run where nothing but the two files is."""
+    """Return the output of ManiSkill's command in a folder with only the two files."""
     for suffix in (".h5", ".json"):
         shutil.copy(trajectory.with_suffix(suffix), folder)
     words = ["--traj-path", "trajectory.h5", "--save-traj", "--allow-failure"]
@@ -143,7 +143,7 @@ def test_a_replayed_file_can_be_replayed_again(replayed: tuple[Path, str]) -> No
 
 
 def test_files_of_schema_version_1_replay(store: TaskStore) -> None:
-    """What ManiSkill's command does with a file as it was written when a task had one object and no name for it."""
+    """ManiSkill's command with a file from the time when a task had one object without a name."""
     import gymnasium as gym
 
     document = json.loads(_h5(store).with_suffix(".json").read_text())
@@ -305,7 +305,7 @@ def test_a_film_shows_the_recorded_episode(store: TaskStore, tmp_path: Path) -> 
     assert told["fps"] == 10  # twice as fast as five a second
     assert "yuv420p" in told["pix_fmt"]  # what every browser plays
     assert imageio.imread(tmp_path / "still.webp").shape == (480, 640, 3)
-    # The states of another engine are shown, not simulated again: here SAPIEN's own, which give the same pictures.
+    # States of another engine are shown and not simulated again; here SAPIEN's own, which give the same images.
     elsewhere = {**replay.env_kwargs, "engine": "mujoco"}
     film(
         dataclasses.replace(replay, env_kwargs=elsewhere, states=recording.env_states), tmp_path / "shown.mp4", stride=4

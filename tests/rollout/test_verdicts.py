@@ -1,4 +1,4 @@
-"""Three verdicts: each of the strict one's misses, and whose turn a criterion was true in."""
+"""The three success criteria: each failure of the strict one, and the step during which a criterion became true."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from gensim2.rollout.record import Cause, Episode, StepRecord, StrictMiss
 from gensim2.rollout.run import run
 
 PLACED = {"openness": 1.0, "ball": (-0.1, 0.0, 0.04), "hand": AWAY, "opening": 0.08}
-"""The ball lies in the open drawer and the hand is away."""
+"""The ball is in the open drawer and the hand is away."""
 BEFORE = {"openness": 1.0, "ball": (0.0, -0.4, 0.02), "hand": (0.0, -0.4, 0.02), "opening": 0.04}
 TURNS = (("grasp", 0), ("place", 10))
 ACTUATED = (Event(5, "grasp", ACTUATION),)
 
 
 def _put(world: ScriptedWorld | None = None, events: tuple[Event, ...] = ACTUATED, **end: Any) -> Episode:
-    """The ball is carried into the drawer; the end is as ``end`` says."""
+    """Return a course in which the ball is carried into the drawer; ``end`` is its last instant."""
     course = glide((0, BEFORE), (10, BEFORE), (30, {**PLACED, "opening": 0.04}), (31, PLACED), (40, PLACED))
     course.append(instant(**{**PLACED, **end}))
     world = world or ScriptedWorld(PUT_BALL_AWAY, course)
@@ -77,7 +77,9 @@ def test_a_little_of_it_is_let_pass(end: dict[str, Any]) -> None:
 
 
 def _moves(rolls: float = 0.0, spins: float = 0.0, slides: float = 0.0) -> Episode:
-    """The ball is put away; once that is judged, it or the drawer moves at m/s, rad/s, openness a second."""
+    """Return a course in which, after the judgement, the ball or the drawer moves at the given speed (m/s, rad/s,
+    openness/s).
+    """
     course = glide((0, BEFORE), (10, BEFORE), (30, {**PLACED, "opening": 0.04}), (31, PLACED), (40, PLACED))
     course += course[-1:] * robot("panda").steps(SETTLE_SECONDS)
     for step in range(robot("panda").steps(LASTING_SECONDS)):
@@ -107,12 +109,12 @@ def test_what_moves_a_second_later_is_named(fast: dict[str, float], name: str, s
 
 
 def test_what_does_not_move_is_at_rest_whatever_speed_physics_reports() -> None:
-    """PhysX's solver leaves speeds of 0.1 rad/s and 25 cm/s to bodies that lie still, even asleep."""
+    """PhysX's solver reports speeds of 0.1 rad/s and 25 cm/s for bodies at rest, even asleep ones."""
     assert _put(speed=(0.3, 2.0), joint_speed=1.7).strict_misses == []
 
 
 def test_what_is_no_container_need_not_have_it_inside() -> None:
-    """A mug stands under a faucet, not in it: the measured point's name tells a container."""
+    """A mug stands under a faucet and not inside it: the name of the measured keypoint identifies containers."""
     for name, misses in (("inside", [StrictMiss.NOT_INSIDE]), ("bottom_base", [])):
         course = glide((0, BEFORE), (10, BEFORE), (30, {**PLACED, "opening": 0.04}), (31, PLACED), (40, PLACED))
         course.append(instant(**{**PLACED, "ball": (-0.1, 0.0, 0.2)}))
@@ -136,13 +138,13 @@ def test_what_moves_before_the_actuation_pose_is_named() -> None:
         episode = _put(ScriptedWorld(PUT_BALL_AWAY, course))
         assert episode.held
         assert episode.strict_misses == misses
-    # Without an event of the actuation pose nothing counts as too early.
+    # Without an event of the actuation pose, nothing counts as too early.
     course = glide((0, BEFORE), (4, shifted), (10, shifted), (30, {**PLACED, "opening": 0.04}), (31, PLACED))
     assert _put(ScriptedWorld(PUT_BALL_AWAY, course), events=()).strict
 
 
 def test_a_goal_that_is_gone_a_second_after_the_last_command_was_held_and_is_not_strict() -> None:
-    """It is judged half a second after the last command; what comes later is looked at, and not recorded."""
+    """The success is judged half a second after the last command; later states are checked and not recorded."""
     lasting = robot("panda").steps(LASTING_SECONDS)
     for undone, strict in ((40 + lasting - 1, False), (40 + lasting + 5, True)):
         course = glide((0, BEFORE), (10, BEFORE), (30, {**PLACED, "opening": 0.04}), (31, PLACED), (undone, PLACED))

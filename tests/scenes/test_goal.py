@@ -1,4 +1,4 @@
-"""A goal that tells success from nothing is refused at the first reset, in one line."""
+"""A goal that the initial scene already meets, or that cannot be reached, is refused at the first reset."""
 
 from __future__ import annotations
 

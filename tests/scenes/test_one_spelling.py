@@ -1,4 +1,4 @@
-"""What scenes follow from is spelled once: signatures, options and files take it from one definition."""
+"""The configuration of scenes is defined once, and signatures, options and files use this definition."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from gensim2.tasks.library import load_task
 
 PYTHON = Path(__file__).parents[2] / "python" / "gensim2"
 
-#: Together these words spell a configuration; each alone is a name like any other.
+#: Together these words make a configuration; each alone is a common name.
 SPELLING = {"physics", "randomization", "open_loop", "instances", "robot", "assets"}
-#: Where it is defined and drawn from; options, and the rows of figures, are compared below.
+#: Modules that define and use it; options and rows of figures are compared below.
 DEFINED = {"scenes/config.py", "scenes/initial_state.py", "rollout/config.py", "tasks/figures.py", "cli/options.py"}
-#: Few words are enough to be another spelling.
+#: A few of these words count as a second definition.
 MAX_SPELLED = 2
 
 
 def words_of(node: ast.AST) -> set[str]:
-    """Parameters of a function, or fields of a class, as the source has them."""
+    """Return the parameters of a function, or the fields of a class, in source order."""
     if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
         return {each.arg for each in (*node.args.args, *node.args.kwonlyargs)}
     if isinstance(node, ast.ClassDef):
@@ -71,7 +71,7 @@ def test_no_other_function_takes_physics_or_randomization_by_name_from_a_user() 
 def test_keywords_options_and_fields_are_the_same_words() -> None:
     from gensim2.cli import options
 
-    # `redraw` is a switch of the physics, whose word says it in files.
+    # `redraw` is a switch of the physics, whose name it has in files.
     assert {each.name for each in fields(SceneOptions)} | {"instances", "redraw"} == set(SCENE_FIELDS)
     assert {each.name for each in fields(SceneConfig)} == {*SCENE_FIELDS, "task"} - {"redraw"}
     assert set(get_type_hints(RolloutArguments)) == {*SCENE_FIELDS, "open_loop"}
@@ -79,7 +79,7 @@ def test_keywords_options_and_fields_are_the_same_words() -> None:
     assert set(options.EPISODES) <= set(get_type_hints(options.Shared))
     run = {each.name for each in fields(RolloutOptions)}
     assert set(FIXED_ARGUMENTS) >= {*SCENE_FIELDS, *run}
-    # Noise is for collections alone: no figure has any.
+    # Noise is for collections only and is not part of any figure.
     assert set(Condition.model_fields) == {"objects"} | set(SCENE_FIELDS) - {"assets", "redraw"} | run - {"noise"}
 
 

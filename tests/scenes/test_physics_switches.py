@@ -1,4 +1,4 @@
-"""Physics as a word for its switches: presets, mixtures, files."""
+"""Physics by a name for its switches: presets, combinations, files."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_a_file_of_switches_is_refused_by_file_and_field(tmp_path: Path, text: s
 
 
 def test_the_first_draw_counts_where_nothing_is_drawn_again() -> None:
-    """Where it would have been kept anyway, it is the same."""
+    """It is the same draw if it would have been kept anyway."""
     near = load_task("SecureGoldInSafe").model_dump(mode="json", by_alias=True)
     near["objects"]["gold"]["place"]["at"] = [-0.05, -0.25]
     words = ("original+redraw=placement", "original")
@@ -101,7 +101,7 @@ def test_the_first_draw_counts_where_nothing_is_drawn_again() -> None:
 
 
 def test_what_has_no_room_on_its_support_is_drawn_again_even_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing can be simulated of such a draw, and a benchmark with one of them would never end."""
+    """Such a draw cannot be simulated, and a benchmark with one would never end."""
     stand_all, left = initial_state._stand_all, [2]
 
     def without_room(*arguments: Any) -> Any:
@@ -115,7 +115,7 @@ def test_what_has_no_room_on_its_support_is_drawn_again_even_so(monkeypatch: pyt
 
 
 def test_hulls_are_taken_as_the_physics_says() -> None:
-    """Real meshes alone differ; what the switch asks of the library is what this looks at."""
+    """Only real meshes differ; the test checks what the switch requests of the library."""
     asked = []
 
     class Asked(Library):  # a library that notes what was asked of it

@@ -1,4 +1,4 @@
-"""Turning a placement: against scipy, for any placement."""
+"""Rotation of a placement, compared with scipy for any placement."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ def test_a_task_may_set_the_mean_openness() -> None:
 
 
 LONG = Randomization(x=(-0.05, 0.05), y=(0.0, 0.05), openness_mean=0.5)
-"""The paper's ranges of what its long tasks fill."""
+"""The paper's ranges for the receiving objects of its long tasks."""
 
 
 def _by_hand(seed: int, ranges: Randomization, scale: float, either_way: bool = False) -> Draw:
-    """Five numbers from 0 to 1, in the original's order: which, x, y, yaw by the sign of y, openness."""
+    """Five numbers from 0 to 1, in the original's order: instance, x, y, yaw (its sign from y), openness."""
     which, x, y, yaw, spread = rng(seed, "Any").random(5)
     x, y = (scale * (low + (high - low) * at) for (low, high), at in ((ranges.x, x), (ranges.y, y)))
     most = scale * ranges.yaw

@@ -1,4 +1,4 @@
-"""Starts of the robot that overlap no object."""
+"""Initial robot poses that overlap no object."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ CUBE = 0.03 * (2.0 * np.stack(np.meshgrid([0, 1], [0, 1], [0, 1]), axis=-1).resh
 
 
 def _at_hand(start: tuple[float, ...], forward: float) -> np.ndarray:
-    """A cube of 6 cm about a point before or behind the tool head, in the world."""
+    """Return a cube of 6 cm around a point in front of or behind the tool head, in the world."""
     return CUBE + PANDA.gripper_with(start)["tool_head"] + np.array([forward, 0.0, 0.0])
 
 
 def _vertices_inside(q: tuple[float, ...], cube: np.ndarray) -> bool:
-    """Whether a vertex of the hand or of a finger lies within the cube."""
+    """Return whether a vertex of the hand or of a finger is inside the cube."""
     for link in ("panda_hand", "panda_leftfinger", "panda_rightfinger"):
         T_world_link = PANDA.T_world_base @ PANDA.model.forward_kinematics(np.array(q), link)
         points = PANDA.model.surface(link)[0].reshape(-1, 3) @ T_world_link[:3, :3].T + T_world_link[:3, 3]

@@ -26,7 +26,7 @@ _SPEC.loader.exec_module(tiny_object)
 
 
 class CrateLibrary:
-    """Crates, in the place of an object library; other classes are the generated ones."""
+    """A library of crates; other classes are generated."""
 
     def __init__(self, *crates: ArticulatedObject) -> None:
         self._crates = {crate.id: crate for crate in crates}

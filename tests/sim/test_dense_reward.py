@@ -1,4 +1,4 @@
-"""The dense reward of recorded episodes: bounded, rising towards success, 1 exactly where the goal holds."""
+"""The dense reward of recorded episodes: bounded, increasing towards success, and 1 exactly if the goal holds."""
 
 from __future__ import annotations
 

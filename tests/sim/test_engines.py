@@ -1,6 +1,6 @@
-"""Both physics engines against analytic answers: free fall, friction cones, pendulums, Coulomb friction, drawers.
+"""Both physics engines compared with analytic results: free fall, friction cones, pendulums, Coulomb friction, drawers.
 
-Each tolerance is stated beside its test. Semi-implicit Euler, which both engines use, is late by half a time step: 5 ms
+Each tolerance is stated beside its test. Both engines use semi-implicit Euler, which is late by half a time step: 5 ms
 in SAPIEN (100 Hz) and 1 ms in MuJoCo (500 Hz).
 """
 
@@ -34,7 +34,7 @@ engines = pytest.mark.parametrize("engine", ENGINES)
 
 
 def _task(rigid: str) -> TaskSpec:
-    """A rigid object on the table beside a drawer."""
+    """Return a task with a rigid object on the table beside a drawer."""
     objects = {"drawer": {"class": "drawer"}, "thing": {"class": rigid, "place": {"at": [-0.2, -0.45]}}}
     done = [{"type": "distance_articulated_rigidbody", "articulated": "drawer", "rigid": "thing"}]
     step = {"name": "fill", "object": "thing", "strategies": ["any"], "done": done}
@@ -47,7 +47,7 @@ def _steps(env: HeadlessEnv, seconds: float) -> int:
 
 @engines
 def test_what_falls_falls_freely(engine: Engine) -> None:
-    """To half a time step of lag, and 0.1 mm."""
+    """Up to half a time step of delay, and 0.1 mm."""
     env = HeadlessEnv(_task("cracker_box"), assets="builtin", engine=engine)
     env.reset(0, {"pose": {"thing": [-0.2, -0.45, 2.0, 1.0, 0.0, 0.0, 0.0]}}, robot=False)
     start = env.measure().poses["thing"][2]
@@ -61,7 +61,7 @@ def test_what_falls_falls_freely(engine: Engine) -> None:
 
 
 def _inclined(env: HeadlessEnv, engine: Engine, angle: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reset with the table inclined by ``angle`` (rad) along y, gravity turned in its place."""
+    """Reset with the table inclined by ``angle`` (rad) along y, by turning gravity."""
     gravity = GRAVITY * np.array([0.0, math.sin(angle), -math.cos(angle)])
     if engine == "sapien":
         monkeypatch.setattr(named_physics("default").scene_config, "gravity", gravity)
@@ -74,8 +74,9 @@ def _inclined(env: HeadlessEnv, engine: Engine, angle: float, monkeypatch: pytes
 def test_a_bar_on_an_incline_slides_beyond_the_friction_cone_only(
     engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It stays, to 1 mm in 2 s, at 0.9 of the dynamic friction. Beyond the static friction, which only SAPIEN has, both
-    slide as fast as the dynamic one lets them: to 3 % in SAPIEN, 5 % in MuJoCo, whose cone is a convex relaxation."""
+    """It stays (to 1 mm in 2 s) at 0.9 of the dynamic friction. Beyond the static friction, which only SAPIEN has, both
+    slide as the dynamic friction allows: to 3 % in SAPIEN, 5 % in MuJoCo, whose cone is a convex relaxation.
+    """
     env = HeadlessEnv(_task("gold_bar"), assets="builtin", engine=engine)
     env.reset(0, robot=False)
     own = env.parts["thing"].friction
@@ -98,7 +99,7 @@ def test_a_bar_on_an_incline_slides_beyond_the_friction_cone_only(
 
 
 def _falling(friction: float, damping: float, force: Callable[[float], float], inertia: float, q: float) -> Any:
-    """Solution of a joint that falls against Coulomb friction and damping."""
+    """Return the solution for a joint that falls against Coulomb friction and damping."""
 
     def rate(_: float, state: np.ndarray) -> tuple[float, float]:
         position, velocity = state
@@ -113,9 +114,9 @@ def _falling(friction: float, damping: float, force: Callable[[float], float], i
 def test_a_lid_falls_as_a_pendulum_with_coulomb_friction(
     crates: Callable[..., Any], crate_task: TaskSpec, engine: Engine, friction: float, damping: float
 ) -> None:
-    """To half a time step of lag, and 2 % of the way in SAPIEN, 0.5 % in MuJoCo.
+    """Up to half a time step of delay, and 2 % of the distance in SAPIEN, 0.5 % in MuJoCo.
 
-    SAPIEN brakes by the speed of the step before, so damping lags by another whole step.
+    SAPIEN's damping uses the speed of the previous step, so it is late by another step.
     """
     env = HeadlessEnv(crate_task, assets=crates(friction=friction, damping=damping), engine=engine)
     env.reset(0, {"openness": 0.6}, robot=False)
@@ -138,7 +139,7 @@ def test_a_lid_falls_as_a_pendulum_with_coulomb_friction(
 def test_coulomb_friction_holds_what_is_lighter(
     crates: Callable[..., Any], crate_task: TaskSpec, engine: Engine
 ) -> None:
-    """A lid that is held by 1.1 times the torque of its weight creeps by less than 0.001 rad in 5 s."""
+    """A lid with a friction of 1.1 times its weight's torque creeps by less than 0.001 rad in 5 s."""
     env = HeadlessEnv(crate_task, assets=crates(friction=1.1 * LID_MASS * GRAVITY * LEVER), engine=engine)
     env.reset(0, {"openness": 0.2}, robot=False)
     start = env.measure().openness["crate"]
@@ -152,7 +153,7 @@ def test_coulomb_friction_holds_what_is_lighter(
 def test_a_drawer_moves_as_friction_and_damping_let_it(
     crates: Callable[..., Any], crate_task: TaskSpec, engine: Engine, friction: float, damping: float
 ) -> None:
-    """An upright one, drawn by its own weight; to half a time step of lag, and 1 mm of 100."""
+    """An upright drawer pulled by its own weight; up to half a time step, and 1 mm of 100."""
     library = crates(joint_type="prismatic", friction=friction, damping=damping)
     env = HeadlessEnv(crate_task, assets=library, engine=engine)
     env.reset(0, {"openness": 0.9}, robot=False)
@@ -170,7 +171,7 @@ def test_a_drawer_moves_as_friction_and_damping_let_it(
 
 @engines
 def test_an_arm_follows_its_targets_with_the_lag_of_its_drives(engine: Engine) -> None:
-    """Behind targets that move evenly a joint lags by kd/kp = 0.1 s, to 5 ms; a target is held for a control step."""
+    """At constant target speed a joint lags by kd/kp = 0.1 s, to 5 ms; a target is held for a control step."""
     env = HeadlessEnv("OpenDrawer", assets="builtin", engine=engine)
     env.reset(0)
     hold, speed = np.append(env.initial_state.start[:7], 1.0), 0.3

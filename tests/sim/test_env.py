@@ -1,4 +1,4 @@
-"""The environment: repeatable scenes, what it measures, how it refuses."""
+"""The environment: reproducible scenes, measurements, and errors."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_the_scene_is_in_the_base_frame_and_agrees_with_itself(
     scene = env.scene_state()
     thing = scene.objects["crate"]
     assert scene.q == pytest.approx(np.array(RESET_QPOS))
-    # The lid's front edge by hand: hinge at (0.1, 0, 0.102), 0.2 m long, 0.75 rad open, turned by 0.3 rad.
+    # The lid's front edge, computed by hand: hinge at (0.1, 0, 0.102), 0.2 m long, 0.75 rad open, turned by 0.3 rad.
     edge = np.array([0.1 - 0.2 * np.cos(0.75), 0.0, 0.102 + 0.2 * np.sin(0.75)])
     yaw = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]])
     expected = yaw @ edge + [0.05, -0.02, 0.0] - np.array(BASE_POSITION)
@@ -81,7 +81,7 @@ def test_the_scene_is_in_the_base_frame_and_agrees_with_itself(
     hinge = yaw @ [0.1, 0.0, 0.102] + [0.05, -0.02, 0.0] - np.array(BASE_POSITION)
     assert thing.joint.origin == pytest.approx(hinge, abs=1e-5)
     assert thing.yaw == pytest.approx(0.3)
-    # The object frame at joint value zero has y up and z towards the robot; opening turns it about its own x.
+    # At joint value zero, the object frame has y up and z towards the robot; opening turns it about its own x.
     opened = np.array([np.sin(0.75), 0.0, np.cos(0.75)])
     assert thing.T_base_object[:3, 1] == pytest.approx(yaw @ opened, abs=1e-5)
     lid = next(body for body in thing.bodies if body.name in thing.joint.moves)
@@ -140,7 +140,7 @@ print("fingerprint", digest.hexdigest())
 
 def test_other_processes_and_earlier_episodes_change_nothing() -> None:
     def fingerprint(case: str) -> str:
-        # One in an interpreter of its own, with its own seed of hashes, one forked from another.
+        # One in a new interpreter with its own hash seed, one forked.
         words = ["-c", _FINGERPRINT, case]
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
         done = (
@@ -212,7 +212,7 @@ def test_bad_reset_options_are_named(
 
 
 def _called(name: str) -> dict[str, Any]:
-    """A task whose only object has this name."""
+    """Return a task whose only object has this name."""
     done = {"type": "articulated_closed", "object": name}
     step = {"name": "close", "object": name, "strategies": ["push"], "done": [done]}
     return {"name": "Close", "description": "close it", "objects": {name: {"class": "crate"}}, "steps": [step]}

@@ -1,4 +1,4 @@
-"""What fingers hold in the original's physics, friction 0.3: a bar between them, let go of by the table."""
+"""Objects in the fingers with the original's physics, friction 0.3: a bar that the table no longer supports."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from gensim2.sim.objects import link_name
 from gensim2.sim.physics import named_physics
 
 FRICTION = 0.3
-#: Half sizes (m), along the pads, across them and up: of a bar of gold and of a block of wood.
+#: Half sizes (m), along the pads, across them and up: of a gold bar and of a wooden block.
 GOLD, BLOCK = (0.044, 0.0192, 0.0112), (0.052, 0.0235, 0.0232)
-#: Control steps until the fingers have closed, in which the bar hangs between them, and in which it is carried about.
+#: Control steps until the fingers are closed, while the bar hangs between them, and while it is carried.
 CLOSING, HANGING, CARRYING = 16, 24, 30
-#: How far two joints of the arm swing meanwhile (rad), and how long (s): up to 1 rad/s, as fast as plans are.
+#: Amplitude (rad) and period (s) of two swinging joints: up to 1 rad/s, as fast as plans.
 SWING, SWING_SECONDS = np.array([0.48, 0.24]), 1.5
-#: Metres by which what is held may creep meanwhile.
+#: Allowed displacement (m) of the held object.
 CREEP = 0.003
 
 
@@ -38,12 +38,13 @@ def crept(
     middle: tuple[float, float] = (0.0, 0.0075),
     carried: bool = False,
 ) -> float:
-    """Metres by which a bar moves in the hand whose sides slope by so many degrees, at a force that is kept.
+    """Return the displacement (m) in the hand of a bar whose sides have the given slope (degrees), with a constant
+    force.
 
     Args:
-        half: its sizes.
-        middle: metres from the middle between the pads to its own: along its length, and as the fingers point.
-        carried: whether the arm swings about.
+        half: half sizes.
+        middle: distance (m) of its centre from the middle between the pads: along its length, and along the fingers.
+        carried: whether the arm swings.
     """
     profile, physics = robot("panda"), named_physics("original")
     system = physics.new_system(profile)
@@ -61,7 +62,7 @@ def crept(
     inertia = mass / 3 * np.array([width**2 + height**2, length**2 + height**2, length**2 + width**2])
     builder.set_mass_and_inertia(mass, sapien.Pose(), inertia)
     tool = next(link for link in arm.articulation.links if link_name(link) == profile.tool_link)
-    # Upside up between the fingers, which point down.
+    # Upright between the fingers, which point down.
     start = tool.entity.pose * sapien.Pose([middle[0], 0.0, middle[1]], [0.0, 1.0, 0.0, 0.0])
     builder.set_initial_pose(start)
     bar = builder.build(name="bar")
@@ -106,5 +107,5 @@ def test_sides_beyond_the_friction_cone_slip_however_hard_they_are_pressed(tmp_p
 
 
 def test_what_is_carried_about_stays_in_the_hand(tmp_path: Path) -> None:
-    """With drives of 1000 N/m and 20 N s/m a block that is held 2 cm beside its middle creeps by 6 mm."""
+    """With drives of 1000 N/m and 20 N s/m, a block held 2 cm beside its centre moves by 6 mm."""
     assert crept(tmp_path, 0.0, 0.021, half=BLOCK, middle=(0.02, 0.0), carried=True) < CREEP

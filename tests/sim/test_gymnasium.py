@@ -1,4 +1,4 @@
-"""gymnasium's own checker passes, and what an environment does not take is refused in one typed line."""
+"""gymnasium's own checker passes, and unknown arguments of an environment are refused with one line."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def env(crates: Callable[..., Any], crate_task: TaskSpec) -> GenSim2Env:
 
 @pytest.mark.parametrize("obs_mode", ["state", "state_dict"])
 def test_the_checker_of_gymnasium_passes(obs_mode: str) -> None:
-    """ManiSkill batches every value; its wrapper for one environment on the CPU takes the batch off."""
+    """ManiSkill batches every value; its wrapper for one environment on the CPU removes the batch dimension."""
     made = CPUGymWrapper(gym.make("GenSim2-OpenDrawer-v1", assets="builtin", obs_mode=obs_mode))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # advice on spaces
-        # Neither of ManiSkill's wrappers can be made again from a spec, which the closing check would do.
+        # The final check recreates the environment from its spec, which ManiSkill's wrappers do not support.
         check_env(made, skip_render_check=True, skip_close_check=True)
     made.close()
     made.close()

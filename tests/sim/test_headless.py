@@ -22,7 +22,7 @@ HOLD = np.array([*PANDA.reset_qpos[:7], 1.0], dtype=np.float32)
 
 
 def _several(name: str, *others: tuple[str, float, float]) -> TaskSpec:
-    """A container ahead, and rigid objects on the table beside it."""
+    """Return a container ahead, and rigid objects on the table beside it."""
     objects: dict[str, Any] = {name: {"class": name, "randomization": {"x": 0.05, "y": [0.0, 0.05]}}}
     for other, x, y in others:
         objects[other] = {"class": other, "place": {"at": [x, y]}, "randomization": {"x": 0.05, "y": 0.05}}
@@ -38,7 +38,7 @@ SEVERAL = [
 
 
 def _reaching(target: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """(7,) joints that bring the tool near a point in the base frame: a few damped steps by the Jacobian."""
+    """Return joints (7,) with the tool near a point in the base frame, by a few damped Jacobian steps."""
     q = q.copy()
     for _ in range(20):
         pose = PANDA.model.forward_kinematics(q)
@@ -50,8 +50,9 @@ def _reaching(target: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def _actions(lane: HeadlessEnv, rng: np.random.Generator) -> np.ndarray:
-    """A hand that goes from keypoint to keypoint, opens and closes, shaken in half of the episodes: it pushes, slips,
-    grasps and hits."""
+    """Return actions of a hand that moves between keypoints, opens and closes, with noise in half of the episodes, so
+    that it pushes, slips, grasps and hits.
+    """
     scene = lane.scene_state()
     points = [point for thing in scene.objects.values() for point in thing.keypoints.values()]
     q, rows = scene.q, [HOLD[:7]]
@@ -66,7 +67,7 @@ def _actions(lane: HeadlessEnv, rng: np.random.Generator) -> np.ndarray:
 
 
 def _check_equal_episodes(task: str | TaskSpec, seeds: range) -> int:
-    """Episodes in both; returns in how many an object was moved."""
+    """Run episodes in both; return in how many an object moved."""
     env, lane = GenSim2Env(task, assets="builtin"), HeadlessEnv(task, assets="builtin")
     rng = np.random.default_rng(len(lane.task.name))
     moved = 0

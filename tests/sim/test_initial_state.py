@@ -1,4 +1,4 @@
-"""Where several objects are put: apart, at rest, within reach, by the seed."""
+"""Placement of several objects: apart, at rest, within reach, and reproducible by the seed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from gensim2.tasks.spec import TaskSpec
 
 PANDA = robot("panda")
 HOLD = np.array([*PANDA.reset_qpos[:7], 1.0], dtype=np.float32)
-# As the original's long-horizon tasks have it.
+# As in the original's long tasks.
 CONTAINER = {"randomization": {"x": 0.05, "y": [0.0, 0.05], "openness_mean": 0.5}}
 BESIDE = {"place": {"at": [-0.2, -0.45]}, "randomization": {"x": 0.1, "y": 0.1}}
 
@@ -44,7 +44,7 @@ def _set_up(task: TaskSpec, seed: int, options: Mapping[str, Any] | None = None,
 
 
 def _distance(first: np.ndarray, second: np.ndarray) -> float:
-    """Between two convex outlines, by points 1 mm apart along their edges."""
+    """Return the distance of two convex outlines, by points 1 mm apart along their edges."""
 
     def dense(corners: np.ndarray) -> np.ndarray:
         following = np.roll(corners, -1, axis=0)
@@ -123,7 +123,7 @@ def test_no_room_is_an_error_that_names_the_objects() -> None:
     task = _task({"bowl": {"class": "bowl", **there}, "mug": {"class": "mug", **there}})
     with pytest.raises(PlacementError, match=r"100 draws of seed 5 found no room for bowl \(bowl\), mug \(mug\)"):
         _set_up(task, 5)
-    # Unless options put one of them elsewhere, or both.
+    # Unless options place one or both of them elsewhere.
     away = _set_up(task, 5, {"offset": {"mug": [0.0, 0.3, 0.0]}})
     assert away.draws == 1
     both = _set_up(task, 5, {"offset": {"mug": [0.0, 0.0, 0.0], "bowl": [0.0, 0.0, 0.0]}})
@@ -143,7 +143,7 @@ def test_an_option_for_one_object_shifts_nothing_of_the_others() -> None:
 
 
 def test_an_option_may_name_a_generated_object_that_is_not_listed() -> None:
-    """A demonstration on one is replayed by its id."""
+    """A demonstration with such an object is replayed by its id."""
     task = _task({"drawer": {"class": "drawer"}})
     assert _set_up(task, 0, {"instance": {"drawer": "4711"}}).objects["drawer"].model.id == "4711"
     with pytest.raises(InputError, match="instance"):
@@ -197,7 +197,7 @@ def test_what_a_task_takes_may_differ_by_where_objects_come_from(crates: Callabl
 
 
 def test_an_object_in_another_lies_on_its_floor_and_stays(crates: Callable[..., Any]) -> None:
-    """The measured point of the crate is 1 cm above its bottom, on its floor; that of the box is above its rim."""
+    """The crate's measured point is 1 cm above its bottom, on its floor; the box's is above its rim."""
     inside = {"randomization": {"x": 0.03, "y": 0.03}}
     task = _task(
         {
@@ -220,7 +220,7 @@ def test_an_object_in_another_lies_on_its_floor_and_stays(crates: Callable[..., 
         for name in ("ball", "lemon"):
             assert np.linalg.norm(after.poses[name][:3] - before.poses[name][:3]) < 0.01
             assert after.speeds[name][0] < 0.01
-        # Inside of the walls, and not through the floor.
+        # Inside the walls, and not in the floor.
         lemon = after.poses["lemon"][2]
         assert 0.01 < lemon < before.point("box")[2]
 
@@ -243,7 +243,7 @@ def test_outlines_that_keep_apart_do(first: np.ndarray, second: np.ndarray, shif
         if spread[-1] < 0.05:
             return
         outlines.append(corners[ConvexHull(corners).vertices])
-    # Directions in which a line may part them: a finer and independent search than the edges alone.
+    # Directions of separating lines: a finer, independent search than over the edges.
     angles = np.linspace(0.0, 2 * np.pi, 721)
     normals = np.column_stack([np.cos(angles), np.sin(angles)])
     widest = float(((outlines[1] @ normals.T).min(axis=0) - (outlines[0] @ normals.T).max(axis=0)).max())
@@ -257,6 +257,6 @@ def test_the_strip_between_two_outlines_lies_along_an_edge() -> None:
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     assert keep_apart(square, square + np.array([1.1, 0.5]), 0.099)
     assert not keep_apart(square, square + np.array([1.1, 0.5]), 0.101)
-    # Corner to corner it is narrower than the distance, never wider.
+    # From corner to corner the separation is smaller than the distance, and never larger.
     assert keep_apart(square, square + np.array([1.1, 1.1]), 0.099)
     assert not keep_apart(square, square + np.array([1.1, 1.1]), 0.12)

@@ -1,4 +1,4 @@
-"""A measurement is of its instant, whenever it is looked at."""
+"""A measurement keeps the values of its instant, even if it is read later."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gensim2.sim.headless import HeadlessEnv
 def test_what_is_looked_at_later_is_what_was_there() -> None:
     lane = HeadlessEnv("PlaceGolfBallIntoDrawer", assets="builtin", instances=["5"])
     lane.reset(0)
-    # The arm sinks forward, the drawer is put elsewhere, the ball is shoved.
+    # Change everything: the arm sinks forward, the drawer is moved, the ball is pushed.
     action = np.array([*lane.profile.reset_qpos[:7], 1.0], dtype=np.float32) + 0.3
     at_once, later = lane.measure(), lane.measure()
     seen = {name: dict(points) for name, points in at_once.keypoints.items()} | {"hand": dict(at_once.gripper)}

@@ -1,4 +1,4 @@
-"""MuJoCo behind the headless environment: no other simulator, the same bytes every time, the whole loop."""
+"""MuJoCo in the headless environment: without other simulators, reproducible to the byte, with the whole loop."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from gensim2.tasks.library import load_strategies, load_task
 
 PULL_AND_PLACE = ("OpenDrawer", "PlaceGolfBallIntoDrawer")
 
-#: Runs an episode and prints the digest of its states. Imports of other simulators end the process.
+#: Run an episode and print the digest of its states; importing another simulator ends the process.
 EPISODE = """
 import hashlib, sys
 
@@ -45,7 +45,7 @@ print(episode({task!r}, 5))
 
 
 def episode(name: str, seed: int, engine: str = "mujoco") -> str:
-    """Digest of all states and actions of an episode, and whether it was held."""
+    """Return the digest of all states and actions of an episode, and whether it succeeded."""
     import hashlib
 
     task = load_task(name)
@@ -79,7 +79,7 @@ def test_the_chain_holds_tasks_of_each_kind(name: str) -> None:
 
 
 def test_a_collection_follows_from_its_arguments_alone(tmp_path: Path) -> None:
-    """Whatever the number of workers, and where it was stopped and resumed."""
+    """For any number of workers, and after any interruption."""
 
     def gather(folder: str, episodes: int, workers: int) -> dict[str, bytes]:
         out, given = tmp_path / folder, {"assets": "builtin", "engine": "mujoco", "seed": 3}
@@ -112,7 +112,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def test_an_episode_goes_on_from_a_stored_state_bit_for_bit() -> None:
-    """In a scene that was built anew, and after objects were nudged."""
+    """In a scene that was built again, and after objects were moved."""
     env = HeadlessEnv("PlaceGolfBallIntoDrawer", assets="builtin", engine="mujoco")
     env.reset(3)
     _shaken(env, 10, seed=0)

@@ -1,4 +1,4 @@
-"""How an object behaves once it is in the simulator: friction that holds and yields, hulls that must all be there."""
+"""Objects in the simulator: friction that holds and yields, and complete hulls."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LID_MASS, LID_ARM, GRAVITY = 0.3, 0.1, 9.81  # of the crate's lid
 
 
 def _lid(env: GenSim2Env, seconds: float, torque: float = 0.0) -> list[float]:
-    """Joint values of the lid while a torque acts on it, with no robot near."""
+    """Return joint values of the lid while a torque acts on it, with no robot near."""
     values = []
     crate = env.parts["crate"]
     joint_force = np.array([torque], dtype=np.float32)
@@ -72,7 +72,7 @@ def test_damping_sets_the_speed_under_a_constant_push(crates: Callable[..., Any]
 
 
 def test_a_moving_joint_is_slowed_by_its_friction_and_nothing_else(crates: Callable[..., Any], crate_task: Any) -> None:
-    """The prismatic lid rises as fast as the force in excess of weight and friction makes it."""
+    """The prismatic lid rises as fast as the force beyond weight and friction allows."""
     friction, excess = 2.0, 1.0
     env = GenSim2Env(crate_task, assets=crates(friction=friction, joint_type="prismatic"))
     env.reset(seed=0, options={"openness": 0.1})
@@ -90,7 +90,7 @@ def test_a_moving_joint_is_slowed_by_its_friction_and_nothing_else(crates: Calla
 def test_a_hull_that_is_not_what_was_promised_is_an_error(
     crates: Callable[..., Any], crate_task: Any, vertices: list[list[float]], words: str
 ) -> None:
-    """SAPIEN quietly puts a box in the place of a flat hull; and files may be changed after the fact."""
+    """SAPIEN silently replaces a flat hull by a box, and files may have been changed."""
     library = crates()
     mesh = trimesh.Trimesh(vertices, [[0, 1, 2], [1, 2, 3], [0, 1, 3], [0, 2, 3]], process=False)
     mesh.export(library.load("crate", "0").urdf.parent / "left.obj")

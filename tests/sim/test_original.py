@@ -1,4 +1,4 @@
-"""Physics as the original has it, as it comes out of PhysX; and that ours stays as it was beside it."""
+"""The original's physics in PhysX, and the default physics beside it."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def openness_in(lane: HeadlessEnv) -> float:
     return openness
 
 
-# ---------------------------------------------------------------------- scene
+# --- scene
 
 
 def test_scene_settings_are_the_original_s() -> None:
@@ -83,7 +83,7 @@ def test_scene_settings_are_the_original_s() -> None:
 
 
 def test_ours_stays_ours_beside_it() -> None:
-    """PhysX's settings and SAPIEN's default material belong to the process: the last scene's must not be taken."""
+    """PhysX's settings and SAPIEN's default material are global, so each scene must set them."""
     lane_on("box_rotate", "original")
     lane = lane_on("box_rotate", "default")
     assert (lane._scene.system.config.enable_tgs, lane._scene.system.config.enable_pcm) == (True, True)
@@ -101,7 +101,7 @@ def test_ours_stays_ours_beside_it() -> None:
 
 
 def test_fingers_are_soft_where_there_is_something_to_pick_up() -> None:
-    """In the environment as in the lane; the planner is told."""
+    """Both in the environment and headless; the planner gets it as well."""
     task = "PlaceGolfBallIntoBox"
     lane = HeadlessEnv(task, assets="builtin", physics="original")
     lane.reset(0)
@@ -114,7 +114,7 @@ def test_fingers_are_soft_where_there_is_something_to_pick_up() -> None:
     assert lane_on("box_rotate").scene_state().finger_stiffness == 1000.0
 
 
-# -------------------------------------------------------------------- objects
+# --- objects
 
 
 @pytest.mark.parametrize(
@@ -178,13 +178,13 @@ def _left_alone(lane: HeadlessEnv, openness: float, seconds: float = 5.0) -> flo
     [("oven", 1.0), ("kitchen_pot", 0.0), ("box_rotate", 0.5)],
 )
 def test_what_is_left_half_open_falls_under_the_original_and_stays_under_ours(asset_class: str, end: float) -> None:
-    """An oven's door and a pot's lid fall, a box's lid stays: as in SAPIEN 2.2.2 (benchmarks/left_alone.py)."""
+    """An oven door and a pot lid fall, a box lid stays: as in SAPIEN 2.2.2 (benchmarks/left_alone.py)."""
     assert _left_alone(lane_on(asset_class, "original"), 0.5) == pytest.approx(end, abs=0.02)
     assert _left_alone(lane_on(asset_class, "default"), 0.5) == pytest.approx(0.5, abs=0.01)
 
 
 def test_a_toaster_s_lever_stays_up_and_yields_to_a_push() -> None:
-    """At the original's coefficient of 1e8."""
+    """With the original's coefficient of 1e8."""
     lane = lane_on("toaster_press")
     assert _left_alone(lane, 0.3, 1.0) == pytest.approx(0.3, abs=0.01)
     lane.reset(0, {"openness": 0.3}, robot=False)
@@ -202,7 +202,7 @@ def test_a_toaster_s_lever_stays_up_and_yields_to_a_push() -> None:
     assert lane.measure().openness["object"] > 0.6
 
 
-# -------------------------------------------------------------- default poses
+# --- default poses
 
 
 def test_every_row_is_a_pose_and_none_stands_twice() -> None:
@@ -222,7 +222,7 @@ def test_every_row_is_a_pose_and_none_stands_twice() -> None:
 
 
 class _Renamed:
-    """The built-in box 0, said to be a released model."""
+    """The built-in box 0 with the name of a released model."""
 
     def __init__(self, instance: ArticulatedObject) -> None:
         self._instance = instance
@@ -267,7 +267,7 @@ def test_a_released_model_stands_at_the_original_s_pose_and_others_at_ours() -> 
 
 
 def test_a_pose_that_has_what_moves_in_the_table_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
-    """1 cm in the table, SAPIEN 3 holds a toaster against any push; SAPIEN 2 lets it slide."""
+    """If it is 1 cm in the table, SAPIEN 3 keeps a toaster in place, while SAPIEN 2 lets it slide."""
     generated = lane_on("toaster_move").initial_state.objects["object"].model
     assert isinstance(generated, ArticulatedObject)
     place = generated.placement
@@ -287,7 +287,7 @@ def test_a_pose_that_has_what_moves_in_the_table_is_raised(monkeypatch: pytest.M
     assert openness_in(lane) > 0.8
 
 
-# -------------------------------------------------- environment and lane alike
+# --- environment and headless
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.05])

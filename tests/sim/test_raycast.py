@@ -1,4 +1,4 @@
-"""Rays against what is known exactly: shapes whose depth is a formula, links whose poses the simulator gives."""
+"""Ray casting compared with exact results: shapes with a formula for the depth, and link poses of the simulator."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HOLD = np.array([0, -0.32, 0, -2.618, 0, 2.23, 0.785, 1], dtype=np.float32)
 FAR_AWAY = np.array([[1.0, 0, 0, 50.0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 PACKAGED = ("panda", "fetch")
-#: Boxes and cylinders, hinges that nothing drives.
+#: Boxes and cylinders, with passive hinges.
 OWN = tuple(load_robot(Path(__file__).parents[2] / "examples" / "robots" / f"{name}.py") for name in ("ur5", "xarm7"))
 
 
@@ -50,7 +50,7 @@ def at(x: float, y: float, z: float, yaw: float = 0.0) -> np.ndarray:
 
 
 def states(lane: HeadlessEnv) -> dict[str, Any]:
-    """The present state, as recordings have it."""
+    """Return the present state as recordings contain it."""
     return {kind: {name: row[None] for name, row in rows.items()} for kind, rows in lane.state().items()}
 
 
@@ -103,7 +103,7 @@ def _box(eye: np.ndarray, rays: np.ndarray, pose: np.ndarray, half: np.ndarray) 
 
 
 def test_what_was_cast_before_changes_nothing() -> None:
-    """What stands still is kept between pictures; moved after all, it is cast again."""
+    """Images of static objects are cached; if such an object moves, it is cast again."""
     solids = [CastSolid(1, ball(0.3), still=True), CastSolid(2, ball(0.2), still=False)]
     kept = Caster(solids, [camera()])
     for poses in (np.stack([at(0, 0, 0.3), at(0.1, -0.4, 0.3)]), np.stack([at(0.2, 0, 0.3), FAR_AWAY])):

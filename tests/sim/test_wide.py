@@ -1,4 +1,4 @@
-"""Scenes drawn from wider ranges: what is drawn reaches physics, the record and a replay."""
+"""Scenes drawn from wider ranges: the values reach physics, the record and a replay."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ PANDA = robot("panda")
 
 
 def _weights(part: Part) -> np.ndarray:
-    """(N, 4) mass and inertia of each body."""
+    """Return mass and inertia (N, 4) of each body."""
     bodies = part.articulation.links if isinstance(part, ArticulatedPart) else [part.body]
     return np.array([[body.mass, *body.inertia] for body in bodies], dtype=np.float64)
 
 
 def _frictions(part: Part) -> np.ndarray:
-    """(N, 3) static and dynamic friction and restitution of each shape."""
+    """Return static and dynamic friction and restitution (N, 3) of each shape."""
     bodies = part.articulation.links if isinstance(part, ArticulatedPart) else [part.body]
     materials = [shape.physical_material for body in bodies for shape in body.collision_shapes]
     return np.array([[each.static_friction, each.dynamic_friction, each.restitution] for each in materials])

@@ -1,4 +1,4 @@
-"""A hand-made articulated object: a hollow crate with a lid or a sliding lid, easy to reason about."""
+"""A hand-made articulated object: a hollow crate with a hinged or sliding lid, for simple calculations."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def make_crate(
 ) -> ArticulatedObject:
     """Write the URDF and meshes below ``folder`` and return the instance.
 
-    The lid's hinge runs along y at the back edge, 0.102 m above the table; opening lifts the lid's front
-    edge. The prismatic crate's lid slides up instead.
+    The lid's hinge is along y at the back edge, 0.102 m above the table; opening lifts the lid's front edge. The
+    prismatic crate's lid slides up instead.
     """
     folder.mkdir(parents=True, exist_ok=True)
     hulls: dict[str, list[np.ndarray]] = {"body": [], "lid": []}

@@ -1,4 +1,4 @@
-"""Absurd task files are refused in one line that names the field, or are tasks like others; none costs much."""
+"""Absurd task files are valid tasks, or refused in one line that names the field; none takes long."""
 
 from __future__ import annotations
 

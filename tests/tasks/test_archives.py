@@ -1,4 +1,4 @@
-"""Archives of tasks that are damaged, encrypted or written in unknown ways: one line."""
+"""Archives of tasks that are damaged, encrypted or in unknown formats: an error of one line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gensim2.tasks.library import load_task, packaged_names, task_folder, task_n
 
 @pytest.fixture
 def archive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A task of the package under another name, as the user's own library."""
+    """A task of the package with another name, as in the user's own library."""
     path = tmp_path / "tasks.zip"
     text = (task_folder(packaged_names()[0]) / "task.yaml").read_text()
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
@@ -28,7 +28,7 @@ def archive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def patched(path: Path, local: int, central: int, value: int) -> None:
-    """Change two bytes at these places of both headers of the first file."""
+    """Change two bytes at these positions of both headers of the first file."""
     data = bytearray(path.read_bytes())
     begin = data.index(b"PK\x01\x02")
     for place in (local, begin + central):
@@ -84,7 +84,7 @@ def test_a_method_that_unpacks_more_than_is_asked_for_is_refused(archive: Path, 
 
 
 def test_members_are_counted_before_the_directory_is_read(archive: Path) -> None:
-    """The directory of 256 MiB would take 5.8 million objects of Python."""
+    """A directory of 256 MiB would make 5.8 million Python objects."""
     with zipfile.ZipFile(archive, "w") as file:
         file.writestr("a", b"")
     data = archive.read_bytes()

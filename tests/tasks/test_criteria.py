@@ -1,4 +1,4 @@
-"""Criteria beyond the paper's, on measurements made by hand."""
+"""Success criteria beyond the paper's, on hand-made measurements."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ CRITERIA = (
 def measured(
     at: tuple[float, float, float] = (0.0, 0.0, 0.02), openness: float = 0.5, tool: float = 0.0
 ) -> Measurement:
-    """A ball that stood at the origin, 2 cm high, and a plate at (0.3, 0, 0.01)."""
+    """Return a ball that stood at the origin, 2 cm high, and a plate at (0.3, 0, 0.01)."""
     poses = {"ball": np.array([*at, 1.0, 0, 0, 0]), "plate": np.array([0.3, 0.0, 0.01, 1.0, 0, 0, 0])}
     return Measurement(
         openness={"door": openness},

@@ -1,4 +1,4 @@
-"""The shelf of what the offline designer made: verified, new, various, and told as a person would."""
+"""The tasks of the offline designer: verified, new, varied, and described as a person would."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_none_is_another_one_or_of_the_suite_in_other_words() -> None:
     suite = [load_task(name) for name in task_names("paper")]
     for task in TASKS:
         classes = normal_form(task).classes
-        # Halfway open from shut and halfway shut from open are two things to a person, and one to the goal alone.
+        # Half open from closed and half closed from open are the same goal, but different to a person.
         others = [
             other
             for other in (*suite, *TASKS)

@@ -1,4 +1,4 @@
-"""The task library and the errors that a task file can cause."""
+"""The task library, and the errors of task files."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ goal:
     articulated: crate
     rigid: ball
 """
-#: As every file was before tasks had several objects.
+#: The format from before tasks had several objects.
 FORMER = """
 name: OpenCrate
 description: open the crate
@@ -299,7 +299,7 @@ def test_scenes_of_the_papers_tasks_have_the_originals_ranges(name: str) -> None
             assert (ranges.x, ranges.y, ranges.yaw) == ((-0.1, 0.1), (-0.1, 0.1), third)
             assert (place.on, place.at, place.yaw) == ("table", at, turned)
             continue
-        # Suitcases are turned about an axis of their own that looks down in the original's default poses.
+        # Suitcases turn about an axis that points down in the original's default poses.
         turn = -third if thing.asset_class.startswith("suitcase") else third
         starts_closed = name in ("RelocateSuitcase", "PushToasterForward", "MoveBagForward")
         mean, spread = (0.0, 0.0) if starts_closed else (0.5 if long else None, 0.15)

@@ -1,4 +1,4 @@
-"""Each stored task is done by its strategies: in physics, on generated objects, and not in the no-op baseline."""
+"""Each library task succeeds with its strategies in physics on generated objects, and fails in the no-op baseline."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from gensim2.tasks.library import load_strategies, load_task, task_names
 
 pytest.importorskip("mani_skill")
 
-#: Of each task; no search and no table uses them.
+#: Seeds of each task, which no search and no table uses.
 SEEDS = tuple(range(910_000, 910_005))
 NEEDED = 4
 
 
 @pytest.fixture(scope="module")
 def evaluator() -> Iterator[EpisodeRunner]:
-    """On generated objects; two workers, which change nothing."""
+    """An evaluator of generated objects with two workers."""
     with EpisodeRunner(SceneOptions("builtin"), Execution(2)) as evaluator:
         yield evaluator
 

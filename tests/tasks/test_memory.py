@@ -1,4 +1,4 @@
-"""The user's library: what gets in, what does not, and that it is whole whoever writes and whoever is killed."""
+"""The user's task library: which tasks are accepted, and that it stays complete under concurrency and kills."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ LONG = "PlaceGolfBallIntoDrawer"
 
 
 def verified(held: int = 18, episodes: int = 20) -> Verified:
-    """A verification; only its counts matter here."""
+    """Return a verification, of which only the counts matter."""
     share = held / episodes
     interval = (max(0.0, share - 0.2), min(1.0, share + 0.2))
     return Verified(episodes=episodes, held=held, interval=interval, seed=7, instances="new", objects={"drawer": 20})
 
 
 def novel(name: str = "PutScissorsIntoDrawer", thing: str = "scissors", **changes: Any) -> TaskSpec:
-    """A task that the package has not, with the strategies of one that it has."""
+    """Return a task that is not in the package, with strategies of one that is."""
     fields = load_task(LONG).model_dump(mode="json") | {"name": name}
     fields["description"] = f"open the drawer, put the {thing.replace('_', ' ')} into it and push it closed"
     fields["objects"]["ball"]["class"] = thing

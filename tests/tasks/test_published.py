@@ -1,4 +1,4 @@
-"""Published figures are of the published task, not of any that has its name."""
+"""Published figures apply to the published task, and not to others of its name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``gensim2 experiment`` at toy size: every arm is learned and measured, and a second run does nothing again."""
+"""``gensim2 experiment`` at toy size: every arm is trained and measured, and a second run repeats nothing."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_a_first_training_of_every_arm_goes_before_second_ones_and_figures_stand
     assert order == [("split", 0), ("counted", 0), ("more", 0)]
     assert figures == [(5, 1), (4, 2), (3, 3)]
     assert "3 trainings are still to come" in (tmp_path / "report.html").read_text()
-    # Gone on with and stopped before it is where it was, it keeps all of that.
+    # If it is continued and stopped before it reaches its former state, it keeps all results.
     order.pop()
     order.pop()
     with pytest.raises(KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""Figures of experiments against published ones, their configurations, and the page that is made of the JSON alone."""
+"""Figures of experiments compared with published ones, their configurations, and the page made from the JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``experiment --resume`` of a folder whose records are damaged: one line, or the experiment as it was asked for."""
+"""``experiment --resume`` with damaged records: an error of one line, or the experiment as configured."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ COUNT = 40
 
 
 class Reached(Exception):
-    """The first training would begin."""
+    """Raised where the first training would start."""
 
 
 @pytest.mark.parametrize("name", ["experiment.json", "result.json"])

@@ -1,4 +1,4 @@
-"""Planned scenes that no planner has made, for tests: a bar of points, and a hand that acts at its right end."""
+"""Made-up planned scenes: a bar of points, and a hand that acts at its right end."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SPEC = ObservationSpec.of({"points": 96, "candidates": 256, "robot": "none"})
 
 
 def made_up(count: int = 16, seed: int = 0) -> Planned:
-    """``count`` examples with something to do and as many without: there the bar stands upright."""
+    """Return ``count`` examples that need an action and as many that do not, in which the bar stands upright."""
     draw = np.random.default_rng(seed)
     profile = robot("panda")
     record = PlannedRecord(
@@ -60,7 +60,7 @@ def made_up(count: int = 16, seed: int = 0) -> Planned:
 
 
 def written(planned: Planned, folder: Path) -> Path:
-    """A folder that holds them."""
+    """Return a folder that contains them."""
     folder.mkdir(parents=True)
     write_json(folder / RECORD, planned.record.model_dump(mode="json"))
     about = '{"scenes": %d, "failed": {}, "cpu_s": 1.0}' % planned.scenes  # noqa: UP031

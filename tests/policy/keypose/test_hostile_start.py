@@ -1,4 +1,4 @@
-"""A folder that learning goes on from may be a stranger's: its links, names and plans are refused in one line."""
+"""The folder of an earlier training may be untrusted: bad links, names and plans in it are refused in one line."""
 
 from __future__ import annotations
 

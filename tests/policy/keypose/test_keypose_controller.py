@@ -1,4 +1,4 @@
-"""Programs executed: true ones do the task, the controller sees no more than a camera, and misfits are one line."""
+"""Execution of programs: correct ones do the task, the controller uses camera data only, and bad ones give an error."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ NOTHING = Seen(np.zeros((0, 3)), np.zeros((0, 3)), HOME, holds=False)
 
 
 class Oracle:
-    """Executes the program of the planner's own plan: a network that makes no mistake."""
+    """Executes the program of the planner's own plan, like a network without errors."""
 
     privileged, observation_spec = True, PROPRIOCEPTIVE
 
@@ -189,23 +189,23 @@ def test_the_controller_is_not_privileged_and_misfits_are_one_line(
     other[0] += 0.1
     with pytest.raises(CheckpointError, match="the tool of this one stands"):
         controller.reset(replace(seen, arrays={**seen.arrays, TOOL_POSE: other}), 0)
-    # Of two steps the first is expected first, whatever a look makes of it within reason; "done" is not yet.
+    # Of two steps the first is expected first if its probability is plausible; "done" is not expected yet.
     controller._ways = [Way(language="push the bar", step=step, name="one") for step in (0, 1)]
     controller.reset(seen, 0)
     program = answers(controller._policy, seen, controller._row)[0].program
     first, second, done = (Answer(way, chance, program) for way, chance in ((0, 0.18), (1, 0.82), (2, 0.95)))
     assert controller._weight(first) > max(controller._weight(second), controller._weight(done))
     assert controller._weight(replace(first, chance=0.1)) < controller._weight(second)
-    # Every way has its turn before one is taken a third time.
+    # Every strategy gets its turn before one is tried for the third time.
     controller._tried.update({1: 2})
     assert controller._turn(first) > controller._turn(second)
     controller._tried.update({0: 2})
     assert controller._turn(first) < controller._turn(replace(second, chance=6.0))
-    # "Done" is believed where it is sure, and surer than the first look, at which nothing was done, was of it.
+    # "Done" is accepted only if it is likely, and more likely than at the first prediction, when nothing had been done.
     for at_first, now, believed in ((0.05, 0.82, True), (0.05, 0.78, False), (0.6, 0.89, False), (0.6, 0.95, True)):
         controller._done_at_first = at_first
         assert controller._is_done(now) is believed
-    # What the sentence asks for is what most of the probability of the first look says.
+    # The first prediction's most likely class tells the task of the instruction.
     words = [("open", 0), ("open", 1), ("close", 0)]
     controller._ways = [Way(language=language, step=step, name="one") for language, step in words]
     looked = [Answer(way, chance, program) for way, chance in ((2, 0.35), (0, 0.3), (1, 0.2), (3, 0.15))]

@@ -1,4 +1,4 @@
-"""Planned scenes as data: the same whoever makes them, whole or not at all, and what they say of a plan."""
+"""Planned scenes as data: the same for any number of workers, complete or absent, and correct about their plans."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def test_a_scene_is_left_out_where_physics_refutes_its_plans(given: TaskInput) -
     verified = draw(given.scene, given.strategies, SPEC, seed, verify=True)
     assert verified.failed is None
     assert len(verified.examples) == 2
-    # Each motion after the contact goes a tenth of its way: it is planned, and leaves the lid open.
+    # Each motion after contact is cut to a tenth, so it can be planned but leaves the lid open.
     short = copy.deepcopy(given.strategies)
     for strategy in short.values():
         for motion in strategy["post_actuation_motions"]:

@@ -1,4 +1,4 @@
-"""The keypose head on made-up scenes: it learns them, does not average ways, and a yaw changes nothing."""
+"""The keypose head on made-up scenes: it learns them, does not average over strategies, and is invariant to yaw."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def seen(row: int, yaw: float = 0.0) -> Observation:
-    """What is seen of an example, robot and scene turned about the base."""
+    """Return the observation of an example, with robot and scene turned about the base."""
     arrays, profile = made_up().arrays, robot("panda")
     xyz = arrays["points"][row].astype(np.float32) * np.float32(1e-4)
     q = arrays["joints"][row].astype(np.float64)
@@ -155,7 +155,7 @@ def test_the_sentence_alone_has_a_say_in_what_is_meant() -> None:
         first = network(batch, torch.zeros(1, 0))[0, 0]
     assert first[1] == 1
     assert first[0] > 0.9
-    # A policy that was made before has no such term, nor does one of a single task.
+    # Older policies and those of a single task have no such term.
     assert fresh_network(PolicyConfig.of({**config.to_dict(), "hears": False}), 7, (24, 12), 0).head.hears is None
     assert fresh_network(SMALL, 7, (0,), 0).head.hears is None
 
@@ -185,7 +185,7 @@ def test_an_export_says_the_order_of_the_points_and_what_its_classes_mean(traine
     policy = PolicyCheckpoint.load(trained)
     assert about["points_order"] == order_of_points(96).tolist() != list(range(96))
     assert [each and each["name"] for each in about["classes"]] == ["one", "other", None]
-    # In this order the graph gives the answers of the controller.
+    # In this order the exported graph gives the controller's results.
     shown = seen(0)
     tensors = {name: torch.from_numpy(np.asarray(shown[name], dtype=np.float32))[None, None] for name in SEEN}
     tensors[OBSERVED] = tensors[OBSERVED][:, :, about["points_order"]]

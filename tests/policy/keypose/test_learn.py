@@ -1,4 +1,4 @@
-"""``gensim2 learn`` at toy size: a checkpoint, its controls, one page, and a second run that does nothing again."""
+"""``gensim2 learn`` at toy size: a checkpoint, its controls, a page, and a second run that repeats nothing."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     for sentence, said in (("Close the box.", "did you mean close the box"), ("close the box", "hears no sentence")):
         assert run([*told_otherwise, json.dumps({"says": {sentence: "close the box"}})]) == 2
         assert said in capfd.readouterr().err
-    # A policy that another command has trained is not written over.
+    # A policy of another command is not overwritten.
     (out / "learn.json").unlink()
     assert run(words) == 2
     assert "holds a policy of another training" in capfd.readouterr().err
@@ -109,14 +109,14 @@ def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
     assert sorted(path.name for path in out.glob("weights-*")) == weights
     assert json.loads((out / "learn.json").read_text())["episodes"] == {".": 1}
     assert json.loads(told.read_text())["tasks"][0]["held_mean"] == row["held_mean"]
-    # Another head learns from the same.
+    # Another head learns from the same data.
     words[words.index("chunk")], words[words.index(str(out))] = "flow", str(tmp_path / "flow")
     assert run([*words, "--demonstrations", str(out)]) == 0
     (other,) = json.loads(told.read_text())["tasks"]
     assert [other[name] for name in ("policy", "demonstrations")] == ["flow", 1]
     assert other["data_cpu_s"] >= row["data_cpu_s"]
     assert PolicyCheckpoint.load(tmp_path / "flow").data.digest == policy.data.digest
-    # So does one that is shown keypoints in place of what cameras see.
+    # So does a policy of keypoints instead of images.
     words[words.index("flow")], words[words.index(str(tmp_path / "flow"))] = "chunk", str(tmp_path / "state")
     settings = tmp_path / "state.yaml"
     settings.write_text("encoder: state\nkeyframes: 0\n")
@@ -233,7 +233,7 @@ def test_generated_objects_teach_beside_those_of_a_folder(
     assert policy.data.tasks == ("CloseBox", "CloseDishwasher")
     assert len(read_ways(both, policy)) + 1 == policy.config.ways
     assert run([*words, "--out", str(both), "--resume"]) == 0
-    # Others go on from all of it, or from its plans.
+    # Others continue from all of it, or from its plans.
     more = ["learn", "PressToasterLever", "--from", str(both), *rest, "--out", str(tmp_path / "more")]
     assert run([*more, "--instances", "all"]) == 0
     again = tmp_path / "again"
@@ -241,7 +241,7 @@ def test_generated_objects_teach_beside_those_of_a_folder(
     for folder in (tmp_path / "more", again):
         copied = folder / "data" / f"CloseBox{BESIDE}" / "shard_00000.npz"
         assert copied.read_bytes() == (both / "data" / f"CloseBox{BESIDE}" / "shard_00000.npz").read_bytes()
-    # A task that generated objects do not do for is taught by its own alone.
+    # A task for which generated objects do not suffice is trained on its own objects only.
     capfd.readouterr()
     words[2] = "HandCanOfTunaAcross"
     assert run([*words, "--out", str(tmp_path / "half")]) == 0

@@ -20,7 +20,7 @@ AROUND = Surroundings(PROFILE)
 
 
 def _turned(angle: float) -> np.ndarray:
-    """Home, turned about the base's z axis."""
+    """Return the rest pose turned about the base's z axis."""
     q = HOME.copy()
     q[0] = angle
     return q
