@@ -50,7 +50,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     A clone does not contain the real objects, because they may not be redistributed.
     """
     ranks = {name: rank for rank, name in enumerate(suite.LONGEST)}
-    items.sort(key=lambda item: ranks.get(suite.place(item.path), len(ranks)))  # stable: a file stays in its order
+    items.sort(key=lambda item: ranks.get(suite.place(item.path), len(ranks)))  # stable: keeps the order within a file
     for item in items:
         if suite.place(item.path) in suite.FAST:
             item.add_marker(pytest.mark.fast)

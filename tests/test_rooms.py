@@ -147,7 +147,7 @@ def test_rooms_of_objects_depend_in_one_direction() -> None:
     top = PYTHON / "gensim2" / "objects"
     for path in sources("gensim2.objects"):
         if path == top / "__init__.py":
-            continue  # the front door: offers libraries by name, and imports them when asked for
+            continue  # the top-level package, which imports lazily
         room = room_within_objects(".".join(path.relative_to(top).with_suffix("").parts))
         for name in imports(path.read_text()):
             if lies_in(name, "gensim2.objects"):
@@ -332,12 +332,12 @@ def test_whether_a_run_is_the_same_is_decided_in_one_place() -> None:
     names = {path.relative_to(PYTHON).as_posix(): path.read_text() for path in every}
     assert {name for name, text in names.items() if "import FileLock" in text} == {
         "gensim2/core/resumable.py",
-        "gensim2/objects/library/cache.py",  # which waits for its turn
+        "gensim2/objects/library/cache.py",  # waits for its turn
         "gensim2/tasks/memory.py",
     }
     assert {name for name, text in names.items() if '"was begun with' in text} <= {
         "gensim2/core/resumable.py",
-        "gensim2/data/record.py",  # a collection may grow, which is a comparison of its own
+        "gensim2/data/record.py",  # a collection may grow, so it compares differently
         "gensim2/design/llm/store.py",
     }
     for name in (

@@ -67,7 +67,7 @@ def test_ci_fails_a_skip_that_is_not_listed(tmp_path: Path, workers: tuple[str, 
 def test_ci_fails_a_module_that_skips_itself(tmp_path: Path) -> None:
     file = tmp_path / "test_one.py"
     file.write_text("import pytest\npytest.importorskip('no_such_package')\n")
-    assert _run(file).returncode == 5  # no test was run
+    assert _run(file).returncode == 5  # no test ran
     found = _run(file, ci="true")
     assert found.returncode == 2
     assert "ERROR test_one.py - skipped in CI: could not import 'no_such_package'" in found.stdout

@@ -36,4 +36,4 @@ def test_an_arm_and_its_tasks_have_a_row_each(module: ModuleType) -> None:
     assert "somebody" not in str(arms)
     table = module.table(arms)
     assert "| generated-2 | 1.000 (0.722 to 1.000) of 10 | 0.850 (0.640 to 0.948) of 20 |" in table
-    assert "| 3 | 0123abcd | 2 | 1 | 70 | 2 | +10.0" in table  # of the task that was measured on both
+    assert "| 3 | 0123abcd | 2 | 1 | 70 | 2 | +10.0" in table  # the task that was measured on both

@@ -118,7 +118,7 @@ def test_a_link_stays_and_its_target_is_replaced(tmp_path: Path) -> None:
     target.parent.mkdir()
     link.symlink_to("sub/target.json")
     chain.symlink_to(link)
-    for _ in range(2):  # dangling first
+    for _ in range(2):  # the first time the link is dangling
         assert cli.run([*LIST, str(chain)]) == 0
         assert link.is_symlink()
         assert chain.is_symlink()

@@ -48,7 +48,7 @@ def test_what_comes_inside_a_package_that_catches_everything_is_raised_behind_it
         command()
     assert found == ["done"]
     assert [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)] == before
-    time.sleep(0.1)  # no clock is left that would ring now
+    time.sleep(0.1)  # no timer may be left that would fire now
 
 
 @pytest.mark.fast

@@ -58,7 +58,7 @@ def test_it_tells_objects_steps_strategies_goal_and_figures(measured: None, caps
         for name in step.strategies:
             made = task.provenance.strategies[name]
             assert re.search(rf"\b{name}: .*\(by {made.by}, seen: {made.seen}\)", text)
-    assert "0.56 ± 0.09" in text  # the paper's
+    assert "0.56 ± 0.09" in text  # the paper's figure
     for condition in ("default physics, real objects", "the original's physics, real objects"):
         assert re.search(rf"{condition} +250 +0\.96 +0\.92 \(0\.88 to 0\.95\) +0\.80", text)
 

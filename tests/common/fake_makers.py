@@ -158,7 +158,7 @@ def franka(body: FakeBody) -> dict[str, types.ModuleType]:
                 body.halt()
 
         def poll_motion(self) -> bool:
-            if body.falls:  # the real one raises once what ended a motion; False: it goes on
+            if body.falls:  # the real one raises a motion's error once
                 body.falls, body.stopped = False, True
                 raise module.ControlException("motion aborted by reflex!")
             return False
@@ -195,7 +195,7 @@ def panda(body: FakeBody) -> dict[str, types.ModuleType]:
         def __init__(self, stiffness: np.ndarray, damping: np.ndarray) -> None: ...
 
         def set_control(self, position: np.ndarray, velocity: np.ndarray) -> None:
-            if self.runs:  # the real one forgets what it was told before it began
+            if self.runs:  # the real one ignores targets before the start
                 self.rejected |= not body.take(position)
 
     class Panda:
@@ -213,19 +213,19 @@ def panda(body: FakeBody) -> dict[str, types.ModuleType]:
 
         def get_state(self) -> Any:
             runs = self.controller is not None and self.controller.runs
-            mode = 2 if runs else 4 if body.stopped else 1  # a controller that has failed runs until it is stopped
+            mode = 2 if runs else 4 if body.stopped else 1  # a failed controller counts as running until stopped
             force = [0.0, 0.0, body.force, 0.0, 0.0, 0.0]
             return types.SimpleNamespace(q=body.q.tolist(), dq=[0.0] * 7, O_F_ext_hat_K=force, robot_mode=mode)
 
         def start_controller(self, controller: Any) -> None:
-            body.stopped = False  # it recovers from whatever there was
+            body.stopped = False  # recovers from any error
             self.controller, controller.runs = controller, True
 
         def stop_controller(self) -> None:
             body.halt()
             self.controller.runs = False
 
-        def raise_error(self) -> None:  # once what ended a motion, which nothing else tells of
+        def raise_error(self) -> None:  # raises a motion's error, once
             if body.falls:
                 body.falls, body.stopped = False, True
                 raise RuntimeError("libfranka: Move command aborted: motion aborted by reflex!")

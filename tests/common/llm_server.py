@@ -237,4 +237,4 @@ def _send(handler: BaseHTTPRequestHandler, status: int, body: bytes, headers: Se
         handler.end_headers()
         handler.wfile.write(body)
     except (BrokenPipeError, ConnectionResetError):
-        handler.close_connection = True  # whoever asked has left
+        handler.close_connection = True  # the client has left

@@ -153,7 +153,7 @@ Report = TypeVar("Report", pytest.TestReport, pytest.CollectReport)
 
 
 def fail_unlisted_skip(report: Report) -> Report:
-    """Return the report of a test or module, changed to a failure if continuous integration does not accept its skip."""
+    """Return the report of a test or module, as a failure if continuous integration does not accept its skip."""
     if os.environ.get("CI") != "true" or not report.skipped or hasattr(report, "wasxfail"):
         return report
     name = report.nodeid.removeprefix("tests/")

@@ -41,7 +41,7 @@ def made_up_world(monkeypatch: pytest.MonkeyPatch) -> None:
 def _small_disk(size: int = 4096) -> Iterator[None]:
     before, keeps_none = resource.getrlimit(resource.RLIMIT_FSIZE), sys.dont_write_bytecode
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    sys.dont_write_bytecode = True  # Python does not notice that it was cut short
+    sys.dont_write_bytecode = True  # Python does not notice truncated byte code
     try:
         yield
     finally:

@@ -130,7 +130,7 @@ def test_what_a_step_acts_on_may_be_touched_and_what_none_acts_on_counts_where_i
     gantry: RobotProfile,
 ) -> None:
     q = [[x, 0.0, 0.36, OPEN, OPEN] for x in (0.1, 0.2, 0.3)]
-    post = [_at(0.4, 0.0, 0.36), _at(0.4, 0.0, 0.36), _at(0.35, 0.0, 0.36)]  # it comes nearer as the robot does
+    post = [_at(0.4, 0.0, 0.36), _at(0.4, 0.0, 0.36), _at(0.35, 0.0, 0.36)]  # the post approaches like the robot
     found = _measured(gantry, _task(), q, post=post, block=_at(0.2, 0.0, 0.36))  # world = base - 0.1 in x
     assert (found.distance, found.to) == (pytest.approx(0.35 - 0.2 - 0.03 - 0.02, abs=1e-6), "post")
     assert _measured(gantry, _task(), q, post=FAR, block=_at(0.2, 0.0, 0.36)).distance == FARTHEST
@@ -159,7 +159,7 @@ def test_a_drawer_that_comes_out_towards_the_hand_is_nearer_by_its_travel(gantry
     joint = (drawer := open_library("builtin").load("drawer", "0")).joint
     assert joint is not None
     head = joint.T_root_child @ np.append(drawer.keypoints["articulated_object_head"].position, 1.0)
-    turn = -np.arctan2(joint.axis[1], joint.axis[0])  # it comes out along x, towards the hand
+    turn = -np.arctan2(joint.axis[1], joint.axis[0])  # the drawer opens along x, towards the hand
     pose = np.array([-0.4, 0.0, 0.3, np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)])
     q = [[0.0, 0.0, 0.3 + head[2], OPEN, OPEN]] * 2
     shut, out = (

@@ -382,7 +382,7 @@ def test_what_a_killed_export_left_is_removed_by_the_next(dataset: DataSet, tmp_
     (left / "data").mkdir(parents=True)
     other = tmp_path / ".other.0123456789abcdef.tmp"
     other.mkdir()
-    with new_folder(tmp_path / "out") as filled:  # another export at work at the same time
+    with new_folder(tmp_path / "out") as filled:  # another export is running
         export(dataset.path, tmp_path / "out", "zarr")
         assert filled.is_dir()
         assert not left.exists()
@@ -454,7 +454,7 @@ def test_an_import_outlives_the_server_that_forks_its_reader(dataset: DataSet, t
     import_(out, tmp_path / "one", "zarr")
     server = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
     os.kill(server, signal.SIGSTOP)
-    threading.Timer(0.5, os.kill, (server, signal.SIGKILL)).start()  # once it has been asked to fork
+    threading.Timer(0.5, os.kill, (server, signal.SIGKILL)).start()  # after the request to fork
     assert import_(out, tmp_path / "two", "zarr") == import_(out, tmp_path / "three", "zarr")
 
 

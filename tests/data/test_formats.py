@@ -105,7 +105,7 @@ def test_observations_go_along_and_must_be_there_for_all(dataset: DataSet, tmp_p
     assert np.array_equal(stored, columns["observation.points"])
     assert stored.shape[1:] == (16, 6)
     assert np.allclose(stored[..., 3:], 0.2)
-    assert np.allclose(stored[..., :3], clouds[rows[0].index][:-1], atol=1e-3)  # kept in steps
+    assert np.allclose(stored[..., :3], clouds[rows[0].index][:-1], atol=1e-3)  # stored with rounding
     with pytest.raises(InputError, match="some episodes have observations"):
         export(dataset.path, tmp_path / "both", "zarr")
 

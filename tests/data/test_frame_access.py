@@ -104,7 +104,7 @@ def test_a_loader_of_pytorch_reads_them_with_workers(dataset: DataSet) -> None:
     torch = pytest.importorskip("torch")
     render(dataset.path, spec=SPEC, workers=0)
     frames = dataset.frames(horizon=4)
-    expected = [frames[index] for index in range(len(frames))]  # files are open here before a loader forks
+    expected = [frames[index] for index in range(len(frames))]  # opens the files before the loader forks
     assert isinstance(frames.torch(), torch.utils.data.Dataset)
     assert pickle.loads(pickle.dumps(frames))[1]["action"].shape == (4, 8)
     loader = torch.utils.data.DataLoader(frames.torch(), batch_size=5, num_workers=2)

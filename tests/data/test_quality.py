@@ -37,7 +37,7 @@ def test_jerk_of_a_motion_that_is_known(gather: Gather) -> None:
     profile = robot("panda")
     time = np.arange(400) / robot("panda").control_hz
     states = np.zeros((400, FIRST_JOINT + 18))
-    states[:, FIRST_JOINT : FIRST_JOINT + 7] = np.sin(time)[:, None]  # its third derivative is -cos
+    states[:, FIRST_JOINT : FIRST_JOINT + 7] = np.sin(time)[:, None]  # the third derivative is -cos
     moved = replace(recording, env_states={"articulations": {profile.agent: states}})
     assert jerk(moved, profile) == pytest.approx(np.sqrt(np.mean(np.cos(time) ** 2)), rel=0.01)
 
@@ -104,7 +104,7 @@ def test_demonstrations_are_shown_as_they_were_observed_where_nothing_can_be_dra
     monkeypatch.setattr(rendering, "can_render", lambda: False)
     report(dataset.path)
     shot = imageio.imread(dataset.path / "quality" / f"CloseBox-{held[0].index:06d}.png")
-    assert shot.shape == (2 * camera.height, camera.width, 3)  # the first moment above the last
+    assert shot.shape == (2 * camera.height, camera.width, 3)  # first and last image, stacked
     place = int(line / depth), int(column / depth)
     assert shot[place].tolist() == shot[place[0] + camera.height, place[1]].tolist() == [10, 20, 200]
     assert (shot[: camera.height] == [10, 20, 200]).all(axis=-1).sum() == 25

@@ -1,4 +1,4 @@
-"""Sampling of strategies that learns from diagnoses: failing choices are drawn later, and working ones found earlier."""
+"""Sampling of strategies that learns from diagnoses: failing choices are drawn later, and working ones earlier."""
 
 from __future__ import annotations
 

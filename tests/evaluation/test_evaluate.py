@@ -41,7 +41,7 @@ def test_a_controller_of_ones_own_is_measured_and_its_errors_are_one_line(
     dots = (np.abs(picture[:, SIZE:].astype(int) - PAPER).max(axis=-1) > 60).sum()  # 64 points, some behind others
     assert 64 < dots < 64 * (2 * DOT + 1) ** 2
     assert run([*common, *words, "--resume"]) == 0
-    words[-1] = "2"  # one more is filmed than when they were run
+    words[-1] = "2"  # one more video than in the first run
     assert run([*common, *words, "--resume"]) == 0
     assert json.loads(told.read_text())["tasks"][0]["records"] == task["records"]
     assert len(json.loads(told.read_text())["videos"]["CloseBox"]) == 2

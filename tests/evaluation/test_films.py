@@ -27,7 +27,7 @@ class MadeUpView:
 
 
 def test_points_are_drawn_where_the_camera_sees_them_and_near_ones_hide_far_ones() -> None:
-    points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 5.0]])  # the last lies behind the camera
+    points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 5.0]])  # the last one is behind the camera
     colours = np.array([[0, 0, 0], [255, 0, 0], [0, 255, 0]], np.uint8)
     picture = dotted(points, colours, CAMERA)
     assert picture[16, 16].tolist() == [254, 96, 96]
@@ -37,7 +37,7 @@ def test_points_are_drawn_where_the_camera_sees_them_and_near_ones_hide_far_ones
 
 
 def test_a_surface_is_darker_the_more_it_turns_away_and_nothing_is_sky() -> None:
-    flat = np.full((32, 32), 2.0, np.float32)  # a floor, at right angles to the way the camera looks
+    flat = np.full((32, 32), 2.0, np.float32)  # a plane perpendicular to the view
     floor = shaded(MadeUpView(flat))  # type: ignore[arg-type]
     expected = 200 * (AMBIENT + (1 - AMBIENT) * 0.8 / np.linalg.norm((0.3, -0.5, 0.8)))
     assert np.abs(floor[5:20, 5:20].astype(float) - expected).max() < 3

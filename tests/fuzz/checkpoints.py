@@ -111,7 +111,7 @@ def read(folder: str, _: Progress) -> None:
     """
     os.chdir(folder)
     sys.path.insert(0, folder)
-    signal.alarm(PATIENCE)  # what waits for a writer uses no CPU
+    signal.alarm(PATIENCE)  # a reader that waits for a writer uses no CPU
     from safetensors.torch import load
 
     from gensim2.policy.checkpoint import PolicyCheckpoint
@@ -123,7 +123,7 @@ def read(folder: str, _: Progress) -> None:
     sentence_row(found, found.sentences[0], Path(folder), embed=False)
     told = json.loads((Path(folder) / CONFIG).read_bytes())
     if isinstance(told["observation"].get("cameras"), list):
-        told["observation"]["cameras"] = list(found.observation.cameras)  # their order means nothing
+        told["observation"]["cameras"] = list(found.observation.cameras)  # their order does not matter
     parts = {
         "policy": found.config.to_dict(),
         "training": found.training.to_dict(),

@@ -43,7 +43,7 @@ from gensim2.data.formats.native import read_back
 from gensim2.data.observation_file import write_observation
 
 SLOWEST = 5.0  # s of CPU
-HANGS = 900.0  # s by the clock: other work may hold the machine up; what waits for ever waits longer
+HANGS = 900.0  # s in total, long because the machine may be busy
 MEMORY = 2**30
 
 PIXELS, POINTS = 8, 16
@@ -106,8 +106,8 @@ def damage(folder: Path, kind: Format, generator: np.random.Generator) -> str:
     told = [f"manifest {manifest}"]
     for _ in range(int(generator.integers(1, 4))):
         files = sorted(path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
-        files = [path for path in files if Path(os.path.realpath(path)).is_relative_to(folder)]  # nothing else is hurt
-        files = [path for path in files if path.stat().st_size < LARGE]  # made larger before: it stays so
+        files = [path for path in files if Path(os.path.realpath(path)).is_relative_to(folder)]  # the export only
+        files = [path for path in files if path.stat().st_size < LARGE]  # already enlarged files stay
         if not files:
             break
         ways: tuple[Callable[[Path, list[Path], np.random.Generator], str], ...]
@@ -123,7 +123,7 @@ def damage(folder: Path, kind: Format, generator: np.random.Generator) -> str:
     if manifest == "made anew":
         try:
             write_manifest(folder, kind, int(generator.integers(1, 8)) if generator.random() < 0.1 else _count(folder))
-        except (InputError, OSError):  # of a link or a pipe there is none to be made
+        except (InputError, OSError):  # impossible for links and pipes
             told.append("none could be made")
     return "; ".join(told)
 
@@ -155,7 +155,7 @@ def _reseal(path: Path, body: bytes) -> None:
     """Write an episode file and its row with a matching seal, as an attacker would."""
     digest = Seal("gensim2-episode", 1, "", "", InputError).write(path, body)
     rows = path.parents[1] / "episodes.jsonl"
-    if rows.is_file() and not rows.is_symlink() and rows.stat().st_size < LARGE:  # a link's end is not ours
+    if rows.is_file() and not rows.is_symlink() and rows.stat().st_size < LARGE:  # do not follow links
         try:
             lines = [json.loads(line) for line in rows.read_bytes().splitlines()]
         except ValueError:  # damaged before
@@ -180,7 +180,7 @@ def _structure(path: Path, files: list[Path], generator: np.random.Generator) ->
         if path.suffix == ".parquet":
             return _table(path, generator)
     except (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError, pyarrow.ArrowException):
-        return _bits(path, files, generator)  # damaged already: nothing could be changed in its own terms
+        return _bits(path, files, generator)  # too damaged to change its values
     return _bits(path, files, generator)
 
 
@@ -261,7 +261,7 @@ def _replaced(root: Path, path: Path, files: list[Path], generator: np.random.Ge
     other = _pick(files, generator)
 
     def bound() -> None:
-        before = Path.cwd()  # names of sockets are short
+        before = Path.cwd()  # socket paths have a length limit
         os.chdir(path.parent)
         try:
             with socket.socket(socket.AF_UNIX) as server:
@@ -286,7 +286,7 @@ def _replaced(root: Path, path: Path, files: list[Path], generator: np.random.Ge
         "a name with a line break": lambda: (whole / "a\nb\x1b[31m").write_bytes(mine),
     }
     if whole == root:
-        ways.pop("a link up for its folder")  # the export itself: what it leads to is not ours to damage
+        ways.pop("a link up for its folder")  # not for the export folder itself
     content, mine = other.read_bytes(), path.read_bytes()
     told = _pick(list(ways), generator)
     path.unlink()
@@ -338,7 +338,7 @@ def measured(path: Path, out: Path, kind: Format, spent: Path, progress: Any) ->
     import resource
 
     begun = time.process_time()
-    Path("/proc/self/clear_refs").write_text("5")  # the highest memory begins here
+    Path("/proc/self/clear_refs").write_text("5")  # resets the highest memory
     try:
         return read_export(path, out, kind, progress)
     finally:
@@ -427,7 +427,7 @@ def prepare(folder: Path) -> dict[Format, Path]:
         back = folder / f"{kind}.back"
         back.mkdir()
         (folder / f"{kind}.count").write_text(str(read_export(path, back, kind, NULL_PROGRESS)))
-        isolated(nothing, (), path, Bounds.of(0), NULL_PROGRESS, MODULES)  # starts the server that forks
+        isolated(nothing, (), path, Bounds.of(0), NULL_PROGRESS, MODULES)  # starts the fork server
         assert (path / MANIFEST).is_file()
         assert kind == "maniskill" or (path / NATIVE).is_dir()
     return good

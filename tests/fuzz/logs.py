@@ -52,7 +52,7 @@ from gensim2_robot.trial.record import Trial, TrialFolder, TrialSettings, read_p
 
 MEMORY = 2**30
 SLOWEST = 5  # s of CPU
-HANGS = 300.0  # s by the clock
+HANGS = 300.0  # s in total
 
 FILE = "log_000000.mcap"
 CANARIES = ("notes.py", "panda.py", "mcap.py", "sitecustomize.py")
@@ -454,6 +454,6 @@ def prepare(folder: Path) -> dict[str, list[Round]]:
 
 
 if __name__ == "__main__":
-    import logs  # by its name, as the server that forks imports it
+    import logs  # by its name, as in the fork server
 
     sys.exit(main(str(__doc__), {"inputs": 5000, "files": 2000}, logs.prepare))

@@ -168,7 +168,7 @@ def hostile(good: Mapping[str, Any], generator: np.random.Generator) -> bytes | 
             value[list(value)[int(generator.integers(len(value)))]] = _named(generator)
     try:
         packed: bytes = msgpack.packb(value)
-    except (ValueError, TypeError, OverflowError):  # a number or a text that no message holds
+    except (ValueError, TypeError, OverflowError):  # values that messages cannot contain
         return damaged(data, "binary", generator)
     return packed
 
@@ -242,7 +242,7 @@ def try_first(message: bytes | str | list[bytes]) -> str:
     for line in said:
         check_line(line)
     _until(lambda: not accepted or said[-1].endswith("gone"))
-    controller = RemoteController(found.url, deadline=DEADLINE)  # it serves on
+    controller = RemoteController(found.url, deadline=DEADLINE)  # the server still works
     np.testing.assert_array_equal(controller.act(SEEN), ACTION)
     controller.close()
     found.close()
@@ -283,7 +283,7 @@ def try_request(message: bytes | str | list[bytes], kind: str) -> str:
     _until(lambda: said[-1:] == ["127.0.0.1 gone"])
     for line in said:
         check_line(line)
-    controller = RemoteController(found.url, deadline=DEADLINE)  # it serves on
+    controller = RemoteController(found.url, deadline=DEADLINE)  # the server still works
     np.testing.assert_array_equal(controller.act(SEEN), ACTION)
     controller.close()
     found.close()
@@ -405,7 +405,7 @@ def run(what: str, numbers: range, seed: int, scratch: Path, say: Say) -> Tally:
     """Try messages of a kind; report and count failures."""
     os.environ[TOKEN] = SECRET
     server.GREETING, server.CLOSING = DEADLINE, 0.02
-    PolicyServer(ControllerSpec(f"{__file__}:Still"), "panda", SECRET, port=0).close()  # what is loaded once
+    PolicyServer(ControllerSpec(f"{__file__}:Still"), "panda", SECRET, port=0).close()  # loads modules before forking
     folder = scratch / what
     folder.mkdir(parents=True)
     (folder / "canary.py").write_text(CANARY)

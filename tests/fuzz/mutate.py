@@ -307,7 +307,7 @@ def _value_of(kind: Kind) -> Callable[[bytes, np.random.Generator], bytes]:
             value = damaged_value(value, generator)
             return _json(value) if kind == "json" else _yaml(value)
         except (ValueError, TypeError, LookupError, AttributeError, RecursionError, yaml.YAMLError):
-            return _text(data, generator)  # damaged already, and no value any more
+            return _text(data, generator)  # already damaged, not parsable
 
     return change
 
@@ -317,7 +317,7 @@ def _one_line(data: bytes, generator: np.random.Generator) -> bytes:
     index = int(generator.integers(len(lines)))
     try:
         lines[index] = _json(damaged_value(json.loads(lines[index]), generator))
-    except (ValueError, RecursionError):  # damaged already, or the empty end
+    except (ValueError, RecursionError):  # already damaged, or the empty last line
         return _text(data, generator)
     return b"\n".join(lines)
 

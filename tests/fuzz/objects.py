@@ -33,7 +33,7 @@ from gensim2.objects.meshwork.decompose import make_hull
 GENERATED = (("drawer", "1"), ("box_rotate", "2"), ("bottle_cap", "0"), ("bucket_swing", "1"))
 REAL = (("switch", 1), ("kitchen_pot", 1), ("stapler_press", 1), ("laptop_rotate", 0))
 SLOWEST = 5.0  # s of CPU, convex decomposition apart
-HANGS = 600.0  # s by the clock: other work may hold the machine up
+HANGS = 600.0  # s in total, long because the machine may be busy
 NUMBERS = b"nan inf -inf 0 -1 1e30 -1e30 1e-30 1e308 1e999 0.5 3 99999999999999999999 -99 1/2 x 0x10 1_0".split()
 
 

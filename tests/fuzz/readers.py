@@ -79,7 +79,7 @@ def good_folder(folder: Path, problems: str) -> None:
         folder: folder to fill.
         problems: planning problems, one per line.
     """
-    for number, name in enumerate(task_names("paper")):  # each of the library's, for the sake of its fields
+    for number, name in enumerate(task_names("paper")):  # all of the library, to cover all fields
         files = TaskFolder(folder / f"task{number}")
         files.write_task(load_task(name))
         files.write_strategies(load_strategies(name))

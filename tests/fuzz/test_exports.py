@@ -17,7 +17,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> dict[exports.Format, Path]
     exports.MODULES = ("exports", *exports.PRELOAD)
     with pytest.MonkeyPatch.context() as patch:
         for name in ("PRELOAD", "prepare", "screen_scene", "episode", "trial", "demonstrate", "record"):
-            patch.setattr(worker, name, getattr(worker, name))  # the made-up world goes when the exports are there
+            patch.setattr(worker, name, getattr(worker, name))  # remove the fake world after the exports
         return exports.prepare(Path(tmp_path_factory.mktemp("good")).resolve())
 
 

@@ -61,7 +61,7 @@ def killed_and_resumed(words: list[str], policy: str, folder: Path) -> None:
     process = start(words, parts, log)
     state = parts / policy / "training" / "state.json"
     reached(state, 6, process, log)
-    os.killpg(process.pid, signal.SIGSTOP)  # so that it is not over before the other one has begun
+    os.killpg(process.pid, signal.SIGSTOP)  # so that it does not end before the other one starts
     second = start([*words, "--resume"], parts, folder / "second")
     assert second.wait(timeout=300) == 2
     (said,) = (line for line in (folder / "second").read_text().splitlines() if line.startswith("gensim2:"))

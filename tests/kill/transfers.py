@@ -146,7 +146,7 @@ def prepared(folder: Path, world: str, episodes: int) -> Bench:
     for to in FORMATS:
         export = bench.add(Operation(f"export {to}", ("data", "export", str(source), "--to", to)))
         bench.add(Operation(f"import {to}", ("data", "import", str(export), "--from", to)))
-    bench.operations = list(operations(folder, world))  # kills of collections are those of kill_runs.py
+    bench.operations = list(operations(folder, world))  # kill_runs.py kills collections
     return bench
 
 

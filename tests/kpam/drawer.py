@@ -75,7 +75,7 @@ def scene(panda: kpam.Robot) -> kpam.Scene:
 
 
 def config(tool: str, target: str, pre: list[Any], post: list[Any]) -> kpam.SolverConfig:
-    """Return a config that puts a tool point on a target, with the hand pointing down and its fingers closing along y."""
+    """Return a config that puts a tool point on a target, with the hand down and the fingers closing along y."""
     constraints: list[dict[str, Any]] = [point_to_point(tool, target, 0.001)]
     axes = {"tail": [0, 0, 1], "side": [0, 1, 0]}
     constraints += [parallel("head", name, axis, 0.02) for name, axis in axes.items()]

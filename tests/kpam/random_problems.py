@@ -263,7 +263,7 @@ def solid(draw: np.random.Generator, least: float, limit: float) -> Solid:
 
 
 def ranges(mechanism: Mechanism) -> tuple[Array, Array]:
-    """Return ranges (n,) of the independent joints in which their mimics keep their limits; half a turn if continuous."""
+    """Return ranges (n,) of independent joints in which their mimics keep their limits; half a turn if continuous."""
     lower, upper = np.maximum(mechanism.lower, -3.0), np.minimum(mechanism.upper, 3.0)
     for follower, coupling in mechanism.couplings.items():
         if not np.isfinite(mechanism.lower[follower]):

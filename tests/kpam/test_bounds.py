@@ -256,7 +256,7 @@ def test_ctrl_c_ends_making_ready_what_has_millions_of_triangles(panda: kpam.Rob
     for call in calls:
         threads = len(list(Path("/proc/self/task").iterdir()))
         assert interrupted(call) < 1.0
-        while len(list(Path("/proc/self/task").iterdir())) > threads:  # what others measure is their own
+        while len(list(Path("/proc/self/task").iterdir())) > threads:  # wait for the end of the thread
             time.sleep(0.05)
 
 

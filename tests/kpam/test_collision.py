@@ -95,7 +95,7 @@ def test_points_beyond_a_kilometre_are_refused(distance: float) -> None:
 
 
 def test_a_distant_cloud_is_met_outside_the_limits_of_a_sliding_joint(tmp_path: Path) -> None:
-    """A check accepts joint values beyond the limits, so reach must be computed from the pose and not from the limits."""
+    """A check accepts joint values beyond the limits, so reach must be computed from the pose."""
     urdf = tmp_path / "gantry.urdf"
     urdf.write_text(
         '<robot name="gantry"><link name="base"/><link name="car"><collision><geometry><sphere radius="0.1"/>'

@@ -1,4 +1,4 @@
-"""An arm of four joints: pose goals give as much freedom as four joint vectors, and starts may exceed the joint limits."""
+"""An arm of four joints: pose goals allow as much as four joint vectors, and starts may exceed the joint limits."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_a_rigid_transform_is_a_pose_and_no_four_joint_vectors(scara: kpam.Robot
 
 
 def test_joint_vectors_of_a_pose_are_within_the_limits_wherever_it_is_begun(scara: kpam.Robot) -> None:
-    beyond = [3.2, 0.2, 0.0, 0.3]  # simulators let joints rest a little beyond their ends
+    beyond = [3.2, 0.2, 0.0, 0.3]  # in simulators, joints may exceed their limits a little
     scene = kpam.Scene(scara)
     for q in (beyond, [2.9004, -0.5, 0.3, 0.1]):
         for found in scene.ik(scara.forward_kinematics(q), q):
@@ -74,7 +74,7 @@ def test_proving_a_path_ends_with_the_deadline(scara: kpam.Robot) -> None:
         deadline_ms=50.0,
     )
     assert motion.status == "late"
-    assert motion.cpu_ms < 2000.0  # without an end it is some ten seconds
+    assert motion.cpu_ms < 2000.0  # about ten seconds without the limit
 
 
 def test_numbers_of_numpy_are_options_and_seeds(panda: kpam.Robot) -> None:

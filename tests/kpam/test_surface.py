@@ -1,4 +1,4 @@
-"""The solver's Python interface: stubs agree with the module, typed options with the solver, and values are printable."""
+"""The solver's Python interface: stubs agree with the module, options with the solver, and values are printable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""URDFs, SRDFs and meshes of users are read correctly, or refused with the link or joint, the attribute and a remedy."""
+"""Users' URDFs, SRDFs and meshes are read correctly, or refused with link or joint, attribute and remedy."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ def test_nothing_can_be_held_inside_the_arm(panda: kpam.Robot, link: str) -> Non
     assert any(set(near["bodies"]) == {link, "held"} for near in scene.check(Q_START))
     plan = kpam.plan(problem(panda, bodies=scene.bodies))
     assert plan.start_overlap > 0.005
-    if link == "panda_link7":  # moves as the hand does: what is inside stays inside
+    if link == "panda_link7":  # moves with the hand, so the point stays inside
         assert plan.status != "solved"
 
 

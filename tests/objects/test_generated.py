@@ -88,7 +88,7 @@ def test_any_number_gives_a_valid_object(name: str, number: int) -> None:
         assert np.isfinite(hull).all()
         volume, _, _ = hull_moments(hull)
         assert volume > 1e-9
-        assert np.ptp(hull, axis=0).max() < 0.8  # as high as the walls about doors and tall refrigerators
+        assert np.ptp(hull, axis=0).max() < 0.8  # the highest are walls around doors and refrigerators
     assert model.upper > model.lower
     assert np.linalg.norm(model.axis) == pytest.approx(1)
     assert "articulated_object_head" in model.keypoints
@@ -116,7 +116,7 @@ def test_cavity_is_open(library: Library, name: str, number: str) -> None:
     T = instance.link_pose(HOLLOW[name])
     inside = next(k for n, k in instance.keypoints.items() if "inside" in n)
     center = inside.position if "base" in inside.link else transform(T, inside.position[None])[0]
-    if name == "box_rotate":  # its keypoint hovers over the rim
+    if name == "box_rotate":  # its keypoint is above the rim
         center = instance.hulls["base"][0].mean(axis=0) + np.array([0, 0, 0.03])
     probe = center + 0.01 * np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)])
     blocks = [ConvexBlock.of(h) for h in instance.hulls["base"]]
@@ -147,7 +147,7 @@ def test_nothing_meets_what_moves_past_it(make: Callable[[np.random.Generator], 
                         points = transform(turn_about(made.joint_origin, made.joint_axis, q), points)
                     deepest = max(deepest, float(depth_inside(points, standing).max()))
     assert deepest < 1e-4
-    assert lowest == pytest.approx(0.0, abs=1e-6)  # it stands on its foot
+    assert lowest == pytest.approx(0.0, abs=1e-6)  # stands on the ground
     assert covered == 0.0
 
 

@@ -284,7 +284,7 @@ def test_terms_are_the_makers(partnet: Path, tmp_path: Path, capfd: pytest.Captu
         info = json.loads(file.read_text())
         del info["license"]
         file.write_text(json.dumps(info))
-        assert license_of(ObjectFolder(file.parent)) == LICENSE  # a released class, and PartNet's meta.json
+        assert license_of(ObjectFolder(file.parent)) == LICENSE  # a released class with PartNet's meta.json
         (file.parent / "meta.json").unlink()
         assert license_of(ObjectFolder(file.parent)) == "unstated"
     words = ["assets", "import", str(partnet), "--class", "drawer", "--name", "c", "--out", str(tmp_path / "lib")]

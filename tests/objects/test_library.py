@@ -63,7 +63,7 @@ def test_split_is_a_partition_and_small_classes_have_no_test(library: Library) -
     assert library.split("drawer", "test") == test
 
 
-@pytest.mark.parametrize("asset_class", ["drawer", "faucet"])  # 20 and 13 of them
+@pytest.mark.parametrize("asset_class", ["drawer", "faucet"])  # 20 and 13 instances
 def test_each_of_the_tenths_leaves_out_others_until_all_were(library: Library, asset_class: str) -> None:
     ids = library.instances(asset_class)
     found = [library.split(asset_class, "test", tenth) for tenth in range(10)]

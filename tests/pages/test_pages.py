@@ -26,7 +26,7 @@ GOOD = """<!doctype html><html lang="en"><head><title>Page</title></head><body><
 
 @pytest.mark.parametrize("kind", PAGES)
 def test_a_page_has_no_faults_in_a_narrow_and_a_wide_window(kind: str, request: pytest.FixtureRequest) -> None:
-    page = request.getfixturevalue(kind)  # before the browser: without one a page that cannot be made still fails
+    page = request.getfixturevalue(kind)  # first, so that errors show without a browser
     browser = request.getfixturevalue("browser")
     wrong = {width: faults(browser, page, width) for width in WIDTHS}
     assert not any(wrong.values()), wrong

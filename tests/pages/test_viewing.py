@@ -60,9 +60,9 @@ def test_the_cloud_is_there_and_the_console_has_no_error(address: str, browser: 
     page.get_by_text("time [s]").first.wait_for(timeout=60_000)
     boxes = page.get_by_role("checkbox")
     everything = _picture(page)
-    boxes.nth(0).evaluate("box => box.click()")  # the scene's meshes go
+    boxes.nth(0).evaluate("box => box.click()")  # hides the scene's meshes
     cloud = _picture(page)
-    boxes.nth(1).evaluate("box => box.click()")  # and the cloud
+    boxes.nth(1).evaluate("box => box.click()")  # hides the cloud
     nothing = _picture(page)
     page.close()
     assert said == []

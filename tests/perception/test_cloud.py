@@ -30,7 +30,7 @@ def test_a_camera_projects_where_its_rays_look() -> None:
     assert seen.rays.shape == (48, 64, 3)
     points = seen.position + 0.7 * seen.rays.reshape(-1, 3)
     pixels = np.column_stack([points, np.ones(len(points))]) @ seen.projection.T
-    assert np.allclose(pixels[:, 2], 0.7, atol=1e-6)  # depth is along the way that the camera looks, not along the ray
+    assert np.allclose(pixels[:, 2], 0.7, atol=1e-6)  # depth is along the optical axis
     columns, rows = (pixels[:, :2] / pixels[:, 2:]).T
     assert np.allclose(columns.reshape(48, 64), np.arange(64) + 0.5, atol=1e-3)
     assert np.allclose(rows.reshape(48, 64).T, np.arange(48) + 0.5, atol=1e-3)

@@ -49,8 +49,8 @@ def test_points_stand_where_the_simulator_has_them(task: str) -> None:
         expected += [placed(T_base_world, np.asarray(points[name])) for name in sorted(points)]
     count = len(expected)
     assert 16 < count < SPEC.cloud.points
-    assert np.abs(cloud.xyz[:count] - np.array(expected)).max() < 2e-4  # coordinates are whole tenths of a millimetre
-    assert (cloud.xyz[count:] == cloud.xyz[: len(cloud.xyz) - count]).all()  # from the beginning again
+    assert np.abs(cloud.xyz[:count] - np.array(expected)).max() < 2e-4  # coordinates are rounded to 0.1 mm
+    assert (cloud.xyz[count:] == cloud.xyz[: len(cloud.xyz) - count]).all()  # repeated from the start
     with pytest.raises(InputError, match=rf"points: is 8, .* are {count} .*at least {count}"):
         env.observe(ObservationSpec.of({"points": 8, "candidates": 64, "source": "keypoints"}))
 
@@ -69,7 +69,7 @@ def test_no_camera_gives_them() -> None:
 def test_what_sees_them_is_not_what_sees_clouds_of_pictures() -> None:
     pictures = ObservationSpec.of({"points": 64, "candidates": 4096})
     assert ObservationSpec.of(SPEC.to_dict()) == SPEC
-    assert "source" not in pictures.to_dict()["cloud"]  # files from before there was another stay what they are
+    assert "source" not in pictures.to_dict()["cloud"]  # as in older files
     assert CloudSettings.of(pictures.cloud.to_dict()) == pictures.cloud
     for one, other in ((SPEC, pictures), (pictures, SPEC)):
         with pytest.raises(InputError, match=r"observation\.cloud\.source: "):

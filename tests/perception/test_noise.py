@@ -111,7 +111,7 @@ def test_dark_grazing_and_specular_surfaces_are_lost() -> None:
     dark = replace(PLAIN, dark=0.1, dark_lost=0.5).on(WALL, np.random.default_rng(0), colors, FOCAL)
     assert (dark[:100] == 0).mean() == pytest.approx(0.5, abs=0.03)
     assert (dark[100:] > 0).all()
-    slope = (0.5 + 0.015 * np.arange(200)[None] * np.ones((200, 1))).astype(np.float32)  # turned by 75 degrees and more
+    slope = (0.5 + 0.015 * np.arange(200)[None] * np.ones((200, 1))).astype(np.float32)  # at least 75 degrees
     grazed = replace(PLAIN, grazing=0.8, grazing_lost=0.5).on(slope, np.random.default_rng(0), None, FOCAL)
     assert (grazed[2:-2, 2:100] == 0).mean() == pytest.approx(0.5, abs=0.03)
     facing = replace(PLAIN, specular=0.05, specular_lost=0.5)
@@ -160,7 +160,7 @@ def test_an_observer_believes_its_cameras_and_its_clock_where_they_err() -> None
         seen[name] = [Observer(profile, {}, spec, seed).observe(states, 0) for seed in (1, 1, 2)]
     late = seen["off"][0].joint_positions - seen["true"][0].joint_positions
     assert np.abs(late[:7]).max() > 1e-4
-    np.testing.assert_allclose(late[:7], late[0], rtol=1e-3)  # all by the same time
+    np.testing.assert_allclose(late[:7], late[0], rtol=1e-3)  # with the same delay
     clouds = [each.cloud.xyz for each in seen["off"]]
     np.testing.assert_array_equal(clouds[0], clouds[1])
     assert not np.array_equal(clouds[0], clouds[2])

@@ -56,12 +56,12 @@ def height(scene: Scene) -> float:
         ((slab(0.0, 0.02),), 0.15, 0.02),
         ((slab(0.0, 0.02), slab(0.10, 0.105)), 0.15, 0.105),  # a shelf
         ((slab(0.0, 0.02), slab(0.10, 0.105), slab(0.12, 0.14)), 0.11, 0.02),  # no room on the shelf
-        ((slab(0.0, 0.02), slab(0.10, 0.105)), 0.102, 0.105),  # annotated a little within the shelf
-        ((slab(0.0, 0.02), slab(0.30, 0.32)), 0.15, 0.02),  # the ceiling is none
-        ((slab(0.30, 0.32),), 0.15, 0.0),  # nothing but the table
+        ((slab(0.0, 0.02), slab(0.10, 0.105)), 0.102, 0.105),  # keypoint slightly inside the shelf
+        ((slab(0.0, 0.02), slab(0.30, 0.32)), 0.15, 0.02),  # the ceiling is no floor
+        ((slab(0.30, 0.32),), 0.15, 0.0),  # only the table
         ((slab(0.0, 0.02), slab(0.10, 0.105, begin=-0.05)), 0.15, 0.105),  # a shelf of some depth
         ((slab(0.0, 0.02), half(slab(0.10, 0.105, begin=-0.01))), 0.15, 0.02),  # its corner
-        ((slab(0.0, 0.02), half(slab(0.10, 0.105, begin=-0.01)), wall(0.10, 0.2)), 0.15, 0.105),  # on one side a wall
+        ((slab(0.0, 0.02), half(slab(0.10, 0.105, begin=-0.01)), wall(0.10, 0.2)), 0.15, 0.105),  # a wall on one side
     ],
 )
 def test_the_floor_is_the_highest_surface_below_with_room_above(

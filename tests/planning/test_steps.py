@@ -139,7 +139,7 @@ def test_a_patient_planner_tries_every_grasp_and_another_gives_up_after_some() -
             "target_inner_product": 1.0,
             "tolerance": 0.1,
         }
-        for up in (1.0, -1.0)  # which no pose of the spoon does
+        for up in (1.0, -1.0)  # impossible for the spoon
     ]
     way = parse_strategy({"constraint_list": constraints, "gripper": "hold"})
     grasp = Step(name="grasp", object="spoon", strategies=("grasp",))
@@ -166,8 +166,8 @@ def test_what_lies_under_something_is_drawn_out_before_it_is_lifted() -> None:
     assert (free.status, barred.status) == ("solved", "solved"), barred.reason
     ends = [foreseen_position(each, "gold") for each in (free, barred)]
     rise, drawn = ends[0][2] - ends[1][2], ends[0][:2] - ends[1][:2]
-    assert abs(rise) < 0.02  # as high
-    assert np.linalg.norm(drawn) > 0.05  # elsewhere
+    assert abs(rise) < 0.02  # at the same height
+    assert np.linalg.norm(drawn) > 0.05  # at another place
 
 
 def with_fixture(scene: Scene, body: SceneBody) -> Scene:

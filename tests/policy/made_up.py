@@ -103,7 +103,7 @@ class MadeUpSource:
         }
         if count := self._config.keyframes:
             found[KEY_POSITIONS] = rng.normal(0, 0.1, (size, count, 3))
-            found[KEY_POSITIONS][0] = np.nan  # nothing is known of them
+            found[KEY_POSITIONS][0] = np.nan  # unknown
             found[KEY_ROTATIONS] = np.tile(np.eye(3), (size, count, 1, 1))
         tensors = {name: torch.from_numpy(values.astype(np.float32)) for name, values in found.items()}
         return {**tensors, SENTENCE: torch.from_numpy(sentence)}

@@ -176,7 +176,7 @@ def test_relabels_and_shards_of_other_types_or_shapes_are_refused(tmp_path: Path
     for name, values in good.items():
         for bad in (values.astype(np.int32), values.astype(np.float64), values[..., None], values[:2]):
             Relabels("do it", {**good, name: bad}).save(path)
-            if not (name == "point_cloud" and len(bad) == 2):  # the first array says how many rows there are
+            if not (name == "point_cloud" and len(bad) == 2):  # the first array defines the number of rows
                 with pytest.raises(InputError, match=f"is damaged: {name}"):
                     Relabels.load(path)
         Relabels("do it", {each: good[each] for each in good if each != name}).save(path)

@@ -79,7 +79,7 @@ def test_tasks_are_added_to_it(
     packaged, grown = PolicyCheckpoint.load("builtin"), PolicyCheckpoint.load(tmp_path / "more")
     assert grown.data.tasks == (*packaged.data.tasks, "CloseDishwasher")
     assert read_ways(tmp_path / "more", grown)[:-1] == read_ways(checkpoint_folder("builtin"), packaged)
-    assert told["tasks"][0]["data_cpu_s"] > 0  # what was planned again is counted
+    assert told["tasks"][0]["data_cpu_s"] > 0  # new plans are counted
     # Other policies continue from this one without planning anything twice.
     planned = read_planned(tmp_path / "more" / "data" / "OpenDrawer")
     assert (planned.scenes, planned.record.scene["instances"]) == (2, "200 generated, seed 0")

@@ -83,7 +83,7 @@ def test_batches_are_the_frames_and_the_chunks_behind_them(folder: Path) -> None
     widths = np.array([frames[row]["gripper"][0] for row in range(first.steps + 1)])
     taught = np.flatnonzero(taught_frames(np.concatenate([targets, targets[-1:]]), widths, 20.0))
     end = int(taught[-1])
-    assert len(taught) <= end < first.steps  # it waits at either end
+    assert len(taught) <= end < first.steps  # waiting frames at both ends
     rows = np.array([0, 3, end - 2, end])
     batch = found.batch(rows)
     for number, row in enumerate(rows[:-1].tolist()):
@@ -104,8 +104,8 @@ def test_batches_are_the_frames_and_the_chunks_behind_them(folder: Path) -> None
     assert len(torch.unique(drawn[:, :7], dim=0)) > 50
     at_start = (drawn[:, :7] - torch.from_numpy(np.array(frames[0][STATE]))[:7]).abs().amax(1) < 1e-4
     closed = drawn[:, 7:].amax(1) < 1e-3
-    assert (at_start & closed).float().mean() < 0.06  # of some 7 frames that wait, 2 are taught
-    assert (at_start & ~closed).float().mean() > 0.01  # the fingers close before the arm sets off
+    assert (at_start & closed).float().mean() < 0.06  # 2 of about 7 waiting frames are used
+    assert (at_start & ~closed).float().mean() > 0.01  # the fingers close before the arm moves
 
 
 def test_an_episode_of_two_data_sets_counts_once(folder: Path, tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def test_chunks_are_executed_until_the_end_is_marked(folder: Path, checkpoint: P
     observation = env.observe(controller.observation_spec)
     looks = []
 
-    def network(batch: Any, noise: Any) -> torch.Tensor:  # a made-up network: ends at the third action
+    def network(batch: Any, noise: Any) -> torch.Tensor:  # a fake network that ends at the third action
         looks.append(batch)
         chunk = torch.full((1, 4, 9), 0.01)
         chunk[..., 8] = -1.0
@@ -203,7 +203,7 @@ def test_a_policy_looks_only_where_it_plans_and_acts_as_if_it_always_did(folder:
         env, _ = _live(folder)
         controller, looks = PolicyController(str(checkpoint)), 0
 
-        def network(batch: Any, noise: Any) -> torch.Tensor:  # a made-up network, which never ends
+        def network(batch: Any, noise: Any) -> torch.Tensor:  # a fake network that never ends
             seen = batch["cloud"].mean() + batch["proprio"].mean()
             return torch.cat([0.02 * torch.sin(seen * torch.arange(1, 9)), -torch.ones(1)]).expand(1, 4, 9)
 
@@ -241,7 +241,7 @@ def test_a_hand_that_stands_still_goes_back_the_way_it_came(folder: Path, checkp
     controller.reset(observation, 0)
     here, at = observation[STATE][0], 0
 
-    def network(batch: Any, noise: Any) -> torch.Tensor:  # a made-up network: it goes for 12 steps, and stays there
+    def network(batch: Any, noise: Any) -> torch.Tensor:  # a fake network that moves for 12 steps and stays
         chunk = torch.full((1, 4, 9), -1.0)
         chunk[..., :7] = 0.1 * torch.arange(at + 1, at + 5)[None, :, None].clamp(max=12)
         chunk[..., 7] = float(np.cos(len(went))) if beside == "fingers" else -1.0
@@ -258,14 +258,14 @@ def test_a_hand_that_stands_still_goes_back_the_way_it_came(folder: Path, checkp
         at = round(float(action[0] - here) / 0.1)
         went.append(at)
     assert went[:12] == [*range(1, 13)]
-    if beside != "nothing":  # fingers that act, and an end that is marked behind the first action, are no failure
+    if beside != "nothing":  # acting fingers, or an end after the first action, are no failure
         assert went[12:] == [12] * 148
         return
     back = went.index(11, 12)
     assert 30 <= back - 12 <= 36
     assert went[back - 1 : back + 11] == list(range(12, 0, -1))
     assert set(went[back + 11 : back + 15]) == {1}
-    assert went[-80:] == [12] * 80  # it begins again, and once only
+    assert went[-80:] == [12] * 80  # it starts again, only once
     assert went.count(6) == 3
 
 
@@ -291,7 +291,7 @@ def test_clouds_that_are_damaged_are_not_said_to_be_missing(checkpoint: Path, tm
     (tmp_path / "policy/clouds.npz").unlink()
     with pytest.raises(InputError, match="holds no clouds"):
         PolicyController(str(tmp_path / "policy"), sees="other")
-    with pytest.raises(InputError, match="holds no clouds"):  # before the policy is measured, by one task's name
+    with pytest.raises(InputError, match="holds no clouds"):  # before the evaluation
         evaluate_policy(tmp_path / "policy", "CloseBox", episodes=1, out=tmp_path / "out", assets="builtin")
     with pytest.raises(InputError, match="no control 'deaf'"):
         evaluate_policy(tmp_path / "policy", "CloseBox", controls=("deaf",))  # type: ignore[arg-type]
@@ -327,7 +327,7 @@ def test_along_a_demonstration_labels_are_what_the_demonstration_did(
         did, would = recording.actions[step + horizon - 1, :7] - joints, found[ACTION][number, -1, :7]
         assert np.abs(would - did).max() < 0.25
         assert float(did @ would) >= 0.5 * np.linalg.norm(did) * np.linalg.norm(would) - 1e-6
-        assert np.linalg.norm(would) >= 0.3 * np.linalg.norm(did) - 1e-6  # it waits for no fingers that are closed
+        assert np.linalg.norm(would) >= 0.3 * np.linalg.norm(did) - 1e-6  # no waiting for closed fingers
 
 
 def test_rounds_of_relabels_are_counted_and_resumed(
@@ -341,7 +341,7 @@ def test_rounds_of_relabels_are_counted_and_resumed(
     made = relabels.Relabels.load(tmp_path / "out" / "rounds" / "0" / "relabels" / "0-CloseBox-1.npz")
     assert (told["demonstrations"], told["noisy_episodes"], told["relabels"]) == (2, 0, len(made))
     steps = told["training"]["steps"]
-    assert told["steps"] == 2 * steps  # of both rounds
+    assert told["steps"] == 2 * steps  # both rounds
     assert run([*words, "--resume"]) == 0
     assert json.loads(capfd.readouterr().out)["data"] == told["data"]
     words[words.index("--dagger") + 1] = "2"

@@ -23,7 +23,7 @@ HZ = 20.0
 
 
 def _stops(*at: int, waits: int = 6) -> np.ndarray:
-    """Return targets (T, 2) that rise by 0.3 rad per segment, at rest at these steps, with waiting time at both ends."""
+    """Return targets (T, 2) that rise by 0.3 rad per segment, at rest at these steps and for a while at both ends."""
     parts, begin = [np.zeros(waits)], 0
     for number, stop in enumerate(at):
         share = np.arange(1, stop - begin + 1) / (stop - begin)
@@ -46,7 +46,7 @@ def test_the_next_keyframes_end_with_the_last() -> None:
     ahead = next_keyframes(np.array([4, 9]), 11, 2)
     assert ahead[0].tolist() == [4, 9]
     assert ahead[2].tolist() == [4, 9]
-    assert ahead[3].tolist() == [9, 9]  # the first is at hand
+    assert ahead[3].tolist() == [9, 9]  # the first keyframe is the next
     assert ahead[10].tolist() == [9, 9]
 
 
@@ -66,7 +66,7 @@ def test_fingers_that_close_before_the_arm_sets_off_are_taught() -> None:
     widths = np.zeros(len(actions), np.float32)
     widths[:3] = (0.08, 0.05, 0.02)
     rows = np.flatnonzero(taught_frames(actions, widths, HZ))
-    assert rows[:3].tolist() == [0, 1, 2]  # and no frame in which all wait
+    assert rows[:3].tolist() == [0, 1, 2]  # without frames in which everything waits
     assert rows[3] > 7
 
 
@@ -74,7 +74,7 @@ def test_an_arm_off_its_way_is_led_back() -> None:
     config = made_up.policy(keyframes=2)
     batch = dict(made_up.MadeUpSource(config).draw(np.random.default_rng(3), 40))
     batch[GRIPPER][:, :, 0], batch[GRIPPER][:, :, 1] = 0.08, 1.0
-    batch[GRIPPER][:10, :, 0], batch[GRIPPER][:10, :, 1] = 0.03, -1.0  # these hold something
+    batch[GRIPPER][:10, :, 0], batch[GRIPPER][:10, :, 1] = 0.03, -1.0  # these hold an object
     found = off_its_way(batch, robot("panda"), made_up.training(arm_noise=0.05), torch.Generator().manual_seed(0))
     moved = (found[STATE] - batch[STATE]).abs().amax((1, 2))
     assert (moved[:10] == 0).all()

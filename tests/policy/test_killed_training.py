@@ -156,7 +156,7 @@ def test_a_hostile_state_is_refused_in_one_line(name: str, tmp_path: Path) -> No
     train_policy(source, config, training, tmp_path)
     damage, said = HOSTILE[name]
     damage(tmp_path / "training")
-    if not said:  # what is no line of ours is of steps that are taken again
+    if not said:  # incomplete lines belong to repeated steps
         train_policy(source, config, training, tmp_path, resume=True)
         return
     with pytest.raises(InputError) as told:

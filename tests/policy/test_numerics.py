@@ -68,7 +68,7 @@ def test_interpolation_weighs_the_three_nearest() -> None:
     points, values = _cloud(), torch.randn(3, 60, 5, dtype=torch.float64)
     known = points[:, :20]
     found = interpolated(points, known, values[:, :20]).numpy()
-    assert np.allclose(found[:, :20], values[:, :20].numpy(), atol=1e-6)  # at a known point its own value
+    assert np.allclose(found[:, :20], values[:, :20].numpy(), atol=1e-6)  # exact at known points
     for cloud, own, value, result in zip(points.numpy(), known.numpy(), values[:, :20].numpy(), found, strict=True):
         distance, rows = cKDTree(own).query(cloud[30], k=3)
         weights = distance**-2.0 / (distance**-2.0).sum()

@@ -119,7 +119,7 @@ def test_what_a_controller_elsewhere_says_is_what_it_said(serving: Callable[...,
 
 def test_whoever_comes_next_is_told_all_that_is_looked_at(serving: Callable[..., PolicyServer]) -> None:
     server = serving(looks=True)
-    for _ in range(2):  # the first one leaves while the controller looks at nothing
+    for _ in range(2):  # the first one leaves while no observation is needed
         controller = RemoteController(server.url, "panda", deadline=5.0)
         assert controller.observation_spec.modalities == ("pointcloud",)
         controller.reset(observation(3), 5)
@@ -189,11 +189,11 @@ def test_what_is_too_large_is_refused_on_both_sides(serving: Callable[..., Polic
     with connect(server.url, max_size=None, compression=None) as connection:
         connection.send(encode({"kind": "hello", "protocol": 1, "token": TOKEN}))
         assert decode(connection.recv())["kind"] == "welcome"
-        with contextlib.suppress(ConnectionClosed):  # it may be closed before all is sent
+        with contextlib.suppress(ConnectionClosed):  # it may be closed before everything is sent
             connection.send(bytes(protocol.MAX_BYTES + 1))
         with pytest.raises(ConnectionClosed):
             connection.recv(timeout=10)
-    RemoteController(server.url).close()  # it serves on
+    RemoteController(server.url).close()  # the server still works
 
 
 @pytest.mark.parametrize("data", [b"", b"\x80", b"\xc1", "text", encode({"kind": "act"}), encode({"kind": "hello"})])
@@ -201,7 +201,7 @@ def test_garbage_is_refused_before_anything_is_told(serving: Callable[..., Polic
     server = serving()
     with connect(server.url) as connection:
         connection.send(data)
-        with contextlib.suppress(ConnectionClosed):  # or without a word
+        with contextlib.suppress(ConnectionClosed):  # or closed silently
             assert decode(connection.recv(timeout=5)) == {"kind": "refused", "why": "no token"}
     RemoteController(server.url).close()
 
@@ -255,7 +255,7 @@ def test_a_server_that_comes_back_with_another_token_ends_the_episode(serving: C
     controller = RemoteController(server.url, deadline=5.0)
     controller.reset(observation(0), 0)
     server.close()
-    with contextlib.suppress(RemoteError):  # what was on its way may still come
+    with contextlib.suppress(RemoteError):  # sent messages may still arrive
         controller.act(observation(0))
     with pytest.raises(RemoteError, match=r"is gone|cannot be reached"):
         controller.act(observation(0))

@@ -1,4 +1,4 @@
-"""Data-parallel training: gradients equal those of the whole batch, also after interruptions, and errors are reported."""
+"""Data-parallel training: gradients equal those of the whole batch, also after a resume; errors are reported."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_gradients_are_those_of_the_whole_batch() -> None:
             assert loss == pytest.approx(float(whole.detach()), rel=1e-5)
             for mine, its in zip(mean, [p for p in network.parameters() if p.grad is not None], strict=True):
                 assert torch.allclose(mine, its.grad, atol=1e-6)
-            with torch.no_grad():  # the next step is of other weights
+            with torch.no_grad():  # other weights for the next step
                 for parameter in network.parameters():
                     parameter.add_(0.01)
     assert others.cpu_s > 0
@@ -162,7 +162,7 @@ def test_the_time_of_a_step_counts_all_devices() -> None:
     source, training = made_up.MadeUpSource(config), made_up.training()
     one = seconds_a_step(source, config, training)
     two = seconds_a_step(source, config, training, [torch.device("cpu")] * 2)
-    assert two > one > 0  # each has costs of its own, however small its share
+    assert two > one > 0  # each replica has fixed costs
 
 
 @pytest.mark.parametrize(

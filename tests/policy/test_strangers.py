@@ -301,7 +301,7 @@ def test_a_server_that_reads_nothing_is_late(monkeypatch: pytest.MonkeyPatch) ->
     def handle(connection: Any) -> None:
         connection.recv()
         connection.send(encode(WELCOME))
-        connection.recv_flow_control.acquire()  # it reads no more from the socket
+        connection.recv_flow_control.acquire()  # stops reading from the socket
         over.wait(30.0)
         connection.recv_flow_control.release()
 

@@ -31,7 +31,7 @@ def test_the_small_encoder_ignores_what_is_not_there() -> None:
     found = encoder(rows)
     assert torch.isfinite(found).all()
     with torch.no_grad():
-        encoder.places[5:] += 1.0  # of words that neither sentence has
+        encoder.places[5:] += 1.0  # of words in neither text
     assert torch.allclose(encoder(rows), found)
 
 
@@ -45,7 +45,7 @@ def test_pretrained_encoders_embed_once_a_sentence(
     assert first.shape == (2, size)
     assert torch.allclose(first.norm(dim=-1), torch.ones(2), atol=1e-6)
     assert not torch.allclose(first[0], first[1], atol=1e-3)
-    (alone,) = pretrained_text._run(["pull it"], kind, model)  # what the longer sentence pads changes nothing
+    (alone,) = pretrained_text._run(["pull it"], kind, model)  # padding must not matter
     assert torch.allclose(alone, first[1], atol=1e-5)
     monkeypatch.setattr(pretrained_text, "_run", lambda *_: pytest.fail("was cached"))
     assert torch.equal(prepare(["pull it", "push the lever"], config), first.flip(0))
@@ -55,7 +55,7 @@ def test_missing_and_foreign_weights_are_one_line(
     sentence_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "empty").mkdir()
-    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)  # else it tries the hub for most of a minute
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)  # else it tries the hub for almost a minute
     for kind in ("clip", "sentence"):
         for model in (str(tmp_path / "empty"), "nobody/has-these-weights"):
             with pytest.raises(InputError, match="--text small") as caught:

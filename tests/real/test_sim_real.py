@@ -36,7 +36,7 @@ def test_a_real_object_stands_still_for_five_seconds_and_can_be_planned_for(
     scene = lane.scene_state()
     for role, thing in scene.objects.items():
         placed = lane.initial_state.objects[role]
-        assert placed.model.source == "real" or placed.model.asset_class == "gold_bar"  # its mesh is absent there
+        assert placed.model.source == "real" or placed.model.asset_class == "gold_bar"  # its mesh is missing there
         # Nothing is below the table's surface or in the air.
         heights = [
             np.min(hull @ body.T_base_body[2, :3]) + body.T_base_body[2, 3]

@@ -53,9 +53,9 @@ def test_what_cannot_be_told_is_said(views: list[ArmView]) -> None:
     surface = benchmark.surface()
     still = calibrate(surface, guess, [views[0]] * 4, views[4:])
     assert "does not move" in str(still.trouble)
-    lying = [ArmView(view.q + 0.15, view.depth) for view in views[3:]]  # another arm than the one that was fitted to
+    lying = [ArmView(view.q + 0.15, view.depth) for view in views[3:]]  # joints that differ from the fitted ones
     assert calibrate(surface, guess, views[:3], lying).trouble is not None
-    lost = replace(guess, T_base_camera=guess.T_base_camera @ np.diag([-1.0, 1.0, -1.0, 1.0]))  # looks the other way
+    lost = replace(guess, T_base_camera=guess.T_base_camera @ np.diag([-1.0, 1.0, -1.0, 1.0]))  # looks backwards
     assert calibrate(surface, lost, views[:4], views[4:]).trouble is not None
 
 
@@ -103,14 +103,14 @@ def test_hand_and_eye_are_told_by_noisy_corners(carried: bool) -> None:
 
 
 def test_corners_of_a_picture_lie_where_the_board_is() -> None:
-    drawn = BOARD.charuco().generateImage((700, 500))  # 100 pixels a square
+    drawn = BOARD.charuco().generateImage((700, 500))  # 100 pixels per square
     camera = Camera("a", 640, 480, np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.eye(4))
     T = np.eye(4)
     T[:3, :3] = Rotation.from_rotvec([0.3, -0.2, 0.1]).as_matrix()
     T[:3, 3] = [-0.12, -0.1, 0.5]
     corners = np.array([[0, 0, 0], [0.28, 0, 0], [0.28, 0.2, 0], [0, 0.2, 0]])
     seen = (corners @ T[:3, :3].T + T[:3, 3]) @ camera.intrinsic.T
-    there = (seen[:, :2] / seen[:, 2:]).astype(np.float32) - 0.5  # OpenCV has the first pixel's centre at 0
+    there = (seen[:, :2] / seen[:, 2:]).astype(np.float32) - 0.5  # in OpenCV the first pixel's centre is at 0
     here = np.array([[0, 0], [700, 0], [700, 500], [0, 500]], dtype=np.float32) - 0.5
     picture = cv2.warpPerspective(drawn, cv2.getPerspectiveTransform(here, there), (640, 480), borderValue=128)
     found = find_corners(np.repeat(picture[:, :, None], 3, axis=2), BOARD, np.eye(4))

@@ -63,7 +63,7 @@ def test_pictures_come_whole_and_in_order_with_time_and_device(cameras: ProcessC
 def test_what_nobody_takes_is_dropped_and_what_was_taken_stays(cameras: ProcessCameras) -> None:
     kept: list[CameraFrame] = []
     until(lambda: bool(kept.extend(cameras.poll())) or len(kept) > 1)
-    time.sleep(0.2)  # some hundred pictures are made
+    time.sleep(0.2)  # about a hundred images
     waiting: Sequence[CameraFrame] = cameras.poll()
     assert len(waiting) <= 2 * SLOTS
     later: list[CameraFrame] = []
@@ -85,11 +85,11 @@ def test_a_process_that_is_killed_is_a_device_that_is_gone(cameras: ProcessCamer
     cameras._process.kill()
     until_gone(cameras, "the process of the cameras is gone")
     with pytest.raises(FileNotFoundError):
-        SharedMemory(name)  # nothing is left behind
+        SharedMemory(name)  # the shared memory is removed
 
 
 def test_cameras_end_with_the_loop_they_were_opened_for(cameras: ProcessCameras) -> None:
-    cameras._process.pipe.close()  # as the end of a process closes it, however it ends
+    cameras._process.pipe.close()  # as when the process ends
     until(lambda: not cameras._process.is_alive)
 
 
@@ -117,4 +117,4 @@ def test_cameras_that_cannot_be_opened_say_why() -> None:
 
 def test_a_library_that_fails_as_it_opens_cameras_is_told_with_its_words() -> None:
     with pytest.raises(DeviceGoneError, match=r"cannot be opened: FileNotFoundError: .*'/no/such/device'"):
-        ProcessCameras(os.listdir, "/no/such/device")  # what a library raises is of any kind
+        ProcessCameras(os.listdir, "/no/such/device")  # libraries raise any exception

@@ -36,7 +36,7 @@ def test_wrong_words_are_one_line(capfd: pytest.CaptureFixture[str], words: list
 
 def test_a_run_by_a_simulated_clock_says_what_came_of_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out.json"
-    words = ["--minutes", "0.05", "--pixels", "64x48", "--json", str(out)]  # which is that of a simulated arm
+    words = ["--minutes", "0.05", "--pixels", "64x48", "--json", str(out)]  # option for simulated arms
     assert cli.run([*RUN, *words, "--out", str(tmp_path / "log"), "--fault", "camera-frozen@1.5"]) == 1
     found = json.loads(out.read_text())
     keys = "periods_ms overruns cloud_ms state reason detected_to_stopped_ms limits_passed success"
@@ -69,7 +69,7 @@ def test_a_dry_run_moves_nothing(tmp_path: Path) -> None:
 
 def test_the_check_names_what_it_looked_at(tmp_path: Path) -> None:
     out = tmp_path / "out.json"
-    assert cli.run(["robot", "check", "--json", str(out)]) in (0, 1)  # a busy machine wakes nobody in time
+    assert cli.run(["robot", "check", "--json", str(out)]) in (0, 1)  # 1 on a busy machine
     found = {each["name"]: each for each in json.loads(out.read_text())["checks"]}
     assert found["mcap"]["fine"]
     assert found["start"]["fine"]

@@ -30,7 +30,7 @@ from gensim2_robot.drivers.xarm import XArm
 from gensim2_robot.simulated import simulated_cameras, sized
 from gensim2_robot.watch import State, Watch
 
-PROFILE = robot("panda")  # its seven joints stand for those of any arm here
+PROFILE = robot("panda")  # any arm with seven joints
 HOME = np.array(PROFILE.reset_qpos[:7])
 KINDS: dict[str, tuple[Callable[..., StreamedArm], Callable[[FakeBody], dict[str, Any]], str]] = {
     "ur": (lambda host, body: URArm(host, PROFILE, body.grips.append), fake_makers.ur, "ur_rtde"),
@@ -82,7 +82,7 @@ def test_targets_are_gone_to_smoothly_and_nothing_goes_on_without_them(arm: tupl
     for step in range(1, 21):
         driver.send(HOME + 0.01 * step, 1.0, 0.0)
         time.sleep(CYCLE)
-    until(lambda: body.halts > 0)  # no more targets: it stops, and says so
+    until(lambda: body.halts > 0)  # without targets it stops and reports it
     until(lambda: said(driver).mode == "refusing")
     assert driver.trouble == "no target for 150 ms"
     sent = np.array(body.sent)
@@ -110,7 +110,7 @@ def test_an_arm_that_was_let_stand_takes_targets_again(
     arm: tuple[StreamedArm, FakeBody], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     driver, body = arm
-    monkeypatch.setattr(streamed, "SILENT", 10.0)  # this machine may be busy
+    monkeypatch.setattr(streamed, "SILENT", 10.0)  # the machine may be busy
     for _ in range(2):
         before = len(body.sent)
         driver.send(HOME, 1.0, 0.0)
@@ -127,7 +127,7 @@ def test_the_gripper_is_told_of_the_first_command_and_of_changes(arm: tuple[Stre
         driver.send(HOME, command, 0.0)
     until(lambda: body.grips[-1:] == [-1.0])
     time.sleep(0.02)
-    assert set(body.grips) <= {1.0, -1.0}  # what has changed again before it was done need not be done
+    assert set(body.grips) <= {1.0, -1.0}  # outdated commands may be skipped
     body.grips.clear()
     driver.send(HOME, -1.0, 0.0)
     time.sleep(0.02)
@@ -224,7 +224,7 @@ def test_a_target_that_is_about_to_be_written_when_the_arm_is_told_to_stand_is_n
 
     def stood(now: float) -> Any:
         found = play(now)
-        driver._standing = True  # by another thread, as soon as it may
+        driver._standing = True  # by another thread
         return found
 
     monkeypatch.setattr(driver, "_play", stood)
@@ -274,7 +274,7 @@ def stream(monkeypatch: pytest.MonkeyPatch, came: list[int], cycles: int) -> tup
 
 
 def test_targets_that_are_late_make_the_arm_neither_halt_nor_hurry(monkeypatch: pytest.MonkeyPatch) -> None:
-    steady, pause = [1, 0] * 20, [0] * 16  # 80 ms without a target, then all of them at once
+    steady, pause = [1, 0] * 20, [0] * 16  # 80 ms without targets, then all at once
     _, q, v = stream(monkeypatch, [*steady, *pause, 9, 0, *steady * 3], 180)
     assert (np.diff(q, axis=0) >= -1e-12).all()
     assert (np.diff(q, axis=0) <= 0.005 * streamed.FASTER + 1e-12).all(), "from one reference to the next"

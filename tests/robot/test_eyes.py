@@ -39,7 +39,7 @@ def test_depth_that_was_corrected_is_corrected_once() -> None:
     profile = robot("panda")
     camera = replace(sized(CAMERAS, 64, 48)[0], depth_scale=1.01, depth_bias=0.005)
     eyes = Eyes(ObservationSpec(cameras=(camera.name,), modalities=("depth",)), profile, (camera,), "shut it")
-    measured = np.full((48, 64), 300, np.uint16)  # before the robot: it hides it
+    measured = np.full((48, 64), 300, np.uint16)  # in front of the robot, hiding it
     q = np.array(profile.reset_qpos)
     frame = CameraFrame(camera.name, 0, 0.0, measured, np.zeros((48, 64, 3), np.uint8))
     observation = eyes.observe(SensorSnapshot(0, q, 0.0 * q, 1.0, (frame,), {camera.name: q}))

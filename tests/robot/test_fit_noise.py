@@ -63,7 +63,7 @@ def test_parameters_come_back(noise: DepthNoise) -> None:
     assert found.dark_lost == pytest.approx(noise.dark_lost, abs=0.05)
     assert found.specular_lost == pytest.approx(noise.specular_lost, abs=0.08)
     assert found.shadow is noise.shadow
-    if not noise.fattening:  # fat edges are not where the median has them
+    if not noise.fattening:  # fattening moves the edges
         assert found.edge_lost == pytest.approx(noise.edge_lost, abs=0.08)
         assert found.edge_mixed == pytest.approx(noise.edge_mixed, abs=0.08)
     assert {"disparity_sigma", "correlation", "lost", "edge_lost", "dark_lost", "shadow"} <= set(told)

@@ -1,4 +1,4 @@
-"""Logs are complete on a full disk, over several files and within their size limit; messages are read back unchanged."""
+"""Logs are complete on full disks, in several files and within their limits; messages are read back unchanged."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_on_a_full_disk_the_log_ends_and_is_whole(tmp_path: Path) -> None:
     log = Log(tmp_path, ABOUT, opener=disk.open)
     for number in range(12):
         log.frame(frame(number))
-    while log._queue.qsize():  # what came before is written
+    while log._queue.qsize():  # wait until earlier messages are written
         pass
     disk.full = True
     for number in range(12, 60):
@@ -284,7 +284,7 @@ def test_the_log_of_a_killed_run_holds_all_that_was_written_and_nothing_is_left_
     assert [path.name for path in tmp_path.iterdir()] == ["log_000000.mcap"]
     numbers = [message.number for _, message in messages(tmp_path) if isinstance(message, PictureMessage)]
     assert numbers == list(range(len(numbers)))
-    assert len(numbers) > 30  # the last MiB was in memory
+    assert len(numbers) > 30  # the last MiB was only in memory
     assert about_of(tmp_path) == ABOUT
     assert replaying.replay(tmp_path).unclosed == ("log_000000.mcap",)
 

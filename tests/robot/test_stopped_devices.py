@@ -275,7 +275,7 @@ def test_messages_of_any_size_come_whole_and_in_order() -> None:
 
 def test_neither_sending_nor_looking_waits_for_a_stopped_process() -> None:
     process = DeviceProcess("echo", repeat, 1, 50 << 20)
-    time.sleep(1.0)  # it is in the middle of its message
+    time.sleep(1.0)  # in the middle of a message
     os.kill(process.pid or 0, signal.SIGSTOP)
     begun = time.monotonic()
     for _ in range(100):

@@ -281,7 +281,7 @@ def test_a_person_at_a_terminal_types_and_ctrl_c_is_heard_at_once(tmp_path: Path
             assert time.monotonic() < end, heard
             if select.select([terminal], [], [], 1.0)[0]:
                 heard += os.read(terminal, 4096)
-            elif not answer:  # readline is deaf for a moment between its prompt and its wait: a person types it again
+            elif not answer:  # readline may miss early input: type it again
                 os.write(terminal, b"\x03")
         heard = heard[heard.index(question) + len(question) :] if answer else heard
         if b"said" in heard:

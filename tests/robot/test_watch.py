@@ -179,7 +179,7 @@ def test_an_answer_is_awaited_longer_where_the_arm_stands() -> None:
 
 def test_answers_that_come_too_late_again_and_again_are_held() -> None:
     watch = running()
-    for late in (True, True, False, True, True):  # thinking before a motion is no fault
+    for late in (True, True, False, True, True):  # slow answers before a motion are allowed
         watch.came(late, 1.0)
     assert watch.state is State.RUNNING
     watch.came(True, 2.0)

@@ -37,7 +37,7 @@ def test_the_hand_frame_is_that_of_all_robots(any_robot: str) -> None:
     narrowest, widest = gripper.stroke
     assert narrowest == pytest.approx(0.0, abs=2e-3)
     assert widest == pytest.approx(profile.gripper.widest, abs=4e-3)
-    assert side[1] > widest / 2  # it lies on the finger, not between the fingers
+    assert side[1] > widest / 2  # on the finger, not between the fingers
     # The pads reach the fingertips, and the head keypoint is between them.
     middle, (_, length) = gripper.T_hand_grip[:3, 3], gripper.pad
     assert middle[2] - length / 2 < head[2] < middle[2] + length / 2
@@ -49,7 +49,7 @@ def test_an_episode_begins_with_the_hand_over_the_table(any_robot: str) -> None:
     q, space = np.array(profile.reset_qpos), STANDARD_REGION
     pose = profile.T_world_base @ profile.model.forward_kinematics(q)
     assert pose[:2, 3] == pytest.approx(space.hand_at_rest, abs=0.015)
-    assert pose[2, 2] < -0.99  # it looks down
+    assert pose[2, 2] < -0.99  # points down
     head = pose @ [*profile.tool_keypoints["tool_head"], 1.0]
     assert head[2] > space.hand_low_point
 

@@ -123,7 +123,7 @@ def test_the_robot_of_a_checkpoint_is_not_loaded(
 def test_the_robot_of_a_log_is_not_loaded(
     command: list[str], trap: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gensim2_robot.calibration.run.read_standing", lambda _: [])  # its poses are no matter here
+    monkeypatch.setattr("gensim2_robot.calibration.run.read_standing", lambda _: [])  # without poses
     about = About(
         task="CloseBox",
         language="",

@@ -102,7 +102,7 @@ class KinematicWorld:
             return
         by = float((self.tip() - tip_before) @ joint.axis)
         if by * self.gone < 0.0 and abs(self.gone) > NEAR:
-            return  # fingers that have pushed so far do not draw it along as they leave
+            return  # pushing fingers do not pull the drawer back
         self.gone += by
         self.scene = predict.with_joint(self.scene, self.drawer, joint.value + by)
 

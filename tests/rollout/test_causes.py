@@ -107,4 +107,4 @@ def test_a_ball_that_is_shoved_before_it_is_grasped(open_loop: bool, monkeypatch
         assert episode.replans
         assert Cause.OBJECT_DRIFTED in {event.what for event in controller.events}
         grasp = next(step for step in episode.steps if step.name == "grasp")
-        assert grasp.done  # it was made good
+        assert grasp.done  # corrected

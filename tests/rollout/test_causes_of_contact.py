@@ -83,7 +83,7 @@ def test_fingers_that_close_beside_the_ball() -> None:
     missed = _take(_grasp((0.07, 0.07, 0.0)))
     assert missed.cause is Cause.GRASP_MISSED
     assert missed.diagnosis["deviations"]
-    assert _take(_grasp((0.0, 0.0, 0.0))).held  # and where it lies they hold it
+    assert _take(_grasp((0.0, 0.0, 0.0))).held  # without the offset the grasp works
 
 
 def test_a_ball_that_falls_from_the_hand() -> None:
@@ -132,5 +132,5 @@ def test_a_ball_that_still_flies_when_it_is_judged() -> None:
     lane = HeadlessEnv(TAKE_BALL, assets="builtin")
     hover = {**_grasp((0.0, 0.0, 0.03)), "gripper": "open", "post_actuation_motions": []}
     episode = run(lane, _Tossed(ChainController(TAKE_BALL, {"grasp": hover}, lane.profile), lane), seed=1).episode
-    assert episode.cause is Cause.STILL_MOVING  # horizontally it is where it should be
+    assert episode.cause is Cause.STILL_MOVING  # its horizontal position is right
     assert not episode.held

@@ -160,7 +160,7 @@ def test_fingers_that_close_on_nothing_open_and_try_again(world: KinematicWorld)
     controller = chain()
 
     def snatch(world: KinematicWorld) -> None:
-        if [event.step for event in controller.events] == ["open", "grasp"]:  # the hand is about to close
+        if [event.step for event in controller.events] == ["open", "grasp"]:  # the hand will close now
             world.shift(-0.05, 0.0)
             world.mischief = lambda _: None
 

@@ -77,7 +77,7 @@ def test_what_contains_nothing_has_none() -> None:
 
 @pytest.mark.real
 @pytest.mark.parametrize(
-    ("asset_class", "ids"),  # of those that `tests/real` prepares anyway, which takes most of the time
+    ("asset_class", "ids"),  # instances that `tests/real` prepares as well
     [
         ("drawer", ("19179", "20453")),
         ("box_rotate", ("100141", "100664")),
@@ -107,4 +107,4 @@ def test_what_lies_flat_on_the_floor_of_a_large_container_is_inside() -> None:
     assert box.contains(np.array([0.0, 0.0, 0.033]))
     assert not box.contains(np.array([0.0, 0.0, 0.029]))
     assert box.contains(np.array([0.268, 0.0, 0.1]))
-    assert not box.contains(np.array([-0.31, 0.0, 0.1]))  # open in front: there the link ends
+    assert not box.contains(np.array([-0.31, 0.0, 0.1]))  # open in front, where the link ends

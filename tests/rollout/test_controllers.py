@@ -64,7 +64,7 @@ def test_a_goal_that_is_lost_while_the_scene_settles_does_not_end_an_episode() -
     episode = run(ScriptedWorld(OPEN_DRAWER, course), controller, seed=0, stop="goal").episode
     assert (episode.held, episode.truncated) == (True, False)
     assert 80 < episode.control_steps < 100 + 20 * MAX_SETTLE_SECONDS
-    assert len(controller.seen) < episode.control_steps - 10  # it is not asked while the scene settles
+    assert len(controller.seen) < episode.control_steps - 10  # not called while the scene settles
     lost = run(ScriptedWorld(OPEN_DRAWER, course[:61]), Never(), seed=0, stop="goal").episode
     assert (lost.held, lost.truncated, lost.cause) == (False, False, Cause.GOAL_UNDONE)
 
@@ -154,7 +154,7 @@ def test_a_policy_in_a_folder_that_was_moved_is_the_same(tmp_path: Path) -> None
     assert digests[0] == digests[1]
     assert digests[2] != digests[0]
     others = [ControllerSpec(f"{FILE}:Versioned", {"config": str(FILE), "checkpoint": word}) for word in ("v2", "v3")]
-    assert others[0].digest != others[1].digest  # what a checkpoint is to others is their word, and no folder of it
+    assert others[0].digest != others[1].digest  # others' checkpoints are any text
 
 
 class Blinded(ScriptedWorld):

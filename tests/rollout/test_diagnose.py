@@ -84,7 +84,7 @@ COURSES: dict[Cause, list[Measurement]] = {
         REACH,
         GRIP,
         (20, {"openness": 0.6, "hand": (0.08, 0.0, 0.1), "opening": 0.02}),
-        (25, {"openness": 0.6, "hand": (0.02, 0.0, 0.1), "opening": 0.08}),  # it lets go and backs off
+        (25, {"openness": 0.6, "hand": (0.02, 0.0, 0.1), "opening": 0.08}),  # it releases and retreats
     ),
     Cause.CONTACT_SLIPPED: glide(
         REACH,
@@ -113,7 +113,7 @@ def test_a_controller_that_is_never_done() -> None:
     course = glide(REACH, GRIP)
     controller = ScriptedController(1000, (("open", 0),), [StepRecord("open", [], False, False)])
     episode = run(ScriptedWorld(OPEN_DRAWER, course), controller, seed=0).episode
-    assert episode.cause is Cause.NO_CONTACT  # there was time enough
+    assert episode.cause is Cause.NO_CONTACT  # there was enough time
     late = [instant()] * 95 + [instant(openness=0.9)]
     episode = run(ScriptedWorld(OPEN_DRAWER, late), ScriptedController(1000), seed=0).episode
     assert episode.paper

@@ -141,7 +141,7 @@ def test_keypoints_are_the_state_of_lerobot_s_environment(monkeypatch: pytest.Mo
     seen, _ = env.reset(seed=3)
     assert seen[ENVIRONMENT_STATE].shape == env.observation_space[ENVIRONMENT_STATE].shape == (96,)
     assert (seen[ENVIRONMENT_STATE].reshape(-1, 3) == seen[CLOUD][:, :3]).all()
-    assert len(np.unique(seen[CLOUD][:, :3], axis=0)) > 16  # two boxes and some keypoints
+    assert len(np.unique(seen[CLOUD][:, :3], axis=0)) > 16  # two boxes and keypoints
     env.close()
 
 

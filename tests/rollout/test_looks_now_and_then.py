@@ -40,7 +40,7 @@ def test_a_controller_looks_when_it_wants_to() -> None:
     env = HeadlessEnv("CloseBox", assets="builtin")
     inside = NowAndThen()
     guarded = Guarded(inside, ControllerSpec("tests:NowAndThen"), load_task("CloseBox"), robot("panda"), "CloseBox")
-    for _ in range(2):  # an episode that was cut leaves the controller between two looks
+    for _ in range(2):  # a truncated episode may end between two observations
         run(env, guarded, seed=1)
         assert inside.shown == [True, False, True, False]
         inside.shown.append(False)

@@ -51,13 +51,13 @@ def test_room_is_asked_for_where_the_next_step_takes_a_thing_alone() -> None:
     x, y = front(scene(-0.6, -0.6, 1.0))
     near = scene(x - 0.06, y, 1.0)
     assert room_for_hand(near, OPEN, ()) == ROOM
-    assert room_for_hand(near, OPEN, (TASK.steps[3],)) == ROOM  # closes what has a joint
-    assert room_for_hand(near, GRASP, TASK.steps[1:]) == ROOM  # moves no joint
+    assert room_for_hand(near, OPEN, (TASK.steps[3],)) == ROOM  # the step closes the drawer
+    assert room_for_hand(near, GRASP, TASK.steps[1:]) == ROOM  # the step moves no joint
     assert room_for_hand(None, OPEN, TASK.steps[1:]) == ROOM
 
 
 def plan(name: str, status: str, touches: str | None, room: float) -> ChainPlan:
-    schedule = object()  # stands for one: no row of it is looked at here
+    schedule = object()  # a placeholder whose rows are not used
     planned = replace(StepPlan(status, "", None, None, None), schedule=schedule, touches=touches)
     return ChainPlan(name, planned, scene(-0.6, -0.6, 0.0), 0, "start", PANDA, room)
 

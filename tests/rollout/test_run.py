@@ -77,7 +77,7 @@ def test_the_no_op_baseline_fails_where_the_object_stays(lane: HeadlessEnv) -> N
     episode = run(lane, NoOpController(lane.profile, 30), seed=0).episode
     assert not episode.held
     assert episode.cause is Cause.NO_CONTACT
-    assert episode.still is None  # there was nothing to find out
+    assert episode.still is None  # not computed
 
 
 def test_an_object_that_moves_by_itself_shows_in_the_no_op_baseline() -> None:

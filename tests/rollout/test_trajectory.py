@@ -132,7 +132,7 @@ def _check_replayed(store: TaskStore, output: Path, words: str, expected: set[st
                 mine = ours[name][path]
                 assert mine.shape == dataset.shape, path
                 assert mine.dtype == dataset.dtype, path
-                if path != "rewards":  # recorded only on demand
+                if path != "rewards":  # recorded only if requested
                     assert np.array_equal(mine[:], dataset[:]), path
 
 
@@ -169,7 +169,7 @@ def test_maniskills_dataset_reads_the_file(store: TaskStore) -> None:
 
 
 def test_the_number_of_workers_does_not_change_a_byte(store: TaskStore, tmp_path: Path) -> None:
-    time.sleep(1.1)  # file formats that note the time note seconds
+    time.sleep(1.1)  # times in file formats have seconds
     other = _collect(tmp_path, 2)
     for suffix in (".h5", ".json"):
         mine, theirs = _h5(store).with_suffix(suffix), _h5(other).with_suffix(suffix)
@@ -241,7 +241,7 @@ def test_finished_episodes_outlive_an_interruption_and_are_merged_in_order(tmp_p
     first.add(5, *_blank(seed=5, task="OpenDrawer"))
     first.add(2, *_blank(seed=2, task="OpenDrawer"))
     (tmp_path / "episodes" / ".000003.h5.half").write_bytes(b"half an episode")
-    second = TaskStore(tmp_path)  # the run was interrupted here
+    second = TaskStore(tmp_path)  # as after an interruption
     assert [each.index for each in second.logged()] == [2, 5]
     second.add(3, *_blank(seed=3, task="OpenDrawer"))
     _merge(second, _provenance(load_task("OpenDrawer")))
@@ -298,12 +298,12 @@ def test_a_film_shows_the_recorded_episode(store: TaskStore, tmp_path: Path) -> 
     frames = [np.asarray(frame) for frame in imageio.get_reader(tmp_path / "video.mp4")]
     assert len(frames) == 9
     assert frames[0].shape == (480, 640, 3)
-    assert np.abs(frames[0].astype(int) - frames[-1]).max() > 30  # the arm has moved
+    assert np.abs(frames[0].astype(int) - frames[-1]).max() > 30  # the arm moved
     assert imageio.imread(tmp_path / "still.png").shape == (480, 640, 3)
     assert film(replay, tmp_path / "quick.mp4", still=tmp_path / "still.webp", stride=4, speed=2).frames == 3
     told = imageio.get_reader(tmp_path / "quick.mp4").get_meta_data()
-    assert told["fps"] == 10  # twice as fast as five a second
-    assert "yuv420p" in told["pix_fmt"]  # what every browser plays
+    assert told["fps"] == 10  # twice the speed of 5 Hz
+    assert "yuv420p" in told["pix_fmt"]  # supported by every browser
     assert imageio.imread(tmp_path / "still.webp").shape == (480, 640, 3)
     # States of another engine are shown and not simulated again; here SAPIEN's own, which give the same images.
     elsewhere = {**replay.env_kwargs, "engine": "mujoco"}

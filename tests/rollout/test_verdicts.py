@@ -103,7 +103,7 @@ def test_what_moves_a_second_later_is_named(fast: dict[str, float], name: str, s
     assert episode.held
     assert episode.strict_misses == [StrictMiss.MOVING]
     (speed,) = fast.values()
-    metres = 0.2 if "slides" in fast else 1.0  # of the drawer's way
+    metres = 0.2 if "slides" in fast else 1.0  # metres per unit of openness
     assert episode.diagnosis[StrictMiss.MOVING] == {"speeds": {name: pytest.approx(metres * speed, rel=1e-6)}}
     assert _moves(**slow).strict_misses == []
 

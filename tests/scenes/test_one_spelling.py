@@ -120,7 +120,7 @@ def test_the_word_of_earlier_releases_is_understood() -> None:
         }
     )
     assert record.arguments["physics"] == "default"
-    assert record.arguments["engine"] == "sapien"  # of releases that had no other
+    assert record.arguments["engine"] == "sapien"  # earlier releases had no other
     assert record.scene == SceneOptions("builtin")
     assert record.rollout == RolloutOptions(open_loop=True, attempts=3)
 

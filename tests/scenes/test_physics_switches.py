@@ -118,7 +118,7 @@ def test_hulls_are_taken_as_the_physics_says() -> None:
     """Only real meshes differ; the test checks what the switch requests of the library."""
     asked = []
 
-    class Asked(Library):  # a library that notes what was asked of it
+    class Asked(Library):  # records the requests
         def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject | RigidObject:
             asked.append(hulls)
             return super().load(asset_class, instance_id, hulls)

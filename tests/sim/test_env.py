@@ -113,7 +113,7 @@ def test_the_same_seed_gives_the_same_states_bit_for_bit(crates: Callable[..., A
     for seed in (5, 6, 5):
         env.reset(seed=seed)
         states = [_state(env)]
-        for _ in range(50):  # the arm comes down onto the lid: contacts included
+        for _ in range(50):  # the arm touches the lid
             env.step(REACH)
             states.append(_state(env))
         runs.append(states)
@@ -208,7 +208,7 @@ def test_bad_reset_options_are_named(
     with pytest.raises(InputError) as caught:
         env.reset(seed=0, options=options)
     assert expected in str(caught.value)
-    env.reset(seed=0)  # and it still works
+    env.reset(seed=0)  # the environment still works
 
 
 def _called(name: str) -> dict[str, Any]:
@@ -299,7 +299,7 @@ def test_ids_name_their_module_so_that_strangers_can_make_them() -> None:
     spec = env.unwrapped.spec
     assert spec is not None
     assert spec.id == "gensim2.sim:GenSim2-Task-v1"
-    assert spec.kwargs["task"]["max_episode_steps"] == 7  # plain data, for whoever records it
+    assert spec.kwargs["task"]["max_episode_steps"] == 7  # plain data for recorders
     assert spec.kwargs["instances"] == ["3"]
     env.reset(seed=0)
     flags = [bool(env.step(HOLD)[3][0]) for _ in range(7)]

@@ -86,7 +86,7 @@ def crept(
             target[[0, 3]] += 0.5 * SWING * (1 - np.cos(turn))
         arm.drive([*target, command])
         for _ in range(5):
-            if step < CLOSING:  # as if it stood on the table
+            if step < CLOSING:  # keep it as if on the table
                 bar.pose = start
                 body.linear_velocity = body.angular_velocity = np.zeros(3, dtype=np.float32)
             system.step()

@@ -33,7 +33,7 @@ def test_the_checker_of_gymnasium_passes(obs_mode: str) -> None:
     """ManiSkill batches every value; its wrapper for one environment on the CPU removes the batch dimension."""
     made = CPUGymWrapper(gym.make("GenSim2-OpenDrawer-v1", assets="builtin", obs_mode=obs_mode))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # advice on spaces
+        warnings.simplefilter("ignore")  # recommendations about spaces
         # The final check recreates the environment from its spec, which ManiSkill's wrappers do not support.
         check_env(made, skip_render_check=True, skip_close_check=True)
     made.close()

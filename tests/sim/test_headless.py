@@ -137,7 +137,7 @@ def test_without_the_arm_an_object_does_what_it_does_beside_a_still_one(
             beside, hand = lane.measure(), lane.measure().gripper
             lane.reset(seed, robot=False)
             assert lane.measure().finger_opening == pytest.approx(beside.finger_opening, abs=1e-3)
-            for name, point in lane.measure().gripper.items():  # as if it stood still
+            for name, point in lane.measure().gripper.items():  # as if at rest
                 assert point == pytest.approx(hand[name], abs=2e-3)
             for _ in range(100):
                 lane.wait()

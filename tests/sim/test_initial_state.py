@@ -115,7 +115,7 @@ def test_a_tall_object_keeps_clear_of_the_hand_at_rest_and_all_of_the_base() -> 
         box = setup.objects["cracker_box"]
         top = box.in_world(swept_points(box.model))[:, 2].max()
         assert top < hand[2] - 0.02 or np.linalg.norm(box.position[:2] - hand[:2]) > 0.12
-    assert below > 0  # what is low may lie there
+    assert below > 0  # low objects may be there
 
 
 def test_no_room_is_an_error_that_names_the_objects() -> None:

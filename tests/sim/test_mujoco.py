@@ -182,7 +182,7 @@ def test_contacts_of_the_robot_are_felt() -> None:
     assert env.touched() == frozenset()
     assert env.pressing_force() == 0.0
     target = np.append(env.initial_state.start[:7], 1.0)
-    target[1] += 0.9  # the shoulder leans forward, down to the table or the drawer
+    target[1] += 0.9  # the shoulder moves down to the table or drawer
     forces = []
     for _ in range(30):
         env.step(target)

@@ -65,7 +65,7 @@ def test_damping_sets_the_speed_under_a_constant_push(crates: Callable[..., Any]
     friction, damping, push = 1.0, 8.0, 6.0
     env = GenSim2Env(crate_task, assets=crates(friction=friction, damping=damping, joint_type="prismatic"))
     env.reset(seed=0, options={"openness": 0.1})
-    values = _lid(env, 0.25, torque=push + LID_MASS * GRAVITY)  # not as far as the upper limit
+    values = _lid(env, 0.25, torque=push + LID_MASS * GRAVITY)  # below the upper limit
     speed = (values[-1] - values[-6]) / 0.05
     # Terminal speed: push = friction + damping * v.
     assert speed == pytest.approx((push - friction) / damping, rel=0.1)
@@ -100,7 +100,7 @@ def test_a_hull_that_is_not_what_was_promised_is_an_error(
 
 def test_a_hull_that_lost_a_part_is_a_warning(crates: Callable[..., Any], crate_task: Any) -> None:
     library = crates()
-    mesh = trimesh.creation.box((0.18, 0.01, 0.09))  # 2 cm shorter than the wall that was promised
+    mesh = trimesh.creation.box((0.18, 0.01, 0.09))  # 2 cm shorter than the described wall
     mesh.apply_translation((-0.01, 0.095, 0.055))
     mesh.export(library.load("crate", "0").urdf.parent / "left.obj")
     env = GenSim2Env(crate_task, assets=library)

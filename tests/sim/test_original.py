@@ -137,7 +137,7 @@ def test_masses_and_friction_are_those_of_the_class(asset_class: str, density: f
     articulation = articulation_in(lane)
     for link in articulation.links:
         volume = sum(ConvexHull(hull).volume for hull in model.hulls[link.name])
-        assert link.mass == pytest.approx(density * volume, rel=0.02)  # as PhysX cooked them
+        assert link.mass == pytest.approx(density * volume, rel=0.02)  # of PhysX's cooked hulls
         assert np.linalg.eigvalsh(np.diag(link.inertia)).min() > 0
     (joint,) = articulation.active_joints
     assert joint.friction == pytest.approx(coefficient)

@@ -78,7 +78,7 @@ def test_what_is_moved_went_that_way_and_hardly_another(direction: str, at: tupl
     moved = RigidMoved(rigid="ball", direction=direction, distance=0.08)  # type: ignore[arg-type]
     assert moved.holds(measured(at))
     assert not moved.holds(measured((-at[0], -at[1], at[2])))
-    assert not moved.holds(measured((at[0] + at[1], at[1] + at[0], at[2])))  # askew
+    assert not moved.holds(measured((at[0] + at[1], at[1] + at[0], at[2])))  # inclined
 
 
 def test_what_is_on_a_plate_is_above_it_and_low() -> None:

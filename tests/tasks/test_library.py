@@ -89,7 +89,7 @@ def test_every_task_is_valid_and_not_done_at_the_mean_openness(name: str) -> Non
     task = load_task(name)
     assert task.name == name
     role = task.steps[0].object
-    assert role != "object"  # a word of a person
+    assert role != "object"  # a readable name
     if task.is_single_step:
         assert not all_hold(task.success, _measured(0.5, role=role))
         opening = isinstance(task.success[0], ArticulatedOpen)
@@ -128,7 +128,7 @@ def test_a_task_file_loads(tmp_path: Path) -> None:
     assert task.objects["ball"].place == Place(on="crate", at=(0.1, 0.2))
     assert task.success == (DistanceArticulatedRigid(articulated="crate", rigid="ball"),)
     assert [step.tool for step in task.steps] == ["hand", "ball"]
-    assert load_task_file(tmp_path) == task  # the folder stands for it
+    assert load_task_file(tmp_path) == task  # the folder may be given
 
 
 def test_a_file_of_version_1_is_a_task_of_one_object_and_one_step(tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_a_strategy_that_is_not_beside_its_task_is_one_that_tasks_share(tmp_path
         (folder / f"{name}.yaml").write_text("gripper: open\n")
     task = load_task_file(tmp_path)
     assert load_strategies_beside(tmp_path, task)["grasp"] == {"grasp": "antipodal"}
-    (folder / "grasp.yaml").write_text("gripper: grasp\n")  # its own comes first
+    (folder / "grasp.yaml").write_text("gripper: grasp\n")  # its own strategy comes first
     assert load_strategies_beside(tmp_path, task)["grasp"] == {"gripper": "grasp"}
     (folder / "grasp.yaml").rename(folder / "other.yaml")
     (tmp_path / "task.yaml").write_text(GOOD.replace("[drop]", "[grapsp]"))
@@ -294,7 +294,7 @@ def test_scenes_of_the_papers_tasks_have_the_originals_ranges(name: str) -> None
     long, third = not task.is_single_step, math.pi / 6
     for index, thing in enumerate(task.objects.values()):
         ranges, place = thing.randomization, thing.place
-        if index > 0:  # what is put into the first
+        if index > 0:  # the object put into the first
             at, turned = (-0.2, -0.45), -math.pi / 2 if thing.asset_class == "mug" else 0.0
             assert (ranges.x, ranges.y, ranges.yaw) == ((-0.1, 0.1), (-0.1, 0.1), third)
             assert (place.on, place.at, place.yaw) == ("table", at, turned)

@@ -40,9 +40,9 @@ def test_the_stored_strategies_do_their_task(name: str, evaluator: EpisodeRunner
 @pytest.mark.parametrize(
     ("name", "physics", "instance", "seed"),
     [
-        ("PlaceCrackerBoxIntoRefrigerator", "default", "0", 5),  # let go between fingers one above the other, it fell
-        ("OpenDrawer", "original", "12", 12),  # pulled fast, a drawer with little friction springs back from its stop
-        ("FillMugWithWater", "default", "2", 2),  # the way that the grasp foresaw was not found again
+        ("PlaceCrackerBoxIntoRefrigerator", "default", "0", 5),  # fell when released with fingers one above the other
+        ("OpenDrawer", "original", "12", 12),  # bounces back from its stop when pulled fast
+        ("FillMugWithWater", "default", "2", 2),  # the motion that the grasp allowed was not found again
     ],
 )
 def test_what_is_done_stays_done(name: str, physics: str, instance: str, seed: int) -> None:

@@ -55,7 +55,7 @@ def test_a_verified_task_is_found_by_its_name_with_where_it_comes_from(memory: M
     assert "PutScissorsIntoDrawer" not in task_names("paper")
     found = load_task("PutScissorsIntoDrawer")
     assert found.provenance == Provenance(origin="offline", verification=verified())
-    assert load_strategies("PutScissorsIntoDrawer") == strategies  # those that the package's tasks share as well
+    assert load_strategies("PutScissorsIntoDrawer") == strategies  # also shared ones of the package
     note = json.loads((folder / ADDED_FILE).read_text())
     assert note["run"] == memory.run_of("PutScissorsIntoDrawer") == "runs/one"
     assert memory.run_of("OpenDrawer") is None
@@ -212,7 +212,7 @@ def test_several_at_once_and_one_that_is_killed(memory: Memory) -> None:
     killed = _adding("kill", "scissors")
     assert killed.wait() == -signal.SIGKILL
     assert memory.names() == ()
-    assert any(path.name.endswith(".tmp") for path in memory.folder.iterdir())  # whole, but without its name
+    assert any(path.name.endswith(".tmp") for path in memory.folder.iterdir())  # complete, before the renaming
     both = [_adding("all", "scissors", "banana", "apple"), _adding("all", "banana", "apple", "scissors")]
     for process in both:
         assert process.wait() == 0

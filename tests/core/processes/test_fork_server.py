@@ -40,7 +40,7 @@ def test_ctrl_c_while_modules_are_imported_leaves_no_traceback_and_no_server(tmp
             assert program.poll() is None
             time.sleep(0.02)
         os.killpg(program.pid, signal.SIGINT)
-        out, err = program.communicate(timeout=120)  # which waits for the server, too: it holds the pipes
+        out, err = program.communicate(timeout=120)  # waits for the server too, which has the pipes open
     finally:
         program.kill()
     assert out.split() == ["started", "interrupted"]

@@ -33,7 +33,7 @@ def test_a_slow_job_holds_up_no_other() -> None:
     with WorkerPool(2) as pool:
         given = enumerated([(0, 3.0), *((value, 0.0) for value in range(1, 20))])
         order = [outcome.index for outcome in pool.map_unordered(jobs.square, given)]
-        assert order[-1] == 0  # all the others are done while the first one runs
+        assert order[-1] == 0  # all others end while the first one runs
         ordered = [o.index for o in in_order(pool.map_unordered(jobs.square, enumerated([(0, 0.5), (1, 0.0)])))]
     assert ordered == [0, 1]
 
@@ -51,7 +51,7 @@ def test_an_error_on_purpose_is_an_answer(workers: int) -> None:
         (outcome,) = pool.map_unordered(jobs.fail, [Job(0, (3,))])
     assert isinstance(outcome.error, InputError)
     assert str(outcome.error) == "numbers.txt: 3: is odd (give an even one)"
-    assert not failures  # it was run, and not again
+    assert not failures  # it ran once
     with pytest.raises(InputError):
         outcome.unwrap()
 
@@ -146,7 +146,7 @@ def test_what_is_submitted_may_depend_on_what_came_before(workers: int) -> None:
             while len(done) < value:
                 yield None
             yield Job(value, (value, 0.0))
-        while True:  # none now: the end, where none is under way
+        while True:  # no job: the end if none is running
             yield None
 
     with WorkerPool(workers) as pool:
@@ -170,7 +170,7 @@ def test_a_caller_may_stop_early_and_go_on_with_other_jobs() -> None:
                 break
         assert len(taken) <= 4 + 4
         again = sorted(o.unwrap() for o in pool.map_unordered(jobs.square, enumerated([(10, 0.0), (11, 0.0)])))
-    assert again == [100, 121]  # nothing left over from before
+    assert again == [100, 121]  # no results of earlier jobs
 
 
 def test_a_job_that_does_not_pickle_is_refused_at_once() -> None:

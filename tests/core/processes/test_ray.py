@@ -37,10 +37,10 @@ CONTROLLERS = Path(__file__).parents[2] / "rollout" / "controllers.py"
 def pool() -> Iterator[RayPool]:
     before = signal.getsignal(signal.SIGTERM)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("FAKE_EPISODE_SECONDS", "0")  # of the made-up world in the actors
+        patch.setenv("FAKE_EPISODE_SECONDS", "0")  # read by the fake world in the actors
         # An actor takes one or two seconds of CPU to start, so few are replaced.
         with RayPool("local", 2, time_limit=60.0, jobs_per_worker=12) as found:
-            assert signal.getsignal(signal.SIGTERM) is before  # Ray would have its own
+            assert signal.getsignal(signal.SIGTERM) is before  # Ray would set its own handler
             yield found
 
 
@@ -83,7 +83,7 @@ def test_commands_leave_the_bytes_that_they_leave_on_this_machine(
     assert run([*words, *SMALL, "--ray", "local", "--out", str(there)]) == 0
     assert asked == [("local", None)]
     ours, theirs = kill_runs.contents(there), kill_runs.contents(here)
-    if words[0] != "collect":  # whose run.json is no result
+    if words[0] != "collect":  # run.json of collect has no results
         said = [contents["run.json"]["arguments"] for contents in (ours, theirs)]
         assert [(each.pop("workers"), each.pop("ray")) for each in said] == [(None, "local"), (1, None)]
     assert list(kill_runs.differences(ours, theirs)) == []
@@ -106,7 +106,7 @@ def test_an_error_on_purpose_is_an_answer(pool: RayPool) -> None:
 
 
 def test_a_bug_is_no_result_and_leaves_its_traceback(pool: RayPool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "TRIES", 2)  # each is a process
+    monkeypatch.setattr(executors, "TRIES", 2)  # each try starts a process
     (outcome,) = pool.map_unordered(jobs.fail_by_a_bug, [Job(5, (3,))])
     assert [failure.number for failure in outcome.failures] == [1, 2]
     assert outcome.failures[0].reason.startswith("ZeroDivisionError")

@@ -25,7 +25,7 @@ def test_a_head_is_gone_once_it_has_not_answered_for_long(monkeypatch: pytest.Mo
     with socket.create_server(("127.0.0.1", 0)) as server:
         head = Head(f"127.0.0.1:{server.getsockname()[1]}")
         connection, _ = server.accept()
-        connection.close()  # as a server ends a connection that says nothing
+        connection.close()  # as a server closes a silent connection
         connection, _ = server.accept()
         assert head.is_there
     connection.close()

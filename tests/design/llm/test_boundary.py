@@ -82,7 +82,7 @@ class RawServer:
             self.requests += 1
             self.act(line, body)
         except OSError:
-            pass  # whoever asked has left
+            pass  # the client has left
         finally:
             line.close()
             self.ended.release()
@@ -453,7 +453,7 @@ def test_a_try_has_one_deadline_whatever_trickles_in(serve: Serve, name: str) ->
     with pytest.raises(ModelError, match=r"no answer within 0\.5 s, tried once"):
         ask(server, timeout=0.5)
     assert time.monotonic() - begin < 3.0
-    if name != "nothing":  # nothing was sent, so nothing told the server
+    if name != "nothing":  # otherwise the server got no request
         assert server.ended.acquire(timeout=5.0), "the connection is cut"
     assert [each.name for each in _tries() if _stays(each)] == []
 

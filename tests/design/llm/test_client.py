@@ -192,7 +192,7 @@ def test_pictures_go_along_as_data(server: ModelServer) -> None:
 
 def test_a_question_is_asked_once_in_a_run_and_in_all_runs(server: ModelServer, tmp_path: Path) -> None:
     for run in ("one", "two"):
-        for _ in range(2):  # the second is a run that is resumed
+        for _ in range(2):  # the second one is resumed
             model = LanguageModel(options(server, price_in=1.0, price_out=1.0), cache=tmp_path / "cache")
             model.open(tmp_path / run)
             assert model.answer(question()).text == '{"fine": true}'

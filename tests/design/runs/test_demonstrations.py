@@ -182,4 +182,4 @@ def test_an_object_that_is_broken_is_bad_input(tmp_path: Path, record: Record, m
     monkeypatch.setattr(worker, "demonstrate", refuse)
     with pytest.raises(InputError, match="has no mesh"):
         record()
-    assert finished(tmp_path / "run")  # the others are kept
+    assert finished(tmp_path / "run")  # the other tasks are kept

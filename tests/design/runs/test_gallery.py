@@ -61,7 +61,7 @@ def test_the_first_episode_that_holds_is_shown(tmp_path: Path, camera: Camera) -
         assert f"seed {result.shown[task]}, try {len(tried)}" in page
         assert f'src="tasks/{task}/video.mp4" poster="tasks/{task}/still.webp"' in page
     assert "open the drawer, put the golf ball into it and push it closed" in page
-    assert "with ball" in page  # what the third step acts with
+    assert "with ball" in page  # the third step's held object
     assert "gensim2 demo TASK --episodes 1 --seed 5 --assets builtin" in page
 
 

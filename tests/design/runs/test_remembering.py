@@ -56,7 +56,7 @@ def test_what_is_new_is_added_with_its_verification_and_the_rest_is_named(run: P
     assert found.verification is not None
     assert (found.verification.held, found.verification.episodes, found.verification.seed) == (18, 20, 0)
     assert found.verification.interval == (0.699, 0.9721)
-    assert found.verification.objects == {"box_rotate": 4}  # what its episodes say
+    assert found.verification.objects == {"box_rotate": 4}  # from its episodes
     assert task_and_strategies(NEW)[1] == {"designed": CONFIG}
     assert Memory().run_of(NEW) == str(run)
     assert NEW in known_before(None)

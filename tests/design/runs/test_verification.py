@@ -59,7 +59,7 @@ def test_an_interrupted_verification_repeats_no_episode(tmp_path: Path, monkeypa
     name = "tasks/OpenDrawer/verification.json"
     assert (tmp_path / "run" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
     _verify(tmp_path / "run")
-    assert len(calls) == 8 + VERIFY_EPISODES - 7  # read, not run
+    assert len(calls) == 8 + VERIFY_EPISODES - 7  # these are read and not run
 
 
 def test_a_verification_of_another_run_is_refused(tmp_path: Path) -> None:

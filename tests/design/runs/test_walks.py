@@ -58,7 +58,7 @@ class Walks:
             return any(self.holds(each, depth - 1) for each in list(value.values())[:50])
         if isinstance(value, list | tuple):
             return any(self.holds(each, depth - 1) for each in value[:50])
-        if isinstance(value, BuiltinMethodType):  # such as the look-up of a list
+        if isinstance(value, BuiltinMethodType):  # such as a list's methods
             return self.holds(value.__self__, depth - 1)
         names = getattr(type(value), "__dataclass_fields__", None) or getattr(type(value), "model_fields", ())
         if names:
@@ -157,5 +157,5 @@ def test_a_designed_task_walks_from_the_answer_to_the_shelf(tmp_path: Path, monk
         "design/llm/designer.py",
         "data/runfolder.py",
     )
-    kept = walks.through("tasks/library.py", "tasks/memory.py")  # by the task's file in the run folder
+    kept = walks.through("tasks/library.py", "tasks/memory.py")  # through the task's file in the run folder
     assert len({*walk, *kept}) <= LONGEST, (walk, kept)

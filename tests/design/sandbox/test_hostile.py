@@ -160,7 +160,7 @@ def test_the_interpreter_alone_does_nothing_but_make_values(name: str, events: l
     try:
         tree = ast.parse(PROGRAMS[name][0])
     except (SyntaxError, RecursionError, MemoryError):
-        return  # nothing to interpret
+        return  # there is no program
     events.clear()
     try:
         fields = interpret(tree)

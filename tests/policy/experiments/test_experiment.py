@@ -69,7 +69,7 @@ def test_every_arm_is_learned_and_measured(
     measured = {kind: rate["episodes"] for kind, rate in split["counts"].items()}
     assert measured == {"seen": 1, "unseen": 1, "opposite": 1, "rephrased": 2, "blind": 1}
     assert set(untaught["counts"]) == {"untaught"}
-    assert not {"opposite", "rephrased"} & counted["counts"].keys()  # of one task nothing is heard
+    assert not {"opposite", "rephrased"} & counted["counts"].keys()  # with one task, instructions are not tested
     for name in ("seen", "unseen"):
         low, high = found[f"{name}_interval"]
         assert 0.0 <= low <= found[f"{name}_mean"] <= high <= 1.0
@@ -90,7 +90,7 @@ def test_every_arm_is_learned_and_measured(
     assert {path: path.read_bytes() for path in out.rglob("weights-*")} == before
     assert json.loads(told.read_text())["tasks"] == found["tasks"]
     config.write_text(CONFIG.replace("Two arms.", "Two arms, and one more."))
-    assert run([*words, "--resume"]) == 0  # the words of the page may be mended
+    assert run([*words, "--resume"]) == 0  # texts of the page may change
     config.write_text(CONFIG.replace("episodes: 1", "episodes: 2"))
     assert run([*words, "--resume"]) == 2
     assert "config" in capfd.readouterr().err

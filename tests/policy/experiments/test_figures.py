@@ -69,7 +69,7 @@ def test_every_configuration_is_of_tasks_that_there_are(name: Any, small: bool) 
             assert len(rephrased(specs)) == 2
         taught = [{thing.asset_class for thing in task.objects.values()} for task in specs]
         others = [{thing.asset_class for thing in load_task(task).objects.values()} for task in config.untaught]
-        if name == "combinations":  # each thing is taught, and each container, but never both together
+        if name == "combinations":  # each object and container is trained, but not this pair
             assert all(other <= set().union(*taught) and other not in taught for other in others)
         else:
             assert not set().union(*taught) & set().union(*others)
@@ -156,9 +156,9 @@ def test_the_page_shows_every_arm_with_its_error_bar(tmp_path: Path) -> None:
     drawn = figure([arm.to_dict() for arm in arms])
     x = {name["words"]: name["x"] for name in drawn["names"]}
     assert x["100 objects"] - x["10 objects"] == pytest.approx(x["1000 objects"] - x["100 objects"], abs=0.2)
-    assert len(drawn["marks"]) == 6  # unseen and blind: nothing was measured on seen objects
+    assert len(drawn["marks"]) == 6  # unseen and blind; none on seen objects
     for mark in drawn["marks"]:
-        assert mark["high"] < mark["y"] <= mark["low"]  # rows count downwards
+        assert mark["high"] < mark["y"] <= mark["low"]  # y points down
     config = ExperimentConfig(
         title="Few & many",
         about="",

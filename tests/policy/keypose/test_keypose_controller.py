@@ -112,7 +112,7 @@ def test_a_push_goes_on_beyond_its_end_where_the_arm_can_follow() -> None:
     assert not replace(program, gripper=closing).is_push
     executor = Executor(PROFILE)
     ends = []
-    for further in (0.0, 0.03, 0.5):  # 0.5 m further the table is in the way: then it ends where it ended
+    for further in (0.0, 0.03, 0.5):  # 0.5 m: blocked by the table, so the end stays
         found = executor.execute(program, scene.q, 1.0, NOTHING, further=further)
         assert found is not None
         hands = np.column_stack([found.actions[:, :7], np.full((len(found.actions), 2), 0.04)])
@@ -180,9 +180,9 @@ def test_the_controller_is_not_privileged_and_misfits_are_one_line(
     controller._holds, controller._taking, controller._expected = True, 1, {2, 3}
     assert seen.gripper_width > EMPTY
     empty = replace(seen, arrays={**seen.arrays, GRIPPER: np.array([0.0, -1.0], dtype=np.float32)})
-    action = controller.act(empty)  # the fingers have closed on nothing: they open, the arm goes back and looks again
+    action = controller.act(empty)  # the grasp failed: open, return, predict again
     assert controller.told["lost"] == 1
-    assert controller._expected == {1}  # the step that had taken it up
+    assert controller._expected == {1}  # the step that grasped it
     assert action is not None
     assert action[-1] == OPEN
     other = seen[TOOL_POSE].copy()

@@ -47,7 +47,7 @@ def test_a_program_goes_through_the_poses_of_its_plan(given: TaskInput) -> None:
         assert np.abs(program.poses[number] - poses[label]).max() < 2e-3, label
     ways_gone = np.linalg.norm(np.diff(program.positions[ACTUATION:RETREAT], axis=0), axis=1)
     assert np.ptp(ways_gone) < 0.35 * ways_gone.mean()
-    assert (program.gripper == -1.0).all()  # closed fingers push
+    assert (program.gripper == -1.0).all()  # it pushes with closed fingers
     assert len(program.positions) == KEYPOSES
 
 
@@ -69,8 +69,8 @@ def test_the_end_looks_otherwise_than_the_beginning(given: TaskInput) -> None:
     )
     assert [int(each["way"]) for each in examples] == [0, -1]
     assert [int(each["step"]) for each in examples] == [0, 1]
-    assert not np.array_equal(examples[0]["points"], examples[1]["points"])  # the lid has gone down
-    assert np.array_equal(examples[0]["joints"], examples[1]["joints"])  # the arm looks from where it looked from
+    assert not np.array_equal(examples[0]["points"], examples[1]["points"])  # the lid has closed
+    assert np.array_equal(examples[0]["joints"], examples[1]["joints"])  # the arm is at the same pose
 
 
 def test_joints_of_later_steps_stand_anywhere_but_where_the_step_is_done(given: TaskInput) -> None:
@@ -85,7 +85,7 @@ def test_joints_of_later_steps_stand_anywhere_but_where_the_step_is_done(given: 
     before = now.objects[step.object].joint
     assert before is not None
     others = [each for each in joints if each != before.openness]
-    assert 0.15 < len(others) / 200 < 0.3  # of 0.3 a fifth would be closed
+    assert 0.15 < len(others) / 200 < 0.3  # of 0.3, one fifth would be closed
     assert min(others) >= CLOSED
     assert max(others) > 0.9
 

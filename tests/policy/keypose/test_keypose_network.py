@@ -101,7 +101,7 @@ def test_it_learns_where_the_hand_acts_and_when_nothing_is_left(trained: Path) -
         if not done:
             misses.append(np.linalg.norm(best.program.positions[ACTUATION] - arrays["positions"][row, ACTUATION]))
     assert right == 16
-    assert np.median(misses) < 0.015  # the places lie 0.2 m apart
+    assert np.median(misses) < 0.015  # the goals are 0.2 m apart
 
 
 def test_a_yaw_of_robot_and_scene_turns_the_answer_exactly(trained: Path) -> None:

@@ -50,7 +50,7 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     assert row["demonstrations"] > 0
     assert row["cpu_s"] == pytest.approx(row["data_cpu_s"] + row["training_cpu_s"], abs=2e-3)
     assert (found["objects"], found["test_instances"]) == (200, "new")
-    assert row["expert_mean"] == 1.0  # the planner does what the policy is to learn
+    assert row["expert_mean"] == 1.0  # the planner succeeds in the training task
     assert row["no_op_mean"] == 0.0
     for name in ("held_mean", "blind_mean", "shuffled_mean"):
         assert 0.0 <= row[name] <= 1.0
@@ -98,7 +98,7 @@ def test_chunks_are_taught_by_episodes_until_their_share_of_the_time_is_spent(
     (row,) = json.loads(told.read_text())["tasks"]
     assert (row["policy"], row["demonstrations"], row["steps"], row["episodes"]) == ("chunk", 1, 2, 1)
     assert row["expert_mean"] is None
-    assert row["data_cpu_s"] > 0.024  # the share of the time: a first portion is there, and none after it
+    assert row["data_cpu_s"] > 0.024  # one portion of data is made, and no more
     record = json.loads((out / "learn.json").read_text())
     assert record["episodes"] == {".": 1}
     policy = PolicyCheckpoint.load(out)
@@ -148,7 +148,7 @@ def test_controls_are_named() -> None:
         read_controls("blind,deaf")
 
 
-@pytest.mark.parametrize("hears", [True, False])  # policies of before had no term of the sentence
+@pytest.mark.parametrize("hears", [True, False])  # older policies had no term for the instruction
 def test_tasks_are_added_to_those_that_a_policy_knows(
     hears: bool,
     sentence_model: str,
@@ -161,7 +161,7 @@ def test_tasks_are_added_to_those_that_a_policy_knows(
     first, second, told = tmp_path / "two", tmp_path / "three", tmp_path / "told.json"
     common = ["--assets", "builtin", "--minutes", "0.001", "--scenes", "2", "--workers", "1", "--episodes", "1"]
     common += ["--controls", "none", "--videos", "0", "--json", str(told)]
-    own = ["--text-model", sentence_model] if hears else []  # a checkpoint alone does not load it
+    own = ["--text-model", sentence_model] if hears else []  # checkpoints do not load it by themselves
     hearing = ["--text", "sentence", *own] if hears else []
     with monkeypatch.context() as before:
         usual = learn_settings.POLICY
