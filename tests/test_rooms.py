@@ -156,7 +156,7 @@ def test_rooms_of_objects_depend_in_one_direction() -> None:
 
 
 def test_holding_an_object_loads_no_library() -> None:
-    """Its lazy imports avoid that the core depends on libraries and that each import loads both."""
+    """Lazy imports keep the core independent of libraries."""
     tree = ast.parse((PYTHON / "gensim2" / "objects" / "__init__.py").read_text())
     at_once = {name for node in tree.body if not isinstance(node, ast.If) for name in imports(ast.unparse(node))}
     assert at_once

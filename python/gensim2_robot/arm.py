@@ -63,12 +63,10 @@ class LimitedArm:
 
     @property
     def sent(self) -> Sent | None:
-        """The last command; None if the arm is not under control."""
         return self._sent
 
     @property
     def gripper(self) -> float:
-        """The last gripper command."""
         return self._gripper
 
     def begin(self, q: npt.ArrayLike, gripper: float = 1.0) -> Sent:
@@ -164,7 +162,6 @@ class Streamer:
         self.late = 0
 
     def clear(self) -> None:
-        """Forget the motion and all targets."""
         self._motion, self._ahead = None, []
 
     def add(self, targets: Sequence[tuple[float, Array]], sent: Sent, now: float) -> bool:

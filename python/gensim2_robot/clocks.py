@@ -39,11 +39,9 @@ class MachineClock:
     """The machine's monotonic clock, which all its processes share."""
 
     def now(self) -> float:
-        """Return the time since the machine started, s."""
         return time.monotonic()
 
     def wait(self, until: float) -> None:
-        """Sleep until the given time."""
         time.sleep(max(0.0, until - time.monotonic()))
 
     @contextlib.contextmanager
@@ -100,11 +98,9 @@ class SimulatedClock:
         self.hooks: list[Callable[[float], None]] = []
 
     def now(self) -> float:
-        """Return the time since the clock was made, s."""
         return self._now
 
     def wait(self, until: float) -> None:
-        """Advance to the given time."""
         if until > self._now:
             self._now = until
             for hook in self.hooks:

@@ -181,7 +181,6 @@ class LineConfig:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether the arm is simulated."""
         return self.arm == SIMULATED
 
     @property

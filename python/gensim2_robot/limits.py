@@ -41,7 +41,6 @@ class Commands:
 
     @staticmethod
     def none(size: int) -> Commands:
-        """Return an empty sequence of commands."""
         return Commands(*(np.empty((0, size)) for _ in range(3)))
 
     def after(self, count: int) -> Commands:
@@ -128,7 +127,6 @@ class Sent:
 
     @property
     def is_at_rest(self) -> bool:
-        """Return whether the arm is at rest."""
         return len(self.stop) == 0 and not self.v.any()
 
 

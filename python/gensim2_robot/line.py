@@ -229,7 +229,6 @@ class Line:
             self._paused_at = None
 
     def cycle(self) -> None:
-        """Run one cycle."""
         self._clock.wait(self._next)
         due, now = self._next, self._clock.now()
         late = now - due
@@ -282,7 +281,7 @@ class Line:
             self.watch.stop(now, "the controller's process is gone")
 
     def _write_frames(self) -> None:
-        """Log the newest image of each camera; requests use no others, and devices deliver three times as many."""
+        """Log the newest image of each camera, because requests use no others."""
         for name, frame in self.frames.items():
             if frame is not self._written.get(name):
                 self._journal.frame(frame)

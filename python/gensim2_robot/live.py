@@ -117,19 +117,15 @@ class LivePage:
         self.server.stop()
 
     def state(self, state: ArmState) -> None:
-        """Remember the arm's state."""
         self._state = state
 
     def answer(self, time: float, answer: ControllerAnswer) -> None:
-        """Remember the cloud and the next actions."""
         self._answer = answer
 
     def change(self, time: float, state: str, reason: str) -> None:
-        """Remember the watchdog's state."""
         self._watch = f"{state}: {reason}"
 
     def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
-        """Remember the timing of a period."""
         pictures = ", ".join(f"{name} {1e3 * age:.0f} ms" for name, age in ages.items())
         self._clocks = f"period {1e3 * late:.1f} ms late; pictures: {pictures}"
 
@@ -148,7 +144,6 @@ class LivePage:
         self.draw()
 
     def draw(self) -> None:
-        """Draw the newest data."""
         state, answer = self._state, self._answer
         with self.server.atomic():
             if state is not None and state is not self._drawn[0]:
@@ -215,7 +210,6 @@ class Looking:
         self._action = np.append(observation.joint_positions[: self._arm], OPEN).astype(np.float32)
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32]:
-        """Return the same action at every step."""
         return self._action
 
 

@@ -43,7 +43,6 @@ class LocalArm:
             self._cycles += 1
 
     def poll(self) -> Sequence[ArmState]:
-        """Return the states of the past cycles."""
         return self._world.said(self._clock.now())
 
     def send(self, q: Array, gripper: float, t: float) -> None:
@@ -58,7 +57,6 @@ class LocalArm:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the scene is ready."""
         return True
 
     def fail(self, fault: str) -> None:
@@ -109,7 +107,6 @@ class LocalCameras:
         self._coming += [(now + self._latency, frame) for frame in self._cameras.take(self._world.rows(now))]
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Return the images that have arrived."""
         now = self._clock.now()
         found = [frame for at, frame in self._coming if at <= now]
         self._coming = [each for each in self._coming if each[0] > now]
@@ -190,7 +187,6 @@ class LocalMind:
                     raise DeviceGoneError(f"a person or the system asked to stop: {name}") from None
 
     def poll(self) -> Sequence[ControllerAnswer]:
-        """Return the answers that are due."""
         now = self._clock.now()
         found = [answer for at, answer in self._coming if at <= now]
         self._coming = [each for each in self._coming if each[0] > now]
@@ -198,7 +194,6 @@ class LocalMind:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the controller is ready."""
         return True
 
     def fail(self, fault: str) -> None:
@@ -210,6 +205,5 @@ class LocalMind:
             self._inbox.put(fault)
 
     def close(self) -> None:
-        """End the controller."""
         self._inbox.put(None)
         self._thread.join(timeout=10 if self.is_alive else WAITING)

@@ -154,7 +154,6 @@ class _Whole:
         """Do nothing, because nothing is buffered."""
 
     def tell(self) -> int:
-        """Return the number of bytes written."""
         return self._length
 
     def close(self) -> None:
@@ -218,12 +217,10 @@ class Log:
         self._thread.start()
 
     def state(self, state: ArmState) -> None:
-        """Log a state of the arm."""
         plain = {"time": state.time, "force": state.force, "mode": state.mode}
         self._put("/arm", state.time, plain, {"q": state.q, "v": state.v})
 
     def frame(self, frame: CameraFrame) -> None:
-        """Log an image."""
         plain = {
             "camera": frame.camera,
             "number": frame.number,
@@ -233,7 +230,6 @@ class Log:
         self._put(f"/camera/{frame.camera}", frame.captured, plain, {"depth": frame.depth, "colors": frame.colors})
 
     def sent(self, time: float, sent: Sent, gripper: float) -> None:
-        """Log a command."""
         self._put("/sent", time, {"time": time, "gripper": gripper, "clips": list(sent.clips)}, {"q": sent.q})
 
     def question(self, time: float, question: Question) -> None:
@@ -264,7 +260,6 @@ class Log:
         self._put("/answer", time, plain, {"actions": answer.actions, **seen})
 
     def change(self, time: float, state: str, reason: str) -> None:
-        """Log the watchdog's state and its reason."""
         self._put("/watch", time, {"time": time, "state": str(state), "reason": reason}, {})
 
     def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:

@@ -31,7 +31,6 @@ class _Head(BaseModel):
 
 
 def pack(plain: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
-    """Pack plain data and arrays by name."""
     kept = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     told = {name: [array.dtype.name, list(array.shape)] for name, array in kept.items()}
     head = json.dumps({"plain": plain, "arrays": told}).encode()
@@ -139,7 +138,6 @@ class About(LogMessage):
         return self
 
     def spec(self) -> ObservationSpec:
-        """Return the policy's observation spec."""
         return ObservationSpec.of(self.observation)
 
 
@@ -170,7 +168,6 @@ class PictureMessage(LogMessage):
     colors: Annotated[np.ndarray, _array("uint8", 3)]
 
     def frame(self) -> CameraFrame:
-        """Return the image as a device's frame."""
         return CameraFrame(self.camera, self.number, self.captured, self.depth, self.colors, self.serial)
 
 

@@ -285,8 +285,6 @@ def replay(folder: Path) -> LogReplay:
 
 
 class _Replayed:
-    """State of a replay."""
-
     def __init__(self) -> None:
         self._eyes: list[Eyes] = []  # first without cameras, then with them
         self._joints = 0

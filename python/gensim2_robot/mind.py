@@ -160,7 +160,6 @@ class LineBody:
         self._begun = 0.0
 
     def fail(self, fault: str) -> None:
-        """Inject a fault from now on."""
         self.faults.add(fault)
         if fault == "policy-token" and self.remote is not None:
             self.remote.disown()
@@ -170,7 +169,6 @@ class LineBody:
         self._eyes_of(looked_at(spec, self._spec.cameras) if self._truth is not None else spec)
 
     def reset(self, seed: int, options: Any = None) -> None:
-        """Forget the previous episode."""
         self._forget()
 
     def observe(self, spec: ObservationSpec) -> Observation:

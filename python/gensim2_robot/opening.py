@@ -51,7 +51,6 @@ class DryArm:
         self._driver, self.profile = driver, driver.profile
 
     def poll(self) -> Sequence[ArmState]:
-        """Return the states received since the last call."""
         return self._driver.poll()
 
     def send(self, q: Array, gripper: float, t: float) -> None:
@@ -93,7 +92,6 @@ class Prepared:
 
     @property
     def profile(self) -> RobotProfile:
-        """The robot."""
         return self.limits.profile
 
 

@@ -217,11 +217,9 @@ class PictureSlots:
         )
 
     def free(self, picture: SharedPicture) -> None:
-        """Note that a slot was returned."""
         self._free[picture.camera].append(picture.slot)
 
     def close(self) -> None:
-        """Close the memory."""
         self._slots.clear()
         self._memory.close()
 

@@ -83,7 +83,6 @@ class DeviceProcess:
         return found
 
     def tell(self, message: Any) -> None:
-        """Send a message; a failure is raised by the next :meth:`drain`."""
         self.pipe.tell(message)
 
     @property
@@ -95,7 +94,6 @@ class DeviceProcess:
         return self._process.pid
 
     def kill(self) -> None:
-        """Kill the process."""
         self._process.kill()
 
     def close(self) -> None:
@@ -143,7 +141,6 @@ class ProcessArm:
         self._wanted, self._episode = 0, -1
 
     def poll(self) -> Sequence[ArmState]:
-        """Return the states received since the last call."""
         found: list[ArmState] = []
         for kind, value in self._process.drain():
             if kind == "states":
@@ -168,7 +165,6 @@ class ProcessArm:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the scene of the last reset is ready."""
         return self._episode == self._wanted
 
     def fail(self, fault: str) -> None:
@@ -231,12 +227,10 @@ class ProcessTruth:
         self._pipe = pipe
 
     def measure(self) -> Measurement:
-        """Measure objects and gripper in the world frame."""
         found: Measurement = self._ask("measure")
         return found
 
     def scene_state(self) -> Scene:
-        """Return the scene for a planner."""
         found: Scene = self._ask("scene")
         return found
 
@@ -299,7 +293,6 @@ class ProcessMind:
 
     @property
     def is_alive(self) -> bool:
-        """Whether its process runs."""
         return not self._gone and self._process.is_alive
 
     def fail(self, fault: str) -> None:

@@ -50,7 +50,6 @@ class GivenActions:
             self._action = action
 
     def send(self, message: Begin | Question) -> None:
-        """Remember a request."""
         if isinstance(message, Question):
             self._question = message
 

@@ -385,7 +385,6 @@ class Session:
         self._line.commands = []
 
     def report(self, about: About, log: Path | None) -> dict[str, Any]:
-        """Return the result as plain data."""
         self._count_passed()
         found = result(about, log, self._line.watch, self._line.figures, self._interrupted)
         halt = self._halts[-1] if self._halts else {}

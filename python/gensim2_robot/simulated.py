@@ -128,7 +128,6 @@ class SimulatedWorld:
         return found
 
     def rows(self, now: float) -> Rows:
-        """Return the present state for cameras."""
         states = {
             kind: {name: row[None].copy() for name, row in group.items()} for kind, group in self._env.state().items()
         }
@@ -141,7 +140,6 @@ class SimulatedWorld:
         return Measurement(**{**vars(found), "gripper": {name: np.array(at) for name, at in found.gripper.items()}})
 
     def scene_state(self) -> Scene:
-        """Return the scene for a planner."""
         return self._env.scene_state()
 
     def look(self) -> tuple[bool, bool]:
@@ -155,7 +153,6 @@ class SimulatedWorld:
         return self._env.is_finite and is_stable(measured) and all_hold(self.task.success, measured), rests
 
     def close(self) -> None:
-        """Release the resources."""
         self._env.close()
 
     def _hold_here(self, gripper: float) -> None:
@@ -355,6 +352,5 @@ class RenderedCameras:
         self._taker.faults.add(fault)
 
     def close(self) -> None:
-        """Close the software devices."""
         if self._devices is not None:
             self._devices.close()

@@ -105,7 +105,6 @@ class Watch:
         self.clear()
 
     def clear(self) -> None:
-        """Forget the previous episode."""
         self._frames: dict[str, CameraFrame] = {}
         self._forget_motion()
 
@@ -127,7 +126,6 @@ class Watch:
         self._change(now, State.RUNNING, "begun")
 
     def rest(self, now: float) -> None:
-        """End an episode."""
         self._require(State.ARMED, State.RUNNING)
         self._change(now, State.IDLE, "episode over")
 
@@ -193,7 +191,6 @@ class Watch:
         self._frames[frame.camera] = frame
 
     def saw_arm(self, state: ArmState, now: float) -> None:
-        """Check a received state of the arm."""
         why = f": {state.reason}" if state.reason else ""
         if state.mode == "reflex":
             self.stop(now, f"the arm has stopped by itself: reflex{why}", at_once=True)
@@ -205,17 +202,14 @@ class Watch:
             self.stop(now, "the arm says where it stands in no numbers")
 
     def sent(self, sent: Sent, time: float) -> None:
-        """Remember a sent command."""
         self._commands = [each for each in self._commands if each[0] >= time - self.rules.window]
         self._commands.append((time, sent))
 
     def asked(self, now: float) -> None:
-        """Note a request to the controller."""
         if self._asked is None:
             self._asked, self._moved_since = now, False
 
     def answered(self) -> None:
-        """Note an answer of the controller."""
         self._asked = None
 
     def came(self, late: bool, now: float) -> None:

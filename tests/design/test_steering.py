@@ -58,7 +58,7 @@ def tried(one: Manipulation, cause: str | None) -> CandidateResult:
 
 
 def estimate(result: CandidateResult, one: Manipulation, **parts: Any) -> float:
-    """Return the estimated success of an alignment that differs from ``one`` in ``parts``, relative to 1 before."""
+    """Return the estimated success of an alignment that differs from ``one`` in ``parts``; the first estimate is 1."""
     (other,) = [
         each
         for each in pool()

@@ -184,7 +184,7 @@ def test_what_is_left_half_open_falls_under_the_original_and_stays_under_ours(as
 
 
 def test_a_toaster_s_lever_stays_up_and_yields_to_a_push() -> None:
-    """With the original's coefficient of 1e8."""
+    """With the original's friction coefficient of 1e8."""
     lane = lane_on("toaster_press")
     assert _left_alone(lane, 0.3, 1.0) == pytest.approx(0.3, abs=0.01)
     lane.reset(0, {"openness": 0.3}, robot=False)

@@ -97,8 +97,6 @@ class RigidRecord(_Record):
 
 
 class ObjectsRecord(_Record):
-    """Objects on the table."""
-
     articulated: ArticulatedRecord
     rigid: RigidRecord | None = None
 

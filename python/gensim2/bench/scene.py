@@ -130,7 +130,6 @@ class ProblemScene:
 
 
 def pose_from(position: Array | list[float], quaternion: list[float]) -> Array:
-    """Return the (4, 4) pose of a position and a quaternion (w, x, y, z)."""
     from scipy.spatial.transform import Rotation  # imported here: checking a file of problems does not need it
 
     return _pose(Rotation.from_quat(quaternion, scalar_first=True), position)

@@ -138,7 +138,6 @@ def bench_solver(
 
 
 def json_lines(records: Sequence[dict[str, Any]]) -> str:
-    """Return records as JSON Lines."""
     return "".join(json.dumps(record, allow_nan=False) + "\n" for record in records)
 
 

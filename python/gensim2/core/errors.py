@@ -168,7 +168,6 @@ class NotRunError(GenSim2Error):
         self.what, self.reasons, self.log = what, reasons, log
 
     def __reduce__(self) -> tuple[type[NotRunError], tuple[str, dict[int, str], Path | None]]:
-        """Support pickling, so that the error can be sent by a worker process."""
         return type(self), (self.what, self.reasons, self.log)
 
 

@@ -36,13 +36,13 @@ class NullProgress:
     """Progress listener that ignores everything."""
 
     def start(self, description: str, total: int | None = None) -> None:
-        """Ignore it."""
+        """Do nothing."""
 
     def advance(self, steps: int = 1) -> None:
-        """Ignore it."""
+        """Do nothing."""
 
     def message(self, text: str) -> None:
-        """Ignore it."""
+        """Do nothing."""
 
 
 NULL_PROGRESS: Progress = NullProgress()

@@ -88,7 +88,6 @@ class DataSet:
         return replace(self.record.scene, assets=self.assets)
 
     def save(self) -> None:
-        """Write ``dataset.json``."""
         write_json(self.path / DATASET_JSON, self.record.model_dump())
 
     def frames(self, tasks: Sequence[str] = (), *, observations: bool | None = None, horizon: int = 1) -> FrameAccess:
@@ -118,7 +117,6 @@ class DataSet:
 
     @property
     def tasks(self) -> tuple[str, ...]:
-        """Names of the tasks, in order."""
         return tuple(self.record.tasks)
 
     def task(self, name: str) -> TaskStore:

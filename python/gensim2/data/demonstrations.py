@@ -37,12 +37,10 @@ class Collected:
 
     @property
     def demos(self) -> int:
-        """Number of demonstrations."""
         return sum(episode.held for episode in self.episodes)
 
     @property
     def tally(self) -> Tally:
-        """Counts over the episodes."""
         return Tally.of(self.episodes)
 
 

@@ -163,7 +163,6 @@ def frame_arrays(path: Path, frames: int) -> list[str]:
 
 
 def _datasets(group: h5py.Group, prefix: str, depth: int) -> Iterator[tuple[str, h5py.Dataset]]:
-    """Yield the arrays in a group and its subgroups by path."""
     for name in members(group):
         if prefix + name == DESCRIPTION:
             continue

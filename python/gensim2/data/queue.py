@@ -86,14 +86,12 @@ class CollectionFolder(ResumableFolder[DatasetRecord]):
         self.note({})
 
     def note(self, progress: dict[str, Any]) -> dict[str, Any]:
-        """Write ``run.json`` and return its contents."""
         self._run |= progress
         write_json(self.path / RUN_JSON, self._run)
         return self._run
 
 
 def now() -> str:
-    """Return the present time with its time zone."""
     return time.strftime("%Y-%m-%dT%H:%M:%S%z")
 
 
@@ -196,7 +194,6 @@ class Queue:
             self._finish(task)
 
     def _finish(self, task: TaskQueue) -> None:
-        """Write the rows of a complete task."""
         task.finish()
         self._add_objects(task)
 
@@ -226,7 +223,6 @@ class Queue:
             self._listener.update(self.status())
 
     def _report(self) -> None:
-        """Write ``run.json`` and ``report.html``."""
         status = self.status()
         run = self._folder.note(
             {

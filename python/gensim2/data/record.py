@@ -93,7 +93,6 @@ class DatasetRecord(RunSettings):
 
     @model_validator(mode="after")
     def _usable(self) -> DatasetRecord:
-        """Refuse invalid arguments."""
         for kind, adapter in zip((SceneOptions, RolloutOptions), _OPTIONS, strict=True):
             given = {each.name: self.arguments[each.name] for each in fields(kind) if each.name in self.arguments}
             try:

@@ -55,8 +55,6 @@ class Effort(Record):
 
 
 class RunRecord(RunSettings):
-    """Content of ``run.json``."""
-
     model_config = Record.model_config
 
     schema_version: Literal[4]
@@ -87,8 +85,6 @@ class RunRecord(RunSettings):
 
 
 class VerificationRecord(Record):
-    """Content of ``verification.json``."""
-
     schema_version: Literal[2]
     threshold: Annotated[float, Field(ge=0, le=1)]
     kept: bool
@@ -116,14 +112,10 @@ class VerificationRecord(Record):
 
 
 class EnvironmentSummary(BaseModel):
-    """Report data about the environment of demonstrations."""
-
     env_id: str
 
 
 class RecordingSummary(BaseModel):
-    """Report data from ``trajectory.json``."""
-
     env_info: EnvironmentSummary
     episodes: list[Any]
 
@@ -138,15 +130,11 @@ class ArgumentsSummary(BaseModel):
 
 
 class RejectionSummary(BaseModel):
-    """Name of a rejected task and the reason."""
-
     name: str
     reason: str
 
 
 class ResultSummary(BaseModel):
-    """Report data about the result of a run."""
-
     rejected: list[RejectionSummary] = []
     notes: list[str] = []
 
@@ -179,7 +167,6 @@ class Verification:
 
     @property
     def rate(self) -> float:
-        """Success rate."""
         return self.tally.held / len(self.episodes) if self.episodes else 0.0
 
     @property

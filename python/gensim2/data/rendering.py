@@ -123,8 +123,6 @@ def render(
 
 
 class _Rendering:
-    """State of one call."""
-
     def __init__(
         self, dataset: DataSet, spec: ObservationSpec, episodes: int | None, resume: bool, progress: Progress
     ) -> None:

@@ -63,7 +63,6 @@ class RunFolder(ResumableFolder[RunRecord]):
         return self.path / "errors.log"
 
     def save(self) -> None:
-        """Write ``run.json``."""
         self.record.assets = dict(sorted(self.record.assets.items()))
         self.record.licenses = dict(sorted(self.record.licenses.items()))
         super().save()
@@ -112,7 +111,6 @@ class RunFolder(ResumableFolder[RunRecord]):
         self.save()
 
     def finish(self, result: dict[str, Any]) -> None:
-        """Record result and end time of the run."""
         self.record.result = result
         self.record.finished = _now()
         self.save()
@@ -167,7 +165,6 @@ class TaskFolder:
         return self.path / "verification.json"
 
     def write_verification(self, verification: Verification) -> None:
-        """Write ``verification.json``."""
         write_json(self.verification_path, verification.to_dict())
 
     def verification(self) -> Verification | None:

@@ -79,4 +79,4 @@ class NullListener(NullProgress):
     """Listener that ignores everything."""
 
     def update(self, status: Status) -> None:
-        """Ignore it."""
+        """Do nothing."""

@@ -44,7 +44,6 @@ class TaskStore:
 
     @property
     def name(self) -> str:
-        """Name of the task."""
         return self.folder.name
 
     def spec(self) -> TaskSpec:
@@ -56,7 +55,6 @@ class TaskStore:
         return load_task_file(self.folder)
 
     def path(self, index: int, held: bool = True) -> Path:
-        """Return the path of an episode's file."""
         return self.folder / ("episodes" if held else "failures") / f"{index:06d}.h5"
 
     @property

@@ -110,7 +110,6 @@ class TaskQueue:
 
     @property
     def is_done(self) -> bool:
-        """Whether the quota is filled."""
         return self.needed is not None
 
     @property

@@ -96,7 +96,6 @@ def write_trajectory(folder: Path, provenance: TrajectoryMetadata, episodes: Seq
 
 
 def _indented(entry: dict[str, Any]) -> str:
-    """Return a list item of an indented JSON document."""
     return "    " + json.dumps(entry, indent=2, allow_nan=False).replace("\n", "\n    ")
 
 
@@ -157,7 +156,6 @@ def _source(controller: str) -> str:
 
 
 def _document(provenance: TrajectoryMetadata, instances: dict[str, list[str]]) -> dict[str, Any]:
-    """Return the JSON document without its episodes."""
     task = provenance.task
     names = [f"{task.objects[name].asset_class}/{id}" for name, ids in instances.items() for id in ids]
     return {

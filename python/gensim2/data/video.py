@@ -69,8 +69,6 @@ class _Entry(BaseModel):
 
 
 class _Trajectory(BaseModel):
-    """Fields of ``trajectory.json`` that determine a replay."""
-
     env_info: _Environment
     gensim2: _Origin
     episodes: list[_Entry]
@@ -96,7 +94,6 @@ class Replay:
 
     @property
     def control_hz(self) -> int:
-        """Control rate of the robot, Hz."""
         return robot(self.env_kwargs.get("robot", DEFAULT_ROBOT)).control_hz
 
     @staticmethod

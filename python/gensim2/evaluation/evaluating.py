@@ -163,7 +163,6 @@ def _arguments(
 def _episode(
     config: EpisodeConfig, spec: ControllerSpec, seed: int, stop: Stop, keep: partial[Episode] | None, index: int
 ) -> Episode:
-    """Run one episode in a worker process."""
     from gensim2.rollout import worker
 
     return worker.evaluate(config, spec, seed, stop, keep, index)

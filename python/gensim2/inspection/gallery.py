@@ -49,8 +49,6 @@ class Gallery:
 
 @dataclass
 class _Card:
-    """One object on the page."""
-
     asset_class: str
     id: str
     picture: str | None

@@ -208,7 +208,6 @@ def _clear_distance(points: Array, azimuth: float) -> float:
 
 
 def _world_points(instance: ArticulatedObject, openness: float) -> Array:
-    """Return hull vertices and keypoints (N, 3) in the world frame."""
     R, position = world_rotation(instance), instance.placement.position
     T = instance.link_pose(openness)
     child = instance.joint.child_link
@@ -218,7 +217,6 @@ def _world_points(instance: ArticulatedObject, openness: float) -> Array:
 
 
 def _keypoints(instance: ArticulatedObject | RigidObject, openness: float) -> dict[str, Array]:
-    """Return the keypoints (3,) in the world frame by name."""
     if isinstance(instance, RigidObject):
         place = instance.placement
         return {

@@ -20,7 +20,6 @@ SPARE = 0.004  # clearance (m) of open fingers around an object
 
 
 def geometric_findings(rigid: RigidObject) -> list[Finding]:
-    """Return the failed checks that need no simulation."""
     findings: list[Finding] = []
 
     def at_most(check: str, value: float, limit: float) -> None:

@@ -174,12 +174,8 @@ def require_cameras(names: tuple[str, ...], profile: RobotProfile) -> None:
 
 
 class View(Protocol):
-    """An image of a camera."""
-
     @property
-    def camera(self) -> Camera:
-        """The camera."""
-        ...
+    def camera(self) -> Camera: ...
 
     @property
     def depth(self) -> npt.NDArray[np.float32]:

@@ -256,7 +256,6 @@ def shadows(depth: Depth, baseline: float, focal: float) -> npt.NDArray[np.bool_
 
 
 def brightness(colors: Colors) -> npt.NDArray[np.float32]:
-    """Return the brightness (H, W) from 0 to 1 of colours (H, W, 3)."""
     weights = np.array([0.299, 0.587, 0.114], dtype=np.float32) / np.float32(255.0)
     return np.asarray(colors.astype(np.float32) @ weights)
 

@@ -157,7 +157,6 @@ class ObservationSpec:
 
     @property
     def is_proprioceptive(self) -> bool:
-        """Whether no camera is needed."""
         return not self.modalities
 
     @staticmethod
@@ -255,7 +254,6 @@ class Observation(Mapping[str, Array]):
 
     @property
     def joint_velocities(self) -> npt.NDArray[np.float32]:
-        """Velocities (n,), rad/s and m/s."""
         return self.arrays[VELOCITY]
 
     @property

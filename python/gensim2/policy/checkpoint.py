@@ -98,8 +98,6 @@ class _Weights(BaseModel):
 
 
 class _Record(BaseModel):
-    """Content of ``config.json``."""
-
     model_config = ConfigDict(extra="forbid", strict=True)
 
     schema_version: int
@@ -155,7 +153,6 @@ class PolicyCheckpoint:
 
     @property
     def config(self) -> PolicyConfig:
-        """Configuration of the network."""
         return self.network.config
 
     def save(self, folder: Path) -> None:

@@ -100,7 +100,6 @@ class PolicyController:
 
     @property
     def config(self) -> PolicyConfig:
-        """Configuration of the policy."""
         return self._policy.config
 
     @property

@@ -50,7 +50,6 @@ class Curves:
             self._board.close()
 
     def add(self, *, step: int, **values: float) -> None:
-        """Add a point."""
         append(self._path, json.dumps({"step": step, **values}) + "\n")
         if self._board is not None:
             for name, value in values.items():

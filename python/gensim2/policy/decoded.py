@@ -218,7 +218,6 @@ def _remove(place: Path) -> None:
 
 
 def _read(each: _Row, spec: ObservationSpec) -> dict[str, Array]:
-    """Return the rows of one episode."""
     path = each.store.observation_path(each.row.index)
     seen = read_observation(path, each.row.episode_digest)
     spec.require(spec_of_file(seen.description, path), str(path), of="the rest of the data")

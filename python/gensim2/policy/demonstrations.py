@@ -65,7 +65,6 @@ class Demonstrations:
         *,
         progress: Progress = NULL_PROGRESS,
     ) -> Demonstrations:
-        """Return the demonstrations of rendered data sets."""
         return Demonstrations(decode(folders, tasks, progress=progress), config)
 
     def __len__(self) -> int:

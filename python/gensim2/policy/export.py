@@ -42,7 +42,6 @@ class Exported(nn.Module):  # type: ignore[misc]
             self.names.append(NOISE)
 
     def forward(self, *given: torch.Tensor) -> torch.Tensor:
-        """Return the policy's output."""
         batch = dict(zip(self.names, given, strict=True))
         noise = batch.pop(NOISE) if NOISE in batch else given[0].new_zeros(len(given[0]), 0)
         return self.network(batch, noise)

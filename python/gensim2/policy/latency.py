@@ -39,7 +39,6 @@ class Stopwatch:
         self._passes: list[npt.NDArray[np.float64]] = []
 
     def __len__(self) -> int:
-        """Return the number of passes that were kept."""
         return len(self._passes)
 
     def begin(self) -> None:

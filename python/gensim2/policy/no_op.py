@@ -26,11 +26,9 @@ class NoOpPolicy:
         self._arm = arm
 
     def reset(self, observation: Observation, seed: int) -> None:
-        """Start an episode."""
         self._action = np.append(observation.joint_positions[: self._arm], OPEN).astype(np.float32)
         self._left = STEPS
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
-        """Return the same action at every step, and None at the end."""
         self._left -= 1
         return self._action if self._left >= 0 else None

@@ -83,7 +83,6 @@ class KeyframePointer(nn.Module):  # type: ignore[misc]
 
     @property
     def tokens(self) -> int:
-        """Number of tokens."""
         return self.keyframes + 1
 
     def forward(

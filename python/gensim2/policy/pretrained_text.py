@@ -43,7 +43,6 @@ def embeddings(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
 
 
 def _digest(model: str) -> str:
-    """Return a digest of the model's name or, for a folder, of the size and time of its files."""
     found = hashlib.sha256(model.encode())
     if Path(model).is_dir():
         found = hashlib.sha256(str(Path(model).resolve()).encode())

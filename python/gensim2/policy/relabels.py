@@ -259,7 +259,6 @@ class RelabelledSource:
         return found
 
     def some_clouds(self, max_clouds: int) -> Any:
-        """Return clouds of the demonstrations."""
         return self._demonstrations.some_clouds(max_clouds)
 
     def _digest(self) -> str:

@@ -189,7 +189,6 @@ def _values(network: torch.nn.Module) -> list[torch.Tensor]:
 
 
 def _taught(network: torch.nn.Module) -> list[torch.nn.Parameter]:
-    """Return the trainable weights."""
     return [parameter for parameter in network.parameters() if parameter.requires_grad]
 
 
@@ -198,12 +197,10 @@ def _size(tensors: Sequence[torch.Tensor]) -> int:
 
 
 def _parts(flat: torch.Tensor, tensors: Sequence[torch.Tensor]) -> list[torch.Tensor]:
-    """Return views of a flat tensor in the shapes of the given tensors."""
     parts = flat.split([each.numel() for each in tensors])
     return [part.view_as(each) for part, each in zip(parts, tensors, strict=True)]
 
 
 def _fill(flat: torch.Tensor, tensors: Sequence[torch.Tensor]) -> None:
-    """Copy tensors into a flat one."""
     for part, each in zip(_parts(flat, tensors), tensors, strict=True):
         part.copy_(each.detach())

@@ -52,7 +52,6 @@ def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: Dept
 
 
 def with_noise(spec: ObservationSpec, noise: DepthNoise | None) -> ObservationSpec:
-    """Return the spec with the given depth noise."""
     return replace(spec, cloud=replace(spec.cloud, noise=noise))
 
 

@@ -157,7 +157,6 @@ def _train(
     device: str,
     progress: Progress,
 ) -> TrainResult:
-    """Train in a folder that is already locked."""
     devices = read_devices(device)
     share_of(training.batch, devices)
     if training.threads:
@@ -321,7 +320,6 @@ def _average(average: torch.nn.Module, network: torch.nn.Module, decay: float, s
 
 
 def _start_from(network: PolicyNetwork, start: PolicyCheckpoint, source: Source) -> None:
-    """Copy the weights and the normalization of a checkpoint."""
     start.require_robot(source.robot, "--from")
     start.observation.require(source.observation, "the data", of="--from")
     if start.action != source.action:

@@ -50,7 +50,6 @@ class Block(nn.Module):  # type: ignore[misc]
         )
 
     def forward(self, tokens: torch.Tensor, memory: torch.Tensor | None = None) -> torch.Tensor:
-        """Return tokens (B, S, D)."""
         normal = self.norm_self(tokens)
         tokens = tokens + self.attend_self(normal, normal)
         if self.norm_memory is not None and self.attend_memory is not None:

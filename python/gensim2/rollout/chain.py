@@ -117,7 +117,6 @@ class ChainController:
 
     @property
     def turn(self) -> str | None:
-        """Name of the current step."""
         return self._turns[-1].step.name if self._turns else None
 
     @property
@@ -363,7 +362,6 @@ class ChainController:
 
     @property
     def _holds(self) -> str | None:
-        """Name of the grasped object."""
         return None if self._held is None else self._held.name
 
     def _go_back(self) -> None:

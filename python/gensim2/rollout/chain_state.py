@@ -94,7 +94,6 @@ class ChainPlan:
 
     @property
     def is_over(self) -> bool:
-        """Return whether no action is left."""
         return self.planned.schedule is None or self.ran >= len(self.planned.schedule)
 
     def next_action(self) -> Action:
@@ -112,7 +111,6 @@ class ChainPlan:
         return np.column_stack([targets, schedule.commands])
 
     def record(self) -> PlanRecord:
-        """Return the plan's entry in the episode's record."""
         planned = self.planned
         return PlanRecord(
             strategy=self.strategy,

@@ -22,7 +22,7 @@ from gensim2.planning.hulls import HullsKey, crossings
 Array = npt.NDArray[np.float64]
 
 CELL = 0.005
-"""Cell size, m; for a long link its longest side divided by ``CELLS``."""
+"""Cell size, m; for a link longer than ``CELLS`` cells it is its longest side divided by ``CELLS``."""
 CELLS = 64
 
 WALLS = 3

@@ -45,12 +45,10 @@ class PrivilegedObservation(Observation):
 
     @property
     def q(self) -> npt.NDArray[np.float64]:
-        """Robot joints (n,) as float64."""
         return self.joint_positions.astype(np.float64)
 
     @property
     def qvel(self) -> npt.NDArray[np.float64]:
-        """Joint velocities (n,) as float64."""
         return self.joint_velocities.astype(np.float64)
 
 

@@ -42,7 +42,6 @@ class Asked:
         self._controller.reset(observation, seed)
 
     def act(self, observation: Observation) -> Action | None:
-        """Return the next action, or None at the end."""
         if self._threads is None:
             found = self._controller.act(observation)
         else:

@@ -55,7 +55,6 @@ class Change:
 
 
 def change(before: Measurement, after: Measurement, name: str) -> Change:
-    """Return the change of one object."""
     if name in after.openness:
         return Change(openness=after.openness[name] - before.openness[name])
     then, now = before.poses[name], after.poses[name]
@@ -71,7 +70,6 @@ def change(before: Measurement, after: Measurement, name: str) -> Change:
 
 
 def changes(before: Measurement, after: Measurement) -> Mapping[str, Change]:
-    """Return the change of every object."""
     return {name: change(before, after, name) for name in (*after.openness, *after.poses)}
 
 

@@ -43,11 +43,9 @@ class NoOpController:
         self._action: Action | None = None
 
     def reset(self, observation: Observation, seed: int = 0) -> None:
-        """Start an episode."""
         self._action = None
 
     def act(self, observation: Observation) -> Action | None:
-        """Return the joints at the start, and None after all steps."""
         if observation.step >= self._steps:
             return None
         if self._action is None:

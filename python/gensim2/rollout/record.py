@@ -232,7 +232,6 @@ class Episode:
 
     @property
     def replans(self) -> int:
-        """Return the number of plans that deviations caused."""
         return sum(step.replans for step in self.steps)
 
     def to_dict(self) -> dict[str, Any]:

@@ -53,7 +53,6 @@ class Recording:
 
     @property
     def steps(self) -> int:
-        """Number of control steps."""
         return len(self.actions)
 
     @property
@@ -107,7 +106,6 @@ class Recorder:
         self._truncated.append(world.elapsed_steps >= world.profile.steps(world.task.max_seconds))
 
     def finish(self) -> Recording:
-        """Return the recording, with rewards and flags as in the registered environment."""
         success = np.array(self._success, dtype=bool)
         instances = {name: placed.model.id for name, placed in self._world.initial_state.objects.items()}
         return Recording(

@@ -55,7 +55,6 @@ class Retreat:
 
     @property
     def is_over(self) -> bool:
-        """Return whether the motion is finished."""
         return self.ran >= len(self.targets)
 
 

@@ -197,7 +197,6 @@ class _Motion:
 
     @property
     def steps(self) -> int:
-        """Number of control steps so far."""
         return len(self.trace) - 1
 
     @property
@@ -206,7 +205,6 @@ class _Motion:
         return self.steps > 0 and is_at_rest(self.trace[-2], self.trace[-1], self._period)
 
     def observation(self) -> Observation:
-        """Return the controller's observation for its present spec."""
         spec = spec_of(self._controller)
         if self._seen is None or self._seen[:2] != (self.steps, spec):
             self._seen = (self.steps, spec, self._world.observe(spec))
@@ -230,7 +228,6 @@ class _Motion:
         settle(lambda: self.step(action), self.trace[-1], self._world.profile)
 
     def recording(self) -> Recording | None:
-        """Return the recording if one was requested."""
         return self._recorder.finish() if self._recorder is not None and self.steps else None
 
     def measure_about(self, step: int) -> tuple[Measurement, Measurement]:

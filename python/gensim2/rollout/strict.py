@@ -39,7 +39,7 @@ its shape.
 """
 
 OTHERS_DISTANCE, OTHERS_TILT = 0.03, math.radians(20.0)
-"""Distance (m) and angle (rad) by which objects may move that no step acts on."""
+"""Largest displacement (m) and rotation (rad) of objects that no step acts on."""
 
 
 def strict_misses(
@@ -116,7 +116,6 @@ def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]
 
 
 def _from_gripper(measured: Measurement, name: str) -> float:
-    """Return the distance (m) between the nearest keypoints of gripper and object."""
     gripper, points = np.stack(list(measured.gripper.values())), np.stack(list(measured.keypoints[name].values()))
     return float(np.linalg.norm(gripper[:, None] - points[None], axis=2).min())
 

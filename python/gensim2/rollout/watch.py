@@ -44,7 +44,6 @@ class Held:
     force: float | None = None
 
     def is_lost(self, profile: RobotProfile, q: Array, measured: Measurement) -> bool:
-        """Return whether the object is no longer in the hand."""
         if measured.finger_opening < _least_opening(self.width):
             return True
         now = in_hand(profile, q, measured, self.name)

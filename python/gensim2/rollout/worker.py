@@ -257,7 +257,6 @@ def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> 
 
 
 def forget() -> None:
-    """Close the cached controller."""
     from gensim2.rollout.controller_spec import close
 
     while _kept:

@@ -43,7 +43,6 @@ def check_names(task: TaskSpec, robot: RobotProfile) -> None:
 
 
 def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
-    """Return an open library, or open one as :func:`gensim2.objects.open_library`."""
     if assets is None or isinstance(assets, str | Path):
         return open_library(assets)
     if not all(callable(getattr(assets, name, None)) for name in ("instances", "load", "choose")):

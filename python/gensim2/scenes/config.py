@@ -125,7 +125,6 @@ class SceneOptions:
         return cls(**{each.name: record[each.name] for each in fields(SceneOptions) if each.name in record})
 
     def to_record(self) -> dict[str, Any]:
-        """Return the fields for a file."""
         return {each.name: getattr(self, each.name) for each in fields(SceneOptions)}
 
     def with_task(self, task: TaskSpec, instances: Drawn = "all") -> SceneConfig:

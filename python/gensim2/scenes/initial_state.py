@@ -118,7 +118,6 @@ class InitialState:
 
     @property
     def rigid_classes(self) -> tuple[str, ...]:
-        """Classes of the rigid objects."""
         models = (thing.model for thing in self.objects.values())
         return tuple(model.asset_class for model in models if isinstance(model, RigidObject))
 
@@ -260,8 +259,6 @@ def _stand(
 
 
 class _Room:
-    """Check of drawn placements."""
-
     def __init__(
         self,
         task: TaskSpec,

@@ -26,7 +26,6 @@ class Box:
 
 
 def visible_boxes() -> tuple[Box, ...]:
-    """Return the visible boxes: top, legs and floor."""
     leg = (0.025, 0.025, _HEIGHT / 2 - HALF_SIZE[2])
     places = [(x, y, -HALF_SIZE[2] - leg[2]) for x in (-0.6, 0.6) for y in (-0.6, 0.6)]
     return (

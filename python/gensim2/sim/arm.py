@@ -49,7 +49,6 @@ class Arm:
         self.reader = SapienRobot(profile, self.articulation)
 
     def put(self, start: Sequence[float]) -> None:
-        """Set the joints (n,) to the start of an episode, rad and m."""
         self.articulation.qpos = np.array(start, dtype=np.float32)
 
     def drive(self, action: npt.ArrayLike) -> None:
@@ -115,7 +114,6 @@ def _without_visuals(build_link: Callable[[Any, Any], None]) -> Callable[[Any, A
 
 
 def base_pose(profile: RobotProfile) -> sapien.Pose:
-    """Return the pose of the base in the world frame."""
     return sapien.Pose(p=list(profile.base_position), q=list(profile.base_quaternion))
 
 

@@ -177,7 +177,6 @@ class GenSim2Env(RaycastObservations):
 
     @property
     def max_episode_steps(self) -> int:
-        """Number of control steps after which an episode is truncated."""
         return self.profile.steps(self.task.max_seconds)
 
     @property
@@ -276,7 +275,6 @@ class GenSim2Env(RaycastObservations):
         )
 
     def scene_state(self) -> Scene:
-        """Return the scene for the planner, in the robot's base frame."""
         return read_scene(self._robot, self.parts)
 
     def evaluate(self) -> dict[str, Any]:

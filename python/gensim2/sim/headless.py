@@ -99,7 +99,6 @@ class HeadlessEnv(SceneAccessMixin):
 
     @property
     def max_episode_steps(self) -> int:
-        """Number of control steps after which an episode is truncated."""
         return self.profile.steps(self.task.max_seconds)
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
@@ -165,7 +164,6 @@ class HeadlessEnv(SceneAccessMixin):
         return self._scene.pressing_force()
 
     def wait(self) -> None:
-        """Make one control step without a command."""
         assert self.initial_state
         self._advance()
 
@@ -215,18 +213,15 @@ class HeadlessEnv(SceneAccessMixin):
 
     @property
     def success(self) -> bool:
-        """Whether the goal holds now."""
         return all_hold(self.task.success, self.measure())
 
     @property
     def is_finite(self) -> bool:
-        """Return whether the states of robot and objects are finite."""
         robot = self._scene.robot
         arm = robot is None or bool(np.isfinite(robot.q).all())
         return arm and all(part.is_finite for part in self.parts.values())
 
     def touched(self) -> frozenset[str]:
-        """Return the names of the objects in contact with the robot."""
         assert self._reader
         return self._scene.touched()
 
@@ -241,7 +236,6 @@ class HeadlessEnv(SceneAccessMixin):
         return self._reader.qvel
 
     def scene_state(self) -> Scene:
-        """Return the scene for the planner, in the robot's base frame."""
         return read_scene(self._reader, self._parts)
 
     def state(self) -> dict[str, dict[str, Row]]:

@@ -150,7 +150,6 @@ class ArticulatedPart(ABC):
         }
 
     def scene_object(self, T_base_world: Array) -> SceneObject:
-        """Return the object for the planner."""
         poses = {name: T_base_world @ self.frame(name).matrix() for name in self._parents}
         joint = self.model.joint
         T_base_root = poses[self._root]
@@ -244,11 +243,9 @@ class RigidPart(ABC):
 
     @property
     def is_finite(self) -> bool:
-        """Return whether the pose is finite."""
         return bool(np.isfinite(self.frame().row()).all())
 
     def keypoints(self) -> Mapping[str, Array]:
-        """Return the keypoints (3,) in the world frame, m."""
         frame = self.frame()
 
         def work_out() -> dict[str, Array]:
@@ -266,7 +263,6 @@ class RigidPart(ABC):
         return {"pose": self.frame().row()}
 
     def scene_object(self, T_base_world: Array) -> SceneObject:
-        """Return the object for the planner."""
         pose = T_base_world @ self.frame().matrix()
         return SceneObject(
             name=self.name,

@@ -183,7 +183,6 @@ class Physics:
         )
 
     def rigid_material(self, rigid: RigidObject) -> physx.PhysxMaterial:
-        """Return the contact material of a rigid object."""
         if self.switches.materials == "original":
             return self._material()
         return physx.PhysxMaterial(rigid.friction, rigid.friction, 0.0)

@@ -79,7 +79,6 @@ class SapienArticulatedPart(ArticulatedPart):
 
     @property
     def entities(self) -> list[sapien.Entity]:
-        """Entities of its links."""
         return [link.entity for link in self._links.values()]
 
 

@@ -54,13 +54,11 @@ class SapienScene:
 
     @staticmethod
     def prepare(profile: RobotProfile, physics: str) -> None:
-        """Parse the robot."""
         how = named_physics(physics)
         Arm(sapien.Scene([how.new_system(profile)]), profile, how)
 
     @property
     def robot(self) -> SapienRobot | None:
-        """The robot; None in a scene without it."""
         return None if self.arm is None else self.arm.reader
 
     @property

@@ -73,12 +73,10 @@ class StandingRobot:
         self._profile, self._start = profile, start
 
     def gripper(self) -> Mapping[str, Array]:
-        """Return the tool keypoints (3,) in the world frame, m."""
         return self._profile.gripper_with(self._start)
 
     @property
     def finger_opening(self) -> float:
-        """Return the distance between the finger pads, m."""
         return self._profile.gripper.widest
 
 
@@ -131,7 +129,6 @@ class SceneAccessMixin:
 
     @property
     def initial_state(self) -> InitialState:
-        """Initial state of the last reset."""
         self._require_open()
         if self._initial_state is None:
             raise GenSim2Error("the environment has not been reset yet")

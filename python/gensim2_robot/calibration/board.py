@@ -56,7 +56,6 @@ class Board:
             raise InputError(f"{text!r} is no board", field="--board", remedy="as 7x5:0.04:0.03") from error
 
     def charuco(self) -> Any:
-        """Return OpenCV's board."""
         import cv2
 
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))

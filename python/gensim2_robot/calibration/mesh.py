@@ -41,7 +41,6 @@ class Pose:
 
 
 def expected_error(depth: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Expected error of a depth, m."""
     return depth**2 * (DISPARITY_SIGMA / FOCAL_BASELINE)
 
 

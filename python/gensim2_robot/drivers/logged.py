@@ -91,7 +91,6 @@ class LoggedCameras:
         return sorted(found, key=lambda each: each.captured)
 
     def close(self) -> None:
-        """Close the files."""
         self._films.clear()
 
 

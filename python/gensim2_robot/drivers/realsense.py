@@ -129,7 +129,6 @@ class RealSenseCameras:
         return sorted((frame for film in self._films for frame in film.poll()), key=lambda frame: frame.captured)
 
     def close(self) -> None:
-        """Close the devices."""
         for film in self._films:
             film.close()
 
@@ -314,7 +313,6 @@ class SoftwareDevice:
         return self._rs.recorder(str(file), self.device, True)
 
     def give(self, frame: CameraFrame) -> None:
-        """Pass an image to the library."""
         rs = self._rs
         for (sensor, profile, size), pixels in zip(self._profiles, (frame.depth, frame.colors), strict=True):
             picture = rs.software_video_frame()
@@ -369,5 +367,4 @@ class SoftwareCameras:
         return found
 
     def close(self) -> None:
-        """Close the devices."""
         self._driver.close()

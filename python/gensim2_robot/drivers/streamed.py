@@ -70,13 +70,11 @@ class StreamedArm(ABC):
         self._threads: list[threading.Thread] = []
 
     def start(self) -> None:
-        """Start to read states and accept targets."""
         for target in (self._run, self._run_gripper):
             self._threads.append(threading.Thread(target=target, name=type(self).__name__, daemon=True))
             self._threads[-1].start()
 
     def poll(self) -> Sequence[ArmState]:
-        """Return the states received since the last call, oldest first."""
         found = []
         while self._states:
             found.append(self._states.popleft())

@@ -199,7 +199,6 @@ class TrialSettings(RunSettings):
 
     @property
     def arm(self) -> str:
-        """Name of the arm."""
         return str(self.line.get("arm", ""))
 
 
@@ -339,7 +338,6 @@ def write_table(out: Path) -> dict[str, Any]:
 
 
 def table_of(result: dict[str, Any]) -> str:
-    """Return the table as Markdown."""
     lines = [
         "| task | policy | arm | trials | succeeded | 95 % (Wilson) | causes of failures |",
         "| --- | --- | --- | --- | --- | --- | --- |",

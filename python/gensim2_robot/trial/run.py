@@ -259,7 +259,6 @@ class _Course:
             yield Layout(self.seeds[number], reset_options(placed))
 
     def ended(self, end: Ended) -> None:
-        """Store the result of a finished episode."""
         cause = None
         if self._verdict == "simulator":
             success = end.held is True

@@ -48,7 +48,7 @@ def record(tmp_path: Path) -> Callable[..., DemoResult]:
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Contents:
-    """The result of these six without interruptions."""
+    """The six demonstrations of an uninterrupted run."""
     out = tmp_path_factory.mktemp("undisturbed") / "run"
     with pytest.MonkeyPatch.context() as patch:
         _install(patch)

@@ -59,7 +59,6 @@ class Bounds:
         return Bounds(2**30 + 4 * min(size, 2**30), 60 + 4 * megabytes, resource.getrlimit(resource.RLIMIT_FSIZE))
 
     def apply(self) -> None:
-        """Apply the limits to this process."""
         begun = int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2]))
         data = _data_size() + self.memory
         resource.setrlimit(resource.RLIMIT_DATA, (data, data))
@@ -137,7 +136,6 @@ class _Told:
 
 
 def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
-    """Body of the subprocess."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
     faulthandler.disable()

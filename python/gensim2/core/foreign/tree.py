@@ -153,7 +153,6 @@ class ForeignTree:
         return path
 
     def has(self, name: str) -> bool:
-        """Return whether a regular file ``name`` is inside the folder."""
         path = self.path / name
         try:
             return _inside(path, self.path) and path.is_file()
@@ -257,12 +256,10 @@ class ForeignTree:
 
 
 def shortened(text: str) -> str:
-    """Return a text cut to 100 characters."""
     return text if len(text) <= 100 else f"{text[:97]}..."
 
 
 def megabytes(size: int) -> str:
-    """Format a number of bytes as MiB."""
     return f"{size / 2**20:g} MiB"
 
 

@@ -34,5 +34,4 @@ def _openness(value: float | None) -> str:
 
 
 def _share(value: Any) -> str:
-    """Format a rate with two decimals."""
     return f"{float(value):.2f}"

@@ -77,7 +77,6 @@ class Execution:
         return replace(self, workers=min(self.workers, jobs))
 
     def to_record(self) -> dict[str, Any]:
-        """Return the fields that are stored in a run's record."""
         return {"workers": self.workers, "ray": self.ray}
 
     def executor(

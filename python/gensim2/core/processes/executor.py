@@ -239,7 +239,6 @@ def received(message: bytes, index: int, number: int) -> Outcome[Any] | Failure:
 
 
 def enumerated(arguments: Iterable[tuple[Any, ...]]) -> Iterator[Job]:
-    """Yield jobs numbered from 0."""
     return (Job(index, values) for index, values in enumerate(arguments))
 
 

@@ -106,7 +106,6 @@ class Worker:
         return Failure(index, number, reason or too_long)
 
     def stop(self) -> None:
-        """End the process, even if it is busy."""
         self._job, self._ready, self._served = None, False, 0
         if self._connection is not None:
             self._connection.close()

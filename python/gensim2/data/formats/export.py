@@ -119,7 +119,6 @@ def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Pro
 def _frames(
     dataset: DataSet, chosen: Chosen, observations: bool, table: SeenTable, progress: Progress
 ) -> Iterator[Frames]:
-    """Yield the frames of each episode."""
     profile = robot(dataset.record.scene.robot)
     seen: set[bool] = set()
     for store, rows in chosen:

@@ -97,7 +97,6 @@ def _read_info(tree: ForeignTree) -> _Info:
 
 
 def _sentences(parquet: Any, path: Path) -> dict[int, str]:
-    """Return the instructions by index."""
     with read_by_library(path, REMEDY, "is no list of tasks that can be read"):
         file = parquet.ParquetFile(path)
         if file.metadata.num_rows > MAX_TASKS:

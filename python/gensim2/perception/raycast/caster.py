@@ -50,7 +50,6 @@ class Hits:
 
     @staticmethod
     def none(cameras: Sequence[Camera]) -> Hits:
-        """Return hits without any hit."""
         sizes = [(camera.height, camera.width) for camera in cameras]
         return Hits(
             tuple(np.full(s, c.far, dtype=np.float32) for s, c in zip(sizes, cameras, strict=True)),
@@ -60,7 +59,6 @@ class Hits:
         )
 
     def copy(self) -> Hits:
-        """Return a copy."""
         return Hits(_copied(self.depth), _copied(self.face), _copied(self.u), _copied(self.v))
 
 
@@ -151,7 +149,6 @@ class Caster:
         hits: Hits,
         view: int,
     ) -> None:
-        """Cast the rays of a part of an image, and keep hits that are nearer than earlier ones."""
         depth, face = hits.depth[view][window], hits.face[view][window]
         turn = pose[:3, :3]
         rays = camera.rays[window].reshape(-1, 3) @ turn

@@ -16,7 +16,6 @@ class Shared(nn.Module):  # type: ignore[misc]
         self.active = active
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
-        """Map features (..., inner) to (..., outer)."""
         found = self.linear(values)
         found = self.norm(found.reshape(-1, found.shape[-1])).reshape(found.shape)
         return torch.relu(found) if self.active else found

@@ -63,7 +63,6 @@ class InvertedResidual(nn.Module):  # type: ignore[misc]
         self.point = nn.Sequential(Shared(width, 4 * width), Shared(4 * width, width, active=False))
 
     def forward(self, xyz: torch.Tensor, features: torch.Tensor) -> torch.Tensor:
-        """Return the new features (B, M, width)."""
         rows = ball_query(xyz, xyz, self.radius, NEIGHBORS)
         relative = (gathered(xyz, rows) - xyz[:, :, None]) / self.radius
         found = self.local(torch.cat([relative, gathered(features, rows)], -1)).amax(2)

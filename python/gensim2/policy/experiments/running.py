@@ -296,7 +296,6 @@ def without_others(arm: Arm, record: ExperimentRecord) -> frozenset[str]:
 
 
 def _check_name(arm: Arm, name: str) -> None:
-    """Refuse an unknown task name."""
     try:
         load_task(name)
     except InputError as error:

@@ -16,7 +16,7 @@ ACTION = "action"
 """Name of the target: chunks (B, H, m + 2)."""
 
 EXTRA = 2
-"""Number of columns after the arm's."""
+"""Number of action columns after those of the arm."""
 
 SMALLEST = 1e-3
 """Smallest scale, rad or m, so that the noise of nearly constant joints is not amplified."""

@@ -87,8 +87,6 @@ def ddim_step(noisy: torch.Tensor, clean: torch.Tensor, now: torch.Tensor, then:
 
 
 class DiffusionHead(DecodingHead):
-    """Diffusion over chunks."""
-
     shares: torch.Tensor
 
     def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:

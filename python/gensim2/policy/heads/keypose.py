@@ -118,7 +118,6 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         return mine
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
-        """Return the weighted sum of the losses of both stages."""
         way, true = batch[WAY], batch[POSITIONS]
         place = true[:, ACTUATION]
         live = (way < self.ways - 1).to(place.dtype)

@@ -71,8 +71,6 @@ class PlannedRecord(RunSettings):
 
 
 class _About(BaseModel):
-    """Field ``about`` of a shard."""
-
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
     scenes: int = Field(ge=0)
@@ -217,7 +215,6 @@ def make_shard(
 
 
 def record_of(given: TaskInput, spec: ObservationSpec, seed: int, verify: bool = False) -> PlannedRecord:
-    """Return the record of a folder of planned scenes."""
     from gensim2.rollout.identity import digest, listing
 
     classes = sorted({thing.asset_class for thing in given.spec.objects.values()})

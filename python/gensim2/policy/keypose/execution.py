@@ -205,8 +205,6 @@ class Executor:
 
 
 class _Rows:
-    """Actions of a motion in progress."""
-
     def __init__(self, profile: RobotProfile, command: float) -> None:
         self._profile, self.command = profile, command
         self._positions: list[Array] = []

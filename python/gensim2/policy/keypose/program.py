@@ -55,7 +55,6 @@ class KeyposeProgram:
 
     @property
     def poses(self) -> Array:
-        """Hand poses (K, 4, 4) in the base frame."""
         poses = np.tile(np.eye(4), (KEYPOSES, 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = self.rotations, self.positions
         return poses

@@ -51,7 +51,6 @@ class Ways:
 
     @staticmethod
     def of(records: Sequence[PlannedRecord]) -> Ways:
-        """Return the classes of several tasks."""
         return Ways(
             tuple(
                 dict.fromkeys(

@@ -136,7 +136,6 @@ def _links_of_the_wrist(profile: RobotProfile) -> frozenset[str]:
 
 
 def _table(profile: RobotProfile) -> kpam.Body:
-    """Return the table in front of the robot, with a scene's size."""
     from gensim2.scenes.table import HALF_SIZE
 
     pose = np.eye(4)

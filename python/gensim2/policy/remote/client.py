@@ -207,7 +207,6 @@ class RemoteController:
         raise TimeoutError
 
     def _drop(self) -> None:
-        """Close a broken connection."""
         from websockets.exceptions import WebSocketException
 
         with contextlib.suppress(OSError, WebSocketException):

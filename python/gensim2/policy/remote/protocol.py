@@ -214,16 +214,12 @@ class Refusal(WireMessage):
 
 
 class CloudMessage(WireMessage):
-    """Point cloud of an observation."""
-
     xyz: Annotated[Any, _shaped(_FLOATS, None, 3)]
     rgb: Annotated[Any, _shaped(("uint8",), None, 3)]
     segmentation: Annotated[Any, _shaped(_INTEGERS, None)] | None
 
 
 class ObservationMessage(WireMessage):
-    """Observation of a request."""
-
     step: Number
     time: Finite
     language: Text
@@ -232,7 +228,6 @@ class ObservationMessage(WireMessage):
     cameras: list[CameraRecord]
 
     def value(self) -> Observation:
-        """Return the observation."""
         cloud, cameras = self.cloud, [each.camera() for each in self.cameras]
         return Observation(
             self.step,

@@ -97,7 +97,6 @@ def links_of(urdf: Path, content_hash: str = "") -> tuple[Link, ...]:
 
 
 def rigid_link(rigid: RigidObject) -> Link:
-    """Return the only link of a rigid object."""
     inertial = Inertial(rigid.mass, rigid.center_of_mass, rigid.inertia)
     return Link(BODY, None, None, None, inertial, tuple(_hull(hull) for hull in rigid.hulls[BODY]))
 

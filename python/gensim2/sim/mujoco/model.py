@@ -168,7 +168,6 @@ class _Builder:
                     self._couple(mixed_name(agent, link.joint.name), mixed_name(agent, link.joint.mimics))
 
     def _drives(self) -> dict[str, JointDrive]:
-        """Return the drive of each driven joint by name."""
         profile = self._profile
         gripper, simulation = profile.gripper, profile.simulation
         return {
@@ -213,7 +212,6 @@ class _Builder:
         joint.solref_friction, joint.solimp_friction = SOLREF, FRICTION_IMPEDANCE
 
     def _fill(self, body: mujoco.MjsBody, link: Link, mass: float, shape: Shape) -> None:
-        """Add inertia and shapes to a body."""
         body.explicitinertial = True
         if link.inertial is not None:
             values, axes = np.linalg.eigh(link.inertial.inertia)
@@ -257,7 +255,6 @@ class _Builder:
         )
 
     def _couple(self, follower: str, leader: str) -> None:
-        """Couple a joint to another one."""
         equality = self.spec.add_equality(
             type=mujoco.mjtEq.mjEQ_JOINT,
             objtype=mujoco.mjtObj.mjOBJ_JOINT,

@@ -181,7 +181,6 @@ class MujocoRobot(RobotReader):
         self._hand = simulation.body(mixed_name(profile.agent, profile.hand_link))
 
     def put(self, start: npt.ArrayLike) -> None:
-        """Set the joints (n,), rad and m."""
         self._simulation.raw.qpos[self._q] = start
         self._simulation.changed()
 

@@ -47,7 +47,6 @@ class MujocoScene:
 
     @staticmethod
     def prepare(profile: RobotProfile, physics: str) -> None:
-        """Read the robot's files."""
         links_of(profile.urdf)
         never_touching(profile.srdf)
 
