@@ -153,7 +153,7 @@ class Streamer:
 
     def __init__(self, limits: ArmLimits) -> None:
         self._limits = limits
-        # The velocity between two commands is that in the middle, and is limited by the position that it leads to.
+        # The mean velocity of a cycle is that in its middle, but it is limited by the position at its end.
         braking = limits.braking
         self._braking = None if braking is None else braking.ahead(0.5 * CYCLE).scaled(_FITTED).rows()
         self._motion: kpam.Trajectory | None = None

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 #: Smallest thickness of a part (m, at its final scale), because convex hulls need a volume.
 MINIMUM_THICKNESS = 5e-4
-SAME_PLACE = 1e-9  # units of the file
+SAME_PLACE = 1e-9  # vertices closer than this are merged (units of the file)
 
 
 @dataclass(frozen=True)

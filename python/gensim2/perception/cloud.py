@@ -111,12 +111,9 @@ class CloudSettings:
         neighbors: number of neighbours for the outlier test.
         noise: noise of the depth images; None: exact.
         source: ``"depth"``: images; ``"keypoints"``: true positions of the objects' keypoints and bounding box corners
-            in a
-            fixed order (:mod:`gensim2.perception.raycast.observer`), which only a simulator knows, for privileged
-            baselines.
-            Such a cloud has no settings except ``points``: corners, candidates and robot get fixed values, and noise
-                and
-            outliers are refused.
+            in a fixed order (:mod:`gensim2.perception.raycast.observer`), which only a simulator knows, for privileged
+            baselines. Such a cloud has no settings except ``points``: corners, candidates and robot get fixed values,
+            and noise and outliers are refused.
     """
 
     points: int = 1024

@@ -147,8 +147,7 @@ def learn(
         videos: number of recorded episodes of each task.
         objects: number of generated training objects of each class, drawn by the seed, beyond those listed in the
             library. None: the ``instances`` of ``scene``; if these are not given either, ``OBJECTS`` generated objects,
-                or
-            the training split of real ones.
+            or the training split of real ones.
         generated: for plans: number of generated training objects of each class in addition to a folder's objects. Both
             share the data's time in proportion to their numbers.
         verify: for plans: leave out scenes whose plans fail in simulation; plans are not simulated otherwise.

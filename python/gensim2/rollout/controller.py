@@ -95,14 +95,12 @@ class Controller(Protocol):
       :class:`PrivilegedObservation`.
     - ``observation_spec``: an :class:`~gensim2.perception.ObservationSpec` or its fields. Default: point clouds, or for
       privileged controllers the robot's own state. It is read before every observation, so a controller that needs
-      clouds
-      only now and then sets it to ``PROPRIOCEPTIVE`` in between.
+      clouds only now and then sets it to ``PROPRIOCEPTIVE`` in between.
     - ``reference``: a :class:`Reference`, read after every action and recorded; None if the action has none.
     - ``close()``: release resources such as connections; called when the controller is no longer needed.
     - ``turn``, ``history``, ``events``: name of the current task step, records of all started steps, and reported
-      events.
-      ``turn`` is read after every action, the others after the episode. Without them a step ends when its criterion
-      holds.
+      events. ``turn`` is read after every action, the others after the episode. Without them a step ends when its
+      criterion holds.
     """
 
     def reset(self, observation: Any, seed: int) -> None:

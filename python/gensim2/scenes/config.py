@@ -34,7 +34,7 @@ Drawn = str | tuple[str, ...] | frozenset[tuple[str, str | tuple[str, ...]]]
 """Instances that scenes choose from: one word, several ids, or (object's name, word or ids) pairs."""
 
 SceneRecord = Annotated[dict[str, Any], BeforeValidator(with_current_scene)]
-"""Fields of a file with the fields of :class:`SceneOptions`, of any release."""
+"""Fields of :class:`SceneOptions` in a file of any release, converted to the present names."""
 
 
 class SceneArguments(TypedDict, total=False):

@@ -1,4 +1,4 @@
-"""The table."""
+"""The table on which the objects stand: its size and its visible parts."""
 
 from __future__ import annotations
 

@@ -292,7 +292,7 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
     where: dict[str, Any] = {"address": address}
     if address == "local":  # otherwise Ray looks for a running cluster
         where |= {"num_cpus": workers or usable_cores(), "include_dashboard": False}
-        where["_system_config"] = {"worker_niceness": 0}  # with Ray's 15, workers starve on a busy machine
+        where["_system_config"] = {"worker_niceness": 0}  # Ray's 15 starves workers on a busy machine
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         for number in range(TRIES):

@@ -88,10 +88,10 @@ def export(
 
 
 def check_apart(path: Path, out: Path, what: str) -> None:
-    """Refuse an output folder that is or lies in the input folder.
+    """Refuse an output folder that is the input folder or lies in it.
 
     Raises:
-        InputError: it is or does.
+        InputError: the output folder is not outside the input folder.
     """
     if Path(os.path.realpath(out)).is_relative_to(os.path.realpath(path)):
         raise InputError(f"lies in {what}", file=out, remedy="choose another folder with --out")

@@ -22,7 +22,7 @@ Array = npt.NDArray[Any]
 
 MAX_INFO = 16 * 2**20  # bytes of meta/info.json
 MAX_ROWS = 10_000_000  # frames of a row group, which is read as a whole
-MAX_GROUP = 2**30  # uncompressed bytes
+MAX_GROUP = 2**30  # uncompressed bytes of a row group
 MAX_TASKS = 1_000_000
 
 REMEDY = "give a LeRobot data set of version 3.0"

@@ -180,7 +180,7 @@ class _Builder:
     def _add_link(
         self, owner: str, link: Link, position: Sequence[float] | Array, quaternion: Sequence[float] | Array
     ) -> mujoco.MjsBody:
-        """Add a link's body; the pose is that of a root link."""
+        """Add a link's body; position and quaternion are used for root links only."""
         name = mixed_name(owner, link.name)
         if link.parent is None:
             return self.spec.worldbody.add_body(name=name, pos=position, quat=quaternion)
