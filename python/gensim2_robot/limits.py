@@ -18,7 +18,7 @@ from gensim2.core.errors import GenSim2Error
 from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
 
 SLACK = 1e-9
-"""Tolerance for rounding, as a share of a limit."""
+"""Tolerance for rounding: a share of speeds and accelerations, and rad or m for positions."""
 
 _COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 29, 35, 42, 50, 60, 72, 86, 104, 125, 150, 180, 216, 260)
 _EDGES = (0.0, 0.25, 0.5)

@@ -159,7 +159,7 @@ class LocalMind:
     def _run(self, spec: MindSpec, truth: Truth) -> None:
         try:
             think(spec, self._inbox.get, self._outbox.put, self._clock.now, truth)
-        except BaseException as error:  # noqa: BLE001 - told to whoever waits for it
+        except BaseException as error:  # noqa: BLE001 - passed to the waiting caller
             self._error = error
             self._outbox.put(None)
 

@@ -182,7 +182,7 @@ class Puppet:
         try:
             with there.devices.clock.punctual():
                 self._follow(there, session)
-        except Exception as error:  # noqa: BLE001 - raised in the caller's thread, by its next call
+        except Exception as error:  # noqa: BLE001 - raised by the caller's next call
             self._error = error
             there.line.arm.release()
         finally:

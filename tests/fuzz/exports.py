@@ -338,7 +338,7 @@ def measured(path: Path, out: Path, kind: Format, spent: Path, progress: Any) ->
     import resource
 
     begun = time.process_time()
-    Path("/proc/self/clear_refs").write_text("5")  # resets the highest memory
+    Path("/proc/self/clear_refs").write_text("5")  # resets the counter of the highest memory
     try:
         return read_export(path, out, kind, progress)
     finally:

@@ -148,7 +148,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             scratch.mkdir()
             try:
                 found = attempt(_pick(good, generator), scratch, generator, 600.0 if options.decompose else SLOWEST)
-            except Exception as error:  # noqa: BLE001 - any other is what is looked for
+            except Exception as error:  # noqa: BLE001 - other exceptions are the bugs to be found
                 faults += 1
                 print(f"{number}: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
             else:

@@ -57,7 +57,7 @@ def tried(numbers: Iterable[int], attempt: Callable[[int], Ended], say: Say) -> 
     for count, number in enumerate(numbers, 1):
         try:
             found = attempt(number)
-        except Exception as error:  # noqa: BLE001 - any other is what is looked for
+        except Exception as error:  # noqa: BLE001 - other exceptions are the bugs to be found
             tally.faults += 1
             say(f"{number}: {type(error).__name__}: {str(error)[-1500:]}")
         else:

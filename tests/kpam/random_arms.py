@@ -59,7 +59,7 @@ class _Joint:
 
 
 def triple(values: Array) -> str:
-    """Return three numbers as an attribute."""
+    """Return three numbers as the value of an XML attribute."""
     return " ".join(repr(float(value)) for value in values)
 
 

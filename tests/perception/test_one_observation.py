@@ -38,7 +38,7 @@ def as_bytes(arrays: Any) -> dict[str, tuple[str, tuple[int, ...], bytes]]:
 
 
 def of_file(arrays: dict[str, Any], step: int) -> dict[str, Any]:
-    """Return a row of a data set, by the names of an observation."""
+    """Return a row of a data set under the names of an observation's arrays."""
     from gensim2.perception.cloud import from_steps
 
     names = {"qpos": "state", "qvel": "velocity", "tool_pose": "tool_pose", "gripper": "gripper"}

@@ -24,7 +24,7 @@ def _failed(step: str | None = None, **changes: Any) -> Episode:
 
 
 def _make(*episodes: Episode, max_attempts: int = 8) -> tuple[Episode, list[Attempt]]:
-    """Return the episode that counts if attempts end like ``episodes``, and the attempts."""
+    """Run attempts that end like ``episodes``; return the episode that counts, and the attempts."""
     asked: list[Attempt] = []
 
     def run(attempt: Attempt) -> EpisodeResult:

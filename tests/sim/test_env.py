@@ -393,7 +393,7 @@ def test_seeds_do_not_touch_global_random_state(crates: Callable[..., Any], crat
     import torch
 
     env = GenSim2Env(crate_task, assets=crates())
-    np.random.seed(1)  # noqa: NPY002 - the global state is what is tested
+    np.random.seed(1)  # noqa: NPY002 - tests the global state
     torch.manual_seed(1)
     before = hashlib.sha256(np.random.get_state()[1].tobytes()).hexdigest(), torch.get_rng_state()  # noqa: NPY002
     env.reset(seed=9)

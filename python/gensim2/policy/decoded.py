@@ -207,7 +207,7 @@ def _fill(
                 arrays[name][episode.first : episode.first + episode.steps + 1] = values
             progress.advance()
         for array in arrays.values():
-            array.flush()  # type: ignore[attr-defined]  # a map of a file
+            array.flush()  # type: ignore[attr-defined]  # a memory map
         write_json(folder / "about.json", {"schema_version": VERSION, "frames": frames, "episodes": len(rows)})
 
 

@@ -144,7 +144,7 @@ def exported(file: Path, to: Format) -> Callable[[dict[str, torch.Tensor]], torc
 def _write_onnx(graph: Any, values: tuple[torch.Tensor, ...], names: list[str], buffer: io.BytesIO) -> None:
     _onnxruntime()
     try:
-        import onnxscript  # noqa: F401 - torch.onnx needs it
+        import onnxscript  # noqa: F401 - required by torch.onnx
     except ModuleNotFoundError as error:
         raise MissingExtraError("onnxscript", "export") from error
     torch.onnx.export(

@@ -176,7 +176,7 @@ def _replica(
                 loss = take(step)
                 _fill(gradients, [torch.zeros_like(each) if each.grad is None else each.grad for each in taught])
                 pipe.send((loss, time.process_time() - begin))
-    except Exception as error:  # noqa: BLE001 - whatever it is, who trains says it
+    except Exception as error:  # noqa: BLE001 - the trainer reports the error
         with contextlib.suppress(OSError):
             pipe.send(f"{type(error).__name__}: {str(error).partition(chr(10))[0]}")
 

@@ -25,7 +25,7 @@ class TimeLimit(gym.Wrapper[Any, Any, Any, Any]):
         self._max_episode_steps = own if asked is None or asked == registered else int(asked)
 
     @property
-    def spec(self) -> EnvSpec | None:  # type: ignore[override]  # of a wrapper it is a property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]  # a property in gymnasium's wrappers
         """Spec of the environment, with the limit of this wrapper."""
         spec = super().spec
         if spec is not None:

@@ -217,7 +217,7 @@ class StreamedArm(ABC):
         """Call the maker's library and return its result; None if it failed, which the next state reports."""
         try:
             return what()
-        except Exception as error:  # noqa: BLE001 - libraries raise what they like; the watch stops by the state
+        except Exception as error:  # noqa: BLE001 - libraries raise any exception; the watchdog reacts to the state
             self._trouble = f"{type(error).__name__}: {error}"
             return None
 

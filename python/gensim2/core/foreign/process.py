@@ -149,7 +149,7 @@ def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
         said = ("error", error)
     except MemoryError:
         said = ("memory",)
-    except BaseException:  # noqa: BLE001 - a bug of ours is raised where it was called
+    except BaseException:  # noqa: BLE001 - sent to the caller, who raises it
         said = ("bug", traceback.format_exc())
     with contextlib.suppress(OSError):  # the parent has ended
         connection.send_bytes(pickle.dumps(said))

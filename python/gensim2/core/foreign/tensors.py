@@ -64,7 +64,7 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
         raise InputError(f"has a header of {header} bytes", file=path, remedy=remedy)
     found = {}
     with read_by_library(path, remedy, "is damaged"), safe_open(path, "pt") as file:
-        for name in file.keys():  # noqa: SIM118 - it is no mapping
+        for name in file.keys():  # noqa: SIM118 - not a mapping
             tensor = file.get_slice(name)
             found[name] = Shape(tensor.get_dtype(), tuple(tensor.get_shape()))
     return found

@@ -252,7 +252,7 @@ def answer(payload: bytes) -> bytes:
             said = pickle.dumps(("error", error, None, time.process_time() - begin))
             pickle.loads(said)  # an error that cannot be unpickled is a bug
             return said
-    except BaseException as error:  # noqa: BLE001 - a panic of the solver and an exit are failures too
+    except BaseException as error:  # noqa: BLE001 - panics of the solver and exits are failures too
         words = " ".join(f"{type(error).__name__}: {error}".split())
         return pickle.dumps(("failure", words, traceback.format_exc(), 0.0))
 
