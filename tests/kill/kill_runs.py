@@ -49,9 +49,14 @@ SCRIPT_ENVIRONMENT = {
 
 @dataclass(frozen=True)
 class Command:
-    """A command to disturb and the number of episodes that it collects in the simulator, with the words of these tests.
+    """A command to disturb.
 
-    ``record`` is the file whose existence allows to resume; None: resuming needs no file.
+    Attributes:
+        name: name of the command.
+        words: its arguments.
+        episodes: number of episodes that it collects in the simulator.
+        spared: options that leave out work.
+        record: file without which there is nothing to resume; None if ``--resume`` also starts a new folder.
     """
 
     name: str

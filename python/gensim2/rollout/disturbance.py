@@ -43,9 +43,9 @@ class Disturbed(WrappedController):
     """Controller with a disturbance, once in an episode, while it grasps or carries its first rigid object.
 
     Args:
-        controller: the controller, which is not told.
+        controller: the controller, which gets no sign of the disturbance.
         world: its world.
-        task: task whose first step on a rigid object is disturbed; without such a step nothing is.
+        task: task whose first step on a rigid object is disturbed; without such a step there is no disturbance.
         kind: ``"push"``: the object moves 3 cm before it is touched. ``"drop"``: the fingers open while they hold it.
         seed: seed of the episode.
     """
