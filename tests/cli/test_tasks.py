@@ -40,7 +40,7 @@ def figure(physics: str = "ours") -> Figure:
 
 @pytest.fixture
 def measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Return figures of one task under two conditions."""
+    """Replace the published figures of a task by rows of two conditions."""
     rows = (figure(), figure("original"))
     monkeypatch.setattr(description, "figures_of", lambda name: rows if name == LONG else ())
 

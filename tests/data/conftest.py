@@ -51,7 +51,7 @@ def _small_disk(size: int = 4096) -> Iterator[None]:
 
 @pytest.fixture
 def small_disk() -> Callable[..., contextlib.AbstractContextManager[None]]:
-    """Return a context in which files of this process cannot exceed a size, as on a full disk."""
+    """Return a function that makes a context in which files of this process cannot exceed a size, as on a full disk."""
     return _small_disk
 
 

@@ -176,7 +176,7 @@ def _content(folder: Path) -> list[str]:
 
 
 def _refusing(read: Callable[[], object]) -> None:
-    """Return the result of a reader, or its error: another reader may accept the same file."""
+    """Call a reader and check its error message, if it refuses; another reader may accept the same file."""
     try:
         read()
     except InputError as error:

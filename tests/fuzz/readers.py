@@ -223,12 +223,12 @@ def _task_reader(name: str) -> Callable[[Path], object]:
 
 
 def _demonstrating(name: str) -> Callable[[Path], list[str]]:
-    """A good task is refused only because the folder contains a run already."""
+    """Return the command for a task, which is refused only because the folder contains a run already."""
     return lambda folder: ["demo", str(folder / name), "--assets", "builtin", "--out", str(folder / "run")]
 
 
 def _resuming(folder: Path) -> list[str]:
-    """A good record is refused only because its strategies differ."""
+    """Return the command for a record, which is refused only because its strategies differ."""
     run = ["--out", str(folder / "run"), "--resume"]
     return ["demo", TASK, "--episodes", "2", "--assets", "builtin", *run]
 

@@ -44,7 +44,7 @@ SCRIPT_ENVIRONMENT = {
     "GENSIM2_LIBRARY": "none",
     "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)]),
 }
-"""Environment variable that tells a child process to use the fake world."""
+"""Environment of this script as a child process, whose workers import the fake world."""
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ def test_a_glass_is_carried_upright_over_a_wall(panda: kpam.Robot, tolerance: fl
     end = kept.trajectory.sample(kept.trajectory.duration)[0]
     np.testing.assert_allclose(end, goal, atol=1e-9)
     q = kept.trajectory.sample(np.linspace(0.0, kept.trajectory.duration, 600))[0]
-    # Close by design: links of the Panda itself.
+    # The Panda's own links are close by design, so only the wall counts.
     nearest = [pair for pair in kept.nearer if "wall" in pair]
     assert not nearest
     assert not scene.in_collision(q).any()

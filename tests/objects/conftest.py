@@ -28,7 +28,7 @@ f 4 1 5 8
 
 
 def write_cube(folder: Path, name: str, low: tuple[float, float, float], high: tuple[float, float, float]) -> None:
-    """Return a box as OBJ + MTL."""
+    """Write a box as OBJ + MTL."""
     corners = {f"{axis}{i}": v[k] for k, axis in enumerate("xyz") for i, v in enumerate((low, high))}
     (folder / f"{name}.obj").write_text(CUBE.format(name=name, **corners))
     (folder / f"{name}.mtl").write_text("newmtl paint\nKd 0.2 0.4 0.6\nd 1\n")

@@ -15,7 +15,7 @@ from gensim2.objects.library.export import export
 
 
 def same_hulls(a: ArticulatedObject, b: ArticulatedObject) -> None:
-    """Return whether both have the same convex parts, in any order of their vertices."""
+    """Check that both have the same convex parts, in any order of their vertices."""
     assert list(a.hulls) == list(b.hulls)
     for link, hulls in a.hulls.items():
         assert len(hulls) == len(b.hulls[link])

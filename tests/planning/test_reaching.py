@@ -25,7 +25,7 @@ CLOSE = Step(name="close", object="drawer", strategies=("push",))
 
 
 def push(ahead: float) -> KeypointStrategy:
-    """Return a plan in which closed fingers come down the given distance (m) before the handle and push it in."""
+    """Return a strategy in which closed fingers come down the given distance (m) before the handle and push it in."""
     constraints: list[dict[str, Any]] = [
         point_to_point(
             "tool_head", "articulated_object_head", 0.001, target_offset=[0.0, ahead, 0.0], target_offset_frame="joint"

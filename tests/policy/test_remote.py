@@ -47,7 +47,7 @@ LEAVES = 13
 
 
 class Echo:
-    """A fake controller that returns what it observed, with delays and errors as configured."""
+    """A fake controller that returns the observed joints, with delays and errors as configured."""
 
     observation_spec = ObservationSpec(modalities=())
 

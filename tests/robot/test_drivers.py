@@ -255,8 +255,10 @@ class Followed(StreamedArm):
 
 
 def stream(monkeypatch: pytest.MonkeyPatch, came: list[int], cycles: int) -> tuple[Followed, np.ndarray, np.ndarray]:
-    """Return the written positions (k, 7), relative to the start (rad), and velocities (rad/s) of a driver that got the
-    given number of targets of a path with 1 rad/s in each cycle of 5 ms.
+    """Return a driver that got these numbers of targets of a path with 1 rad/s in cycles of 5 ms.
+
+    Returns:
+        The driver, and the written positions (k, 7), rad relative to the start, and velocities (k, 7), rad/s.
     """
     now = 100.0
     clock = types.SimpleNamespace(monotonic=lambda: now)

@@ -24,7 +24,7 @@ def _plan(status: str, ran: int = 0, **detail: Any) -> PlanRecord:
 def _open(
     course: Sequence[Measurement], plans: list[PlanRecord] | None = None, events: Sequence[Event] = ()
 ) -> Episode:
-    """Return a course in which the drawer is to be opened."""
+    """Return an episode in which the drawer is to be opened."""
     history = [StepRecord("open", plans or [_plan("solved", 30)], False, False)]
     steps = 0 if plans and not any(plan.ran for plan in plans) else 30
     controller = ScriptedController(steps, (("open", 0),), history, events)
@@ -141,7 +141,7 @@ def _put(
     events: Sequence[Event] = (),
     turns: Sequence[tuple[str, int]] = (("grasp", 0), ("place", 20)),
 ) -> Episode:
-    """Return a course in which the ball is grasped until control step 20 and placed until 50."""
+    """Return an episode in which the ball is grasped until control step 20 and placed until 50."""
     history = [StepRecord(name, [_plan("solved", 20)], False, False) for name in dict(turns)]
     controller = ScriptedController(50, turns, history, events)
     return run(ScriptedWorld(PUT_BALL_AWAY, glide(*waypoints)), controller, seed=0).episode

@@ -23,7 +23,7 @@ ACTUATED = (Event(5, "grasp", ACTUATION),)
 
 
 def _put(world: ScriptedWorld | None = None, events: tuple[Event, ...] = ACTUATED, **end: Any) -> Episode:
-    """Return a course in which the ball is carried into the drawer; ``end`` is its last instant."""
+    """Return an episode in which the ball is carried into the drawer; ``end`` changes its last instant."""
     course = glide((0, BEFORE), (10, BEFORE), (30, {**PLACED, "opening": 0.04}), (31, PLACED), (40, PLACED))
     course.append(instant(**{**PLACED, **end}))
     world = world or ScriptedWorld(PUT_BALL_AWAY, course)
@@ -77,9 +77,7 @@ def test_a_little_of_it_is_let_pass(end: dict[str, Any]) -> None:
 
 
 def _moves(rolls: float = 0.0, spins: float = 0.0, slides: float = 0.0) -> Episode:
-    """Return a course in which, after the judgement, the ball or the drawer moves at the given speed (m/s, rad/s,
-    openness/s).
-    """
+    """Return an episode after whose end the ball or the drawer moves at the given speed (m/s, rad/s, openness/s)."""
     course = glide((0, BEFORE), (10, BEFORE), (30, {**PLACED, "opening": 0.04}), (31, PLACED), (40, PLACED))
     course += course[-1:] * robot("panda").steps(SETTLE_SECONDS)
     for step in range(robot("panda").steps(LASTING_SECONDS)):

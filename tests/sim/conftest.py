@@ -55,7 +55,7 @@ class CrateLibrary:
 
 @pytest.fixture
 def crates(tmp_path: Path) -> Callable[..., CrateLibrary]:
-    """Make a library of ``count`` equal crates."""
+    """Return a function that makes a library of ``count`` equal crates."""
 
     def make(count: int = 1, **kwargs: Any) -> CrateLibrary:
         return CrateLibrary(

@@ -365,7 +365,7 @@ class ChainController:
         return None if self._held is None else self._held.name
 
     def _go_back(self) -> None:
-        """Return to the step that grasps the object needed by the current step, if it is not in the hand."""
+        """Continue with the step that grasps the object needed by the current step, if it is not in the hand."""
         if self._step.tool not in (HAND, self._holds):
             before = [i for i in range(self._at) if self._task.steps[i].object == self._step.tool]
             if before:

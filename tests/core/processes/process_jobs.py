@@ -81,7 +81,7 @@ def evaluated(config: Any, spec: Any, seed: int, stop: str, keep: Any, index: in
 
 
 def die_at_first(value: int, tries: str, needed: int) -> tuple[int, int]:
-    """Kill this process until it was tried ``needed`` times; then return the process id and the number of tries."""
+    """Kill this process until it was tried ``needed`` times; then return ``value`` and the number of tries."""
     path = Path(tries)
     with path.open("a") as stream:
         stream.write(f"{os.getpid()}\n")

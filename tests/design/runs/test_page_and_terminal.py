@@ -63,7 +63,7 @@ class Page(HTMLParser):
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
-    """Run a command line in this process and return its standard output."""
+    """Return a function that runs a command line in this process and returns its standard output."""
     monkeypatch.setattr(design, "run_pipeline", partial(_here, design.run_pipeline))
     monkeypatch.setattr(design, "demo", partial(_here, design.demo))
 

@@ -229,7 +229,7 @@ def _episode(seed: int, held: bool) -> Episode:
 
 
 def _log(path: Path) -> None:
-    """Return the log of a benchmark."""
+    """Write the log of a benchmark."""
     log = EpisodeLog(path, SEEDS)
     for index, seed in enumerate(SEEDS):
         log.add(index, _episode(seed, seed != 8))

@@ -141,7 +141,7 @@ def _note(event: str, _: object) -> None:
 
 @pytest.fixture
 def events() -> Iterator[list[str]]:
-    """Return the names of the audit events during the call: files, imports, processes, sockets, compiled code."""
+    """Names of the audit events during a test: files, imports, processes, sockets, compiled code."""
     global _events
     if _note not in _hooks:
         sys.addaudithook(_note)

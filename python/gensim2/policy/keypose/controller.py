@@ -244,7 +244,7 @@ class KeyposeController:
         return True
 
     def _lost(self, observation: Observation) -> None:
-        """Return home with open fingers after the object was lost; the step that grasped it is expected next."""
+        """Move to the rest pose with open fingers after the object was lost, and expect the step that grasped it."""
         self.told["lost"] += 1
         self._holds, self._expected = False, {self._taking}
         now = observation.joint_positions.astype(np.float64)
