@@ -142,6 +142,7 @@ class GenSim2Env(RaycastObservations):
                 f"the registered environments run in sapien, not {sampler.engine}", field="engine", remedy=remedy
             )
         self.physics = named_physics(sampler.physics)
+        self.metadata = {**self.metadata, "render_fps": self.profile.control_hz}
         if robot_uids not in (None, self.profile.agent):
             raise InputError(f"is {self.profile.agent!r}, not {robot_uids!r}", field="robot_uids", remedy="give robot")
         agents.register(self.profile)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import copy
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
-from gymnasium.envs.registration import WrapperSpec, registry
+from gymnasium.envs.registration import EnvSpec, WrapperSpec, registry
 
 from gensim2.core.errors import InputError
 from gensim2.tasks.library import load_task, packaged_names
@@ -31,7 +32,10 @@ def env_id(task: TaskSpec) -> str:
     return f"{MODULE}:{task.env_id if in_library else TASK_ENV_ID}"
 
 
-def make_env(task: str | TaskSpec | Mapping[str, Any], **kwargs: Any) -> gym.Env[Any, Any]:
+_UNBATCHED = WrapperSpec("Unbatched", "gensim2.sim.unbatched:Unbatched", {})
+
+
+def make_env(task: str | TaskSpec | Mapping[str, Any], *, numpy: bool = False, **kwargs: Any) -> gym.Env[Any, Any]:
     """Make the gymnasium environment of a task.
 
     Example:
@@ -43,6 +47,8 @@ def make_env(task: str | TaskSpec | Mapping[str, Any], **kwargs: Any) -> gym.Env
 
     Args:
         task: name of a library task, a spec, or its fields.
+        numpy: return NumPy arrays, floats and bools without a batch axis, as most libraries for gymnasium expect. By
+            default values are tensors with a leading axis of length one, which ManiSkill's tools expect.
         kwargs: keyword arguments of ``gymnasium.make`` and of :class:`~gensim2.sim.env.GenSim2Env`: ``assets``,
             ``instances``, ``physics``, ``robot``, ``randomization``, ``obs_mode``, ``reward_mode``, ....
 
@@ -54,7 +60,7 @@ def make_env(task: str | TaskSpec | Mapping[str, Any], **kwargs: Any) -> gym.Env
         ImportError: the simulator is not installed.
     """
     id, given = _id_and_arguments(task)
-    return gym.make(id, **given, **kwargs)
+    return gym.make(_unbatched_spec(id) if numpy else id, **given, **kwargs)
 
 
 def make_vec_env(
@@ -63,6 +69,7 @@ def make_vec_env(
     vectorization_mode: str = "async",
     *,
     vector_kwargs: Mapping[str, Any] | None = None,
+    wrappers: Sequence[Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]] = (),
     **kwargs: Any,
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
     """Make several environments of a task as one vector environment.
@@ -98,7 +105,7 @@ def make_vec_env(
 
     id, given = _id_and_arguments(task)
     envs = gym.make_vec(
-        id, num_envs, vectorization_mode, dict(vector_kwargs or {}), wrappers=[CPUGymWrapper], **given, **kwargs
+        _unbatched_spec(id), num_envs, vectorization_mode, dict(vector_kwargs or {}), wrappers, **given, **kwargs
     )
     spec = envs.unwrapped.spec
     assert spec is not None, "gymnasium describes what it makes"
@@ -115,6 +122,12 @@ def _id_and_arguments(task: str | TaskSpec | Mapping[str, Any]) -> tuple[str, di
         task = parse_task(dict(task))
     id = env_id(task)
     return id, {"task": task} if id.endswith(TASK_ENV_ID) else {}
+
+
+def _unbatched_spec(id: str) -> EnvSpec:
+    spec = copy.deepcopy(gym.spec(id.removeprefix(f"{MODULE}:")))
+    spec.additional_wrappers += (_UNBATCHED,)
+    return spec
 
 
 def register_all() -> None:

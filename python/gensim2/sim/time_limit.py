@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils import RecordConstructorArgs
 
 
 class TimeLimit(gym.Wrapper[Any, Any, Any, Any]):
@@ -20,7 +21,8 @@ class TimeLimit(gym.Wrapper[Any, Any, Any, Any]):
         asked = None
         if isinstance(env, gym.wrappers.TimeLimit):
             asked, env = env._max_episode_steps, env.env
-        super().__init__(env)
+        RecordConstructorArgs.__init__(self, registered=registered)
+        gym.Wrapper.__init__(self, env)
         own = int(self.unwrapped.max_episode_steps)  # type: ignore[attr-defined]
         self._max_episode_steps = own if asked is None or asked == registered else int(asked)
 

@@ -1,0 +1,65 @@
+"""Environments of NumPy values for libraries that follow gymnasium's interface to the letter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import RecordConstructorArgs
+
+
+class Unbatched(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Remove the leading axis of length one that ManiSkill adds to all values, and return NumPy arrays in place of tensors.
+
+    Rewards are floats, ``terminated`` and ``truncated`` are bools. All arrays are copies.
+
+    Args:
+        env: environment whose observations, rewards, flags and pictures have a leading axis of length one.
+
+    Example:
+        ```python
+        env = Unbatched(gensim2.make_env("OpenDrawer"))    # the same as gensim2.make_env("OpenDrawer", numpy=True)
+        obs, info = env.reset(seed=7)
+        ```
+    """
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        RecordConstructorArgs.__init__(self)
+        gym.Wrapper.__init__(self, env)
+        self.observation_space = _unbatched_space(env.observation_space)
+        # The other modes open a window or need cameras in the observation.
+        modes = [mode for mode in env.metadata["render_modes"] if mode == "rgb_array"]
+        self.metadata = {**env.metadata, "render_modes": modes}
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment and return its first observation and information."""
+        obs, info = self.env.reset(seed=seed, options=options)
+        return _unbatched(obs), _unbatched(info)
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Execute one control step."""
+        obs, reward, terminated, truncated, info = self.env.step(action)
+        return _unbatched(obs), float(reward), bool(terminated), bool(truncated), _unbatched(info)
+
+    def render(self) -> Any:
+        """Return the picture, (H, W, 3) uint8, or None without a render mode that returns one."""
+        return _unbatched(self.env.render())
+
+
+def _unbatched(value: Any) -> Any:
+    """Return the only row of tensors and arrays; other values have no leading axis."""
+    if isinstance(value, Mapping):
+        return {name: _unbatched(each) for name, each in value.items()}
+    if isinstance(value, np.ndarray) or hasattr(value, "cpu"):
+        array = np.asarray(value.cpu() if hasattr(value, "cpu") else value)
+        return array[0].copy()
+    return value
+
+
+def _unbatched_space(space: gym.Space[Any]) -> gym.Space[Any]:
+    if isinstance(space, gym.spaces.Dict):
+        return gym.spaces.Dict({name: _unbatched_space(each) for name, each in space.items()})
+    assert isinstance(space, gym.spaces.Box), "all observations are arrays"
+    return gym.spaces.Box(space.low[0], space.high[0], space.shape[1:], space.dtype.type)  # type: ignore[arg-type]
