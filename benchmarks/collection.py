@@ -164,7 +164,7 @@ def _collect(out: Path, workers: int, options: argparse.Namespace) -> tuple[floa
     told, log = out.with_suffix(".json"), out.with_suffix(".log")
     words = ["collect", *options.tasks, "--episodes", str(options.episodes), "--workers", str(workers)]
     words += ["--assets", options.assets, "--out", str(out), "--json", str(told)]
-    watched = watch([sys.executable, "-m", "gensim2.cli", *words], log)
+    watched = watch([sys.executable, "-m", "gensim2", *words], log)
     if watched.code != 0:
         raise SystemExit(log.read_text()[-2000:])
     result = json.loads(told.read_text())

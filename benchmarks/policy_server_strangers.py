@@ -66,7 +66,7 @@ def measure(seconds: float, which: list[str]) -> dict[str, float]:
     """Return the memory of the server, MB, and the delays of its loop, ms."""
     os.environ[TOKEN] = "a token of no worth"
     words = ["policy", "serve", f"{Path(__file__).resolve()}:Still", "--port", "0"]
-    server = subprocess.Popen([sys.executable, "-u", "-m", "gensim2.cli", *words], stdout=subprocess.PIPE, text=True)
+    server = subprocess.Popen([sys.executable, "-u", "-m", "gensim2", *words], stdout=subprocess.PIPE, text=True)
     assert server.stdout is not None
     for line in server.stdout:
         if found := re.search(r"ws://([\d.]+):(\d+)", line):

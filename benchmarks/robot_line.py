@@ -91,7 +91,7 @@ def replayed(found: dict[str, Any], log: Path) -> dict[str, Any]:
 def run(words: list[str], minutes: float, folder: Path) -> dict[str, Any]:
     """Run ``gensim2 robot run`` and return its JSON."""
     out = folder / "result.json"
-    command = [sys.executable, "-m", "gensim2.cli", "robot", "run", *words, "--minutes", str(minutes)]
+    command = [sys.executable, "-m", "gensim2", "robot", "run", *words, "--minutes", str(minutes)]
     subprocess.run([*command, "--json", str(out), "--out", str(folder / "log")], check=False, stdout=subprocess.DEVNULL)
     found: dict[str, Any] = json.loads(out.read_text())
     return replayed(found, folder / "log")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
+import re
 import subprocess
 import sys
+import textwrap
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -64,6 +67,40 @@ def test_rooms_say_what_they_are_and_give_what_they_say(room: str) -> None:
     for name in module.__all__:
         assert not inspect.ismodule(getattr(module, name)), f"{name} is a module of that name"
     assert sorted(module.__all__) == sorted(set(module.__all__))
+
+
+def _example(text: str) -> str | None:
+    """Return the program below ``Example:`` in a docstring."""
+    found = re.search(r"^Example:\n(.*?)(?=\n\S|\Z)", inspect.cleandoc(text), re.S | re.M)
+    if found is None:
+        return None
+    block = textwrap.dedent(found[1])
+    fenced = re.search(r"```python\n(.*?)```", block, re.S)
+    return fenced[1] if fenced else textwrap.dedent(block.partition("::\n")[2])
+
+
+@pytest.mark.parametrize("room", ["", *ROOMS, "bench", "policy"])
+def test_every_function_has_an_example(room: str) -> None:
+    module = importlib.import_module(f"gensim2.{room}".rstrip("."))
+    functions = [(name, getattr(module, name)) for name in module.__all__]
+    examples = {name: _example(made.__doc__ or "") for name, made in functions if inspect.isroutine(made)}
+    assert [name for name, text in examples.items() if not text] == []
+    for text in examples.values():
+        compile(text or "", room, "exec", flags=ast.PyCF_ALLOW_TOP_LEVEL_AWAIT)
+
+
+def test_every_function_of_the_solver_has_an_example() -> None:
+    tree = ast.parse(files("gensim2_kpam").joinpath("__init__.pyi").read_text(encoding="utf-8"))
+    (robot,) = (node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == "Robot")
+    functions = [node for node in [*tree.body, *robot.body] if isinstance(node, ast.FunctionDef)]
+    wanted = [node for node in functions if node in tree.body or node.name == "from_urdf"]
+    assert len(wanted) > 9
+    assert [node.name for node in wanted if not _example(ast.get_docstring(node) or "")] == []
+
+
+def test_the_package_is_the_command_line() -> None:
+    done = subprocess.run([sys.executable, "-m", "gensim2", "--help"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("Usage: gensim2 ")
 
 
 def test_other_names_are_refused() -> None:

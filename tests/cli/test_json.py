@@ -170,7 +170,7 @@ def test_the_names_of_open_descriptors(tmp_path: Path) -> None:
 def test_standard_output_by_its_name(tmp_path: Path, redirection: str) -> None:
     file = tmp_path / "out"
     name = "/dev/fd/3" if redirection.startswith("3") else "/dev/stdout"
-    command = f"{sys.executable} -m gensim2.cli tasks list --json {name} {redirection.format(file=file)}"
+    command = f"{sys.executable} -m gensim2 tasks list --json {name} {redirection.format(file=file)}"
     subprocess.run(["bash", "-c", command], check=True)
     assert json.loads(file.read_text())["schema_version"] == 1
 

@@ -207,7 +207,7 @@ def test_doctor_ends_with_1_where_something_needed_is_missing(
 
 
 def test_a_reader_that_leaves_early_is_no_error() -> None:
-    script = f"{sys.executable} -m gensim2.cli tasks list --json | head -n 1"
+    script = f"{sys.executable} -m gensim2 tasks list --json | head -n 1"
     result = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
     assert result.stdout == "{\n"
     assert "Traceback" not in result.stderr

@@ -189,7 +189,7 @@ def test_help_and_version_need_click_alone() -> None:
 
 
 def _shell(command: str) -> subprocess.CompletedProcess[str]:
-    script = command.replace("gensim2", f"{sys.executable} -m gensim2.cli")
+    script = command.replace("gensim2", f"{sys.executable} -m gensim2")
     return subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False, timeout=120)
 
 
@@ -248,7 +248,7 @@ def test_what_the_file_system_refuses_anywhere_is_one_line(
 
 def test_names_that_are_no_text_are_shown(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable.encode(), b"-m", b"gensim2.cli", b"demo", b"\xff\x1b[31m"],
+        [sys.executable.encode(), b"-m", b"gensim2", b"demo", b"\xff\x1b[31m"],
         capture_output=True,
         check=False,
         cwd=tmp_path,

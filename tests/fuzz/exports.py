@@ -403,7 +403,7 @@ def attempt_command(good: Path, kind: Format, scratch: Path, generator: np.rando
     shutil.copytree(good, folder)
     (scratch / "count").write_text((good.parent / f"{kind}.count").read_text())
     told = damage(folder, kind, generator)
-    command = [sys.executable, "-m", "gensim2.cli", "data", "import", str(folder), "--from", kind, "--out", str(out)]
+    command = [sys.executable, "-m", "gensim2", "data", "import", str(folder), "--from", kind, "--out", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=120, check=False)
     said = [line for line in done.stderr.splitlines() if line.startswith("gensim2:")]
     assert "Traceback" not in done.stderr, f"{told}: {done.stderr}"

@@ -148,7 +148,7 @@ def test_export_writes_a_library_that_opens(capfd: pytest.CaptureFixture[str], t
 
 def test_ctrl_c_ends_validation_and_its_workers_at_once() -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "gensim2.cli", "assets", "validate", "--all", "--no-physics", "--workers", "2"],
+        [sys.executable, "-m", "gensim2", "assets", "validate", "--all", "--no-physics", "--workers", "2"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

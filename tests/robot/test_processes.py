@@ -66,7 +66,7 @@ def test_signals_stop_and_the_json_is_written(tmp_path: Path, number: signal.Sig
     out = tmp_path / "out.json"
     words = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin", "--minutes", "5", "--pixels", "64x48"]
     words += ["--real-time"]
-    words = ["-m", "gensim2.cli", *words, "--json", str(out), "--out", str(tmp_path / "log")]
+    words = ["-m", "gensim2", *words, "--json", str(out), "--out", str(tmp_path / "log")]
     said = tmp_path / "said"
     process = warm.start(*words, out=said, err=said)
     try:

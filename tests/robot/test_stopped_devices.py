@@ -210,7 +210,7 @@ def test_a_device_that_cannot_be_opened_ends_the_run_with_json(
 @pytest.mark.skipif(not can_mount(), reason="mounts a file system of its own")
 def test_a_run_without_shared_memory_ends_with_json(tmp_path: Path) -> None:
     out = tmp_path / "out.json"
-    command = [*on_disk("ro", Path("/dev/shm")), sys.executable, "-m", "gensim2.cli", *WORDS, "--json", str(out)]
+    command = [*on_disk("ro", Path("/dev/shm")), sys.executable, "-m", "gensim2", *WORDS, "--json", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False, timeout=300)
     assert (done.returncode, "Traceback" in done.stderr) == (1, False), done.stderr
     found = json.loads(out.read_text())

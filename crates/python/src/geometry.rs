@@ -40,6 +40,9 @@ pub(crate) struct PyRobot(pub Arc<Robot>);
 
 #[pymethods]
 impl PyRobot {
+    /// Reads a URDF and its collision meshes: `Robot.from_urdf("ur5.urdf", hand_link="flange")`. `hand_link` carries the
+    /// tool; `srdf` names pairs of links that may touch; `base_link` is the base frame (default: the only root). A file
+    /// that cannot be used is a `UrdfError` that names link or joint.
     #[staticmethod]
     #[pyo3(name = "from_urdf", signature = (path, *, hand_link, srdf = None, base_link = None))]
     fn read_urdf(path: PathBuf, hand_link: &str, srdf: Option<PathBuf>, base_link: Option<&str>) -> PyResult<Self> {

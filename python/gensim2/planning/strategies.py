@@ -178,6 +178,12 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
 
     Raises:
         InputError: a field is unknown, missing or out of range; names it.
+
+    Example:
+        ```python
+        for data in gensim2.load_strategies("OpenDrawer").values():
+            print(parse_strategy(data))
+        ```
     """
     if "grasp" in data:
         kind = PullStrategy if "follow_joint_to" in data else GraspStrategy

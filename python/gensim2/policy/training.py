@@ -46,6 +46,12 @@ def train(
     Raises:
         InputError: a setting, the data or a checkpoint cannot be used.
         MissingExtraError: a package is not installed.
+
+    Example:
+        ```python
+        result = train("night", out="policy", tasks=["CloseBox"], settings={"steps": 2000})
+        print(result.loss)
+        ```
     """
     from gensim2.policy.checkpoint import PolicyCheckpoint
     from gensim2.policy.demonstrations import Demonstrations

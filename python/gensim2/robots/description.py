@@ -93,6 +93,12 @@ def stored(name: str, urdf: ET.Element | str, srdf: str) -> RobotFiles:
 
     Raises:
         InputError: the cache folder cannot be written to.
+
+    Example:
+        ```python
+        arm = read_description(Path("ur5.urdf"))
+        files = stored("ur5", arm, touching_neighbours(arm))
+        ```
     """
     text = urdf if isinstance(urdf, str) else ET.tostring(urdf, encoding="unicode")
     folder = cache_dir() / "robots" / hashlib.sha256((text + srdf).encode()).hexdigest()[:16]

@@ -143,6 +143,11 @@ def robot_key(name: object) -> str:
 
     Raises:
         InputError: this process knows no such robot.
+
+    Example:
+        ```python
+        print(robot_key("panda"))
+        ```
     """
     if not isinstance(name, str):
         raise InputError(f"no robot {name!r:.80}", field="robot", remedy=f"one of {', '.join(robot_names())}")

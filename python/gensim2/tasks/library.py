@@ -148,6 +148,12 @@ def load_task(name: str) -> TaskSpec:
 
     Raises:
         InputError: there is no such task (names near matches), or its file cannot be used.
+
+    Example:
+        ```python
+        task = gensim2.load_task("OpenDrawer")
+        print(task.description, [step.name for step in task.steps])
+        ```
     """
     return _packaged_task(name) if name in packaged_names() else _read_task(task_folder(name), name)
 
@@ -188,6 +194,12 @@ def load_strategies(name: str) -> dict[str, StrategyData]:
 
     Raises:
         InputError: there is no such task, or a strategy's file is missing.
+
+    Example:
+        ```python
+        strategies = gensim2.load_strategies("OpenDrawer")
+        print(list(strategies))
+        ```
     """
     return {strategy: _read(file) for strategy, file in strategy_files(task_folder(name), load_task(name)).items()}
 
