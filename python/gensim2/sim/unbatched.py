@@ -11,7 +11,7 @@ from gymnasium.utils import RecordConstructorArgs
 
 
 class Unbatched(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Remove the leading axis of length one that ManiSkill adds to all values, and return NumPy arrays in place of tensors.
+    """Remove the leading axis of length one that ManiSkill adds to all values, and return arrays in place of tensors.
 
     Rewards are floats, ``terminated`` and ``truncated`` are bools. All arrays are copies.
 

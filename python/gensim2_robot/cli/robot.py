@@ -342,6 +342,27 @@ def replay(folder: Annotated[Path, Option(metavar="DIR")]) -> dict[str, Any] | E
     return Ending(result) if found.different else result
 
 
+def _show_export(result: dict[str, Any]) -> None:
+    line(f"{result['frames']} frames of {result['seconds']:.1f} s")
+    for name in result["files"]:
+        line(name)
+
+
+@command(show=_show_export)
+def export(folder: Annotated[Path, Option(metavar="DIR")], *, out: Folder) -> dict[str, Any]:
+    """Make a film, a picture and a Foxglove file of a log.
+
+    Writes film.mp4 (all cameras side by side), still.png (the first, the middle and the last moment), foxglove.mcap
+    (pictures, cloud, robot, joints, watch) and foxglove_layout.json, the layout to import in Foxglove.
+
+    Args:
+        out: Folder to write to.
+    """
+    from gensim2_robot.export import export as function
+
+    return function(folder, out)
+
+
 @command(show=_show_check)
 def check(*, robot: str) -> dict[str, Any] | Ending:
     """Check that everything that a run needs is there.
@@ -357,6 +378,6 @@ def check(*, robot: str) -> dict[str, Any] | Ending:
 
 robot = click.Group(
     "robot",
-    commands=[run, dry_run, view, trial, calibrate, fit_noise, replay, check],
+    commands=[run, dry_run, view, trial, calibrate, fit_noise, replay, export, check],
     help="Drive an arm through limits, a watch and a log. Read docs/guides/robot.md before you drive a real arm.",
 )
