@@ -174,7 +174,7 @@ def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port:
     """
     from gensim2.data.observing import objects_of
     from gensim2.perception.raycast.observer import Observer
-    from gensim2.planning.show import draw_plan
+    from gensim2.planning.show import draw_plans
     from gensim2_kpam.show import add_clock, add_text
 
     server = viser_module().ViserServer(host=host, port=port, verbose=False)
@@ -204,10 +204,11 @@ def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port:
             handle.position, handle.wxyz = pose[:3, 3], quaternion(pose)
         cloud.points, cloud.colors = cloud_at(index)
 
-    for number, step in enumerate(shown.plans):
-        if step.found.plan is not None:
-            draw_plan(server, step.found.plan, shown.profile, f"/plan/{number + 1}_{step.name}")
-            add_text(server, _said_of(step.name, step.found.plan))
+    plans = {f"{number} {step.name}": step.found.plan for number, step in enumerate(shown.plans, 1)}
+    found = {name: plan for name, plan in plans.items() if plan is not None}
+    draw_plans(server, found, shown.profile)
+    for name, plan in found.items():
+        add_text(server, _said_of(name, plan))
     _add_switches(server, meshes, cloud, bool(shown.plans))
     add_clock(server, cast(Any, _Clock(shown.times)), lambda index: stand_at(int(index)))
     return server

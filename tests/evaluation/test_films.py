@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
-from gensim2.evaluation.films import AMBIENT, DOT, PAPER, SKY, dotted, film_index, film_path, shaded
+from gensim2.data.close_up import AMBIENT, SKY, CloseUp, shaded
+from gensim2.evaluation.films import DOT, PAPER, dotted, film_index, film_path
 from gensim2.perception import Camera
+from gensim2.rollout.recording import Recorder
+from gensim2.sim.headless import HeadlessEnv
 
 CAMERA = Camera.looking("film", (0, 0, 2), (0.001, 0, 0), width=32, height=32, fov=1.0)
 
@@ -45,6 +49,35 @@ def test_a_surface_is_darker_the_more_it_turns_away_and_nothing_is_sky() -> None
     sides = [shaded(MadeUpView(flat + each))[5:20, 5:20].mean() for each in (ramp, ramp[:, ::-1])]  # type: ignore[arg-type]
     assert min(sides) < floor[5:20, 5:20].mean() < max(sides)
     assert shaded(MadeUpView(np.zeros((32, 32), np.float32)))[3, 3].tolist() == list(SKY)  # type: ignore[arg-type]
+
+
+def test_the_close_up_shows_the_fingertips_from_the_side_where_nothing_hides_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    env = HeadlessEnv("OpenDrawer", assets="builtin")
+    env.reset(seed=3)
+    recorder = Recorder(env)
+    recorder.add(env.profile.rest_action, env.measure())
+    states = recorder.finish().env_states
+    first = {kind: {name: rows[:1] for name, rows in group.items()} for kind, group in states.items()}
+    models = {name: thing.model for name, thing in env.initial_state.objects.items()}
+    close_up = CloseUp(env.profile, models, 200)
+    black = np.zeros((200, 300, 3), np.uint8)
+    drawn = close_up.onto(black, first)
+    assert not black.any(), "the given picture is not changed"
+    assert not drawn[:-62].any()
+    assert not drawn[:, :-62].any()
+    assert len(np.unique(drawn[-60:, -60:].reshape(-1, 3), axis=0)) > 50
+    tips = close_up._scene.see(close_up._scene.poses(first)[0], {env.profile.hand_link: np.eye(4)})[0].camera
+    assert tips.T_base_camera[:3, 1] @ [0, 0, 1] > 0.8, "the fingers point down in the picture"
+
+    wall, free = np.full((30, 30), 0.1, np.float32), np.full((30, 30), 2.0, np.float32)
+    for depths, side in (((wall, free), 1), ((wall, wall), 1), ((free, wall), 0), ((free, free), 0)):
+        views = tuple(MadeUpView(depth, replace(CAMERA, width=30, height=30)) for depth in depths)
+        monkeypatch.setattr(close_up._scene, "see", lambda *_, views=views: views)
+        monkeypatch.setattr(close_up, "_size", 30)
+        close_up.onto(black, first)
+        assert close_up._side == side
 
 
 def test_a_film_is_known_by_its_episode() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,9 @@ GOOD = """<!doctype html><html lang="en"><head><title>Page</title></head><body><
 def test_a_page_has_no_faults_in_a_narrow_and_a_wide_window(kind: str, request: pytest.FixtureRequest) -> None:
     page = request.getfixturevalue(kind)  # first, so that errors show without a browser
     browser = request.getfixturevalue("browser")
-    wrong = {width: faults(browser, page, width) for width in WIDTHS}
+    shots = os.environ.get("GENSIM2_SCREENSHOTS")
+    pictures = {width: Path(shots) / f"{kind}_{width}.png" if shots else None for width in WIDTHS}
+    wrong = {width: faults(browser, page, width, picture=picture) for width, picture in pictures.items()}
     assert not any(wrong.values()), wrong
 
 

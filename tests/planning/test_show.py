@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import urllib.request
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,3 +64,33 @@ def test_the_page_of_a_plan(reach: float, held: str | None) -> None:
             assert b"<html" in answer.read(4000).lower()
     finally:
         server.stop()
+
+
+def test_labels_of_one_place_share_a_line() -> None:
+    from gensim2.planning.show import APART, draw_plans
+
+    class Page:
+        """Records labels; everything else is drawn by nobody."""
+
+        def __init__(self) -> None:
+            self.scene, self.labels = self, {}
+
+        def add_label(self, name: str, text: str, position: np.ndarray) -> None:
+            self.labels[name] = text, position
+
+        def add_frame(self, name: str, **_: Any) -> None: ...
+
+        def add_line_segments(self, name: str, *_: Any, **__: Any) -> None: ...
+
+    profile, stands = robot("panda"), scene(0.5, None)
+    step = Step(name="reach", object="lid", strategies=("reach",))
+    plan = StepPlanner(profile).plan(stands, step, KeypointStrategy(CONFIG)).plan
+    assert plan is not None
+    page = Page()
+    draw_plans(page, {"1 reach": plan, "2 reach again": plan}, profile)
+    texts = [text for text, _ in page.labels.values()]
+    assert any("1: actuation" in text and "2: actuation" in text for text in texts)
+    assert sum(text.count("actuation") for text in texts) == 2
+    places = np.array([place for _, place in page.labels.values()])
+    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)[~np.eye(len(places), dtype=bool)]
+    assert (apart >= APART).all()

@@ -21,6 +21,7 @@ from gensim2.core.foreign.hdf5 import ForeignHdf5Error, array_in, group_in
 from gensim2.core.foreign.library import read_by_library
 from gensim2.core.foreign.tree import open_regular
 from gensim2.core.record_files import read_record
+from gensim2.data.close_up import CloseUp
 from gensim2.data.episode_file import STATES_DEPTH, read_tree
 from gensim2.data.trajectory import JSON_NAME, env_kwargs
 from gensim2.robots import DEFAULT_ROBOT, robot
@@ -225,26 +226,38 @@ class _Shown:
 def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     import gymnasium as gym
 
+    from gensim2.sim import rendering
+
     kwargs = {name: value for name, value in replay.env_kwargs.items() if name != "engine"}
     env = gym.make(replay.env_id, **{**kwargs, "obs_mode": "none", "render_mode": "rgb_array"})
 
+    world: Any = env.unwrapped
+
     def see(outcome: dict[str, Any]) -> Frame:
         frame = np.asarray(env.render()[0].cpu().numpy(), dtype=np.uint8)  # type: ignore[index, union-attr]
-        keypoints = env.unwrapped.measure().keypoints.values()  # type: ignore[attr-defined]
+        states = {
+            kind: {name: row.cpu().numpy() for name, row in group.items()}
+            for kind, group in world.get_state_dict().items()
+        }
+        frame = close_up.onto(frame, states)
+        keypoints = world.measure().keypoints.values()
         points = [point for own in keypoints for point in own.values()]
         shown.add(frame, np.stack(points), bool(outcome["success"][0]))
         return frame
 
     try:
-        yield see(env.reset(**replay.reset_kwargs)[1])
+        outcome = env.reset(**replay.reset_kwargs)[1]
+        models = {name: thing.model for name, thing in world.initial_state.objects.items()}
+        close_up = CloseUp(world.profile, models, rendering.video_camera().height)
+        yield see(outcome)
         for number, action in enumerate(replay.actions, 1):
             if replay.states is None:
                 outcome = env.step(action)[4]
             if number % stride and number != len(replay.actions):
                 continue
             if replay.states is not None:
-                env.unwrapped.show(replay.states, number)  # type: ignore[attr-defined]
-                outcome = env.unwrapped.evaluate()  # type: ignore[attr-defined]
+                world.show(replay.states, number)
+                outcome = world.evaluate()
             yield see(outcome)
     finally:
         env.close()

@@ -11,10 +11,11 @@ import numpy.typing as npt
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import replacing
+from gensim2.data.close_up import CloseUp, shaded
 from gensim2.data.episode_file import read_episode
 from gensim2.data.observing import objects_of
 from gensim2.data.video import write_video
-from gensim2.perception import Camera, EmptyCloudError, ObservationSpec, View
+from gensim2.perception import Camera, EmptyCloudError, ObservationSpec
 from gensim2.perception.raycast.observer import Observer
 from gensim2.perception.raycast.scene import RaycastScene
 from gensim2.robots import OPEN, RobotProfile, robot
@@ -29,9 +30,7 @@ FRAMES_PER_SECOND = 10
 EYE, TARGET = (-0.45, -1.15, 0.75), (-0.13, -0.07, 0.2)
 """Position of the camera (world frame, m): on the right, where the inside of most open doors is visible."""
 FIELD_OF_VIEW = float(np.deg2rad(40))
-SKY, PAPER = (235, 238, 242), (24, 26, 30)
-LIGHT = (0.3, -0.5, 0.8)
-AMBIENT = 0.45
+PAPER, INK = (24, 26, 30), (235, 238, 242)
 DOT = 2
 """Half the width of the square drawn for a point, pixels."""
 
@@ -76,24 +75,36 @@ def _frames(
 ) -> Iterator[Frame]:
     objects = objects_of(scene, recording.instances)
     camera = film_camera(profile)
-    solid = RaycastScene(profile, objects, [camera])
+    solid, close_up = RaycastScene(profile, objects, [camera]), CloseUp(profile, objects, SIZE)
     sees = "pointcloud" in spec.modalities
     observer = Observer(profile, objects, spec, recording.seed, scene.task.description) if sees else None
     poses = solid.poses(recording.env_states)
     commands = [OPEN, *map(float, recording.actions[:, -1])]
     last = len(commands) - 1
     for step in sorted({*range(0, last + 1, stride), last}):
-        picture = shaded(solid.see(poses[step])[0])
+        states = _row(recording.env_states, step)
+        picture = close_up.onto(shaded(solid.see(poses[step])[0]), states)
         if observer is None:
-            yield picture
+            yield _titled(picture, "camera")
             continue
         try:
-            cloud = observer.observe(_row(recording.env_states, step), step, commands[step]).cloud
+            cloud = observer.observe(states, step, commands[step]).cloud
         except EmptyCloudError:
             cloud = None
         points = np.zeros((0, 3)) if cloud is None else cloud.xyz
         colours = np.zeros((0, 3), np.uint8) if cloud is None else cloud.rgb
-        yield np.concatenate([picture, dotted(points, colours, camera)], axis=1)
+        shown = _titled(picture, "camera"), _titled(dotted(points, colours, camera), "point cloud of the controller")
+        yield np.concatenate(shown, axis=1)
+
+
+def _titled(picture: Frame, title: str) -> Frame:
+    """Write a line into the upper left corner of a picture."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    image = Image.fromarray(picture)
+    font = ImageFont.load_default(14)
+    ImageDraw.Draw(image).text((8, 6), title, INK, font, stroke_width=2, stroke_fill=PAPER)
+    return np.asarray(image)
 
 
 def film_camera(profile: RobotProfile) -> Camera:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,7 @@ def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "l
     server.scene.set_up_direction("+z")
     arm = extras.ViserUrdf(server, model, root_node_name="/arm")
     riding = _draw_scene(server, scene)
-    draw_plan(server, plan, profile)
+    draw_plans(server, {"plan": plan}, profile)
     robot = profile.model
     places = [robot.joint_names.index(name) for name in arm.get_actuated_joint_names()]
     T_hand_held: Array = np.eye(4)
@@ -117,7 +118,8 @@ def _draw_scene(server: Any, scene: Scene) -> Any:
         for key, place in thing.keypoints.items():
             label = key.removeprefix("articulated_object_").removeprefix("rigidbody_object_")
             server.scene.add_icosphere(f"/keypoints/{name}/{key}", 0.008, color=(220, 40, 40), position=place)
-            server.scene.add_label(f"/keypoints/{name}/{key}/label", f"{name} {label}")
+            labels.append((f"{name} {label}", np.asarray(place)))
+    _add_labels(server, "/keypoints/labels", labels)
     return riding
 
 
@@ -130,23 +132,40 @@ def draw_plan(server: Any, plan: kpam.Plan, profile: RobotProfile, name: str = "
         profile: profile of the robot.
         name: parent node of the plan in the page's scene tree.
     """
-    for frame in plan.keyframes:
-        pose = np.asarray(frame["T_base_hand"], dtype=np.float64)
-        server.scene.add_frame(
-            f"{name}/keyframes/{frame['label']}",
-            axes_length=0.06 if frame["reached"] else 0.03,
-            axes_radius=0.003,
-            wxyz=_quaternion(pose),
-            position=pose[:3, 3],
-        )
-        text = frame["label"] if frame["reached"] else f"{frame['label']} (not reached)"
-        server.scene.add_label(f"{name}/keyframes/{frame['label']}/label", text)
-    if plan.trajectory is not None:
-        path = profile.model.forward_kinematics(plan.trajectory.sample_every(STEP))[:, :3, 3]
-        if len(path) > 1:
-            server.scene.add_line_segments(
-                f"{name}/path",
-                np.stack([path[:-1], path[1:]], axis=1).astype(np.float32),
-                (40, 90, 220),
-                thickness=0.003,
+    labels = []
+    for name, plan in plans.items():
+        part = f"/plan/{name.replace(' ', '_')}"
+        for frame in plan.keyframes:
+            pose = np.asarray(frame["T_base_hand"], dtype=np.float64)
+            server.scene.add_frame(
+                f"{part}/keyframes/{frame['label']}",
+                axes_length=0.06 if frame["reached"] else 0.03,
+                axes_radius=0.003,
+                wxyz=_quaternion(pose),
+                position=pose[:3, 3],
             )
+            text = frame["label"] if frame["reached"] else f"{frame['label']} (not reached)"
+            labels.append((f"{name.partition(' ')[0]}: {text}" if len(plans) > 1 else text, pose[:3, 3]))
+        if plan.trajectory is not None:
+            path = profile.model.forward_kinematics(plan.trajectory.sample_every(STEP))[:, :3, 3]
+            if len(path) > 1:
+                server.scene.add_line_segments(
+                    f"{part}/path",
+                    np.stack([path[:-1], path[1:]], axis=1).astype(np.float32),
+                    (40, 90, 220),
+                    thickness=0.003,
+                )
+    _add_labels(server, "/plan/labels", labels)
+
+
+def _add_labels(server: Any, name: str, labels: Sequence[tuple[str, Array]]) -> None:
+    """Add labels; those of places nearer than ``APART`` share one, because they would cover each other."""
+    groups: list[tuple[list[str], Array]] = []
+    for text, place in labels:
+        near = next((texts for texts, first in groups if np.linalg.norm(first - place) < APART), None)
+        if near is None:
+            groups.append(([text], place))
+        else:
+            near.append(text)
+    for number, (texts, place) in enumerate(groups):
+        server.scene.add_label(f"{name}/{number}", ", ".join(texts), position=place)

@@ -51,6 +51,7 @@ def write_page(result: LearnResult) -> Path:
     page = template("gensim2.policy", "learned.html.j2").render(
         rows=told["tasks"],
         measured=[(n, words) for n, words in CONTROLS.items() if any(row[n] is not None for row in told["tasks"])],
+        explained=EXPLAINED,
         named=NAMED,
         record=result.record.model_dump(),
         controls=min(controls, default=0),

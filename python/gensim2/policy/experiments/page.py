@@ -46,7 +46,10 @@ def write_page(told: Mapping[str, Any]) -> Path:
         WriteError: the folder cannot be written to.
     """
     arms = told["arms"]
-    kinds = [{"name": kind, "words": WORDS[kind], "colour": COLOURS[kind]} for kind in _measured(arms)]
+    kinds = [
+        {"name": kind, "words": WORDS[kind], "meaning": MEANINGS[kind], "colour": COLOURS[kind]}
+        for kind in _measured(arms)
+    ]
     page = template("gensim2.policy.experiments", "experiment.html.j2").render(
         told=told, kinds=kinds, figure=figure(arms)
     )

@@ -1,0 +1,99 @@
+"""Close-ups of the fingertips for films, because the hand hides the contact: ray casting from its sides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.objects import ObjectModel
+from gensim2.perception import Camera, View
+from gensim2.perception.raycast.scene import RaycastScene
+from gensim2.robots import RobotProfile
+
+Frame = npt.NDArray[np.uint8]
+
+SHARE = 0.3
+"""Side of the inset as a share of the picture's height."""
+DISTANCE, BEHIND = 0.22, 0.12
+"""Metres from the fingertips to the camera, sideways and back towards the wrist."""
+FIELD_OF_VIEW = float(np.deg2rad(45))
+BLOCKED = 0.06
+"""A surface that is this much nearer than the fingertips (m) hides them."""
+SKY = (235, 238, 242)
+LIGHT = (0.3, -0.5, 0.8)
+AMBIENT = 0.45
+FRAME, FRAME_WIDTH = (40, 46, 56), 2
+
+
+class CloseUp:
+    """Draws the fingertips into the corner of a film's frames, from the side of the hand where they are visible.
+
+    Args:
+        profile: the robot.
+        objects: of the scene, by name.
+        height: of the film's pictures, pixels.
+    """
+
+    def __init__(self, profile: RobotProfile, objects: Mapping[str, ObjectModel], height: int) -> None:
+        self._size = int(SHARE * height)
+        self._profile = profile
+        self._scene = RaycastScene(profile, objects, [_camera(profile, side, self._size) for side in (1.0, -1.0)])
+        self._side = 0
+
+    def onto(self, picture: Frame, states: Mapping[str, Any]) -> Frame:
+        """Return a copy of a picture (H, W, 3) with the close-up in its lower right corner.
+
+        Args:
+            picture: of the instant.
+            states: ManiSkill's states of the instant, (1, ...) each.
+        """
+        link = self._profile.hand_link
+        pose = self._scene.link_poses(states, self._profile.agent, link)[0]
+        views = self._scene.see(self._scene.poses(states)[0], {link: pose})
+        hidden = [_hidden(view) for view in views]
+        if hidden[self._side] > 0.5 > hidden[1 - self._side]:
+            self._side = 1 - self._side
+        drawn, edge = picture.copy(), self._size + FRAME_WIDTH
+        drawn[-edge:, -edge:] = FRAME
+        drawn[-self._size :, -self._size :] = shaded(views[self._side])
+        return drawn
+
+
+def _camera(profile: RobotProfile, side: float, size: int) -> Camera:
+    """Return a camera that the hand carries; its picture shows the fingers pointing down."""
+    tips = np.asarray(profile.tool_keypoints["tool_head"], dtype=np.float64)
+    forward = tips - np.asarray(profile.tool_keypoints["tool_tail"], dtype=np.float64)
+    across = np.asarray(profile.tool_keypoints["tool_side"], dtype=np.float64) - tips
+    forward, across = forward / np.linalg.norm(forward), across / np.linalg.norm(across)
+    eye = tips + side * DISTANCE * np.cross(forward, across) - BEHIND * forward
+    looks = (tips - eye) / np.linalg.norm(tips - eye)
+    down = forward - forward @ looks * looks
+    down /= np.linalg.norm(down)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = np.column_stack([np.cross(down, looks), down, looks]), eye
+    flat = Camera.looking(f"close_up_{side:+.0f}", (0, 0, 1), (1, 0, 0), width=size, height=size, fov=FIELD_OF_VIEW)
+    return replace(flat, T_base_camera=pose, link=profile.hand_link)
+
+
+def _hidden(view: View) -> float:
+    """Return the share of the picture's middle in which something stands before the fingertips."""
+    third = view.depth.shape[0] // 3
+    middle = view.depth[third : 2 * third, third : 2 * third]
+    return float(np.mean((middle > 0) & (middle < np.hypot(DISTANCE, BEHIND) - BLOCKED)))
+
+
+def shaded(view: View) -> Frame:
+    """Return the (H, W, 3) picture of a view: its colours, darker the more a surface turns away from the light."""
+    camera, depth = view.camera, view.depth.astype(np.float64)
+    points = depth[..., None] * camera.rays
+    right, down = np.diff(points, axis=1, append=points[:, -1:]), np.diff(points, axis=0, append=points[-1:])
+    normal = np.cross(down, right)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True).clip(min=1e-12)
+    light = np.array(LIGHT) / np.linalg.norm(LIGHT)
+    share = AMBIENT + (1.0 - AMBIENT) * np.abs(normal @ light)
+    picture = view.colors_at(np.arange(depth.size)).reshape(*depth.shape, 3) * share[..., None]
+    return np.where(depth[..., None] > 0, picture, SKY).astype(np.uint8)
