@@ -77,14 +77,15 @@ NEEDS: dict[str, str] = {
     r"import 45001|--assets mylibrary|--findings": "objects of the reader's; tests/real/test_assets_real.py",
     r"import chest ": "a URDF that the page writes; tests/examples/test_tutorial.py",
     r"arms\.yaml": "a file of the reader's; tests/policy/experiments/test_experiment.py",
-    r"robot-20270101|--board|fit-noise|noise\.json": "a log of an arm; tests/robot/test_calibration.py",
+    r"calibrate --from|--board|fit-noise|noise\.json": "a log of an arm in several poses; tests/robot/test_calibration.py",
     r"--data more": "a second data set of the reader's; tests/policy/test_train.py",
     r"tasks (add|remove) ": "a task of the reader's; tests/cli/test_tasks.py",
-    r"policy serve|ws://": "a server beside it; tests/policy/test_remote.py",
+    r"policy serve|ws://|RemoteController": "a server beside it; tests/policy/test_remote.py",
     r"mine\.py": "a controller of the reader's; tests/evaluation/test_evaluate.py",
     r"bench .*--problems ": "recorded problems; tests/bench/test_problems.py",
     r"--configs ": "recorded problems; tests/evaluation/test_original_configs.py",
-    r"franka:|panda:|realsense:": "an arm and its cameras",
+    r"franka:|panda:|realsense:": "an arm and its cameras; tests/robot/test_drivers.py has fakes",
+    r"recording:": "recordings of cameras; tests/robot/test_cameras.py",
     r"^gensim2 (robot )?view|--show": "a person before a browser; tests/pages/test_viewing.py opens one",
 }
 #: Why a command takes over a minute however small, by what it holds: it is begun and interrupted after a third of the
@@ -187,6 +188,8 @@ def prepare(command: Command, full: bool) -> None:
             command.why = f"needs {why}"
             return
     text = re.sub(r"\s?\.\.\.(?=\s|$)", "", command.text)
+    text = re.sub(r"(?<=--policy )DIR\b|(?<=--checkpoint )DIR\b", "builtin", text)
+    text = text.replace("runs/robot-20270101-120000", '"$(ls -d runs/robot-* | head -n 1)"')
     assets = os.environ.get("GENSIM2_ASSETS")
     if re.search(r"--assets DIR|ASSETS=DIR", text):
         if assets is None:

@@ -237,9 +237,9 @@ def test_the_first_action_of_a_network_counts_before_the_deadline(serving: Calla
 
 def test_a_served_policy_is_evaluated_again_and_again(serving: Callable[..., PolicyServer], tmp_path: Path) -> None:
     arguments = {"url": serving().url, "robot": "panda", "deadline": 30.0}
-    for number in range(2):
+    for number, controller in enumerate((RemoteController, "gensim2.policy:RemoteController")):
         found = gensim2.evaluate(
-            RemoteController,
+            controller,
             "CloseBox",
             arguments=arguments,
             episodes=1,

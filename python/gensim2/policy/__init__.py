@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from gensim2.policy.checkpoint import PolicyCheckpoint
     from gensim2.policy.config import PolicyConfig, TrainConfig
     from gensim2.policy.controller import PolicyController
+    from gensim2.policy.remote.client import RemoteController
     from gensim2.policy.training import train
 
-__all__ = ["PolicyCheckpoint", "PolicyConfig", "PolicyController", "TrainConfig", "train"]
+__all__ = ["PolicyCheckpoint", "PolicyConfig", "PolicyController", "RemoteController", "TrainConfig", "train"]
 
 __getattr__ = lazy_names(__name__)
