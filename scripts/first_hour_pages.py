@@ -77,7 +77,7 @@ NEEDS: dict[str, str] = {
     r"import 45001|--assets mylibrary|--findings": "objects of the reader's; tests/real/test_assets_real.py",
     r"import chest ": "a URDF that the page writes; tests/examples/test_tutorial.py",
     r"arms\.yaml": "a file of the reader's; tests/policy/experiments/test_experiment.py",
-    r"calibrate --from|--board|fit-noise|noise\.json": "a log of an arm in several poses; tests/robot/test_calibration.py",
+    r"calibrate --from|--board|fit-noise|noise\.json": "a log of several poses; tests/robot/test_calibration.py",
     r"--data more": "a second data set of the reader's; tests/policy/test_train.py",
     r"tasks (add|remove) ": "a task of the reader's; tests/cli/test_tasks.py",
     r"policy serve|ws://|RemoteController": "a server beside it; tests/policy/test_remote.py",

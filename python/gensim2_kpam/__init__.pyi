@@ -80,6 +80,12 @@ class Robot:
         Raises:
             UrdfError: a file cannot be read or used: a limit is missing, a name is misspelt or unknown, or xacro is
                 not expanded. Names the link or joint.
+
+        Example:
+            ```python
+            robot = kpam.Robot.from_urdf("ur5.urdf", hand_link="flange")
+            print(robot.joint_names)
+            ```
         """
     @property
     def name(self) -> str:
@@ -773,6 +779,11 @@ def read_urdf(content: bytes, file: str) -> dict[str, Any]:
 
     Raises:
         UrdfError: the content is no valid URDF; names the link or joint, the attribute and the remedy.
+
+    Example:
+        ```python
+        document = kpam.read_urdf(Path("ur5.urdf").read_bytes(), "ur5.urdf")
+        ```
     """
 
 def read_obj(content: bytes) -> tuple[Array, list[tuple[str, npt.NDArray[np.int64]]], list[str]]:
@@ -786,6 +797,11 @@ def read_obj(content: bytes) -> tuple[Array, list[tuple[str, npt.NDArray[np.int6
 
     Raises:
         ValueError: a vertex is not three numbers, or a face has fewer than three vertices or an invalid index.
+
+    Example:
+        ```python
+        vertices, materials, libraries = kpam.read_obj(Path("link.obj").read_bytes())
+        ```
     """
 
 def plan(
@@ -837,10 +853,23 @@ def ik(problem: KeypointProblem, max_solutions: int = 10) -> list[ActuationPose]
 
     Returns:
         Poses, cheapest first: ``q`` (n,) and ``cost``. Use ``Scene.check`` to find the bodies that a pose touches.
+
+    Example:
+        ```python
+        for pose in kpam.ik(problem, max_solutions=3):
+            print(pose["q"], pose["cost"])
+        ```
     """
 
 def joint_travel(problem: KeypointProblem, plan: Plan, times: Numbers) -> Array:
-    """Return the travel (N,), rad or m, that the planner assumes for the object's joint at times (N,), s, of a plan."""
+    """Return the travel (N,), rad or m, that the planner assumes for the object's joint at times (N,), s, of a plan.
+
+    Example:
+        ```python
+        plan = kpam.plan(problem)
+        travel = kpam.joint_travel(problem, plan, np.linspace(0.0, plan.trajectory.duration, 50))
+        ```
+    """
 
 class ParallelGripper:
     """A gripper with two flat pads that move symmetrically. Instances can be pickled."""
@@ -939,6 +968,11 @@ def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) 
 
     Returns:
         The same plans as from :func:`plan`, in order.
+
+    Example:
+        ```python
+        plans = kpam.plan_batch([problem, other], threads=2)
+        ```
     """
 
 def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> Clearances | None:
@@ -951,6 +985,11 @@ def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> Clearanc
 
     Returns:
         Distances by kind of pair: "self", "table", "object"; None if the plan has no motion.
+
+    Example:
+        ```python
+        print(kpam.min_clearance(problem, kpam.plan(problem), 0.01))
+        ```
     """
 
 def retime(
@@ -990,6 +1029,11 @@ def retime(
     Raises:
         ProblemError: an argument is invalid; names the argument. It is ``start_velocity`` if no motion from the
             start keeps the limits.
+
+    Example:
+        ```python
+        motion, times = kpam.retime(waypoints, [2.0] * 6, [10.0] * 6, [100.0] * 6)    # waypoints: (N, 6) rad
+        ```
     """
 
 def refine(
@@ -1014,4 +1058,10 @@ def refine(
 
     Raises:
         ProblemError: the plan has no motion, or a time lies outside it.
+
+    Example:
+        ```python
+        shorter = kpam.refine(problem, kpam.plan(problem))
+        print(shorter["cost_before"], shorter["cost_after"])
+        ```
     """

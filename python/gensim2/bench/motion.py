@@ -64,6 +64,11 @@ def read_motion_problems(path: Path) -> list[MotionProblem]:
 
     Raises:
         InputError: the file cannot be read or a line is invalid; names line and field.
+
+    Example:
+        ```python
+        problems = read_motion_problems(Path("motions.jsonl"))
+        ```
     """
     remedy = "give id, start, goals and obstacles; docs/reference/benchmarks.md has the format"
     lines = read_input(path, MAX_RECORD, "name a JSON Lines file").split(b"\n")
@@ -129,6 +134,11 @@ def solve_motions(
 
     Raises:
         InputError: the robot is unknown, or a problem does not fit it.
+
+    Example:
+        ```python
+        records = solve_motions(read_motion_problems(Path("motions.jsonl")), robot="panda", margin=0.005)
+        ```
     """
     model = robots.robot(robot).model
     # Data that are computed once per robot, balls around its links, are computed before the timing.
@@ -168,7 +178,14 @@ def solve_motions(
 
 
 def motion_summary(records: Sequence[Mapping[str, Any]]) -> MotionSummary:
-    """Summarize records of :func:`solve_motions`."""
+    """Summarize records of :func:`solve_motions`.
+
+    Example:
+        ```python
+        records = solve_motions(read_motion_problems(Path("motions.jsonl")))
+        print(motion_summary(records))
+        ```
+    """
     statuses = dict(Counter[str](record["status"] for record in records))
     solved = [record for record in records if record["status"] == "solved"]
 

@@ -216,6 +216,11 @@ def read_problems(path: Path) -> list[PlanProblem]:
 
     Raises:
         InputError: the file is missing, unreadable or empty, or has an invalid line or a repeated id.
+
+    Example:
+        ```python
+        problems = read_problems(Path("problems.jsonl"))
+        ```
     """
     remedy = "give a JSON Lines file"
     try:

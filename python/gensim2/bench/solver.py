@@ -128,6 +128,11 @@ def bench_solver(
 
     Raises:
         InputError: as for :func:`solve_problems`, or ``out`` cannot be written.
+
+    Example:
+        ```python
+        summary = bench_solver(Path("problems.jsonl"), Path("results.jsonl"), threads=2)
+        ```
     """
     check_writable(out)
     records = solve_problems(
@@ -138,6 +143,13 @@ def bench_solver(
 
 
 def json_lines(records: Sequence[dict[str, Any]]) -> str:
+    """Return records as JSON Lines.
+
+    Example:
+        ```python
+        Path("results.jsonl").write_text(json_lines(solve_problems(Path("problems.jsonl"))))
+        ```
+    """
     return "".join(json.dumps(record, allow_nan=False) + "\n" for record in records)
 
 
@@ -163,6 +175,12 @@ def solve_problems(
 
     Raises:
         InputError: a line is invalid, a folder is missing, or an object cannot be read.
+
+    Example:
+        ```python
+        records = solve_problems(Path("problems.jsonl"), threads=2)
+        print([record["status"] for record in records])
+        ```
     """
     if sample_dt is not None and not SHORTEST_SAMPLE_DT <= sample_dt < float("inf"):
         raise InputError(
@@ -192,7 +210,13 @@ def solve_problems(
 
 
 def summary_of(records: list[dict[str, Any]]) -> BenchSummary:
-    """Summarize output lines."""
+    """Summarize output lines.
+
+    Example:
+        ```python
+        print(summary_of(solve_problems(Path("problems.jsonl"))))
+        ```
+    """
     statuses = dict(Counter[str](record["status"] for record in records))
     times = {
         part: np.array([record["cpu_ms"][part] for record in records]) for part in ("actuation", "trajectory", "total")

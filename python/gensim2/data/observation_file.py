@@ -120,6 +120,11 @@ def read_observation(path: Path, episode_digest: str | None = None) -> ObservedE
 
     Raises:
         DamagedObservationError, InputError: as for :func:`read_description`, or it belongs to another episode.
+
+    Example:
+        ```python
+        seen = read_observation(Path("night/CloseBox/observations/000000.h5"))
+        ```
     """
     with _opened(path) as file:
         description = _description(file, path)

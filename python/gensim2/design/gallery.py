@@ -182,6 +182,12 @@ def tasks_gallery(
         InputError: an argument cannot be used.
         GenSim2Error: no Vulkan driver works on this machine.
         NotRunError: some tasks could not be run; the others are finished. Call again with ``resume``.
+
+    Example:
+        ```python
+        gallery = tasks_gallery(["OpenDrawer", "CloseBox"], out=Path("gallery"), assets="builtin")
+        print(gallery.index)
+        ```
     """
     execution = Execution.of(scene)
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)

@@ -118,19 +118,6 @@ def _row(states: Mapping[str, Any], step: int) -> dict[str, Any]:
     return {kind: {name: rows[step : step + 1] for name, rows in group.items()} for kind, group in states.items()}
 
 
-def shaded(view: View) -> Frame:
-    """Return an image (H, W, 3) of a view, in which surfaces are darker the more they face away from the light."""
-    camera, depth = view.camera, view.depth.astype(np.float64)
-    points = depth[..., None] * camera.rays
-    right, down = np.diff(points, axis=1, append=points[:, -1:]), np.diff(points, axis=0, append=points[-1:])
-    normal = np.cross(down, right)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True).clip(min=1e-12)
-    light = np.array(LIGHT) / np.linalg.norm(LIGHT)
-    share = AMBIENT + (1.0 - AMBIENT) * np.abs(normal @ light)
-    picture = view.colors_at(np.arange(depth.size)).reshape(*depth.shape, 3) * share[..., None]
-    return np.where(depth[..., None] > 0, picture, SKY).astype(np.uint8)
-
-
 def dotted(points: npt.NDArray[Any], colours: npt.NDArray[np.uint8], camera: Camera) -> Frame:
     """Return an image (H, W, 3) of points (N, 3), m in the base frame, as squares in their colours (N, 3), near ones on
     top.

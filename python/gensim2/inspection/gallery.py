@@ -87,6 +87,12 @@ def build_gallery(
             folder cannot be written to.
         MissingExtraError: SAPIEN is not installed.
         GenSim2Error: no Vulkan driver works on this machine.
+
+    Example:
+        ```python
+        gallery = build_gallery([gensim2.open_library("builtin")], Path("objects"), classes=["drawer"])
+        print(gallery.index)
+        ```
     """
     wanted = wanted_classes(libraries, classes)
     verdicts = [_verdicts(path) for path in findings]

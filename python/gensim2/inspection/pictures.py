@@ -270,7 +270,13 @@ def annotated(shot: Shot, instance: ArticulatedObject | RigidObject, names: bool
 
 
 def turntable(studio: Studio, instance: ArticulatedObject, views: int) -> Image.Image:
-    """Return all views of an object on one sheet, with a row for each openness and a column for each azimuth."""
+    """Return all views of an object on one sheet, with a row for each openness and a column for each azimuth.
+
+    Example:
+        ```python
+        turntable(Studio(176), gensim2.open_library("builtin").load("drawer", "4711"), views=8).save("drawer.png")
+        ```
+    """
     from PIL import Image
 
     azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]
@@ -296,7 +302,13 @@ def rigid_turntable(studio: Studio, rigid: RigidObject, views: int) -> Image.Ima
 
 
 def strip(studio: Studio, model: ArticulatedObject | RigidObject) -> Image.Image:
-    """Return an object at openness 0, 0.5 and 1, or a rigid object from three sides, with named keypoints."""
+    """Return an object at openness 0, 0.5 and 1, or a rigid object from three sides, with named keypoints.
+
+    Example:
+        ```python
+        strip(Studio(176), gensim2.open_library("builtin").load("drawer", "4711")).save("drawer.png")
+        ```
+    """
     from PIL import Image, ImageDraw, ImageFont
 
     if isinstance(model, RigidObject):
@@ -319,7 +331,15 @@ def strip(studio: Studio, model: ArticulatedObject | RigidObject) -> Image.Image
 
 
 def contact_sheet(studio: Studio, models: Iterable[ArticulatedObject | RigidObject], columns: int) -> Image.Image:
-    """Return a grid with a picture of each object, half open if it has a joint, and the name of its class."""
+    """Return a grid with a picture of each object, half open if it has a joint, and the name of its class.
+
+    Example:
+        ```python
+        library = gensim2.open_library("builtin")
+        models = [library.load("drawer", str(number)) for number in range(6)]
+        contact_sheet(Studio(176), models, columns=3).save("drawers.png")
+        ```
+    """
     from PIL import Image, ImageDraw, ImageFont
 
     caption, gap = 22, 6

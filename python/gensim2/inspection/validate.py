@@ -138,7 +138,14 @@ class ObjectReport:
 
 
 def check_object(library: Library, asset_class: str, instance_id: str, physics: bool = True) -> ObjectReport:
-    """Check one object; an object that cannot be loaded is a finding, not an error."""
+    """Check one object; an object that cannot be loaded is a finding, not an error.
+
+    Example:
+        ```python
+        report = check_object(gensim2.open_library("builtin"), "drawer", "4711")
+        print(report.findings)
+        ```
+    """
     started = time.perf_counter()
     try:
         findings = _findings(library.load(asset_class, instance_id), physics)

@@ -218,6 +218,12 @@ def point_cloud(views: Sequence[View], settings: CloudSettings, robot: RobotSegm
 
     Raises:
         EmptyCloudError: no point is left.
+
+    Example:
+        ```python
+        cloud = point_cloud(views, CloudSettings(points=1024))
+        print(cloud.xyz.shape, cloud.rgb.shape)    # (1024, 3) (1024, 3)
+        ```
     """
     kept = [_inside(view, settings, robot) for view in views]
     counts = np.cumsum([0, *(len(pixels) for pixels in kept)])

@@ -49,6 +49,12 @@ def check_strategies(
 
     Raises:
         InputError: a strategy does not fit; names the file and the field.
+
+    Example:
+        ```python
+        found = {name: parse_strategy(data) for name, data in gensim2.load_strategies("OpenDrawer").items()}
+        check_strategies(gensim2.load_task("OpenDrawer"), found, objects, gensim2.robot("panda"))
+        ```
     """
     planner = StepPlanner(profile)
     scene = _made_up(objects, profile)

@@ -19,6 +19,8 @@ from gensim2_kpam.show import STEP, add_clock, add_text
 
 Array = npt.NDArray[np.float64]
 
+APART = 0.06
+"""Smallest distance of two labels, m; labels at a smaller distance would cover each other."""
 #: RGB colours of fixtures, of the fixed and the moving parts of articulated objects, and of rigid objects.
 FIXTURE, STANDING, MOVING, RIGID = (205, 190, 170), (120, 150, 190), (230, 150, 60), (120, 180, 120)
 
@@ -106,7 +108,7 @@ def _draw_body(server: Any, body: SceneBody, color: tuple[int, int, int]) -> Any
 
 def _draw_scene(server: Any, scene: Scene) -> Any:
     """Draw the scene; return the drawn grasped object, or None."""
-    riding = None
+    riding, labels = None, []
     for body in scene.fixtures:
         _draw_body(server, body, FIXTURE)
     for name, thing in scene.objects.items():
@@ -123,14 +125,13 @@ def _draw_scene(server: Any, scene: Scene) -> Any:
     return riding
 
 
-def draw_plan(server: Any, plan: kpam.Plan, profile: RobotProfile, name: str = "") -> None:
-    """Draw a plan's keyframes (small if not reached) with their labels, and the hand's path.
+def draw_plans(server: Any, plans: Mapping[str, kpam.Plan], profile: RobotProfile) -> None:
+    """Draw keyframes of plans (small if not reached) with their labels, and the hand's paths.
 
     Args:
         server: a ``viser.ViserServer``.
-        plan: plan in the robot's base frame.
+        plans: plans in the robot's base frame, by name. If there are several, labels begin with a name's first word.
         profile: profile of the robot.
-        name: parent node of the plan in the page's scene tree.
     """
     labels = []
     for name, plan in plans.items():
@@ -159,7 +160,7 @@ def draw_plan(server: Any, plan: kpam.Plan, profile: RobotProfile, name: str = "
 
 
 def _add_labels(server: Any, name: str, labels: Sequence[tuple[str, Array]]) -> None:
-    """Add labels; those of places nearer than ``APART`` share one, because they would cover each other."""
+    """Add labels. Labels at a smaller distance than ``APART`` become one label, so that none covers another."""
     groups: list[tuple[list[str], Array]] = []
     for text, place in labels:
         near = next((texts for texts, first in groups if np.linalg.norm(first - place) < APART), None)

@@ -25,6 +25,13 @@ NAMED = 3
 """Largest number of a policy's tasks that are listed by name; more are only counted."""
 CONTROLS = {"blind_mean": "blind", "shuffled_mean": "shuffled", "no_op_mean": "no-op", "expert_mean": "expert"}
 """Titles of optional columns, shown if they were measured."""
+EXPLAINED = {
+    "blind_mean": "the policy with its point cloud blanked out. A policy that uses its cloud fails here.",
+    "shuffled_mean": "the policy with the point clouds of other scenes. A policy that uses its cloud fails here.",
+    "no_op_mean": "an arm that does not move. Its success rate should be 0, otherwise the task solves itself.",
+    "expert_mean": "the planner that made the training data, on the same scenes: what the policy could reach.",
+}
+"""Meaning of each control."""
 _WIDTH, _HEIGHT = 400.0, 100.0
 
 

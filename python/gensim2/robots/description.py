@@ -22,6 +22,12 @@ def read_description(urdf: Path) -> ET.Element:
     Raises:
         InputError: the file cannot be read.
         gensim2_kpam.UrdfError: the planner cannot read the URDF.
+
+    Example:
+        ```python
+        arm = read_description(Path("ur5.urdf"))
+        print([link.get("name") for link in arm.iter("link")])
+        ```
     """
     gensim2_kpam.read_urdf(read_input(urdf, MAX_URDF), str(urdf))
     root = read_xml(urdf)
@@ -49,6 +55,13 @@ def mounted(
 
     Raises:
         InputError: a link does not exist, or both URDFs share the name of a link or a joint.
+
+    Example:
+        ```python
+        arm = read_description(Path("ur5.urdf"))
+        hand = read_description(robot_folder("panda") / "panda_v2.urdf")
+        both = mounted(arm, "flange", hand, "panda_hand")
+        ```
     """
     root = copy.deepcopy(arm)
     for element, link in ((root, flange), (hand, palm)):
@@ -75,7 +88,13 @@ def mounted(
 
 
 def touching_neighbours(root: ET.Element, *pairs: tuple[str, str]) -> str:
-    """Return the SRDF of a URDF that disables collisions between links connected by a joint, and between ``pairs``."""
+    """Return the SRDF of a URDF that disables collisions between links connected by a joint, and between ``pairs``.
+
+    Example:
+        ```python
+        srdf = touching_neighbours(read_description(Path("ur5.urdf")), ("wrist_1_link", "wrist_3_link"))
+        ```
+    """
     srdf = ET.Element("robot", name=str(root.get("name")))
     joined = [(_end(joint, "parent"), _end(joint, "child")) for joint in root.findall("joint")]
     for one, other in (*joined, *pairs):

@@ -13,6 +13,11 @@ def robot_folder(name: str) -> Path:
 
     Raises:
         MissingExtraError: ManiSkill is not installed.
+
+    Example:
+        ```python
+        print(robot_folder("panda") / "panda_v2.urdf")
+        ```
     """
     spec = importlib.util.find_spec("mani_skill")
     if spec is None or not spec.submodule_search_locations:

@@ -37,6 +37,11 @@ def finger_keypoints(tip: float, side: float, base: float | None = None) -> dict
         tip: height of the fingertips above the hand's origin, m.
         side: distance of the open right finger from the middle, m.
         base: height of the finger bases, m; None: 3 cm below the tips.
+
+    Example:
+        ```python
+        keypoints = finger_keypoints(0.105, 0.053)    # those of the Panda
+        ```
     """
     base = tip - 0.03 if base is None else base
     places = ((0.0, 0.0, tip), (0.0, 0.0, base), (0.0, side, tip))

@@ -84,7 +84,13 @@ def register_robot(make: _Made) -> _Made:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Return the names of the robots known in this process."""
+    """Return the names of the robots known in this process.
+
+    Example:
+        ```python
+        print(gensim2.robot_names())    # ("fetch", "fr3", "panda", ...)
+        ```
+    """
     return (*PACKAGED, *_registered)
 
 

@@ -75,6 +75,11 @@ def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> i
         controller: controller, which must not be privileged.
         steps: largest number of steps.
         seed: seed of the reset and of the controller.
+
+    Example:
+        ```python
+        steps = drive(body, controller, 200, seed=0)    # your own Body and Controller
+        ```
     """
     asked = Asked(controller, body)
     try:

@@ -27,6 +27,11 @@ def env_id(task: TaskSpec) -> str:
     """Return an id for ``gym.make`` in any process in which gensim2 is installed.
 
     A task of the package has its own id; any other task has ``GenSim2-Task-v1`` with the spec as an argument.
+
+    Example:
+        ```python
+        env = gymnasium.make(env_id(gensim2.load_task("OpenDrawer")), assets="builtin")
+        ```
     """
     in_library = task.name in packaged_names() and load_task(task.name) == task
     return f"{MODULE}:{task.env_id if in_library else TASK_ENV_ID}"
@@ -74,7 +79,7 @@ def make_vec_env(
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
     """Make several environments of a task as one vector environment.
 
-    This is ``gymnasium.make_vec`` with ManiSkill's ``CPUGymWrapper``, which removes ManiSkill's batch dimension of one.
+    This is ``gymnasium.make_vec`` for environments of ``make_env(..., numpy=True)``.
 
     Example:
         ```python
@@ -87,6 +92,7 @@ def make_vec_env(
         num_envs: number of environments, n.
         vectorization_mode: ``"async"``, one process for each, or ``"sync"``, all in this process.
         vector_kwargs: keyword arguments of gymnasium's vector class.
+        wrappers: functions that wrap each environment; the first one is the innermost.
         kwargs: as for :func:`make_env`, the same for all.
 
     Returns:
@@ -100,9 +106,6 @@ def make_vec_env(
         raise InputError(f"must be async or sync, is {vectorization_mode!r}", field="vectorization_mode")
     if not isinstance(num_envs, int) or isinstance(num_envs, bool) or num_envs < 1:
         raise InputError(f"must be a whole number from 1, is {num_envs!r}", field="num_envs")
-    # Imported here because it loads PyTorch, which registration does not need.
-    from mani_skill.utils.wrappers import CPUGymWrapper
-
     id, given = _id_and_arguments(task)
     envs = gym.make_vec(
         _unbatched_spec(id), num_envs, vectorization_mode, dict(vector_kwargs or {}), wrappers, **given, **kwargs
@@ -131,7 +134,14 @@ def _unbatched_spec(id: str) -> EnvSpec:
 
 
 def register_all() -> None:
-    """Register every task of the package and ``GenSim2-Task-v1``; a repetition has no effect."""
+    """Register every task of the package and ``GenSim2-Task-v1``; a repetition has no effect.
+
+    Example:
+        ```python
+        register_all()    # importing gensim2.sim does this
+        env = gymnasium.make("GenSim2-OpenDrawer-v1", assets="builtin")
+        ```
+    """
     for name in packaged_names():
         task = load_task(name)
         _register(task.env_id, task.max_episode_steps, {"task": name})

@@ -9,7 +9,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import RecordConstructorArgs
 
 
-class TimeLimit(gym.Wrapper[Any, Any, Any, Any]):
+class TimeLimit(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Replacement for gymnasium's wrapper, whose ``truncated`` is not a tensor.
 
     Args:

@@ -97,6 +97,11 @@ def task_names(origin: str | None = None) -> tuple[str, ...]:
 
     Raises:
         InputError: no task has that origin (lists the origins), or a task cannot be read.
+
+    Example:
+        ```python
+        print(gensim2.task_names("paper"))
+        ```
     """
     if origin is None:
         return tuple(sorted({*packaged_names(), *names_in(_user_shelf())}))

@@ -278,6 +278,12 @@ def listing(library: Library) -> tuple[ClassListing, ...]:
     """Return one row for each class of a library, articulated classes first.
 
     If the project does not know a class, one object is loaded to find its joint type.
+
+    Example:
+        ```python
+        for row in listing(gensim2.open_library("builtin")):
+            print(row)
+        ```
     """
     return tuple(
         ClassListing(

@@ -34,6 +34,16 @@ WORDS: dict[Kind, str] = {
     "blind": "blind",
 }
 """Column titles."""
+MEANINGS: dict[Kind, str] = {
+    "seen": "on objects of the training data",
+    "unseen": "on objects of the same kind that no training used",
+    "real": "on real objects that no training used",
+    "opposite": "on unseen objects, with the sentence of the opposite task; low if the policy follows the sentence",
+    "rephrased": "on unseen objects, with paraphrases of the sentence",
+    "untaught": "on tasks without training data",
+    "blind": "on unseen objects, with the point cloud blanked out; low if the policy uses its cloud",
+}
+"""Meaning of each column."""
 
 
 def write_page(told: Mapping[str, Any]) -> Path:
