@@ -70,7 +70,7 @@ def test_labels_of_one_place_share_a_line() -> None:
     from gensim2.planning.show import APART, draw_plans
 
     class Page:
-        """Records labels; everything else is drawn by nobody."""
+        """Records labels and ignores everything else."""
 
         def __init__(self) -> None:
             self.scene, self.labels = self, {}

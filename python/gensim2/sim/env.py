@@ -103,6 +103,7 @@ class GenSim2Env(RaycastObservations):
         InputError: an argument or a reset option is invalid.
     """
 
+    metadata: dict[str, Any]
     _robot: SapienRobot
     _parts: Mapping[str, SapienPart]
     SUPPORTED_REWARD_MODES = ("sparse", "normalized_dense", "none")

@@ -74,7 +74,7 @@ def make_vec_env(
     vectorization_mode: str = "async",
     *,
     vector_kwargs: Mapping[str, Any] | None = None,
-    wrappers: Sequence[Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]] = (),
+    wrappers: Sequence[Callable[[gym.Env[Any, Any]], gym.Wrapper[Any, Any, Any, Any]]] = (),
     **kwargs: Any,
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
     """Make several environments of a task as one vector environment.

@@ -62,4 +62,4 @@ def _unbatched_space(space: gym.Space[Any]) -> gym.Space[Any]:
     if isinstance(space, gym.spaces.Dict):
         return gym.spaces.Dict({name: _unbatched_space(each) for name, each in space.items()})
     assert isinstance(space, gym.spaces.Box), "all observations are arrays"
-    return gym.spaces.Box(space.low[0], space.high[0], space.shape[1:], space.dtype.type)  # type: ignore[arg-type]
+    return gym.spaces.Box(space.low[0], space.high[0], space.shape[1:], space.dtype.type)
