@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 from raycast import episodes, observer
 
 from gensim2.perception import CloudSettings, PointCloud, point_cloud
 from gensim2.sim.pictures import StatePictures
 
-SCALE, GAP = 2, 8
+SCALE, GAP, TITLE = 2, 8, 26
+TITLES = ("colour (SAPIEN above, ours below)", "depth", "segmentation", "our point cloud")
 
 
 def main() -> None:
@@ -46,9 +47,19 @@ def main() -> None:
     ]
     grid = np.concatenate([np.concatenate([framed(image) for image in row], axis=1) for row in rows])
     cloud = drawn(point_cloud(views, seeing.spec.cloud, seeing.scene.robot), grid.shape[0] - GAP)
-    Image.fromarray(np.concatenate([grid, framed(cloud, 1)], axis=1)).save(given.out)
+    titled(np.concatenate([grid, framed(cloud, 1)], axis=1), SCALE * size[1] + GAP).save(given.out)
     other = theirs["segmentation"] != view.segmentation
     print(f"step {step}: {other.sum()} of {other.size} pixels see another link: {np.argwhere(other)[:8].tolist()}")
+
+
+def titled(picture: Any, width: int) -> Image.Image:
+    """Return a picture with the titles of its columns above it, the first three of which are `width` pixels wide."""
+    found = Image.new("RGB", (picture.shape[1], picture.shape[0] + TITLE), "white")
+    found.paste(Image.fromarray(picture), (0, TITLE))
+    draw, font = ImageDraw.Draw(found), ImageFont.load_default(15)
+    for column, title in enumerate(TITLES):
+        draw.text((column * width + GAP, 5), title, (28, 36, 48), font)
+    return found
 
 
 def gray(depth: Any) -> Any:
