@@ -1,6 +1,6 @@
 """Store the tasks of an offline design run in the package, and write ``docs/results/designed.md``.
 
-    gensim2 run-pipeline --from-empty --single 60 --long 60 --verify 50 --episodes 0 --no-video --assets builtin \
+    gensim2 run-pipeline --from-empty --single 60 --long 60 --verify 50 --episodes 0 --videos 0 --assets builtin \
         --seed 7 --library none --out runs/designed
     python benchmarks/designed.py runs/designed
 
@@ -56,7 +56,7 @@ def _made(made: dict[str, Any]) -> list[str]:
     asked = made["arguments"]
     command = (
         f"gensim2 run-pipeline --from-empty --single {asked['single']} --long {asked['long']} "
-        f"--verify {asked['verify']} --episodes 0 --no-video --assets {asked['assets']} "
+        f"--verify {asked['verify']} --episodes 0 --videos 0 --assets {asked['assets']} "
         f"--seed {asked['seed']} --library none --out runs/designed"
     )
     cpu, wall = made["cpu_s"], made["wall_s"]

@@ -40,7 +40,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     os.environ |= {"OPENAI_API_KEY": KEY, "GENSIM2_LIBRARY": "none"}
     common = ["--num-tasks", "1", "--assets", "builtin", "--seed", str(options.seed), "--from-empty", "--workers", "1"]
-    common += ["--verify", str(options.verify), "--episodes", "0", "--no-video"]
+    common += ["--verify", str(options.verify), "--episodes", "0", "--videos", "0"]
     # What answers are kept by has the model's name in it: a new name is asked anew.
     with ModelServer(Learner(LONG)) as server:
         asking = ["--mode", "topdown", "--target-object", "drawer", "--trials", "1", "--visual", "--code"]

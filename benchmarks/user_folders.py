@@ -184,7 +184,7 @@ def whole(folder: Folder, out: Path, workers: int) -> dict[str, Any]:
     common = ["--assets", str(folder.path), "--workers", str(workers)]
     told = out / "pipeline.json"
     found: dict[str, Any] = {}
-    words = ["run-pipeline", "--single", "1", "--episodes", "1", "--from-empty", "--verify", "10", "--no-video"]
+    words = ["run-pipeline", "--single", "1", "--episodes", "1", "--from-empty", "--verify", "10", "--videos", "0"]
     words += ["--out", str(out / "run"), "--json", str(told), "--library", str(out / "library")]
     found["run-pipeline"] = command([*words, *common])
     result = json.loads(told.read_text()) if told.is_file() else {"tasks": [], "notes": []}
@@ -196,7 +196,7 @@ def whole(folder: Folder, out: Path, workers: int) -> dict[str, Any]:
         found["suite"], suite = str(error), []
     tasks = [str(out / "run" / "tasks" / name) for name in kept[:1]] or suite[:1]
     for task in tasks:
-        end = ["--no-video", "--out"]
+        end = ["--videos", "0", "--out"]
         found["demo"] = command(["demo", task, "--episodes", "1", *end, str(out / "demo"), *common])
         end = ["--episodes", "2", "--out"]
         found["collect"] = command(["collect", task, *end, str(out / "collected"), *common])

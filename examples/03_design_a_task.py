@@ -15,7 +15,7 @@ if __name__ == "__main__":  # the simulator's worker processes import this file
             seed=0,
             assets="builtin",
             out=out,
-            video=False,
+            videos=0,
             progress=progress,
         )
     for task in result.tasks:

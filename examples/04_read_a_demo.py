@@ -11,7 +11,7 @@ import gensim2
 
 if __name__ == "__main__":  # the simulator's worker processes import this file
     out = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(tempfile.mkdtemp()) / "run"
-    result = gensim2.demo("CloseBox", episodes=2, seed=0, assets="builtin", out=out, video=False)
+    result = gensim2.demo("CloseBox", episodes=2, seed=0, assets="builtin", out=out, videos=0)
     folder = Path(result.run_dir) / "tasks" / result.name
 
     about = json.loads((folder / "trajectory.json").read_text())

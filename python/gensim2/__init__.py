@@ -7,6 +7,7 @@ The most common functions are here and are imported on first use, so ``import ge
     env = gensim2.make_env(task)                  # simulation: gensim2.sim; make_vec_env for several
     result = gensim2.demo("OpenDrawer")           # verify and record: gensim2.design
     result = gensim2.run_pipeline(num_tasks=1)    # propose, search, verify, record
+    found = gensim2.design_task("MyTask")         # search strategies for your own task
     result = gensim2.solve("OpenDrawer")          # plan one scene
     gensim2.collect(["OpenDrawer"], episodes=100, out="night")     # data sets: gensim2.data
     gensim2.render("night")                                        # observations of its cameras
@@ -24,7 +25,7 @@ from gensim2.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.data import DataSet, collect, render
-    from gensim2.design import demo, run_pipeline
+    from gensim2.design import demo, design_task, run_pipeline
     from gensim2.evaluation import benchmark, evaluate
     from gensim2.objects import Library, open_library
     from gensim2.perception import Observation, ObservationSpec
@@ -46,6 +47,7 @@ __all__ = [
     "benchmark",
     "collect",
     "demo",
+    "design_task",
     "evaluate",
     "load_robot",
     "load_strategies",

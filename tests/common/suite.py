@@ -34,7 +34,7 @@ FAST = (
     "design/sandbox/test_hostile.py",
     "design/sandbox/test_task_code.py",
     "design/test_steering.py",
-    "evaluation/test_films.py",
+    "data/test_films.py",
     "inspection/test_rigid.py",
     "kpam/test_arms.py",
     "kpam/test_collision.py",
@@ -104,8 +104,8 @@ PARTLY_FAST = (
     "core/processes/test_pool.py",
 )
 
-#: Files that need real objects, whose preparation takes seconds each.
-SLOW_ROOMS = ("real",)
+#: Evaluations run episodes, and real objects are prepared, both for seconds each.
+SLOW_ROOMS = ("evaluation", "real")
 
 #: Skips that continuous integration (``CI=true``) accepts, with the reason. A key is the path of a file below
 #: ``tests/``, or the id of a class or test. Any other skip fails there.

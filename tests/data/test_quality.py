@@ -61,7 +61,7 @@ def test_what_is_there_twice_is_counted(gather: Gather) -> None:
 
 def test_the_report_says_what_the_rows_say(gather: Gather) -> None:
     dataset = DataSet.open(gather().folder)
-    numbers = report(dataset.path, video=False)
+    numbers = report(dataset.path, videos=0)
     assert numbers == json.loads((dataset.path / "quality.json").read_text())
     for task in numbers["tasks"]:
         rows = list(dataset.task(task["name"]).rows())
@@ -77,7 +77,7 @@ def test_the_report_says_what_the_rows_say(gather: Gather) -> None:
     page = (dataset.path / "quality.html").read_text()
     assert all(task["sentence"] in page for task in numbers["tasks"])
     assert page.count("<svg") >= len(numbers["tasks"])
-    report(dataset.path, video=False)
+    report(dataset.path, videos=0)
     assert (dataset.path / "quality.html").read_text() == page
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -18,11 +19,11 @@ from gensim2.cli.main import BAD_INPUT, run
 from gensim2.core.errors import InputError, WriteError
 from gensim2.core.progress import NullProgress
 from gensim2.core.sealed_file import HEADER_SIZE
-from gensim2.data import TaskStore, observation_file
+from gensim2.data import TaskStore, observation_file, rendering
 from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.formats.export import export
 from gensim2.data.observation_file import DamagedObservationError, read_observation
-from gensim2.data.rendering import render
+from gensim2.data.rendering import Rendered, render
 from gensim2.data.report import report
 from gensim2.data.selection import Selection
 from gensim2.objects import open_library
@@ -155,7 +156,7 @@ def test_objects_that_moved_are_looked_for_where_they_are_now(store: TaskStore, 
     near = Selection(clearance=-0.2)
     for look in (
         lambda: render(folder, spec=SMALL, workers=0),
-        lambda: report(folder, video=False),
+        lambda: report(folder, videos=0),
         lambda: export(folder, tmp_path / "out", "zarr", near),
         lambda: of_data_set(folder, None, None),
     ):
@@ -163,7 +164,7 @@ def test_objects_that_moved_are_looked_for_where_they_are_now(store: TaskStore, 
             look()
     assert export(folder, tmp_path / "all", "zarr", observations=False) > 0
     assert rendered(store, assets="builtin") == before
-    assert report(folder, video=False, assets="builtin")["tasks"][0]["held"] > 0
+    assert report(folder, videos=0, assets="builtin")["tasks"][0]["held"] > 0
     assert export(folder, tmp_path / "near", "zarr", near, assets="builtin") > 0
     assert of_data_set(folder, None, None, "builtin").scene.assets == "builtin"
 
@@ -182,7 +183,7 @@ def test_other_objects_than_those_of_the_episodes_are_refused(store: TaskStore, 
     near = Selection(clearance=-0.2)
     looks = (
         lambda: render(folder, spec=SMALL, workers=0),
-        lambda: report(folder, video=False),
+        lambda: report(folder, videos=0),
         lambda: export(folder, tmp_path / "near", "zarr", near),
         lambda: of_data_set(folder, None, None),
     )
@@ -206,8 +207,8 @@ def test_a_folder_with_other_objects_is_refused(store: TaskStore, tmp_path: Path
     shutil.copytree(made, tmp_path / "folder" / "drawer" / "mine")
     moved(store, str(tmp_path / "gone"))
     with pytest.raises(InputError, match=r"\.h5: was run with drawer/\d+: no instance .*--assets"):
-        report(store.folder.parent, video=False, assets=tmp_path / "folder")
-    assert run(["data", "report", str(store.folder.parent), "--no-video", "--assets", "builtin"]) == 0
+        report(store.folder.parent, videos=0, assets=tmp_path / "folder")
+    assert run(["data", "report", str(store.folder.parent), "--videos", "0", "--assets", "builtin"]) == 0
     assert (
         run(["render", str(store.folder.parent), "--workers", "1", "--assets", str(tmp_path / "folder")]) == BAD_INPUT
     )
@@ -253,3 +254,16 @@ def test_the_first_episodes_alone_are_observed_where_so_many_are_asked_for(
     assert [row.index for row in store.rows() if store.observation_path(row.index).exists()] == [held[0].index]
     assert render(lane, spec=SMALL, episodes=1, workers=0, resume=True).rendered == 0
     assert heard == [("observations of 1 task", 1), ("observations of 1 task", 1)]
+
+
+def test_how_long_pictures_take_is_said_before(store: TaskStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    listener = Messages()
+
+    def render_episode(*_: Any) -> Rendered:
+        assert listener.messages, "before the work"
+        return Rendered(1, 1, 0.0)
+
+    monkeypatch.setattr(rendering, "render_episode", render_episode)
+    render(store.folder.parent, spec=ObservationSpec(("rgb",)), workers=0, progress=listener)
+    (said,) = listener.messages
+    assert re.fullmatch(r"rgb without a GPU: about \d+ s an episode, \d+ minutes for \d+ episodes", said)

@@ -12,7 +12,7 @@ import pytest
 import gensim2
 from gensim2.cli.main import run
 from gensim2.core.errors import InputError
-from gensim2.evaluation.films import DOT, PAPER, SIZE
+from gensim2.data.films import DOT, PAPER, SIZE
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
 from gensim2.rollout.worker import chain
 from gensim2.tasks.library import load_strategies

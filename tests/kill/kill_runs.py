@@ -62,7 +62,10 @@ class Command:
     name: str
     words: tuple[str, ...]
     episodes: int
-    spared: tuple[str, ...] = ("--no-video",)
+    spared: tuple[str, ...] = (
+        "--videos",
+        "0",
+    )
     record: str | None = "run.json"
 
     def line(self, out: Path, world: str, resume: bool) -> list[str]:

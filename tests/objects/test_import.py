@@ -329,3 +329,110 @@ def test_on_surface_is_the_nearest_point() -> None:
     triangle = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), Look())
     np.testing.assert_allclose(on_surface(np.array([0.2, 0.2, 0.7]), [triangle]), [0.2, 0.2, 0])
     np.testing.assert_allclose(on_surface(np.array([-1.0, -1, 0]), [triangle]), [0, 0, 0])
+
+
+PRIMITIVES = """<robot name="cabinet">
+  <link name="body">{body}</link>
+  <link name="door">{door}</link>
+  <joint name="hinge" type="revolute"><parent link="body"/><child link="door"/>
+    <origin xyz="-0.1 0 0.11"/><axis xyz="0 -1 0"/><limit lower="0" upper="1.5" effort="5" velocity="2"/></joint>
+</robot>"""
+
+
+@pytest.fixture
+def cabinet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A URDF file of primitives: y points up, the door is at z, and its handle is a cylinder with a ball."""
+    monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path / "cache"))
+
+    def shape(geometry: str, xyz: str) -> str:
+        both = (
+            f'<{tag}><origin xyz="{xyz}"/><geometry>{geometry}</geometry></{tag}>' for tag in ("visual", "collision")
+        )
+        return "".join(both)
+
+    body = shape('<box size="0.2 0.02 0.2"/>', "0 -0.1 0") + shape('<box size="0.2 0.14 0.02"/>', "0 -0.02 -0.09")
+    door = shape('<box size="0.2 0.16 0.01"/>', "0.1 0 0") + shape(
+        '<cylinder radius="0.008" length="0.04"/>', "0.17 0 0.02"
+    )
+    door += shape('<sphere radius="0.012"/>', "0.17 0.05 0.02")
+    file = tmp_path / "models" / "cabinet.urdf"
+    file.parent.mkdir()
+    (file.parent / "images").mkdir()
+    (file.parent / "images" / "holiday.png").write_bytes(b"")
+    file.write_text(PRIMITIVES.format(body=body, door=door))
+    return file
+
+
+def test_a_urdf_file_whose_y_axis_points_up_stands_upright(cabinet: Path, tmp_path: Path) -> None:
+    points = {"head": (0.17, 0.05, 0.032), "base_corner": (0.1, -0.09, 0.1)}
+    done = import_object(cabinet, tmp_path / "lib", "my_door", "1", scale=2.0, up="y", keypoints=points)
+    assert sorted(path.name for path in done.folder.iterdir()) == ["info.json", "mobility.urdf", "textured_objs"]
+    instance = open_library(tmp_path / "lib").load_articulated("my_door", "1")
+    np.testing.assert_allclose(instance.joint.axis, [0, 0, -1], atol=1e-7)
+    np.testing.assert_allclose(instance.joint.origin, [-0.22, 0.2, 0], atol=1e-7)
+    corner, head = (instance.keypoints[f"articulated_object_{name}"] for name in ("base_corner", "head"))
+    np.testing.assert_allclose(corner.position, [-0.2, -0.2, -0.18], atol=1e-7)
+    np.testing.assert_allclose(head.position, [0.34, 0.1, 0.064], atol=1e-7)
+    assert (corner.link, head.link) == ("base", instance.joint.child_link)
+    assert "articulated_object_tail" in instance.keypoints, "proposed, as before"
+    upright = import_object(cabinet, tmp_path / "lib", "my_door", "2", scale=2.0)
+    assert upright.folder.name == "2"
+    np.testing.assert_allclose(
+        open_library(tmp_path / "lib").load_articulated("my_door", "2").joint.axis, [0, -1, 0], atol=1e-7
+    )
+
+
+def test_the_command_draws_the_keypoints_that_were_given(
+    cabinet: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    from PIL import Image
+
+    (tmp_path / "points.yaml").write_text("tail: [0.01, 0.0, 0.005]\n")
+    words = ["assets", "import", str(cabinet), "--class", "my_door", "--name", "1", "--out", str(tmp_path / "lib")]
+    given = [
+        "--up",
+        "y",
+        "--scale",
+        "1",
+        "--keypoint",
+        "head=0.17,0.05,0.032",
+        "--keypoint",
+        str(tmp_path / "points.yaml"),
+    ]
+    assert cli.run([*words, *given]) == 0
+    assert f"picture: {tmp_path / 'lib' / 'pictures' / 'my_door_1.png'}" in capfd.readouterr().out
+    info = json.loads((tmp_path / "lib" / "articulated_objs" / "my_door" / "1" / "info.json").read_text())
+    assert info["keypoints"] == {
+        "articulated_object_head": [0.07, 0.05, 0.032],
+        "articulated_object_tail": [-0.09, 0, 0.005],
+    }
+    picture = np.asarray(Image.open(tmp_path / "lib" / "pictures" / "my_door_1.png").convert("RGB")).astype(int)
+    for column, color in ((0, (214, 39, 58)), (1, (214, 39, 58))):
+        view = picture[26:, 364 * column : 364 * column + 360]
+        assert (np.abs(view - color).sum(axis=-1) < 30).sum() > 20, "the disc of the head"
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("head=1,2", "keypoint 'head': \\[1.0, 2.0\\] are not three numbers"),
+        ("head=1,2,nan", "keypoint 'head': .* are not three numbers"),
+        ("head=1,2,x", "holds no three numbers"),
+        ("../head=1,2,3", "cannot name a keypoint"),
+        ("nowhere.yaml", "nowhere.yaml"),
+    ],
+)
+def test_keypoints_that_cannot_be_are_refused(
+    cabinet: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], option: str, message: str
+) -> None:
+    words = ["assets", "import", str(cabinet), "--class", "my_door", "--name", "1", "--out", str(tmp_path / "lib")]
+    assert cli.run([*words, "--keypoint", option]) == 2
+    assert re.search(message, capfd.readouterr().err)
+    assert not (tmp_path / "lib").exists()
+
+
+def test_a_urdf_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"gone\.urdf: cannot be read"):
+        import_object(find_source(str(tmp_path / "gone.urdf")), tmp_path / "lib", "my_door", "1")
+    with pytest.raises(InputError, match="no such folder"):
+        find_source("~nobody-of-this-name/gone.urdf")

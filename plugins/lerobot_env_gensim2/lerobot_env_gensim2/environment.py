@@ -9,9 +9,10 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.evaluation.films import film_camera, shaded
+from gensim2.data.films import film_camera
 from gensim2.perception import EmptyCloudError, ObservationSpec
 from gensim2.perception.observation import CLOUD, ENVIRONMENT_STATE, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.perception.raycast.drawing import shaded
 from gensim2.perception.raycast.scene import RaycastScene
 from gensim2.rollout.motion import GOAL_SECONDS, MAX_SETTLE_SECONDS, is_stable, settle
 from gensim2.scenes.config import SceneArguments

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import click
 
@@ -12,7 +12,9 @@ from gensim2.cli.assets_validate import Every, Objects, object_line
 from gensim2.cli.options import Ending, command
 from gensim2.cli.output import line
 from gensim2.cli.typed import Option
+from gensim2.core.errors import InputError
 from gensim2.core.progress import Progress
+from gensim2.core.yaml_files import read_yaml
 
 Library = Annotated[Path, click.Path(path_type=Path, file_okay=False), Option(metavar="LIBRARY")]
 
@@ -41,6 +43,8 @@ def _show_imported(result: dict[str, Any]) -> None:
     fixed = f", fixed {', '.join(result['fixed'])}" if result["fixed"] else ""
     line(f"moves at {result['joint']}{fixed}; scale {result['scale']:g}")
     line(object_line(result["object"]))
+    if result["picture"] is not None:
+        line(f"picture: {result['picture']}")
     line(f"edit {Path(result['folder']) / 'info.json'} to change keypoints, scale or range")
 
 
@@ -93,22 +97,25 @@ def export(
 
 @command(name="import", show=_show_imported)
 def import_(
-    source: Annotated[str, Option(metavar="DIR")],
+    source: Annotated[str, Option(metavar="FILE.urdf|DIR")],
     *,
     asset_class: Annotated[str, Option("--class", "CLASS")],
     name: Annotated[str, Option(metavar="ID")],
     joint: Annotated[str | None, Option(metavar="JOINT")] = None,
     scale: Annotated[Any, _Scale(), Option(metavar="S|auto")] = "auto",
+    up: Literal["y", "z"] = "z",
+    keypoints: Annotated[tuple[str, ...], Option("--keypoint", "NAME=X,Y,Z|FILE")] = (),
     license: Annotated[str, Option(metavar="TEXT")] = "unstated",
     out: Library,
     force: bool = False,
     progress: Progress,
 ) -> dict[str, Any] | Ending:
-    """Import an object from a PartNet-Mobility folder.
+    """Import an object from a URDF file or a PartNet-Mobility folder.
 
-    DIR is the folder, or the number of a model that ManiSkill has downloaded. The import fixes all joints but one,
-    scales the model, proposes keypoints from the geometry of the moving link, and checks the result. To change the
-    proposed keypoints, edit info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY`.
+    FILE.urdf holds boxes, cylinders, spheres, capsules or meshes. DIR is a folder with mobility.urdf, or the number of
+    a model that ManiSkill has downloaded. The import fixes all joints but one, scales the model, proposes keypoints
+    from the geometry of the moving link, checks the result and draws its keypoints. To change the proposed keypoints,
+    give --keypoint, or edit info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY`.
     The exit code is 1 if the object fails a check.
 
     Args:
@@ -116,6 +123,9 @@ def import_(
         name: Id of the new object.
         joint: Joint that stays movable.  [default: the only one of the class's joint type]
         scale: Length in metres of one unit of the model.
+        up: Axis of the model that points up. With z the front faces -x, with y it faces z.
+        keypoints: Position of a keypoint such as head or tail in the frame of the moving link, in units of the model,
+            or a YAML file of positions by name; may be given again.  [default: proposed from the geometry]
         license: Licence of the model.
         out: Output folder, usable as --assets; created if missing.
         force: Replace existing objects.
@@ -123,13 +133,46 @@ def import_(
     from gensim2.objects import open_library
     from gensim2.objects.library.folder import find_source
 
-    folder = find_source(source)
+    folder, given = find_source(source), _positions(keypoints)
     from gensim2.inspection.validate import check_object  # imports SciPy, so bad input is refused first
     from gensim2.objects.library.importer import import_object
 
-    imported = import_object(folder, out, asset_class, name, joint=joint, scale=scale, license=license, replace=force)
+    model: dict[str, Any] = {"joint": joint, "scale": scale, "up": up, "keypoints": given, "license": license}
+    imported = import_object(folder, out, asset_class, name, replace=force, **model)
     progress.start(f"taking {asset_class}/{name} apart and checking it", 1)
-    checked = check_object(open_library(out), asset_class, name)
+    library = open_library(out)
+    checked = check_object(library, asset_class, name)
     progress.advance()
-    result = {"schema_version": 1, **imported.to_dict(), "object": checked.to_dict()}
+    picture = (
+        out / "pictures" / f"{asset_class}_{name}.png"
+        if not any(each.check == "loads" for each in checked.findings)
+        else None
+    )
+    if picture is not None:
+        from gensim2.inspection.raycast import write_strip
+
+        write_strip(library.load_articulated(asset_class, name), picture)
+    result = {
+        "schema_version": 1,
+        **imported.to_dict(),
+        "object": checked.to_dict(),
+        "picture": None if picture is None else str(picture),
+    }
     return result if checked.sound else Ending(result)
+
+
+def _positions(given: tuple[str, ...]) -> dict[str, list[float]]:
+    """Read the values of ``--keypoint``: positions and files of positions, by name.
+
+    Raises:
+        InputError: a value is neither NAME=X,Y,Z nor a file of names and numbers.
+    """
+    found: dict[str, list[float]] = {}
+    for text in given:
+        name, equals, numbers = text.partition("=")
+        try:
+            found |= {name: [float(each) for each in numbers.split(",")]} if equals else dict(read_yaml(Path(text)))
+        except ValueError as error:
+            remedy = "give NAME=X,Y,Z, for example head=0.2,0,0.01"
+            raise InputError(f"{text!r} holds no three numbers", field="--keypoint", remedy=remedy) from error
+    return found

@@ -109,17 +109,17 @@ def import_(
 
 
 @command("moved_assets", name="report", show=_show_quality)
-def quality(folder: Existing, *, video: bool, progress: Progress, **given: Any) -> dict[str, Any]:
+def quality(folder: Existing, *, videos: int, progress: Progress, **given: Any) -> dict[str, Any]:
     """Write a page about the coverage and quality of a data set.
 
     The command reads every episode of the data set in FOLDER and writes FOLDER/quality.html. The page shows objects,
-    placements, openness, length and smoothness of motions, the robot's clearance from other objects, duplicates, and a
-    video of each task.
+    placements, openness, length and smoothness of motions, the robot's clearance from other objects, duplicates, and
+    videos of each task.
     """
     from gensim2.data.report import HTML
     from gensim2.data.report import report as function
 
-    return {**function(folder, video=video, progress=progress, **given), "report": str(folder / HTML)}
+    return {**function(folder, videos=videos, progress=progress, **given), "report": str(folder / HTML)}
 
 
 @command(show=lambda result: line(result["card"]))

@@ -22,7 +22,7 @@ def _show(result: dict[str, Any]) -> None:
     line(f"report: {Path(result['run_dir']) / 'report.html'}")
 
 
-@command("library", *EPISODES, "out", *PROCESSES, "resume", "video", show=_show)
+@command("library", *EPISODES, "out", *PROCESSES, "resume", "videos", show=_show)
 def demo(task: str, *, episodes: Count = 5, progress: Progress, **given: Any) -> dict[str, Any] | Ending:
     """Record demonstrations of a task.
 

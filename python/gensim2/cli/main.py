@@ -37,6 +37,7 @@ EXTRAS = {
 #: Module and attribute of each command, imported on use so that ``--help`` is fast.
 COMMANDS = {
     "run-pipeline": "gensim2.cli.run_pipeline:run_pipeline",
+    "design": "gensim2.cli.design:design",
     "demo": "gensim2.cli.demo:demo",
     "solve": "gensim2.cli.solve:solve",
     "view": "gensim2.cli.view:view",

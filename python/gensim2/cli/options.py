@@ -92,7 +92,7 @@ class Shared:
         robot: Robot: panda, fr3, fetch, or a Python file that registers your own robot.
         seed: Random seed.
         time_limit: Time after which an episode counts as hung and is repeated in a new process.
-        video: Record videos if this machine can render.
+        videos: Number of episodes of each task to film: demonstrations, or failed episodes of a task that is not kept.
         workers: Number of simulator processes; does not affect the result.
     """
 
@@ -114,7 +114,7 @@ class Shared:
     jobs_per_worker: Annotated[int, count()] = 500
     ray: Annotated[str | None, Option(metavar="local|ADDRESS")] = None
     resume: bool = False
-    video: bool = True
+    videos: Annotated[int, click.IntRange(0, 1000)] = 1
     device: Annotated[str, Option(metavar="auto|NAME[,NAME...]")] = "auto"
     controls: Annotated[str, Option(metavar="all|none|NAME,...")] = "all"
     control_episodes: Annotated[int, count()] = 30
@@ -227,7 +227,7 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
     Raises:
         UsageError: ``--resume`` without ``--out``, since a new folder has nothing to resume.
     """
-    if given.get("resume") and given.get("out", "") is None:
+    if given.get("resume") and given.get("out", "") is None and "folder" not in given:  # design's default is in FOLDER
         raise click.UsageError("--resume goes on with what --out holds: give --out, too")
     if given.get("ray") is not None and not is_given(context, "workers"):
         given["workers"] = None  # one for each CPU of the cluster

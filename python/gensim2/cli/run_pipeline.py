@@ -32,7 +32,8 @@ def _check_kinds(designer: str | None, asked: dict[str, Any], single: int | None
         raise InputError(message, field=f"--{kind}", remedy=f"give --mode {other}, in a run of its own")
 
 
-def _show(result: dict[str, Any]) -> None:
+def show_tasks(result: dict[str, Any]) -> None:
+    """Print the table of a run's tasks, the rejected ones, and what to do if none was kept."""
     rows = [
         (
             task["name"],
@@ -45,16 +46,27 @@ def _show(result: dict[str, Any]) -> None:
         )
         for task in result["tasks"]
     ]
-    table(("task", "class", "goal", "paper", "held", "strict", "objects", "kept", "demos"), rows)
+    if rows:
+        table(("task", "class", "goal", "paper", "held", "strict", "objects", "kept", "demos"), rows)
     for rejected in result["rejected"]:
         line(f"rejected {rejected['name']}: {rejected['reason']}")
     for note in result["notes"]:
         line(f"note: {note}")
+    if not any(task["kept"] for task in result["tasks"]):
+        from gensim2.design.report import NOTHING_KEPT
+
+        line("no task was kept; next:")
+        for advice in NOTHING_KEPT:
+            line(f"- {advice}")
+
+
+def _show(result: dict[str, Any]) -> None:
+    show_tasks(result)
     show_remembered(result["remembered"])
     line(f"report: {Path(result['run_dir']) / 'report.html'}")
 
 
-@command(Designing, *EPISODES, "library", "out", *PROCESSES, "ray", "resume", "video", show=_show)
+@command(Designing, *EPISODES, "library", "out", *PROCESSES, "ray", "resume", "videos", show=_show)
 def run_pipeline(
     *,
     num_tasks: Annotated[int, count(1000)] = 2,

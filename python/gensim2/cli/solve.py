@@ -33,6 +33,8 @@ def _show(result: dict[str, Any]) -> None:
             line(step["reason"])
         if step["plan"] is not None:
             _show_plan(step["plan"])
+    if result["picture"] is not None:
+        line(f"picture: {result['picture']}")
 
 
 def _show_plan(plan: dict[str, Any]) -> None:
@@ -69,10 +71,11 @@ def solve(
 
     The command plans TASK on one random scene, as an episode would. Each step starts from the predicted result of the
     steps before. If no complete motion is found, the longest part is used, as in episodes, and the plan is reported as
-    partial. The exit code is 1 if a step has no plan; status and reason explain why.
+    partial. The exit code is 1 if a step has no plan; status and reason explain why, and a picture shows the scene, the
+    keypoints, the keyframes and the residuals.
 
     Args:
-        out: Folder to write the plan to.  [default: the plan is not written]
+        out: Folder to write the plan and its picture to.  [default: none; a picture of a failed plan goes to the cache]
         browser: Show the plan in the browser until Ctrl-C (extra viz).
     """
     from gensim2.rollout import solve as function

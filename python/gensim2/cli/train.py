@@ -41,7 +41,8 @@ def _show(result: dict[str, Any]) -> None:
     tasks = ", ".join(result["tasks"])
     kinds = f"{result['demonstrations']} demonstrations, {result['noisy_episodes']} episodes with noise"
     line(f"{result['steps']} steps on {result['frames']} frames ({tasks}): {kinds}, {result['relabels']} relabels")
-    line(f"loss {result['loss']:.4f}; {result['cpu_s']:.1f} s of CPU; checkpoint: {result['folder']}")
+    line(f"training loss {result['loss']:.4f}: the error on the data; `gensim2 evaluate` measures success")
+    line(f"{result['cpu_s']:.1f} s of CPU; checkpoint: {result['folder']}")
 
 
 @command("workers", "moved_assets", "device", beside=list(_options()), show=_show)

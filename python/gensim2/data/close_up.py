@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from gensim2.objects import ObjectModel
 from gensim2.perception import Camera, View
+from gensim2.perception.raycast.drawing import shaded
 from gensim2.perception.raycast.scene import RaycastScene
 from gensim2.robots import RobotProfile
 
@@ -23,9 +24,6 @@ DISTANCE, BEHIND = 0.22, 0.12
 FIELD_OF_VIEW = float(np.deg2rad(45))
 BLOCKED = 0.06
 """A surface that is this much nearer than the fingertips (m) hides them."""
-SKY = (235, 238, 242)
-LIGHT = (0.3, -0.5, 0.8)
-AMBIENT = 0.45
 FRAME, FRAME_WIDTH = (40, 46, 56), 2
 
 
@@ -84,16 +82,3 @@ def _hidden(view: View) -> float:
     third = view.depth.shape[0] // 3
     middle = view.depth[third : 2 * third, third : 2 * third]
     return float(np.mean((middle > 0) & (middle < np.hypot(DISTANCE, BEHIND) - BLOCKED)))
-
-
-def shaded(view: View) -> Frame:
-    """Return the (H, W, 3) picture of a view: its colours, darker the more a surface turns away from the light."""
-    camera, depth = view.camera, view.depth.astype(np.float64)
-    points = depth[..., None] * camera.rays
-    right, down = np.diff(points, axis=1, append=points[:, -1:]), np.diff(points, axis=0, append=points[-1:])
-    normal = np.cross(down, right)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True).clip(min=1e-12)
-    light = np.array(LIGHT) / np.linalg.norm(LIGHT)
-    share = AMBIENT + (1.0 - AMBIENT) * np.abs(normal @ light)
-    picture = view.colors_at(np.arange(depth.size)).reshape(*depth.shape, 3) * share[..., None]
-    return np.where(depth[..., None] > 0, picture, SKY).astype(np.uint8)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from gensim2.core.errors import GenSim2Error
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
+from gensim2.data.films import PICTURE_ALONE, film_episode, film_path
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.data.store import TaskStore
 from gensim2.data.task_queue import Quota, TaskQueue, run_queues
@@ -55,7 +57,7 @@ def collect(
     *,
     episodes: int,
     seed: int,
-    video: bool = True,
+    videos: int = 1,
     progress: Progress = NULL_PROGRESS,
 ) -> Collected:
     """Record demonstrations until ``episodes`` have succeeded, and merge them into one trajectory.
@@ -67,6 +69,7 @@ def collect(
     Args:
         instances: name of the set of objects.
         episodes: number of demonstrations.
+        videos: number of demonstrations to film, from the first.
 
     Returns:
         The episodes; fewer than ``episodes`` demonstrations if too many episodes failed.
@@ -115,27 +118,39 @@ def collect(
         ),
         [(store.path(entry.index), entry.episode_digest) for entry in kept],
     )
-    if video and not (files.path / "video.mp4").exists():
-        _film(files.path, task, evaluator, progress)
+    _film(store, kept[:videos], task, evaluator, progress)
     return collected
 
 
-def _film(folder: Path, task: TaskSpec, evaluator: EpisodeRunner, progress: Progress) -> None:
-    """Record a video of the first demonstration in a worker; report a missing renderer and continue."""
+def _film(
+    store: TaskStore, kept: Sequence[Episode], task: TaskSpec, evaluator: EpisodeRunner, progress: Progress
+) -> None:
+    """Record videos of demonstrations in workers, by ray casting without a Vulkan driver; report a failure and
+    continue.
+    """
     from gensim2.sim import rendering
 
-    if not rendering.can_render():
-        progress.message(f"{task.name}: no video: {rendering.NO_DRIVER}")
+    folder = store.folder
+    films = [folder / "video.mp4", *(film_path(folder, number) for number in range(1, len(kept)))]
+    missing = [number for number in range(len(kept)) if not films[number].exists()]
+    if not missing:
         return
-    progress.start(f"{task.name}: film", 1)
-    jobs = {0: (folder / "trajectory.h5", folder / "video.mp4", folder / "still.png")}
+    progress.start(f"{task.name}: film", len(missing))
+    if rendering.can_render():
+        stills = [folder / "still.png", *([None] * (len(kept) - 1))]
+        jobs = {number: (folder / "trajectory.h5", number, films[number], stills[number]) for number in missing}
+        found = evaluator.each(film_job, jobs, f"{task.name}: film")
+    else:
+        scene = evaluator.scene.with_task(task)
+        cast = {number: (store.path(kept[number].index), scene, PICTURE_ALONE, films[number]) for number in missing}
+        found = evaluator.each(film_episode, cast, f"{task.name}: film")
     try:
-        for _ in evaluator.each(film_job, jobs, f"{task.name}: film"):
+        for _ in found:
             pass
     except GenSim2Error as error:
         progress.message(f"{task.name}: no video: {error}")
 
 
-def film_job(trajectory: Path, video: Path, still: Path) -> int:
-    """Record a video of a trajectory's first episode and return the number of frames."""
-    return film(Replay.stored(trajectory), video, still=still).frames
+def film_job(trajectory: Path, episode: int, video: Path, still: Path | None) -> int:
+    """Record a video of one episode of a trajectory and return the number of frames."""
+    return film(Replay.stored(trajectory, episode), video, still=still).frames

@@ -31,6 +31,9 @@ ERRORS_LOG = "render.log"
 
 PRELOAD = ("gensim2.data.observing", "trimesh", "embreex.rtcore_scene", "fpsample", "scipy.spatial")
 
+PICTURE_S = 0.04
+"""Seconds that a picture of one camera takes the renderer without a GPU."""
+
 
 @dataclass(frozen=True)
 class Rendered:
@@ -140,6 +143,13 @@ class _Rendering:
             Job(number, (store.folder, row, scenes[store.name], self._spec))
             for number, (store, row) in enumerate(missing)
         )
+        if missing and "rgb" in self._spec.modalities:
+            frames = sum(row.control_steps + 1 for _, row in missing) * len(self._spec.cameras)
+            each = PICTURE_S * frames / len(missing)
+            minutes = each * len(missing) / 60 / (execution.workers or 1)
+            self._progress.message(
+                f"rgb without a GPU: about {each:.0f} s an episode, {minutes:.0f} minutes for {len(missing)} episodes"
+            )
         what = f"observations of {len(stores)} task{'s' if len(stores) > 1 else ''}"
         self._progress.start(what, self._there + len(missing))
         self._progress.advance(self._there)

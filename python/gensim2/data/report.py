@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,26 +31,25 @@ class _Section:
         quality: its figures.
         interval: 95 % interval of the success rate.
         charts: SVG charts.
-        video, still: file names beside the page; None without a renderer.
+        films: file names of videos beside the page, each with its still picture.
         shots: images of rendered demonstrations; empty if the data set was not rendered.
     """
 
     quality: TaskQuality
     interval: tuple[float, float]
     charts: tuple[str, ...]
-    video: str | None
-    still: str | None
+    films: tuple[tuple[str, str], ...]
     shots: tuple[Shot, ...]
 
 
 def report(
-    path: Path, *, video: bool = True, assets: Path | str | None = None, progress: Progress = NULL_PROGRESS
+    path: Path, *, videos: int = 1, assets: Path | str | None = None, progress: Progress = NULL_PROGRESS
 ) -> dict[str, Any]:
     """Analyse every episode of a data set, and write page and figures into its folder.
 
     Args:
         path: folder of the data set.
-        video: record a video of each task's first demonstration, if this machine can render.
+        videos: number of demonstrations of each task to film.
         assets: present folder of its objects; None: the recorded folder.
 
     Returns:
@@ -59,7 +59,7 @@ def report(
         InputError: the data set cannot be read, its collection is incomplete, or an object is missing or has changed.
     """
     dataset = DataSet.open(path, assets)
-    sections = [_section(dataset, quality, video, progress) for quality in qualities(dataset, progress)]
+    sections = [_section(dataset, quality, videos, progress) for quality in qualities(dataset, progress)]
     numbers = {"schema_version": SCHEMA_VERSION, "tasks": [section.quality.to_dict() for section in sections]}
     write_json(path / JSON, numbers)
     page = template("gensim2.data", "quality.html.j2").render(sections=sections, record=dataset.record.model_dump())
@@ -67,26 +67,28 @@ def report(
     return numbers
 
 
-def _section(dataset: DataSet, quality: TaskQuality, video: bool, progress: Progress) -> _Section:
+def _section(dataset: DataSet, quality: TaskQuality, videos: int, progress: Progress) -> _Section:
     store = dataset.task(quality.name)
-    first = next((row for row in store.rows() if row.held), None)
-    filmed = _film(dataset, store, first, progress) if video and first is not None else (None, None)
+    rows = itertools.islice((row for row in store.rows() if row.held), videos)
+    films = [_film(dataset, store, row, number, progress) for number, row in enumerate(rows)]
     shots = contact_sheet(store, dataset.path, MEDIA)
-    return _Section(quality, interval(quality.held, quality.tried), charts(quality), *filmed, shots)
+    made = tuple(each for each in films if each is not None)
+    return _Section(quality, interval(quality.held, quality.tried), charts(quality), made, shots)
 
 
-def _film(dataset: DataSet, store: TaskStore, row: Episode, progress: Progress) -> tuple[str | None, str | None]:
+def _film(dataset: DataSet, store: TaskStore, row: Episode, number: int, progress: Progress) -> tuple[str, str] | None:
     """Record a demonstration's video by replaying it, or from its observations if this machine cannot render."""
     from gensim2.sim import rendering
 
-    video, still = f"{MEDIA}/{store.name}.mp4", f"{MEDIA}/{store.name}.png"
+    name = f"{MEDIA}/{store.name}" + (f"_{number}" if number else "")
+    video, still = f"{name}.mp4", f"{name}.png"
     if (dataset.path / video).exists() and (dataset.path / still).exists():
         return video, still
     progress.start(f"{store.name}: film", 1)
     if not rendering.can_render():
         if not film_seen(store, row, dataset.path / video, dataset.path / still):
             progress.message(f"{store.name}: no video: {rendering.NO_DRIVER}")
-            return None, None
+            return None
     else:
         recording = store.read(row).recording
         assert recording is not None

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from gensim2.design.diagnosis import Diagnosis
     from gensim2.design.gallery import tasks_gallery
     from gensim2.design.offline import OfflineDesigner
+    from gensim2.design.own import design_task
     from gensim2.design.run import run_pipeline
     from gensim2.design.single import demo
 
@@ -40,6 +41,7 @@ __all__ = [
     "RobotSummary",
     "StageResult",
     "demo",
+    "design_task",
     "run_pipeline",
     "tasks_gallery",
 ]

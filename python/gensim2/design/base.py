@@ -15,9 +15,6 @@ from gensim2.tasks.strategies import Strategies, with_strategies
 
 Goal = Literal["articulated_open", "articulated_closed"]
 
-DESIGNED = "designed"
-"""Name of the strategy that a designer writes for a step."""
-
 
 class Declined(GenSim2Error):
     """A designer has no candidate for a task; the task is rejected and the run continues."""

@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeVar
 
-from gensim2.design.base import DESIGNED, Brief, Known
+from gensim2.design.base import Brief, Known
 from gensim2.design.proposals import joint_goal
 from gensim2.objects.words import End, words
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, Criterion, DistanceGripperRigid
-from gensim2.tasks.spec import HAND, ObjectSpec, Provenance, Randomization, Step, TaskSpec
+from gensim2.tasks.spec import DESIGNED, HAND, ObjectSpec, Provenance, Randomization, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 
 ENDS = ("articulated_open", "articulated_closed")

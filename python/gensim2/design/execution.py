@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
-from gensim2.core.errors import InputError
+from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.demonstrations import collect
+from gensim2.data.films import film_again
 from gensim2.data.records import DesignEffort, PipelineResult, TaskOutcome, Verification
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.design import Designer
@@ -18,13 +21,18 @@ from gensim2.design.base import Brief, Declined, Known
 from gensim2.design.briefing import Classes, robot_summary
 from gensim2.design.designs import read_design, write_design
 from gensim2.design.proposals import goal_of
-from gensim2.design.report import write_report
-from gensim2.design.search import Budget, Search
+from gensim2.design.report import PLAN_PICTURE, write_report
+from gensim2.design.search import Budget, Search, budget_for
 from gensim2.design.unseen import Apart, kept_apart
 from gensim2.objects import Library
+from gensim2.rollout import worker
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.episode_log import EpisodeLog
+from gensim2.rollout.identity import digest
 from gensim2.rollout.inputs import TaskInput, chosen_word
+from gensim2.rollout.record import Episode
 from gensim2.rollout.runner import EpisodeRunner
+from gensim2.rollout.solving import draw_plan, plan_steps
 from gensim2.rollout.tally import Tally
 from gensim2.tasks.library import strategies_of
 from gensim2.tasks.likeness import first_alike
@@ -144,13 +152,44 @@ class Extent:
         verify: number of verification episodes.
         demos: number of demonstrations to collect.
         instances: instances that demonstrations use, as in ``--instances``.
-        video: record a video of each kept task if this machine can render.
+        videos: number of episodes of each task to film; 0: no plan is drawn either.
     """
 
     verify: int
     demos: int
     instances: str
-    video: bool
+    videos: int
+
+
+#: Folder of the episodes of a search that is under way; the search is repeated from them.
+SEARCHED = "search"
+
+
+class _Kept:
+    """Hands a search to the simulator and keeps its results, so that a resumed search repeats none of the work.
+
+    Args:
+        runner: that plans and runs episodes.
+        folder: of the results, apart for each call. A resumed search makes the same calls; other calls find nothing.
+    """
+
+    def __init__(self, runner: EpisodeRunner, folder: Path) -> None:
+        self._runner, self._folder, self._calls = runner, folder, 0
+
+    def screen(
+        self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+    ) -> list[list[worker.Screened]]:
+        """Plan each candidate on each seed's scene."""
+        return self._runner.screen(config, candidates, seeds, self._next(candidates))
+
+    def trials(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
+        """Run (strategies of each step, seed) episodes in physics, in order."""
+        log = EpisodeLog(self._next([ways for ways, _ in jobs]).with_suffix(".jsonl"), [seed for _, seed in jobs])
+        return self._runner.trials(config, jobs, log)
+
+    def _next(self, ways: Sequence[StepStrategies]) -> Path:
+        self._calls += 1
+        return self._folder / f"{self._calls:03d}_{digest([dict(each) for each in ways])[:12]}"
 
 
 def classes_of(task: TaskSpec) -> str:
@@ -290,15 +329,69 @@ class PipelineRun:
         record = read_design(folder.path)
         if record is None:
             config = self.evaluator.config(task, kept_apart(self.library, task).search)
-            search = Search(config, self._brief, self.designer, self.evaluator, self.seed, self.budget, self.progress)
+            most = (self.budget or budget_for(task)).max_physics_episodes
+            told = f"at most {most} episodes of search, then {self._to_verify(task)} of verification"
+            self.progress.message(f"{task.name}: {told}; usually 1 to 5 minutes")
+            kept = _Kept(self.evaluator, folder.path / SEARCHED)
+            search = Search(config, self._brief, self.designer, kept, self.seed, self.budget, self.progress)
             write_design(folder.path, search.run())
+            shutil.rmtree(folder.path / SEARCHED, ignore_errors=True)
             record = read_design(folder.path)
             assert record is not None
         effort = DesignEffort(
             candidates=len(record.candidates),
             episodes=sum(s.episodes for c in record.candidates for s in c.stages if s.name == "physics"),
         )
-        return record.notes[-1] if record.steps is None else (record.steps, effort)
+        if record.steps is None:
+            if not record.candidates:
+                return record.notes[-1]
+            best = record.candidates[0]
+            self._show_best(task, folder, best.steps)
+            words = next((stage.diagnoses[0].words for stage in best.stages[::-1] if stage.diagnoses), best.cause)
+            return record.notes[-1] + (f"; the best candidate: {words}" if words else "")
+        return record.steps, effort
+
+    def _show_best(self, task: TaskSpec, folder: TaskFolder, ways: StepStrategies) -> None:
+        """Draw the best candidate of a search that found nothing, and film what it does."""
+        strategies = {name: data for own in ways.values() for name, data in own.items()}
+        config = self.evaluator.config(with_strategies(task, ways), kept_apart(self.library, task).search)
+        seeds = scene_seeds(self.seed, task.name, "design", self.extent.videos)
+        films = {folder.path / f"failed_{n:06d}.mp4": (config, strategies, seed) for n, seed in enumerate(seeds)}
+        self._show(task, folder, films)
+
+    def _show_verified(
+        self, task: TaskSpec, strategies: Strategies, folder: TaskFolder, verification: Verification
+    ) -> None:
+        """Draw the plan of a verified task, and film episodes: failed ones of a task that is not kept."""
+        drawn = kept_apart(self.library, task).verification(len(verification.episodes), self.seed)
+        wanted = [n for n, episode in enumerate(verification.episodes) if episode.held == verification.kept]
+        word = "held" if verification.kept else "failed"
+        films = {
+            folder.path / f"{word}_{n:06d}.mp4": (
+                self.evaluator.config(task, drawn[n]),
+                strategies,
+                verification.episodes[n].seed,
+            )
+            for n in wanted[: self.extent.videos]
+        }
+        self._show(task, folder, films)
+
+    def _show(self, task: TaskSpec, folder: TaskFolder, films: Mapping[Path, tuple[Any, ...]]) -> None:
+        """Make the films and a picture of the first one's plan; where they cannot be made, say so and go on."""
+        picture = folder.path / PLAN_PICTURE
+        missing = {path: job for path, job in films.items() if not path.exists()}
+        if not films or (not missing and picture.exists()):
+            return
+        what = f"{task.name}: pictures"
+        self.progress.start(what, len(missing) + 1)
+        try:
+            for _ in self.evaluator.each(draw_scene, {0: (*next(iter(films.values())), picture)}, what):
+                pass
+            jobs = {n: (*job, path) for n, (path, job) in enumerate(missing.items())}
+            for _ in self.evaluator.each(film_again, jobs, what):
+                pass
+        except GenSim2Error as error:
+            self.progress.message(f"{task.name}: not all pictures were made: {error}")
 
     def _tested(self, task: TaskSpec, strategies: Strategies, folder: TaskFolder) -> TaskOutcome:
         folder.write_strategies(strategies)
@@ -333,10 +426,12 @@ class PipelineRun:
                 chosen_word(task, self.library, self.extent.instances, self.seed),
                 episodes=self.extent.demos,
                 seed=self.seed,
-                video=self.extent.video,
+                videos=self.extent.videos,
                 progress=self.progress,
             )
             fresh, demos = (*fresh, *collected.episodes), collected.demos
+        if not (verification.kept and self.extent.demos):
+            self._show_verified(task, strategies, folder, verification)
         if not verification.kept:
             self.folder.reject(task.name)
         held = f"{task.name}: {verification.tally.held} of {verification.tally.episodes} fresh episodes hold"
@@ -354,6 +449,18 @@ class PipelineRun:
             )
         )
         return self._outcomes[-1]
+
+
+def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture: Path) -> bool:
+    """Plan a task in the scene of one seed and draw the last step that was planned; called in a worker.
+
+    Returns:
+        Whether there is a picture.
+    """
+    env = worker.simulator(config.scene)
+    env.reset(seed)
+    steps = plan_steps(config.task, env.profile, strategies, env.scene_state())
+    return draw_plan(steps[-1], config.task.name, env.profile, picture) is not None
 
 
 def _made(task: TaskSpec, seen: Literal["train", "all"]) -> TaskSpec:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -25,6 +26,8 @@ from gensim2.rollout.identity import identity
 from gensim2.rollout.inputs import TaskInput, read_task_inputs
 from gensim2.rollout.record import Episode
 from gensim2.rollout.runner import EpisodeRunner
+from gensim2.scenes.config import SceneOptions
+from gensim2.tasks.library import packaged_names, task_names, user_library
 from gensim2.tasks.strategies import Strategies
 
 VIDEO, STILL = "video.mp4", "still.webp"
@@ -212,6 +215,7 @@ def tasks_gallery(
         ) as folder,
         EpisodeRunner(options, execution, progress, log=folder.errors_log) as evaluator,
     ):
+        again = _again(given, seed)
         shelves = [GalleryEntry(one, folder.task(one.spec.name), seed) for one in given]
         for shelf in shelves:
             folder.add_episodes(library, shelf.episodes, shelf.log.path)
@@ -219,10 +223,12 @@ def tasks_gallery(
         def write_page() -> None:
             folder.save()
             page = template("gensim2.design", "tasks.html.j2").render(
-                run=folder.record.model_dump(), shelves=shelves, skipped=skipped, speed=SPEED
+                run=folder.record.model_dump(), shelves=shelves, skipped=skipped, speed=SPEED, again=again
             )
             write_atomic(folder.path / INDEX, page)
 
+        missing = sum(not shelf.is_finished for shelf in shelves)
+        progress.message(f"{missing} films to make; a film takes half a minute without a GPU, and on busy cores longer")
         progress.start("tasks", len(shelves))
         progress.advance(sum(shelf.is_finished for shelf in shelves))
         write_page()
@@ -244,3 +250,19 @@ def tasks_gallery(
         folder.finish(result.to_dict())
         write_page()
     return result
+
+
+def _again(given: Sequence[TaskInput], seed: int) -> str:
+    """Return the command that runs the episode of a film again, for ``TASK``."""
+    options = given[0].scene.options
+    words = ["gensim2", "demo", "TASK", "--episodes", "1", "--seed", str(seed), "--assets", options.assets]
+    words += [word for name in ("engine", "physics", "robot") for word in _unless_default(options, name)]
+    own = set(task_names()) - set(packaged_names())
+    if (library := user_library()) is not None and any(one.spec.name in own for one in given):
+        words += ["--library", str(library)]
+    return shlex.join(words)
+
+
+def _unless_default(options: SceneOptions, name: str) -> list[str]:
+    value = options.environment.get(name)
+    return [] if value is None else [f"--{name}", value]

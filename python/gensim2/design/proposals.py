@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, Literal, get_args
 
 from gensim2.design.affordance import Affordance
-from gensim2.design.base import DESIGNED
 from gensim2.objects.words import Goal, Phrase, camel_case, halfway, handled, in_ascii, words
 from gensim2.tasks.criteria import (
     CLOSED,
@@ -18,7 +17,7 @@ from gensim2.tasks.criteria import (
     RigidLifted,
     RigidMoved,
 )
-from gensim2.tasks.spec import HAND, TABLE, ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
+from gensim2.tasks.spec import DESIGNED, HAND, TABLE, ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
 
 #: A task whose phrase is less useful than this is proposed only if nothing better is left.
 ASKED_FOR = 0.5
@@ -194,11 +193,17 @@ def propose(
     yield from sorted([*first, *(task for _, task in later)], key=lambda task: joint_goal(task) not in wanted)
 
 
-def redesigned(task: TaskSpec) -> TaskSpec:
+def redesigned(task: TaskSpec, name: str | None = None) -> TaskSpec:
     """Return the task with one strategy for each step, to be written by a designer, and without the strategies'
     provenance.
+
+    Args:
+        task: the task.
+        name: name of the strategy of each step; None: the step's first.
     """
-    steps = tuple(step.model_copy(update={"strategies": step.strategies[:1]}) for step in task.steps)
+    steps = tuple(
+        step.model_copy(update={"strategies": step.strategies[:1] if name is None else (name,)}) for step in task.steps
+    )
     provenance = None if task.provenance is None else Provenance(origin=task.provenance.origin)
     return task.model_copy(update={"steps": steps, "provenance": provenance})
 

@@ -29,6 +29,9 @@ from gensim2.tasks.wording import criteria_in_words, name_in_words
 #: Maximum number of candidates shown for a task.
 SHOWN_CANDIDATES = 12
 
+#: Name of the picture of a task's plan, in the task's folder.
+PLAN_PICTURE = "plan.png"
+
 
 def write_report(run_dir: Path) -> Path:
     """Write ``report.html`` from the files of a run folder, finished or not, and return its path.
@@ -58,6 +61,8 @@ def write_report(run_dir: Path) -> Path:
         demos=sum(task["demos"] for task in tasks),
         shown=SHOWN_CANDIDATES,
         model=model.of_run(),
+        unfilmed=_why_unfilmed(run),
+        advice=NOTHING_KEPT,
     )
     path = run_dir / "report.html"
     write_atomic(path, page)
@@ -100,12 +105,47 @@ def _task(folder: Path, model: ModelReport) -> dict[str, Any]:
         "collection": _figures(logged, spec) if logged else None,
         "design": _design(read_design(files.path)),
         "model": model.of_task(spec.name if spec is not None else folder.name),
-        "video": _beside(folder, "*.mp4"),
-        "still": _beside(folder, "*.png"),
+        "video": _beside(folder, "video.mp4"),
+        "still": _beside(folder, "still.png"),
+        "films": _films(folder, verification),
+        "plan": _beside(folder, PLAN_PICTURE),
         "demos": len(recording.episodes) if recording is not None else 0,
         "env_id": recording.env_info.env_id if recording is not None else None,
         "files": [f"{folder.parent.name}/{folder.name}/{path.name}" for path in _files(folder)],
     }
+
+
+def _films(folder: Path, verification: Verification | None) -> list[tuple[str, str]]:
+    """Films of a task's episodes beside its first demonstration: path in the run folder and caption."""
+    found = []
+    for path in sorted(folder.glob("*_*.mp4")):
+        word, _, number = path.stem.partition("_")
+        if word not in ("video", "held", "failed") or not number.isdecimal():
+            continue
+        caption = {"video": f"demonstration {number}", "held": "held", "failed": "failed"}[word]
+        if word == "failed" and verification is None:
+            caption = "the best candidate"
+        elif word != "video" and verification is not None and int(number) < len(verification.episodes):
+            episode = verification.episodes[int(number)]
+            caption = f"seed {episode.seed}: {'held' if episode.held else episode.cause}"
+        found.append((f"{folder.parent.name}/{folder.name}/{path.name}", caption))
+    return found
+
+
+#: What to do after a run that kept nothing.
+NOTHING_KEPT = (
+    "watch the films of failed episodes, and read the residuals under the pictures of the plans",
+    "check that the keypoints lie where a hand should act, and that the arm can reach them: gensim2 assets render",
+    "relax the task: the thresholds in done, the ranges of randomization, the place of the object",
+    "write a strategy by hand and plan it: gensim2 solve",
+)
+
+
+def _why_unfilmed(run: RunRecord) -> str:
+    """Say why a task of a run has no film."""
+    if run.arguments.get("videos") == 0:
+        return "no pictures: filming was off (--videos 0)"
+    return "no pictures yet: no episode of this task was filmed; errors.log says why if filming failed"
 
 
 def _step(step: Step) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from gensim2.design.base import Known
 from gensim2.design.designing import Chosen
 from gensim2.design.execution import VERIFY_EPISODES, Extent, PipelineRun, Wanted
 from gensim2.design.proposals import redesigned
-from gensim2.design.remembering import known_before
+from gensim2.design.remembering import BY_HAND, known_before
 from gensim2.design.report import reported
 from gensim2.design.search import LONG_BUDGET, Budget
 from gensim2.objects import open_library
@@ -33,7 +33,8 @@ from gensim2.rollout.inputs import (
     scene_options,
 )
 from gensim2.rollout.runner import EpisodeRunner
-from gensim2.tasks.library import PAPER, load_strategies, load_task, task_names
+from gensim2.tasks.library import PAPER, load_strategies, load_task, load_task_file, origin_of, task_names
+from gensim2.tasks.spec import DESIGNED, Provenance
 
 DESIGNERS: dict[str, type[Designer]] = {"offline": OfflineDesigner}
 
@@ -48,11 +49,11 @@ def run_pipeline(
     episodes: int = 5,
     seed: int = 0,
     out: Path | None = None,
-    target_task: str | None = None,
+    target_task: str | Path | None = None,
     stored_tasks: Sequence[str] = (),
     resume: bool = False,
     designer: str | Designer = "offline",
-    video: bool = True,
+    videos: int = 1,
     budget: Budget | None = None,
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[RunArguments],
@@ -76,11 +77,13 @@ def run_pipeline(
         episodes: number of demonstrations to keep for each task.
         seed: seed of every random draw.
         out: run folder; default ``runs/<date>-<time>``.
-        target_task: redesign this library task without using its stored solution.
+        target_task: design this task without its stored strategies: the name of a library task, or the path of a folder
+            with a task.yaml.
         stored_tasks: library tasks to verify and demonstrate with their stored strategies, in addition.
         resume: continue the run in ``out``.
         designer: ``"offline"``, or a :class:`~gensim2.design.base.Designer`.
-        video: record a video of each kept task if this machine can render.
+        videos: number of episodes of each task to film: demonstrations, or failed episodes of a task that is not kept.
+            With 0 no plan is drawn either.
         budget: episodes and rounds of the search for each task; None: the defaults.
         progress: listener for stages and steps.
         scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``; see
@@ -104,7 +107,13 @@ def run_pipeline(
         raise InputError(f"must be at least 0, not {episodes}", field="episodes")
     execution = Execution.of(scene)
     by = _designer(designer)
-    target = redesigned(load_task(target_task)) if target_task is not None else None
+    own = load_task_file(target_task) if isinstance(target_task, Path) else None
+    target = None
+    if own is not None:
+        origin = origin_of(own) or BY_HAND
+        target = redesigned(own, DESIGNED).model_copy(update={"provenance": Provenance(origin=origin)})
+    elif target_task is not None:
+        target = redesigned(load_task(str(target_task)))
     seeding.check_seed(seed)
     options, rollout = scene_options(**scene), RolloutOptions(open_loop=scene.get("open_loop", False))
     library, instances = open_library(options.assets), instances_word(**scene)
@@ -119,7 +128,7 @@ def run_pipeline(
         RunFolder(
             Path(out) if out is not None else default_run_dir(),
             {
-                "command": "run-pipeline",
+                "command": "run-pipeline" if own is None else "design",
                 "num_tasks": num_tasks,
                 "episodes": episodes,
                 "seed": seed,
@@ -132,13 +141,15 @@ def run_pipeline(
                 "from_empty": from_empty,
                 "single": single,
                 "long": long,
-                "target_task": target_task,
+                "target_task": None if target is None else target.name,
                 "stored_tasks": [given.spec.name for given in stored],
+                "videos": videos,
                 **execution.to_record(),
             },
             {
                 "budget": digest([asdict(each) for each in ((budget,) if budget else (Budget(), LONG_BUDGET))]),
                 "known tasks": digest([each.task.model_dump(mode="json") for each in known]),
+                **({"task": digest(target.model_dump(mode="json"))} if own is not None and target is not None else {}),
                 "stored strategies": digest([given.strategies for given in stored]),
                 "objects": listing(library, library.classes()),
             },
@@ -153,7 +164,7 @@ def run_pipeline(
             log=folder.errors_log,
         ) as evaluator,
     ):
-        extent = Extent(verify, episodes, instances, video)
+        extent = Extent(verify, episodes, instances, videos)
         pipeline = PipelineRun(library, by, folder, evaluator, seed, extent, known, familiar, budget, progress)
         result = pipeline.run(wanted if target is None else Wanted(1), target, stored)
         folder.finish(result.to_dict())

@@ -62,7 +62,7 @@ def demo(
     seed: int = 0,
     out: Path | None = None,
     resume: bool = False,
-    video: bool = True,
+    videos: int = 1,
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[RunArguments],
 ) -> DemoResult:
@@ -80,7 +80,7 @@ def demo(
         seed: seed of the scenes.
         out: run folder; default ``runs/<date>-<time>``.
         resume: continue the run in ``out``.
-        video: record a video of the first demonstration if this machine can render.
+        videos: number of demonstrations to film.
         progress: listener for stages and steps.
         scene: options of scenes, execution and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
 
@@ -109,6 +109,7 @@ def demo(
                 **given.scene.options.to_record(),
                 **given.rollout.to_record(),
                 "instances": given.instances,
+                "videos": videos,
                 "workers": execution.workers,
             },
             {
@@ -140,7 +141,7 @@ def demo(
             given.instances,
             episodes=episodes,
             seed=seed,
-            video=video,
+            videos=videos,
             progress=progress,
         )
         result = DemoResult(spec.name, str(folder.path), collected.demos, collected.tally, evaluator.cpu_s)

@@ -224,8 +224,8 @@ def _film(
     progress: Progress,
 ) -> list[str]:
     """Record videos of a task's episodes with states, with the controller's point cloud beside the image."""
+    from gensim2.data.films import film_episode, film_path
     from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
-    from gensim2.evaluation.films import film_episode, film_path
     from gensim2.rollout.identity import versions
 
     task, files = given.spec, folder.task(given.spec.name).path

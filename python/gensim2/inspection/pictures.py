@@ -122,7 +122,7 @@ class Studio:
         place = instance.placement
         self._object.set_root_pose(self._sapien.Pose(place.position, place.quaternion))
         self._subject = instance
-        self._frame(np.concatenate([_world_points(instance, share) for share in openness]), azimuths)
+        self._frame(np.concatenate([world_points(instance, share) for share in openness]), azimuths)
 
     def put_rigid(self, rigid: RigidObject, azimuths: Sequence[float] = (THREE_QUARTER,)) -> None:
         """Replace the object by a rigid one in its resting pose."""
@@ -168,7 +168,7 @@ class Studio:
         if isinstance(subject, ArticulatedObject):
             joint = subject.joint
             self._object.set_qpos(np.array([joint.lower + openness * (joint.upper - joint.lower)], np.float32))
-        R, eye = _camera_pose(self._center, self._distance, azimuth, elevation)
+        R, eye = camera_pose(self._center, self._distance, azimuth, elevation)
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = R, eye
         self._camera.entity.set_pose(self._sapien.Pose(T.astype(np.float32)))
@@ -180,7 +180,7 @@ class Studio:
 
         large = Image.fromarray((255 * colour).astype(np.uint8))
         pixels = np.asarray(large.resize((self.size, self.size), Image.Resampling.BOX))
-        marks = {name: self._mark(point, R, eye, depth) for name, point in _keypoints(subject, openness).items()}
+        marks = {name: self._mark(point, R, eye, depth) for name, point in keypoints_at(subject, openness).items()}
         return Shot(pixels, marks)
 
     def _mark(self, point: Array, R: Array, eye: Array, depth: Array) -> Mark:
@@ -192,7 +192,7 @@ class Studio:
         return Mark(float(x), float(y), hidden=0 < seen < ahead - 0.02)
 
 
-def _camera_pose(center: Array, distance: float, azimuth: float, elevation: float) -> tuple[Array, Array]:
+def camera_pose(center: Array, distance: float, azimuth: float, elevation: float) -> tuple[Array, Array]:
     """Return rotation (3, 3) with columns forward, left, up, and position (3,) of a camera that looks at ``center``."""
     a, e = np.radians(azimuth), np.radians(elevation)
     ahead = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), -np.sin(e)])
@@ -202,21 +202,23 @@ def _camera_pose(center: Array, distance: float, azimuth: float, elevation: floa
 
 def _clear_distance(points: Array, azimuth: float) -> float:
     """Return the smallest distance of a camera at which points (N, 3) around its target fit the picture."""
-    R, _ = _camera_pose(np.zeros(3), 0.0, azimuth, ELEVATION)
+    R, _ = camera_pose(np.zeros(3), 0.0, azimuth, ELEVATION)
     ahead, left, up = R.T @ points.T
     return float((np.maximum(np.abs(left), np.abs(up)) / np.tan(FIELD_OF_VIEW / 2) - ahead).max())
 
 
-def _world_points(instance: ArticulatedObject, openness: float) -> Array:
+def world_points(instance: ArticulatedObject, openness: float) -> Array:
+    """Return hull vertices and keypoints (N, 3) in the world frame."""
     R, position = world_rotation(instance), instance.placement.position
     T = instance.link_pose(openness)
     child = instance.joint.child_link
     points = [transform(T, hull) if link == child else hull for link, hulls in instance.hulls.items() for hull in hulls]
     in_root = np.concatenate(points) @ R.T + position
-    return np.concatenate([in_root, np.array(list(_keypoints(instance, openness).values())).reshape(-1, 3)])
+    return np.concatenate([in_root, np.array(list(keypoints_at(instance, openness).values())).reshape(-1, 3)])
 
 
-def _keypoints(instance: ArticulatedObject | RigidObject, openness: float) -> dict[str, Array]:
+def keypoints_at(instance: ArticulatedObject | RigidObject, openness: float) -> dict[str, Array]:
+    """Return the keypoints (3,) in the world frame by name."""
     if isinstance(instance, RigidObject):
         place = instance.placement
         return {

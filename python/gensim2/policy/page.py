@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from gensim2.core.files import write_atomic
 from gensim2.core.pages import template
-from gensim2.evaluation.films import film_index
+from gensim2.data.films import film_index
 from gensim2.policy.curves import read_curves
 from gensim2.policy.train import TRAINING
 
@@ -117,4 +117,4 @@ def _curve(losses: Sequence[float], steps: int) -> dict[str, Any]:
     top, last = max(*losses, 1e-9), max(len(losses) - 1, 1)
     corners = ((_WIDTH * n / last, _HEIGHT * (1.0 - loss / top)) for n, loss in enumerate(losses))
     points = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners)
-    return {"points": points, "last": losses[-1], "steps": steps, "top": top}
+    return {"points": points, "steps": steps, "top": top}

@@ -8,9 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from gensim2.core.files import append
+from pydantic import TypeAdapter
+
+from gensim2.core.errors import InputError
+from gensim2.core.files import append, write_json
+from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.processes import Execution, Executor, Failure, Job, Outcome, results
 from gensim2.core.progress import NULL_PROGRESS, Progress
+from gensim2.core.record_files import parse_record
 from gensim2.rollout import worker
 from gensim2.rollout.config import DEFAULT_ROLLOUT, EpisodeConfig, RolloutOptions
 from gensim2.rollout.episode_log import EpisodeLog
@@ -20,6 +25,9 @@ from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies
 
 Result = TypeVar("Result")
+
+_SCREENED: TypeAdapter[list[worker.Screened]] = TypeAdapter(list[worker.Screened])
+_REMEDY = "delete the file and resume; its candidates are planned again"
 
 
 class EpisodeRunner:
@@ -112,17 +120,43 @@ class EpisodeRunner:
             self._progress.advance()
 
     def screen(
-        self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+        self,
+        config: EpisodeConfig,
+        candidates: Sequence[StepStrategies],
+        seeds: Sequence[int],
+        log: Path | None = None,
     ) -> list[list[worker.Screened]]:
-        """Plan each candidate in each seed's scene; return a list for each candidate with a result for each seed."""
-        jobs = {index: (config, seed, candidates) for index, seed in enumerate(seeds)}
-        by_seed = dict(self.each(worker.screen_scene, jobs, f"{config.task.name}: planning of candidates"))
-        return [list(outcomes) for outcomes in zip(*(by_seed[index] for index in range(len(seeds))), strict=True)]
+        """Plan each candidate on each seed's scene; one list a candidate, one result a seed.
 
-    def trials(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
-        """Run an episode for each (strategies of each step, seed), as :meth:`episodes`."""
+        Args:
+            config: of the scenes.
+            candidates: strategies of each step.
+            seeds: of the scenes.
+            log: folder that keeps the results of each seed as JSON; what it holds is not planned again.
+        """
+        files = {seed: log / f"{seed}.json" for seed in seeds} if log is not None else {}
+        by_seed: dict[int, list[worker.Screened]] = {}
+        for seed, file in files.items():
+            if file.exists():
+                content = read_input(file, MAX_RECORD, _REMEDY)
+                by_seed[seed] = parse_record(content, _SCREENED, file, _REMEDY)
+                if len(by_seed[seed]) != len(candidates):
+                    raise InputError("is not of this run", file=file, remedy=_REMEDY)
+                self._progress.advance()
+        jobs = {n: (config, seed, candidates) for n, seed in enumerate(seeds) if seed not in by_seed}
+        for n, found in self.each(worker.screen_scene, jobs, f"{config.task.name}: planning of candidates"):
+            by_seed[seeds[n]] = found
+            if files:
+                files[seeds[n]].parent.mkdir(parents=True, exist_ok=True)
+                write_json(files[seeds[n]], found)
+        return [list(outcomes) for outcomes in zip(*(by_seed[seed] for seed in seeds), strict=True)]
+
+    def trials(
+        self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]], log: EpisodeLog | None = None
+    ) -> list[Episode]:
+        """Run an episode for each (strategies of each step, seed), as :meth:`episodes` does."""
         return self.episodes(
-            f"{config.task.name}: episodes", [(config, ways, seed) for ways, seed in jobs], worker.trial
+            f"{config.task.name}: episodes", [(config, ways, seed) for ways, seed in jobs], worker.trial, log
         )
 
     def episodes(

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 import gensim2_kpam as kpam
-from gensim2.core.files import check_writable, write_json
+from gensim2.core.errors import MissingExtraError
+from gensim2.core.files import cache_dir, check_writable, replacing, write_json
 from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.planning.scene import Scene
 from gensim2.robots import RobotProfile
 from gensim2.rollout.config import RolloutArguments
-from gensim2.rollout.inputs import TaskInput, read_task_input
+from gensim2.rollout.inputs import read_task_input
+from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.strategies import Strategies
 
 if TYPE_CHECKING:
     from gensim2.planning.step_plan import StepPlan
@@ -59,12 +62,14 @@ class SolveResult:
         objects: class and id of each object, by name.
         steps: planned steps in order.
         count: number of the task's steps.
+        picture: file with the last step, its keypoints, keyframes and residuals; None if no picture was drawn.
     """
 
     task: str
     objects: dict[str, dict[str, str]]
     steps: tuple[SolvedStep, ...]
     count: int
+    picture: Path | None = None
 
     @property
     def is_whole(self) -> bool:
@@ -83,6 +88,7 @@ class SolveResult:
             "objects": self.objects,
             "plan": steps[0]["plan"],
             "steps": steps,
+            "picture": None if self.picture is None else str(self.picture),
         }
 
 
@@ -109,7 +115,8 @@ def solve(
     Args:
         task: name of a library task, or a folder with task.yaml and strategies/.
         seed: seed of the scene.
-        out: folder for ``plan.json``.
+        out: folder for ``plan.json`` and ``plan.png``. None: a picture is written to the cache folder, and only if a
+            step has no plan.
         view: function called at the end with the scene, the plan of the first step, and the robot, for example to show
             them.
         scene: see :class:`~gensim2.rollout.config.RolloutArguments`; the seed selects one of several instances, and
@@ -133,8 +140,11 @@ def solve(
         role: {"class": placed.model.asset_class, "instance": placed.model.id}
         for role, placed in env.initial_state.objects.items()
     }
-    steps = _plan(given, env.scene_state())
+    steps = plan_steps(given.spec, env.profile, given.strategies, env.scene_state())
     result = SolveResult(given.spec.name, objects, tuple(steps), len(given.spec.steps))
+    if out is not None or not result.is_whole:
+        where = cache_dir() / "plans" / f"{given.spec.name}_{seed}.png" if out is None else Path(out) / "plan.png"
+        result = replace(result, picture=draw_plan(steps[-1], given.spec.name, env.profile, where))
     if out is not None:
         write_json(Path(out) / "plan.json", result.to_dict())
     if view is not None and steps[0].found.plan is not None:
@@ -142,13 +152,23 @@ def solve(
     return result
 
 
-def _plan(given: TaskInput, scene: Scene) -> list[SolvedStep]:
+def plan_steps(task: TaskSpec, profile: RobotProfile, given: Strategies, scene: Scene) -> list[SolvedStep]:
+    """Plan the steps of a task one after the other, as far as there are plans.
+
+    Args:
+        task: the task.
+        profile: of the robot.
+        given: strategies of the task by name, as plain data.
+        scene: where the first step begins.
+
+    Returns:
+        One a step, in order; the last has no motion where steps are missing.
+    """
     from gensim2.planning.steps import StepPlanner
-    from gensim2.robots import robot
     from gensim2.rollout.worker import parsed
 
-    planner, strategies = StepPlanner(robot(given.scene.robot)), parsed(given.strategies)
-    ways = [(step, [strategies[name] for name in step.strategies]) for step in given.spec.steps]
+    planner, strategies = StepPlanner(profile), parsed(given)
+    ways = [(step, [strategies[name] for name in step.strategies]) for step in task.steps]
     steps: list[SolvedStep] = []
     for index, (step, _) in enumerate(ways):
         tried: list[SolvedStep] = []
@@ -163,3 +183,29 @@ def _plan(given: TaskInput, scene: Scene) -> list[SolvedStep]:
             break
         scene = best.found.after
     return steps
+
+
+def draw_plan(solved: SolvedStep, task: str, profile: RobotProfile, file: Path) -> Path | None:
+    """Write a picture of a planned step as PNG.
+
+    Args:
+        solved: the step.
+        task: name of its task.
+        profile: of the robot.
+        file: to write, atomically.
+
+    Returns:
+        The file; None where Embree is not installed, which casts the picture's rays.
+    """
+    try:
+        from gensim2.planning.picture import plan_picture
+
+        found = solved.found
+        title = f"{task}, step {solved.name}, strategy {solved.strategy}: {found.status}"
+        picture = plan_picture(solved.scene, found.whole or found.plan, profile, title=title, reason=found.reason)
+    except (ImportError, MissingExtraError):
+        return None
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(file) as path:
+        picture.save(path, "PNG")
+    return file

@@ -25,6 +25,8 @@ HAND = "hand"
 """Reserved name of the robot's own tool."""
 TABLE = "table"
 """Reserved name of the default support of objects."""
+DESIGNED = "designed"
+"""Name of the strategy that a designer writes for a step."""
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
 """Name of an object, a step or a strategy."""
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -136,7 +138,7 @@ class Step(_Value):
         name: name, unique in the task.
         object: object to move, to grasp, or to approach with the tool.
         tool: ``"hand"``, or the grasped object, whose keypoints then replace the hand's.
-        strategies: names of the step's strategies in order of preference.
+        strategies: names of the step's strategies in order of preference; ``designed`` is what designers write.
         done: criteria that must all hold at some time during the step for the verdict ``paper``. Without criteria the
             step counts as soon as it starts, like the paper's grasp and release.
     """
@@ -144,7 +146,7 @@ class Step(_Value):
     name: Name
     object: Name
     tool: Name = HAND
-    strategies: Annotated[tuple[Name, ...], Field(min_length=1, max_length=20)]
+    strategies: Annotated[tuple[Name, ...], Field(min_length=1, max_length=20)] = (DESIGNED,)
     done: Annotated[tuple[Criterion, ...], Field(max_length=20)] = ()
 
 

@@ -60,7 +60,7 @@ SMALL = ["--assets", "builtin", "--seed", "3"]
         ["collect", "OpenDrawer", "CloseBox", "--episodes", "3"],
         ["benchmark", "OpenDrawer", "--runs", "2", "--episodes", "2"],
         ["evaluate", "OpenDrawer", "--controller", f"{CONTROLLERS}:Rest", "--episodes", "3"],
-        ["run-pipeline", "--num-tasks", "1", "--verify", "5", "--episodes", "1", "--no-video", "--library", "none"],
+        ["run-pipeline", "--num-tasks", "1", "--verify", "5", "--episodes", "1", "--videos", "0", "--library", "none"],
     ],
     ids=lambda words: words[0],
 )

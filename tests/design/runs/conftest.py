@@ -40,7 +40,7 @@ def record(tmp_path: Path) -> Callable[..., DemoResult]:
     """Return a function that records six demonstrations in ``tmp_path / "run"``."""
 
     def call(out: Path = tmp_path / "run", **options: Any) -> DemoResult:
-        given: dict[str, Any] = {"episodes": 6, "seed": 3, "workers": 0, "assets": "builtin", "video": False, **options}
+        given: dict[str, Any] = {"episodes": 6, "seed": 3, "workers": 0, "assets": "builtin", "videos": 0, **options}
         return demo(given.pop("task", "OpenDrawer"), out=out, **given)
 
     return call
@@ -52,5 +52,5 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Contents:
     out = tmp_path_factory.mktemp("undisturbed") / "run"
     with pytest.MonkeyPatch.context() as patch:
         _install(patch)
-        demo("OpenDrawer", episodes=6, seed=3, workers=0, assets="builtin", video=False, out=out)
+        demo("OpenDrawer", episodes=6, seed=3, workers=0, assets="builtin", videos=0, out=out)
     return kill_runs.contents(out)

@@ -10,12 +10,15 @@ from typing import Any
 import fake_world
 import pytest
 
+from gensim2.data.runfolder import TaskFolder
 from gensim2.data.video import Film
 from gensim2.design import gallery, tasks_gallery
 from gensim2.design.gallery import TasksGallery
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.rollout import inputs, worker
 from gensim2.sim import rendering
+from gensim2.tasks.library import load_strategies, load_task, using_library
+from gensim2.tasks.spec import Provenance, Verified
 
 TASKS = ("OpenDrawer", "CloseBox", "PlaceGolfBallIntoDrawer")
 
@@ -61,8 +64,28 @@ def test_the_first_episode_that_holds_is_shown(tmp_path: Path, camera: Camera) -
         assert f"seed {result.shown[task]}, try {len(tried)}" in page
         assert f'src="tasks/{task}/video.mp4" poster="tasks/{task}/still.webp"' in page
     assert "open the drawer, put the golf ball into it and push it closed" in page
-    assert "with ball" in page  # the third step's held object
-    assert "gensim2 demo TASK --episodes 1 --seed 5 --assets builtin" in page
+    assert "with ball" in page  # what the third step acts with
+    assert "gensim2 demo TASK --episodes 1 --seed 5 --assets builtin</pre>" in page
+
+
+def test_the_command_of_an_own_task_names_the_library_and_figures_are_those_of_its_verification(
+    tmp_path: Path, camera: Camera
+) -> None:
+    verification = Verified(
+        episodes=20, held=19, interval=(0.76, 0.99), seed=0, instances="all", objects={"drawer": 1}
+    )
+    for name, told in (("MyDrawer", verification), ("OtherDrawer", None)):
+        provenance = Provenance(origin="hand", verification=told)
+        files = TaskFolder(tmp_path / "shelf" / name)
+        files.write_task(load_task("OpenDrawer").model_copy(update={"name": name, "provenance": provenance}))
+        files.write_strategies(load_strategies("OpenDrawer"))
+    with using_library(str(tmp_path / "shelf")):
+        page = made(tmp_path / "out", tasks=("MyDrawer", "OtherDrawer")).index.read_text()
+    assert f"gensim2 demo TASK --episodes 1 --seed 5 --assets builtin --library {tmp_path / 'shelf'}" in page
+    mine, other = page[page.index('id="MyDrawer"') :].split('id="OtherDrawer"')
+    assert "0.95" in mine
+    assert "Not measured yet" not in mine
+    assert "Not measured yet: gensim2 benchmark OtherDrawer measures it." in other
 
 
 def test_the_same_episode_is_what_demo_would_record(tmp_path: Path, camera: Camera, record: Any) -> None:

@@ -87,7 +87,7 @@ def run(
         name: given.pop(name) for name in ("replay", "budget", "price_in", "price_out") if name in given
     }
     asked = model_designer("test-model", asking or Asking(trials=2), SceneOptions("builtin"), **options, **settings)
-    fields = {"num_tasks": 2, "from_empty": True, "verify": 2, "episodes": 0, "video": False, "assets": "builtin"}
+    fields = {"num_tasks": 2, "from_empty": True, "verify": 2, "episodes": 0, "videos": 0, "assets": "builtin"}
     return run_pipeline(designer=asked, out=out, resume=resume, budget=SMALL, **{**fields, **given})
 
 
@@ -219,12 +219,12 @@ def test_the_commands_and_the_program_of_the_page_run(
     for number, words in enumerate(commands):
         given = [server.url if word.startswith("http://localhost") else word for word in words]
         out = given[given.index("--out") + 1] if "--out" in given else f"run{number}"
-        code = command([*given, "--out", out, "--no-video", "--episodes", "1", "--verify", "2", "--from-empty"])
+        code = command([*given, "--out", out, "--videos", "0", "--episodes", "1", "--verify", "2", "--from-empty"])
         assert code == 0, words
         assert json.loads((tmp_path / out / "run.json").read_text())["result"]["tasks"], words
     (program,) = re.findall(r"```python\n(.*?)```", text, re.S)
     # There is nothing to film in the fake world.
-    exec(program.replace("num_tasks=2", "num_tasks=2, video=False"), {})
+    exec(program.replace("num_tasks=2", "num_tasks=2, videos=0"), {})
     assert list((tmp_path / "runs").glob("*/tasks/StowGolfBall/verification.json"))
 
 

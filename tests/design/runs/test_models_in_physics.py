@@ -62,7 +62,7 @@ def test_a_long_task_goes_from_the_first_question_until_it_is_kept(
             assets="builtin",
             verify=5,
             episodes=0,
-            video=False,
+            videos=0,
             seed=2,
             budget=SMALL,
             out=tmp_path / "run",

@@ -68,7 +68,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
     monkeypatch.setattr(design, "demo", partial(_here, design.demo))
 
     def call(*words: str) -> str:
-        done = CliRunner().invoke(cli, [*words, "--assets", "builtin", "--no-video", "--library", "none"])
+        done = CliRunner().invoke(cli, [*words, "--assets", "builtin", "--videos", "0", "--library", "none"])
         assert done.exit_code == 0, done.output
         return done.stdout
 

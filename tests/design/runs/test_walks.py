@@ -129,7 +129,7 @@ def test_a_seed_walks_from_the_command_to_the_trajectory(tmp_path: Path, monkeyp
     drawn = {SEED, *scene_seeds(SEED, "OpenDrawer", "demos", 50)}
     monkeypatch.setattr(single.Execution, "of", lambda _: single.Execution(0))
     with watched(lambda value: type(value) is int and value in drawn) as walks:
-        words = ["demo", "OpenDrawer", "--episodes", "1", "--seed", str(SEED), "--no-video", "--assets", "builtin"]
+        words = ["demo", "OpenDrawer", "--episodes", "1", "--seed", str(SEED), "--videos", "0", "--assets", "builtin"]
         assert command([*words, "--out", str(tmp_path / "run")]) == 0
     assert (tmp_path / "run/tasks/OpenDrawer/trajectory.h5").is_file()
     walk = walks.through(

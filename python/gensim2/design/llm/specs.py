@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gensim2.design.affordance import Affordance
-from gensim2.design.base import DESIGNED
 from gensim2.design.llm.catalog import role_of
 from gensim2.tasks.criteria import (
     ArticulatedClosed,
@@ -15,7 +14,7 @@ from gensim2.tasks.criteria import (
     DistanceGripperArticulated,
     DistanceGripperRigid,
 )
-from gensim2.tasks.spec import ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
+from gensim2.tasks.spec import DESIGNED, ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
 
 CRITERIA = (
     "articulated_open",

@@ -93,16 +93,25 @@ def maniskill_data() -> Path:
 
 
 def find_source(where: str) -> Path:
-    """Return the folder of a PartNet-Mobility model, given its path or the number of a model that ManiSkill downloaded.
+    """Return a URDF file, the folder of a PartNet-Mobility model, or the folder of a model that ManiSkill downloaded.
+
+    Args:
+        where: path of the file or the folder, or number of the downloaded model.
 
     Raises:
-        InputError: there is no such folder or download.
+        InputError: there is no such file, folder or model.
     """
+    try:
+        file = Path(where).expanduser()
+        if file.suffix == ".urdf" and not file.is_dir():
+            return file
+    except (OSError, RuntimeError, ValueError):
+        pass  # no file is called so, and no folder: said below
     try:
         return existing_folder(where)
     except AssetError as error:
         models = maniskill_data() / "partnet_mobility" / "dataset"
         if re.fullmatch(r"[0-9]{1,12}", where) and (models / where).is_dir():
             return models / where
-        remedy = f"give a PartNet-Mobility folder, or the number of one in {models}"
+        remedy = f"give a URDF file, a PartNet-Mobility folder, or the number of one in {models}"
         raise AssetError(error.message, file=error.file, remedy=remedy) from error

@@ -1,4 +1,4 @@
-"""Convert a plain PartNet-Mobility folder to an object of a library: one movable joint, real size, proposed keypoints.
+"""Convert a URDF or a PartNet-Mobility folder to an object of a library: one movable joint, real size, keypoints.
 
 A PartNet-Mobility folder holds ``mobility.urdf``, ``textured_objs/``, ``semantics.txt`` and ``meta.json``. The model
 has any number of joints, no physical size (its bounding box has a diagonal of 2) and no keypoints. The import applies
@@ -25,7 +25,7 @@ import math
 import os
 import reprlib
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -37,7 +37,7 @@ from trimesh.triangles import closest_point
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.geometry import MAX_URDF
-from gensim2.core.foreign.limits import LONGEST_TEXT, MAX_OBJECT, MAX_OBJECT_JSON
+from gensim2.core.foreign.limits import LARGEST_VALUE, LONGEST_TEXT, MAX_OBJECT, MAX_OBJECT_JSON
 from gensim2.core.foreign.names import RULE, is_name
 from gensim2.objects.generators.classes import object_classes
 from gensim2.objects.generators.generate import generate
@@ -50,6 +50,7 @@ from gensim2.objects.library.prepare import EFFORT_LIMIT, VELOCITY_LIMIT, number
 from gensim2.objects.library.urdf import (
     MOVABLE,
     URDF,
+    Urdf,
     UrdfJoint,
     fixed_frames,
     parse_urdf,
@@ -64,7 +65,12 @@ Array = npt.NDArray[np.float64]
 OTHER_SIZE = 0.3  # m, longest side of an object of a class without generated objects
 CONTINUOUS_RANGE = (0.0, math.pi / 2)
 PUSHED = ("_move", "_push")  # name endings of classes whose objects are pushed from behind
+PREFIX = "articulated_object_"  # of the names of keypoints
 COMPANIONS = ("semantics.txt", "meta.json", "mobility_v2.json", "bounding_box.json")
+
+Up = Literal["y", "z"]
+T_FROM_Y_UP: Array = np.array([[0.0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+"""Pose of a model whose y axis points up and whose front faces z, in a frame with z up and the front at -x."""
 
 
 @dataclass(frozen=True)
@@ -104,24 +110,30 @@ def import_object(
     *,
     joint: str | None = None,
     scale: float | Literal["auto"] = "auto",
+    up: Up = "z",
+    keypoints: Mapping[str, Sequence[float]] | None = None,
     license: str = UNSTATED,
     replace: bool = False,
 ) -> Imported:
-    """Write ``library/articulated_objs/<asset_class>/<name>`` from a PartNet-Mobility folder.
+    """Write ``library/articulated_objs/<asset_class>/<name>`` from a URDF or a PartNet-Mobility folder.
 
     Args:
-        source: PartNet-Mobility folder.
-        library: folder of the library.
+        source: URDF file, or a folder with ``mobility.urdf``.
+        library: folder of objects; created if missing.
         asset_class: class of the object.
         name: id of the object.
         joint: name of the joint that stays movable.
-        scale: length in metres of one unit of the model.
-        license: licence terms stated by the model's author.
-        replace: replace an existing object, edited or not.
+        scale: metres a unit of the model.
+        up: axis of the model's root frame that points up. With ``"y"`` the front faces z, with ``"z"`` it faces -x.
+        keypoints: (3,) by name, in units of the model: in the root frame if the name contains ``base``, otherwise in
+            the frame of the moving link. They replace the proposed keypoints of the same name; ``head`` stands for
+            ``articulated_object_head``, and so on.
+        license: terms of the model, in its maker's words.
+        replace: take the place of an object that is there already, edited or not.
 
     Raises:
-        InputError: the folder cannot be read; the joint is unknown or ambiguous; a name cannot be a folder's; or the
-            object exists already.
+        InputError: the source cannot be read; the joint is unknown, or several could be meant; a name is no folder
+            name; a keypoint is not three numbers; or the object is there already.
     """
     for field, word in (("class", asset_class), ("name", name)):
         if not is_name(word):
@@ -131,9 +143,10 @@ def import_object(
     if not (license.strip() and license.isprintable() and len(license) <= LONGEST_TEXT):
         remedy = f"1 to {LONGEST_TEXT} printable characters, such as CC BY 4.0"
         raise InputError(f"{reprlib.repr(license)} states no terms", field="license", remedy=remedy)
-    model = _Source(source, asset_class, joint)
+    given = {_full_name(key): _checked(key, value) for key, value in (keypoints or {}).items()}
+    model = _Source(source, asset_class, joint, up)
     size = model.scale() if scale == "auto" else scale
-    info = model.info(size) | {"license": license}
+    info = model.info(size, given) | {"license": license}
 
     def write(folder: Path) -> None:
         model.copy_files(folder)
@@ -145,27 +158,58 @@ def import_object(
     return Imported(target, model.joint.name, tuple(model.fixed), size, tuple(model.notes))
 
 
-class _Source:
-    """A PartNet-Mobility folder, unscaled, with all joints but one fixed."""
+def _full_name(keypoint: str) -> str:
+    if keypoint.startswith(PREFIX) or not is_name(keypoint):
+        return keypoint
+    return PREFIX + keypoint
 
-    def __init__(self, folder: Path, asset_class: str, joint: str | None) -> None:
-        self.folder, self.asset_class = ObjectFolder(folder), asset_class
+
+def _checked(name: str, values: Sequence[float]) -> Array:
+    field = f"keypoint {reprlib.repr(name)}"
+    if not is_name(name):
+        raise InputError("cannot name a keypoint", field=field, remedy=RULE)
+    try:
+        found = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if found.shape != (3,) or not (np.abs(found) <= LARGEST_VALUE).all():
+        raise InputError(f"{reprlib.repr(values)} are not three numbers", field=field, remedy="give x, y and z")
+    return found
+
+
+class _Source:
+    """A model with all its joints but one fixed, unscaled.
+
+    Args:
+        source: URDF file, or a folder with ``mobility.urdf``.
+        asset_class: class of the object.
+        joint: that stays movable; None: the only one that can be meant.
+        up: axis of the root frame that points up.
+    """
+
+    def __init__(self, source: Path, asset_class: str, joint: str | None, up: Up) -> None:
+        self._is_folder = source.is_dir()
+        self.file = source / URDF if self._is_folder else source
+        self.folder, self.asset_class = ObjectFolder(self.file.parent), asset_class
         self.notes: list[str] = []
         self.fixed: list[str] = []
-        self.file = self.folder.path / URDF
         try:
-            content = self.folder.read(URDF, MAX_URDF)
+            content = self.folder.read(self.file.name, MAX_URDF)
         except MissingFileError as error:
             raise AssetError(
-                error.message, file=error.file, remedy=f"give a PartNet-Mobility folder, with {URDF}"
+                error.message, file=error.file, remedy=f"give a URDF file, or a folder with {URDF}"
             ) from error
         written = parse_urdf(content, self.file)
         self.root = _editable(content, self.file)
+        if up == "y":
+            _turn(self.root, written)
         self.semantics = _semantics(self.folder)
         chosen = self._choose(written.joints, joint)
         by_name = {joint.name: joint for joint in written.joints}
         for element in self.root.findall("joint"):
-            each = by_name[str(element.get("name"))]
+            each = by_name.get(str(element.get("name")))
+            if each is None:
+                continue  # the joint that turns the model upright
             if each is chosen:
                 self._settle(element, each)
             elif each.type != "fixed":
@@ -175,6 +219,7 @@ class _Source:
         self.axis = unit_axis(self.joint, self.file)
         frames = fixed_frames(urdf, self.joint)
         self._T_root_parent = frames["body"][self.joint.parent]
+        self._T_root = T_FROM_Y_UP if up == "y" else np.eye(4)
         reader = MeshReader(self.folder)
         self.geometry: dict[str, list[Mesh]] = {"body": [], "moving": []}
         self.handles: list[Mesh] = []
@@ -276,7 +321,8 @@ class _Source:
     def copy_files(self, target: Path) -> None:
         """Copy meshes, materials, pictures and metadata; a missing mesh is reported when the object is loaded."""
         (target / MESHES).mkdir(exist_ok=True)
-        for name in (*self.files, *self.folder.names("images"), *COMPANIONS):
+        beside = (*self.folder.names("images"), *COMPANIONS) if self._is_folder else ()
+        for name in (*self.files, *beside):
             if self.folder.has(name):
                 copy = target / os.path.normpath(name)
                 copy.parent.mkdir(parents=True, exist_ok=True)
@@ -294,8 +340,8 @@ class _Source:
         self.notes.append(f"scaled so that its longest side is {wanted:.2g} m")
         return float(f"{wanted / longest:.4g}")
 
-    def info(self, scale: float) -> dict[str, Any]:
-        """Return ``info.json`` with proposed keypoints."""
+    def info(self, scale: float, given: Mapping[str, Array]) -> dict[str, Any]:
+        """Return the fields of ``info.json``: the given keypoints, and proposals for those that are missing."""
         joint = self.joint
         axis = self.axis
         vertices = [m.vertices for m in self.geometry["moving"]]
@@ -320,13 +366,18 @@ class _Source:
             "articulated_object_head": on_surface(head, surface),
             "articulated_object_tail": on_surface(tail, self.geometry["moving"]),
         }
+        texts = {"articulated_object_head": head_text, "articulated_object_tail": tail_text}
+        written = {
+            name: transform(T_object_link, point[None])[0]
+            for name, point in {**points, **given}.items()
+            if "base" not in name
+        }
+        written |= {name: self._T_root @ [*point, 1.0] for name, point in given.items() if "base" in name}
         lower, upper = joint.limits or (0.0, 0.0)
         length = scale if joint.type == "prismatic" else 1.0
         return {
-            "keypoints": {
-                name: transform(T_object_link, point[None])[0].round(9).tolist() for name, point in points.items()
-            },
-            "keypoint_descriptions": {"articulated_object_head": head_text, "articulated_object_tail": tail_text},
+            "keypoints": {name: point[:3].round(9).tolist() for name, point in written.items()},
+            "keypoint_descriptions": {name: text for name, text in texts.items() if name not in given},
             "scale": scale,
             "axis": closest_axis(axis, self._T_link_object),
             "joint_position_range": [lower * length + 0.0, upper * length + 0.0],
@@ -343,6 +394,18 @@ def _editable(content: bytes, file: Path) -> ET.Element:
     for element in root.iter():
         element.tag = element.tag.removeprefix(root.tag.removesuffix("robot"))
     return root
+
+
+def _turn(root: ET.Element, written: Urdf) -> None:
+    """Put a model whose y axis points up on a new root link whose z axis does."""
+    names = {str(each.get("name")) for each in root.iter() if each.get("name") is not None}
+    link, joint = (next(name for name in (base, f"{base}_of_import") if name not in names) for base in ("up", "turn"))
+    hanging = {each.child for each in written.joints}
+    first = next(name for name in written.links if name not in hanging)
+    element = ET.Element("joint", name=joint, type="fixed")
+    element.extend([ET.Element("parent", link=link), ET.Element("child", link=first), _origin(T_FROM_Y_UP)])
+    root.insert(0, ET.Element("link", name=link))
+    root.append(element)
 
 
 def _kind(joint: UrdfJoint) -> str:

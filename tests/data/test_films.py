@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from gensim2.data.close_up import AMBIENT, SKY, CloseUp, shaded
-from gensim2.evaluation.films import DOT, PAPER, dotted, film_index, film_path
+from gensim2.data.close_up import CloseUp
+from gensim2.data.films import DOT, PAPER, dotted, film_index, film_path
 from gensim2.perception import Camera
+from gensim2.perception.raycast.drawing import AMBIENT, SKY, shaded
 from gensim2.rollout.recording import Recorder
 from gensim2.sim.headless import HeadlessEnv
 

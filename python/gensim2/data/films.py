@@ -11,16 +11,21 @@ import numpy.typing as npt
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import replacing
-from gensim2.data.close_up import CloseUp, shaded
+from gensim2.data.close_up import CloseUp
 from gensim2.data.episode_file import read_episode
 from gensim2.data.observing import objects_of
 from gensim2.data.video import write_video
 from gensim2.perception import Camera, EmptyCloudError, ObservationSpec
+from gensim2.perception.raycast.drawing import shaded
 from gensim2.perception.raycast.observer import Observer
 from gensim2.perception.raycast.scene import RaycastScene
 from gensim2.robots import OPEN, RobotProfile, robot
+from gensim2.rollout import worker
+from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.scenes.config import SceneConfig
+from gensim2.tasks.strategies import Strategies
 
 Frame = npt.NDArray[np.uint8]
 
@@ -33,6 +38,31 @@ FIELD_OF_VIEW = float(np.deg2rad(40))
 PAPER, INK = (24, 26, 30), (235, 238, 242)
 DOT = 2
 """Half the width of the square drawn for a point, pixels."""
+
+
+PICTURE_ALONE = ObservationSpec(modalities=())
+"""Of a film without a point cloud beside it."""
+
+
+def film_again(config: EpisodeConfig, strategies: Strategies, seed: int, video: Path) -> Episode:
+    """Run an episode again and film it, however it ends; called in a worker.
+
+    Args:
+        config: of the episode.
+        strategies: of its task by name, as plain data.
+        seed: of the episode.
+        video: file to write, atomically; not written if the arm never moves.
+
+    Returns:
+        The record of the episode.
+    """
+
+    def keep(found: Episode, recording: Recording | None) -> Episode:
+        if recording is not None and found.control_steps:
+            film_recording(recording, config.scene, PICTURE_ALONE, video)
+        return found
+
+    return worker.record(config, strategies, seed, keep)
 
 
 def film_path(folder: Path, index: int) -> Path:
@@ -62,6 +92,11 @@ def film_episode(episode: Path, scene: SceneConfig, spec: ObservationSpec, video
     recording = read_episode(episode).recording
     if recording is None:
         raise InputError("holds no states", file=episode)
+    return film_recording(recording, scene, spec, video)
+
+
+def film_recording(recording: Recording, scene: SceneConfig, spec: ObservationSpec, video: Path) -> int:
+    """Film an episode as :func:`film_episode` does, from its states in memory."""
     profile = robot(scene.robot)
     stride = max(1, round(profile.control_hz / FRAMES_PER_SECOND))
     frames = list(_frames(recording, scene, profile, spec, stride))

@@ -1,0 +1,134 @@
+"""Ray-cast pictures with named points, lines and frames drawn on them; needs no graphics driver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.perception import Camera, View
+from gensim2.perception.raycast.caster import Caster, CastSolid
+from gensim2.perception.raycast.scene import RaycastView
+from gensim2.perception.raycast.shapes import Surface
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+Array = npt.NDArray[np.float64]
+
+SKY = (235, 238, 242)
+LIGHT = (0.3, -0.5, 0.8)
+AMBIENT = 0.45
+
+FIELD_OF_VIEW = float(np.deg2rad(36))
+OVERSAMPLING = 2
+DOT = 4.5
+"""Radius of a point, pixels of the finished picture."""
+TEXT = 13
+AXES = ("#d33636", "#2f9e44", "#1c6fd4")
+
+
+def shaded(view: View) -> npt.NDArray[np.uint8]:
+    """Return an image (H, W, 3) of a view, in which surfaces are darker the more they face away from the light."""
+    camera, depth = view.camera, view.depth.astype(np.float64)
+    points = depth[..., None] * camera.rays
+    right, down = np.diff(points, axis=1, append=points[:, -1:]), np.diff(points, axis=0, append=points[-1:])
+    normal = np.cross(down, right)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True).clip(min=1e-12)
+    light = np.array(LIGHT) / np.linalg.norm(LIGHT)
+    share = AMBIENT + (1.0 - AMBIENT) * np.abs(normal @ light)
+    picture = view.colors_at(np.arange(depth.size)).reshape(*depth.shape, 3) * share[..., None]
+    return np.where(depth[..., None] > 0, picture, SKY).astype(np.uint8)
+
+
+class Drawing:
+    """A square picture of solids, on which points and frames are marked.
+
+    Args:
+        solids: surfaces, each with its (4, 4) pose.
+        eye: (3,) position of the camera, m, in the frame of the poses.
+        target: (3,) point in the middle of the picture, m.
+        size: edge of the picture, pixels.
+    """
+
+    def __init__(
+        self, solids: Sequence[tuple[Surface, Array]], eye: npt.ArrayLike, target: npt.ArrayLike, size: int
+    ) -> None:
+        from PIL import Image, ImageDraw
+
+        pixels = OVERSAMPLING * size
+        self._camera = Camera.looking("drawing", eye, target, width=pixels, height=pixels, fov=FIELD_OF_VIEW)
+        self._size = size
+        caster = Caster([CastSolid(n, surface, True) for n, (surface, _) in enumerate(solids, 1)], [self._camera])
+        view = RaycastView(caster, caster.cast(np.stack([pose for _, pose in solids])), 0, self._camera)
+        self._depth = view.depth
+        self._image = Image.fromarray(shaded(view))
+        self._draw = ImageDraw.Draw(self._image)
+        self._labels: list[tuple[float, float, str, str]] = []
+
+    def point(self, at: npt.ArrayLike, color: str, label: str = "") -> None:
+        """Mark a point: a disc, or a ring where something is in front of it.
+
+        Args:
+            at: (3,) m.
+            color: ``#rrggbb``.
+            label: text beside the point.
+        """
+        x, y, ahead = self._project(at)
+        if ahead <= 0:
+            return
+        inside = 0 <= x < self._depth.shape[1] and 0 <= y < self._depth.shape[0]
+        seen = float(self._depth[int(y), int(x)]) if inside else 0.0
+        radius = OVERSAMPLING * DOT
+        self._draw.ellipse((x - radius - 2, y - radius - 2, x + radius + 2, y + radius + 2), fill="#ffffff")
+        box = (x - radius, y - radius, x + radius, y + radius)
+        if 0 < seen < ahead - 0.015:
+            self._draw.ellipse(box, outline=color, width=2 * OVERSAMPLING)
+        else:
+            self._draw.ellipse(box, fill=color)
+        self._name(x, y, label, color)
+
+    def frame(self, T: Array, length: float, label: str = "") -> None:
+        """Draw a frame: x red, y green, z blue.
+
+        Args:
+            T: (4, 4) pose.
+            length: of its axes, m.
+            label: text beside the frame.
+        """
+        x0, y0, ahead = self._project(T[:3, 3])
+        if ahead <= 0:
+            return
+        for axis, color in enumerate(AXES):
+            x, y, there = self._project(T[:3, 3] + length * T[:3, axis])
+            if there > 0:
+                self._draw.line((x0, y0, x, y), fill=color, width=2 * OVERSAMPLING)
+        self._name(x0, y0, label, "#1c2430")
+
+    def picture(self) -> Image.Image:
+        """Return the picture with its marks and labels, which do not cover each other."""
+        from PIL import Image, ImageDraw, ImageFont
+
+        found = self._image.resize((self._size, self._size), Image.Resampling.BOX)
+        draw, font = ImageDraw.Draw(found), ImageFont.load_default(size=TEXT)
+        taken: list[tuple[float, float, float]] = []
+        for x, y, label, color in sorted(self._labels, key=lambda each: each[1]):
+            width = draw.textlength(label, font=font)
+            left, top = max(min(x + 9, self._size - width - 3), 2), max(y - 8, 2)
+            while any(abs(top - other) < TEXT + 2 and left < b and left + width > a for a, b, other in taken):
+                top += 3
+            taken.append((left, left + width, top))
+            draw.text((left, top), label, fill=color, font=font, stroke_width=2, stroke_fill="#ffffff")
+        return found
+
+    def _project(self, at: npt.ArrayLike) -> tuple[float, float, float]:
+        """Return the pixel and the distance ahead of a point."""
+        x, y, ahead = self._camera.projection @ [*np.asarray(at, dtype=np.float64), 1.0]
+        return float(x / ahead), float(y / ahead), float(ahead)
+
+    def _name(self, x: float, y: float, label: str, color: str) -> None:
+        x, y = x / OVERSAMPLING, y / OVERSAMPLING
+        if label and 0 <= x < self._size and 0 <= y < self._size:
+            self._labels.append((x, y, label, color))

@@ -1,0 +1,138 @@
+"""A picture of a planned step: the scene, the arm, keypoints, keyframes and residuals; needs no graphics driver."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+import gensim2_kpam as kpam
+from gensim2.perception.raycast.drawing import Drawing
+from gensim2.perception.raycast.kinematics import Tree, read_urdf
+from gensim2.perception.raycast.shapes import Surface, read_links
+from gensim2.planning.scene import Scene
+from gensim2.planning.show import FIXTURE, MOVING, RIGID, STANDING
+from gensim2.robots import RobotProfile
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+Array = npt.NDArray[np.float64]
+
+SIZE = 440
+"""Edge of each of the two views, pixels."""
+MARGIN, LINE = 10, 17
+"""Pixels around the text, and from one line of it to the next."""
+COLUMNS = 128
+"""Characters of a line."""
+DIRECTIONS = ((-0.45, -1.0, 0.65), (-0.15, 1.0, 0.4))
+"""From the middle of each view to its camera, in the world: the robot's right, and its left."""
+OVERVIEW, NARROWEST = 1.5, 0.35
+"""Distance of the cameras from what they look at, m: of the first, and of the second at least."""
+KEYPOINT, TOOL, INK, BAD = "#c2410c", "#00796b", "#1c2430", "#c22525"
+
+
+def plan_picture(
+    scene: Scene, plan: kpam.Plan | None, profile: RobotProfile, *, title: str, reason: str = ""
+) -> Image.Image:
+    """Draw the scene with the arm at the actuation pose, from two sides, and the residuals of the constraints.
+
+    The pose is the plan's; if no pose meets the constraints, it is the one that misses least. Objects' keypoints are
+    orange and the tool's green. Keyframes that the arm does not reach are small.
+
+    Args:
+        scene: that the step was planned in.
+        plan: of the step; None: the arm stands where it starts, and there are no keyframes.
+        profile: of the robot.
+        title: first line under the views.
+        reason: why there is no motion.
+
+    Raises:
+        InputError: a file of the robot cannot be used.
+        MissingExtraError: Embree is not installed.
+    """
+    from PIL import Image, ImageDraw, ImageFont
+
+    q = scene.q
+    if plan is not None:
+        q = next((each for each in (plan.q_plan, plan.q_actuation, plan.q_best_effort) if each is not None), q)
+    solids = [*_robot(profile, q), *_bodies(scene)]
+    tool = _tool(profile, q) if plan is not None else {}
+    keypoints = {
+        f"{name} {key.removeprefix('articulated_object_').removeprefix('rigidbody_object_')}": place
+        for name, thing in scene.objects.items()
+        for key, place in thing.keypoints.items()
+    }
+    seen = [
+        hull @ body.T_base_body[:3, :3].T + body.T_base_body[:3, 3]
+        for thing in scene.objects.values()
+        for body in thing.bodies
+        for hull in body.hulls
+    ]
+    near = np.concatenate([*seen, np.array([*keypoints.values(), *tool.values()]).reshape(-1, 3)])
+    middle = (near.min(axis=0) + near.max(axis=0)) / 2
+    distances = OVERVIEW, max(NARROWEST, 1.9 * float(np.linalg.norm(np.ptp(near, axis=0))))
+    turn = scene.T_world_base[:3, :3].T
+    views = []
+    for direction, distance in zip(DIRECTIONS, distances, strict=True):
+        away = turn @ np.array(direction)
+        drawing = Drawing(solids, middle + distance * away / np.linalg.norm(away), middle, SIZE)
+        for frame in () if plan is None else plan.keyframes:
+            drawing.frame(np.asarray(frame["T_base_hand"]), 0.05 if frame["reached"] else 0.03, _frame_label(frame))
+        for points, color in ((keypoints, KEYPOINT), (tool, TOOL)):
+            for name, place in points.items():
+                drawing.point(place, color, name)
+        views.append(drawing.picture())
+    lines = _lines(title, reason, plan)
+    sheet = Image.new("RGB", (2 * SIZE + 4, SIZE + 2 * MARGIN + LINE * len(lines)), "#ffffff")
+    for number, view in enumerate(views):
+        sheet.paste(view, (number * (SIZE + 4), 0))
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=13)
+    for number, (text, color) in enumerate(lines):
+        draw.text((MARGIN, SIZE + MARGIN + LINE * number), text, fill=color, font=font)
+    return sheet
+
+
+def _frame_label(frame: kpam.Keyframe) -> str:
+    return frame["label"] if frame["reached"] else f"{frame['label']} (not reached)"
+
+
+def _lines(title: str, reason: str, plan: kpam.Plan | None) -> list[tuple[str, str]]:
+    lines = [(text, INK) for text in textwrap.wrap(title, COLUMNS)]
+    lines += [(text, INK) for text in textwrap.wrap(reason, COLUMNS)]
+    for each in () if plan is None else plan.residuals:
+        unit = "m" if each["name"].startswith("point2point") else "rad"
+        told = f"residual {each['residual']:.4f} {unit} of {each['tolerance']:g} allowed: {each['name']}"
+        lines += [(text, INK if each["satisfied"] else BAD) for text in textwrap.wrap(told, COLUMNS)]
+    return lines
+
+
+def _robot(profile: RobotProfile, q: Array) -> list[tuple[Surface, Array]]:
+    tree = Tree.of(read_urdf(profile.urdf), profile.model.joint_names)
+    surfaces = read_links(profile.urdf)
+    poses = tree.poses(np.eye(4)[None], np.asarray(q, dtype=np.float64)[None])[0]
+    found = [(surfaces.get(name), pose) for name, pose in zip(tree.names, poses, strict=True)]
+    return [(surface, pose) for surface, pose in found if surface is not None]
+
+
+def _bodies(scene: Scene) -> list[tuple[Surface, Array]]:
+    colors = {body.name: FIXTURE for body in scene.fixtures}
+    for thing in scene.objects.values():
+        moves = () if thing.joint is None else thing.joint.moves
+        for body in thing.bodies:
+            colors[body.name] = RIGID if thing.is_rigid else MOVING if body.name in moves else STANDING
+    found = []
+    for body in scene.bodies:
+        mesh = trimesh.util.concatenate([trimesh.convex.convex_hull(hull) for hull in body.hulls])
+        corners, faces = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.int32)
+        bare = Surface(corners, faces, np.zeros((len(faces), 3), np.uint8))
+        found.append((bare.painted(colors[body.name]), body.T_base_body))
+    return found
+
+
+def _tool(profile: RobotProfile, q: Array) -> dict[str, Array]:
+    T = profile.model.forward_kinematics(q)
+    return {name: T[:3, :3] @ point + T[:3, 3] for name, point in profile.tool_keypoints.items()}

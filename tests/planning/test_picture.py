@@ -1,0 +1,70 @@
+"""The picture of a plan: keypoints are where they are seen, frames and residuals stand on it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("embreex")
+
+from gensim2.perception.raycast.drawing import Drawing
+from gensim2.perception.raycast.shapes import Surface
+from gensim2.planning.picture import SIZE, plan_picture
+from gensim2.planning.scene import Scene, SceneBody, SceneObject
+from gensim2.robots import robot
+
+GREEN = "#2f9e44"
+
+
+def colored(picture: np.ndarray, color: str) -> np.ndarray:
+    """Rows and columns (N, 2) of the pixels of one colour."""
+    wanted = [int(color[at : at + 2], 16) for at in (1, 3, 5)]
+    return np.argwhere(np.abs(picture.astype(int) - wanted).sum(axis=-1) < 20)
+
+
+def test_a_point_is_a_disc_or_a_ring_behind_something() -> None:
+    wall = Surface.box((0.0, 0.0, 0.0), (0.01, 0.3, 0.3), (200, 200, 200))
+    pictures = []
+    for x in (-0.2, 0.2):  # the camera looks along x
+        drawing = Drawing([(wall, np.eye(4))], (-1.5, 0.0, 0.0), (0.0, 0.0, 0.0), 160)
+        drawing.point((x, 0.0, 0.0), GREEN)
+        pictures.append(np.asarray(drawing.picture()))
+    disc, ring = (colored(each, GREEN) for each in pictures)
+    assert np.abs(disc.mean(axis=0) - 79.5).max() < 1.5
+    assert len(ring) < 0.8 * len(disc)
+
+
+def test_labels_do_not_cover_each_other_and_points_behind_the_camera_are_not_drawn() -> None:
+    box = Surface.box((0.0, 0.0, 0.0), (0.1, 0.1, 0.1), (200, 200, 200))
+    drawing = Drawing([(box, np.eye(4))], (-1.5, 0.0, 0.0), (0.0, 0.0, 0.0), 200)
+    for color in ("#ff0000", "#0000ff"):
+        drawing.point((-0.2, 0.0, 0.0), color, "a keypoint")
+    drawing.point((-5.0, 0.0, 0.0), GREEN, "behind")
+    drawing.frame(np.array([[1.0, 0, 0, -5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]), 0.1, "behind")
+    picture = np.asarray(drawing.picture())
+    red, blue = (colored(picture, color) for color in ("#ff0000", "#0000ff"))
+    words = [each[each[:, 1] > 112] for each in (red, blue)]
+    assert min(len(each) for each in words) > 10
+    assert words[0][:, 0].max() < words[1][:, 0].min()
+    assert not len(colored(picture, GREEN))
+
+
+def test_a_scene_without_a_plan_shows_the_arm_the_object_and_its_keypoints() -> None:
+    profile = robot("panda")
+    corners = np.array(np.meshgrid([-0.1, 0.1], [-0.1, 0.1], [0.0, 0.2])).T.reshape(-1, 3)
+    T = np.eye(4)
+    T[:3, 3] = (0.5, 0.0, 0.0)
+    thing = SceneObject(
+        "chest", (SceneBody("chest", (corners,), T),), T, {"rigidbody_object_top": np.array([0.5, 0, 0.2])}
+    )
+    scene = Scene(
+        np.zeros(len(profile.model.joint_names)),
+        np.zeros(len(profile.model.joint_names)),
+        profile.T_world_base,
+        {"chest": thing},
+    )
+    picture = np.asarray(plan_picture(scene, None, profile, title="Lift, step lift: no_grasp", reason="it is too wide"))
+    assert picture.shape[1] == 2 * SIZE + 4
+    assert picture.shape[0] > SIZE
+    assert len(colored(picture[:SIZE, :SIZE], "#c2410c")) > 30
+    assert (picture[SIZE:] < 128).any(), "the text"
