@@ -14,7 +14,6 @@ from gensim2.cli.output import line
 from gensim2.cli.typed import Option
 from gensim2.core.errors import InputError
 from gensim2.core.progress import Progress
-from gensim2.core.yaml_files import read_yaml
 
 Library = Annotated[Path, click.Path(path_type=Path, file_okay=False), Option(metavar="LIBRARY")]
 
@@ -167,6 +166,8 @@ def _positions(given: tuple[str, ...]) -> dict[str, list[float]]:
     Raises:
         InputError: a value is neither NAME=X,Y,Z nor a file of names and numbers.
     """
+    from gensim2.core.yaml_files import read_yaml
+
     found: dict[str, list[float]] = {}
     for text in given:
         name, equals, numbers = text.partition("=")

@@ -9,7 +9,6 @@ from pathlib import Path
 from gensim2.core.errors import GenSim2Error
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
-from gensim2.data.films import PICTURE_ALONE, film_episode, film_path
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.data.store import TaskStore
 from gensim2.data.task_queue import Quota, TaskQueue, run_queues
@@ -128,6 +127,7 @@ def _film(
     """Record videos of demonstrations in workers, by ray casting without a Vulkan driver; report a failure and
     continue.
     """
+    from gensim2.data.films import PICTURE_ALONE, film_episode, film_path  # brings the ray caster
     from gensim2.sim import rendering
 
     folder = store.folder

@@ -13,7 +13,6 @@ from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.demonstrations import collect
-from gensim2.data.films import film_again
 from gensim2.data.records import DesignEffort, PipelineResult, TaskOutcome, Verification
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.design import Designer
@@ -378,6 +377,8 @@ class PipelineRun:
 
     def _show(self, task: TaskSpec, folder: TaskFolder, films: Mapping[Path, tuple[Any, ...]]) -> None:
         """Make the films and a picture of the first one's plan; where they cannot be made, say so and go on."""
+        from gensim2.data.films import film_again  # brings the ray caster
+
         picture = folder.path / PLAN_PICTURE
         missing = {path: job for path, job in films.items() if not path.exists()}
         if not films or (not missing and picture.exists()):
