@@ -15,6 +15,7 @@ from gensim2.data.task_queue import Quota, TaskQueue, run_queues
 from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
 from gensim2.data.video import Replay, film
 from gensim2.objects import Library
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.identity import versions
 from gensim2.rollout.record import Episode
 from gensim2.rollout.runner import EpisodeRunner
@@ -154,3 +155,10 @@ def _film(
 def film_job(trajectory: Path, episode: int, video: Path, still: Path | None) -> int:
     """Record a video of one episode of a trajectory and return the number of frames."""
     return film(Replay.stored(trajectory, episode), video, still=still).frames
+
+
+def film_attempt(config: EpisodeConfig, strategies: Strategies, seed: int, video: Path) -> Episode:
+    """Run an episode again and film it by ray casting, however it ends; called in a worker."""
+    from gensim2.data.films import film_again
+
+    return film_again(config, strategies, seed, video)

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
-from gensim2.data.demonstrations import collect
+from gensim2.data.demonstrations import collect, film_attempt
 from gensim2.data.records import DesignEffort, PipelineResult, TaskOutcome, Verification
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.design import Designer
@@ -377,8 +377,6 @@ class PipelineRun:
 
     def _show(self, task: TaskSpec, folder: TaskFolder, films: Mapping[Path, tuple[Any, ...]]) -> None:
         """Make the films and a picture of the first one's plan; where they cannot be made, say so and go on."""
-        from gensim2.data.films import film_again  # brings the ray caster
-
         picture = folder.path / PLAN_PICTURE
         missing = {path: job for path, job in films.items() if not path.exists()}
         if not films or (not missing and picture.exists()):
@@ -389,7 +387,7 @@ class PipelineRun:
             for _ in self.evaluator.each(draw_scene, {0: (*next(iter(films.values())), picture)}, what):
                 pass
             jobs = {n: (*job, path) for n, (path, job) in enumerate(missing.items())}
-            for _ in self.evaluator.each(film_again, jobs, what):
+            for _ in self.evaluator.each(film_attempt, jobs, what):
                 pass
         except GenSim2Error as error:
             self.progress.message(f"{task.name}: not all pictures were made: {error}")
